@@ -1,0 +1,89 @@
+"""Every error that splatwire raises on purpose.
+
+```
+SplatwireError
+├─ BitstreamError            the bytes are not what the format promises
+│   ├─ UnsupportedVersionError
+│   ├─ TruncatedStreamError
+│   ├─ CorruptPacketError    (carries the packet's name)
+│   └─ MissingSideInfoError
+├─ DesyncError               coding parameters differ between the two ends
+├─ DatasetError              a folder or file is not the dataset or model it should be
+├─ BackendUnavailableError   (carries how to install it)
+└─ UnknownNameError          (carries the known names; also a ValueError)
+```
+
+A lost packet is not an error: it is data (`splatwire.scene.Erasures`).
+"""
+
+from collections.abc import Iterable
+
+
+class SplatwireError(Exception):
+    """Base of all errors that splatwire raises on purpose."""
+
+
+class BitstreamError(SplatwireError):
+    """The bytes are not what the format promises."""
+
+
+class UnsupportedVersionError(BitstreamError):
+    """The bytes were written by a format version that this release does not read."""
+
+
+class TruncatedStreamError(BitstreamError):
+    """The bytes end before the format says they should."""
+
+
+class CorruptPacketError(BitstreamError):
+    """A packet fails its checksum or contradicts its header.
+
+    Args:
+        packet: The packet's name, as a person would look it up (`pak_lane3_s0.pak`).
+        reason: What was wrong with it.
+    """
+
+    def __init__(self, packet: str, reason: str) -> None:
+        super().__init__(f"packet {packet} is corrupt: {reason}")
+        self.packet = packet
+        self.reason = reason
+
+
+class MissingSideInfoError(BitstreamError):
+    """The stream has no (complete) side information, so no packet of it can be decoded."""
+
+
+class DesyncError(SplatwireError):
+    """Encoder and decoder derived different coding parameters (digest mismatch)."""
+
+
+class DatasetError(SplatwireError):
+    """A folder or file is not the dataset or model that it should be."""
+
+
+class BackendUnavailableError(SplatwireError):
+    """An optional backend is not installed or cannot run here.
+
+    Args:
+        name: The backend.
+        how: How to get it.
+    """
+
+    def __init__(self, name: str, how: str) -> None:
+        super().__init__(f"backend '{name}' is not available: {how}")
+        self.name = name
+
+
+class UnknownNameError(SplatwireError, ValueError):
+    """A name was asked for that no registry knows.
+
+    Args:
+        kind: What sort of thing was looked up (`concealer`, `loss model`).
+        name: The name that was not found.
+        known: The names that exist.
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+        super().__init__(f"unknown {kind} '{name}': known are {', '.join(sorted(known))}")
+        self.kind = kind
+        self.name = name

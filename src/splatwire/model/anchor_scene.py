@@ -1,0 +1,110 @@
+"""A whole scene: anchors, the networks that draw them, and the context model that codes them."""
+
+from dataclasses import dataclass
+
+from jaxtyping import Bool, Float, Int8
+from torch import Tensor
+
+from splatwire.model.config import ModelConfig
+from splatwire.model.networks import Mlp
+from splatwire.model.prior import Prior
+from splatwire.scene import Anchors, Erasures
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianHeads:
+    """The three networks that turn an anchor and a view into Gaussians (HACPP_SPEC 2 step 3).
+
+    Each takes `[feature (F), view direction (3), view distance (1)]`.
+
+    Attributes:
+        opacity: K outputs, then tanh.
+        covariance: 7 K outputs: three scale logits and a quaternion per offset.
+        color: 3 K outputs, then sigmoid.
+    """
+
+    opacity: Mlp
+    covariance: Mlp
+    color: Mlp
+
+
+@dataclass(frozen=True, eq=False)
+class HashGrid:
+    """Signs of the binary hash grid, rows of all levels one after another (HACPP_SPEC 3).
+
+    Attributes:
+        volume: The 3D table, values -1 or +1.
+        planes: The tables of xy, xz and yz, values -1 or +1.
+        bounds_min: Lower corner of the box that maps to [0, 1], world units.
+        bounds_max: Upper corner.
+    """
+
+    volume: Int8[Tensor, "rows3 D"]
+    planes: Int8[Tensor, "3 rows2 D"]
+    bounds_min: Float[Tensor, "3"]
+    bounds_max: Float[Tensor, "3"]
+
+
+@dataclass(frozen=True, eq=False)
+class ContextModel:
+    """The networks and tables that predict an anchor's distribution for entropy coding.
+
+    Attributes:
+        grid: The hash grid.
+        prior: Hash-grid feature (H) to `ModelConfig.prior_dim` outputs (HACPP_SPEC 4.1).
+        channel: One network per feature group: the groups decoded so far and the prior's mean, scale and weight of
+            all F channels to mean, scale and weight of the group (HACPP_SPEC 4.3).
+    """
+
+    grid: HashGrid
+    prior: Mlp
+    channel: tuple[Mlp, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class RenderHints:
+    """What helps the picture beside the attributes; never touches a decoded attribute.
+
+    Attributes:
+        size_gain: Factor on the size of the anchor's Gaussians, 1 for none.
+        left_out: True where the anchor is not drawn.
+    """
+
+    size_gain: Float[Tensor, "N"]
+    left_out: Bool[Tensor, "N"]
+
+
+@dataclass(frozen=True, eq=False)
+class AnchorScene:
+    """A scene that can be rendered and encoded.
+
+    Attributes:
+        anchors: The anchors; positions are whole multiples of `voxel_size`.
+        heads: The networks that draw them.
+        context: The networks that code them.
+        voxel_size: Spacing of anchor positions, world units.
+        config: Shapes of all of the above.
+        hints: Render-time hints of a concealer, if one worked on the scene.
+    """
+
+    anchors: Anchors
+    heads: GaussianHeads
+    context: ContextModel
+    voxel_size: float
+    config: ModelConfig
+    hints: RenderHints | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PartialScene:
+    """What a decoder returns: a scene in which some anchors may lack attributes.
+
+    Attributes:
+        scene: The scene; attributes that were not received are zero (mask False).
+        erasures: What was received.
+        prior: The hash-grid prior of every anchor, received or not.
+    """
+
+    scene: AnchorScene
+    erasures: Erasures
+    prior: Prior

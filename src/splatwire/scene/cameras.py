@@ -1,0 +1,54 @@
+"""Pinhole cameras: OpenCV world-to-camera matrices and intrinsics in pixels."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Cameras:
+    """C pinhole cameras of one image size.
+
+    Attributes:
+        viewmats: World-to-camera matrices, OpenCV axes (x right, y down, z forward).
+        Ks: Intrinsics in pixels; the centre of the top-left pixel is (0.5, 0.5).
+        width: Image width in pixels.
+        height: Image height in pixels.
+        names: One name per view, without a file suffix.
+    """
+
+    viewmats: Float[Tensor, "C 4 4"]
+    Ks: Float[Tensor, "C 3 3"]
+    width: int
+    height: int
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not len(self.names) == self.viewmats.shape[0] == self.Ks.shape[0]:
+            raise ValueError(f"{len(self.names)} names, {self.viewmats.shape[0]} poses, {self.Ks.shape[0]} intrinsics")
+        if self.width < 1 or self.height < 1:
+            raise ValueError(f"an image of {self.width} x {self.height} pixels has no pixels")
+
+    @property
+    def num_views(self) -> int:
+        """Number of cameras, C."""
+        return len(self.names)
+
+    @property
+    def centers(self) -> Float[Tensor, "C 3"]:
+        """Camera centres in world coordinates."""
+        rotation, translation = self.viewmats[:, :3, :3], self.viewmats[:, :3, 3]
+        return -torch.einsum("cij,ci->cj", rotation, translation)
+
+    def select(self, views: list[int]) -> "Cameras":
+        """Returns the cameras at the given indices, in that order."""
+        names = tuple(self.names[v] for v in views)
+        return Cameras(self.viewmats[views], self.Ks[views], self.width, self.height, names)
+
+    def scaled(self, factor: float) -> "Cameras":
+        """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels)."""
+        width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
+        scale = torch.tensor([width / self.width, height / self.height, 1.0], dtype=self.Ks.dtype)
+        return Cameras(self.viewmats, self.Ks * scale[None, :, None].to(self.Ks), width, height, self.names)

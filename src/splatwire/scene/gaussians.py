@@ -1,0 +1,30 @@
+"""Explicit Gaussians of one view: what a rasteriser draws."""
+
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor
+
+
+@dataclass(frozen=True, eq=False)
+class Gaussians:
+    """G anisotropic Gaussians with one colour each (view dependence is already resolved).
+
+    Attributes:
+        means: World coordinates of the centres.
+        quats: Unit quaternions, (w, x, y, z).
+        scales: Standard deviations along the principal axes, world units.
+        opacities: Opacity at the centre, in (0, 1).
+        colors: RGB in [0, 1].
+    """
+
+    means: Float[Tensor, "G 3"]
+    quats: Float[Tensor, "G 4"]
+    scales: Float[Tensor, "G 3"]
+    opacities: Float[Tensor, "G"]
+    colors: Float[Tensor, "G 3"]
+
+    @property
+    def num_gaussians(self) -> int:
+        """Number of Gaussians, G."""
+        return int(self.means.shape[0])
