@@ -1,0 +1,112 @@
+"""From anchors to the Gaussians of one view (HACPP_SPEC 2, steps 1 to 5)."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from splatwire.model.anchor_scene import AnchorScene, GaussianHeads
+from splatwire.model.projection import project
+from splatwire.scene import Anchors, Cameras, Gaussians
+
+
+@dataclass(frozen=True, eq=False)
+class SpawnedGaussians:
+    """The Gaussians of a view and where each of them comes from.
+
+    Attributes:
+        gaussians: Anchor by anchor, offsets ascending.
+        anchor_index: The anchor of each Gaussian.
+        offset_index: Its offset within the anchor.
+    """
+
+    gaussians: Gaussians
+    anchor_index: Int64[Tensor, "G"]
+    offset_index: Int64[Tensor, "G"]
+
+
+def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
+    """Generates what camera `view` sees of `scene`; a pure, differentiable function.
+
+    Args:
+        scene: The scene. Its hints, if any, leave anchors out and change the size of Gaussians, never where they are.
+        cameras: The cameras.
+        view: Which of them.
+
+    Returns:
+        The Gaussians with positive opacity of all anchors in view, anchor by anchor.
+    """
+    visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
+    size_gain = None
+    if scene.hints is not None:
+        visible, size_gain = visible & ~scene.hints.left_out, scene.hints.size_gain
+    center = cameras.centers[view].to(scene.anchors.positions)
+    return spawn_gaussians(scene.anchors, scene.heads, center, visible, size_gain=size_gain).gaussians
+
+
+@torch.no_grad()
+def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
+    """Tells which anchors camera `view` may see: the pre-filter of HACPP_SPEC 2 step 1.
+
+    An anchor is projected as a Gaussian of its first three scalings, unrotated; it is kept when it is deeper than 0.2
+    and its square of three standard deviations meets a tile of the image.
+    """
+    projected = project(anchors.positions, anchors.scalings[:, :3], None, cameras, view)
+    return projected.touches_image(cameras.width, cameras.height)
+
+
+def spawn_gaussians(
+    anchors: Anchors,
+    heads: GaussianHeads,
+    camera_center: Float[Tensor, "3"],
+    visible: Bool[Tensor, "N"],
+    *,
+    size_gain: Float[Tensor, "N"] | None = None,
+    mask_weight: Float[Tensor, "N K"] | None = None,
+) -> SpawnedGaussians:
+    """Runs the heads on the visible anchors (HACPP_SPEC 2 steps 2 to 5); differentiable.
+
+    Args:
+        anchors: All anchors.
+        heads: The networks.
+        camera_center: Where the camera is, world units.
+        visible: Which anchors to draw; must lie away from the camera centre.
+        size_gain: Factor on the Gaussians' scales per anchor, 1 where absent.
+        mask_weight: Factor on opacity and scale per offset (a trainer's straight-through mask), 1 where absent.
+
+    Returns:
+        The Gaussians whose mask is True and whose opacity, before `mask_weight`, is positive.
+    """
+    index = visible.nonzero()[:, 0]
+    num_offsets = anchors.mask.shape[1]
+    inputs = _head_inputs(anchors.positions[index], anchors.features[index], camera_center)
+    opacities = torch.tanh(heads.opacity(inputs))
+    exists = (opacities > 0) & anchors.mask[index]
+    drawn = exists.any(dim=1)  # the other two heads are most of the work: not for anchors without a Gaussian
+    index, inputs, opacities, exists = index[drawn], inputs[drawn], opacities[drawn], exists[drawn]
+    row, offset_index = exists.nonzero().unbind(dim=1)
+    anchor_index = index[row]
+
+    shape = heads.covariance(inputs).view(-1, num_offsets, 7)[row, offset_index]
+    color = torch.sigmoid(heads.color(inputs).view(-1, num_offsets, 3)[row, offset_index])
+    scalings = anchors.scalings[anchor_index]
+    means = anchors.positions[anchor_index] + anchors.offsets[anchor_index, offset_index] * scalings[:, :3]
+    scales = scalings[:, 3:6] * torch.sigmoid(shape[:, :3])
+    opacity = opacities[row, offset_index]
+    if size_gain is not None:
+        scales = scales * size_gain[anchor_index, None]
+    if mask_weight is not None:
+        weight = mask_weight[anchor_index, offset_index]
+        scales, opacity = scales * weight[:, None], opacity * weight
+    quats = torch.nn.functional.normalize(shape[:, 3:7], dim=1)
+    return SpawnedGaussians(Gaussians(means, quats, scales, opacity, color), anchor_index, offset_index)
+
+
+def _head_inputs(
+    positions: Float[Tensor, "N 3"], features: Float[Tensor, "N F"], camera_center: Float[Tensor, "3"]
+) -> Float[Tensor, "N D"]:
+    """Feature, direction from the camera, distance from the camera."""
+    ray = positions - camera_center
+    distance = torch.linalg.vector_norm(ray, dim=1, keepdim=True)
+    return torch.cat([features, ray / distance, distance], dim=1)

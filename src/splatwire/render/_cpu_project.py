@@ -1,0 +1,99 @@
+"""Compiled projection of Gaussians to the image, and its gradient. The plain twin is `splatwire.model.projection`.
+
+No fast-math here: comparisons must reject what is not a number.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+SPLAT = 12
+"""Columns of a splat: x, y, three exponents, opacity, three colours, half height, half width, depth.
+
+The exponents are the inverse covariance times -log2(e)/2 (diagonal) and -log2(e) (off-diagonal), so that a pixel's
+falloff is 2 ** ((A dx + B dy) dx + C dy dy).
+"""
+LOG2E = 1.4426950408889634
+_MIN_ALPHA = 1.0 / 255.0
+
+
+@njit(cache=True, inline="always")
+def _axes(qw, qx, qy, qz):  # type: ignore[no-untyped-def]
+    """Rows of the rotation matrix of a unit quaternion."""
+    return (
+        1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy),
+        2 * (qx * qy + qw * qz), 1 - 2 * (qx * qx + qz * qz), 2 * (qy * qz - qw * qx),
+        2 * (qx * qz - qw * qy), 2 * (qy * qz + qw * qx), 1 - 2 * (qx * qx + qy * qy),
+    )  # fmt: skip
+
+
+@njit(cache=True, inline="always")
+def _clamped(value, focal, center, size, margin):  # type: ignore[no-untyped-def]
+    """Tangent of the viewing angle, kept near the image (1.3 times the half field of view when centred)."""
+    extra = margin * size / (2 * focal)
+    return min(max(value, -center / focal - extra), (size - center) / focal + extra)
+
+
+@njit(cache=True, parallel=True)
+def project_splats(  # type: ignore[no-untyped-def]
+    means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles, num_tiles
+):
+    """Fills one row of `splats` and `tiles` (left, top, right, bottom) per Gaussian; `num_tiles` 0 if not drawn.
+
+    A Gaussian is listed in the tiles of 3DGS's square of three standard deviations, less those that its ellipse of
+    alpha >= 1/255 cannot reach (which changes no pixel). `constants`: near depth, dilation, frustum margin, tile side.
+    """
+    fx, fy, cx, cy = intrinsics
+    near, dilation, margin, side = constants
+    grid_x, grid_y = math.ceil(width / side), math.ceil(height / side)
+    for g in prange(means.shape[0]):
+        num_tiles[g] = 0
+        m0, m1, m2 = np.float64(means[g, 0]), np.float64(means[g, 1]), np.float64(means[g, 2])
+        z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
+        opacity = np.float64(opacities[g])
+        if not (z > near and opacity >= _MIN_ALPHA):
+            continue
+        x = (pose[0, 0] * m0 + pose[0, 1] * m1 + pose[0, 2] * m2 + pose[0, 3]) / z
+        y = (pose[1, 0] * m0 + pose[1, 1] * m1 + pose[1, 2] * m2 + pose[1, 3]) / z
+        xx, xy, yy = _covariance(quats[g], scales[g], pose, fx, fy, z, _clamped(x, fx, cx, width, margin),
+                                 _clamped(y, fy, cy, height, margin))  # fmt: skip
+        xx, yy = xx + dilation, yy + dilation
+        det = xx * yy - xy * xy
+        u, v = fx * x + cx - 0.5, fy * y + cy - 0.5
+        if not (det > 0 and abs(u) < 1e8 and abs(v) < 1e8 and xx < 1e12 and yy < 1e12):
+            continue
+        middle = 0.5 * (xx + yy)
+        radius = math.ceil(3 * math.sqrt(middle + math.sqrt(max(0.1, middle * middle - det))))
+        reach = 2 * math.log(opacity / _MIN_ALPHA)
+        half_x, half_y = math.sqrt(reach * xx) + 1e-2, math.sqrt(reach * yy) + 1e-2
+        left = max(math.floor((u - radius) / side), math.floor((u - half_x) / side), 0)
+        top = max(math.floor((v - radius) / side), math.floor((v - half_y) / side), 0)
+        right = min(math.floor((u + radius + side - 1) / side), math.floor((u + half_x) / side) + 1, grid_x)
+        bottom = min(math.floor((v + radius + side - 1) / side), math.floor((v + half_y) / side) + 1, grid_y)
+        if right <= left or bottom <= top:
+            continue
+        num_tiles[g] = (right - left) * (bottom - top)
+        tiles[g, 0], tiles[g, 1], tiles[g, 2], tiles[g, 3] = left, top, right, bottom
+        splats[g, 0], splats[g, 1] = u, v
+        splats[g, 2] = -0.5 * LOG2E * yy / det
+        splats[g, 3] = LOG2E * xy / det
+        splats[g, 4] = -0.5 * LOG2E * xx / det
+        splats[g, 5] = opacity
+        splats[g, 6], splats[g, 7], splats[g, 8] = colors[g, 0], colors[g, 1], colors[g, 2]
+        splats[g, 9], splats[g, 10], splats[g, 11] = half_y, half_x, z
+
+
+@njit(cache=True, inline="always")
+def _covariance(quat, scale, pose, fx, fy, z, x, y):  # type: ignore[no-untyped-def]
+    """Entries xx, xy, yy of the 2D covariance before dilation, at the tangents `x`, `y`."""
+    r = _axes(np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3]))
+    xx = xy = yy = 0.0
+    for k in range(3):
+        a = b = 0.0
+        for i in range(3):
+            a += fx / z * (pose[0, i] - x * pose[2, i]) * r[3 * i + k]
+            b += fy / z * (pose[1, i] - y * pose[2, i]) * r[3 * i + k]
+        a, b = a * scale[k], b * scale[k]
+        xx, xy, yy = xx + a * a, xy + a * b, yy + b * b
+    return xx, xy, yy

@@ -1,0 +1,84 @@
+"""The renderer in plain torch, written for reading: the oracle that the fast ones must match. Small pictures only."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.model.projection import TILE, Projected, project
+from splatwire.scene import Cameras, Gaussians
+
+MAX_ALPHA = 0.99
+MIN_ALPHA = 1 / 255
+MIN_TRANSMITTANCE = 1e-4
+_ROWS_AT_A_TIME = 8
+
+
+def render_reference(
+    gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"]
+) -> Float[Tensor, "C H W 3"]:
+    """Draws Gaussians with torch operations alone; differentiable, in the precision of the Gaussians.
+
+    See `splatwire.render.base.Renderer` for arguments and result. Memory grows with Gaussians times image width.
+    """
+    return torch.stack([_render_view(gaussians, cameras, v, background) for v in range(cameras.num_views)])
+
+
+def rotation_matrices(quats: Float[Tensor, "N 4"]) -> Float[Tensor, "N 3 3"]:
+    """Turns unit quaternions (w, x, y, z) into rotation matrices."""
+    w, x, y, z = quats.unbind(dim=1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], dim=1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], dim=1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], dim=1),
+    ]
+    return torch.stack(rows, dim=1)
+
+
+def _render_view(
+    gaussians: Gaussians, cameras: Cameras, view: int, background: Float[Tensor, "3"]
+) -> Float[Tensor, "H W 3"]:
+    flat = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
+    order = torch.argsort(flat.depths.detach(), stable=True)
+    order = order[flat.touches_image(cameras.width, cameras.height)[order]]
+    flat = Projected(flat.means2d[order], flat.covs2d[order], flat.depths[order], flat.radii[order])
+    opacities, colors = gaussians.opacities[order], gaussians.colors[order]
+    bands = []
+    for top in range(0, cameras.height, _ROWS_AT_A_TIME):
+        bottom = min(top + _ROWS_AT_A_TIME, cameras.height)
+        bands.append(_render_rows(flat, opacities, colors, background.to(colors), cameras, top, bottom))
+    return torch.cat(bands)
+
+
+def _render_rows(
+    flat: Projected,
+    opacities: Float[Tensor, "G"],
+    colors: Float[Tensor, "G 3"],
+    background: Float[Tensor, "3"],
+    cameras: Cameras,
+    top: int,
+    bottom: int,
+) -> Float[Tensor, "rows W 3"]:
+    """Blends all Gaussians, nearest first, on every pixel of some rows."""
+    rows = torch.arange(top, bottom, dtype=colors.dtype, device=colors.device)
+    columns = torch.arange(cameras.width, dtype=colors.dtype, device=colors.device)
+    y, x = torch.meshgrid(rows, columns, indexing="ij")
+    pixels = torch.stack([x, y], dim=-1).view(-1, 1, 2)
+
+    delta = pixels - flat.means2d
+    xx, xy, yy = flat.covs2d.unbind(dim=1)
+    dx, dy = delta.unbind(dim=-1)
+    distance = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
+    alpha = torch.clamp(opacities * torch.exp(-distance / 2), max=MAX_ALPHA)
+
+    tile = torch.floor(pixels / TILE)
+    left, first, right, last = flat.tile_rectangles(cameras.width, cameras.height).unbind(dim=1)
+    tx, ty = tile.unbind(dim=-1)
+    listed = (tx >= left) & (tx < right) & (ty >= first) & (ty < last)
+    alpha = torch.where(listed & (alpha >= MIN_ALPHA), alpha, torch.zeros_like(alpha))
+
+    after = torch.cumprod(1 - alpha, dim=1)
+    before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], dim=1)
+    drawn = after >= MIN_TRANSMITTANCE  # falls only once: the Gaussian that would cross the limit ends the pixel
+    weights = torch.where(drawn, alpha * before, torch.zeros_like(alpha))
+    left_over = torch.prod(torch.where(drawn, 1 - alpha, torch.ones_like(alpha)), dim=1)
+    return (weights @ colors + left_over[:, None] * background).view(bottom - top, cameras.width, 3)

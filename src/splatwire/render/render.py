@@ -1,0 +1,79 @@
+"""From a scene to pictures: heads, then a renderer, view by view."""
+
+from collections.abc import Callable, Iterator
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.model import AnchorScene
+from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.render.base import Renderer, create_renderer
+from splatwire.scene import Cameras
+
+Progress = Callable[[int, int], None]
+"""Called with the number of views done and the number of views in all."""
+
+
+def iterate_views(
+    scene: AnchorScene,
+    cameras: Cameras,
+    *,
+    renderer: str | Renderer = "cpu",
+    background: Float[Tensor, "3"] | None = None,
+) -> Iterator[Float[Tensor, "H W 3"]]:
+    """Draws one view after another, so that a caller need not hold all pictures.
+
+    Args:
+        scene: What to draw.
+        cameras: Where from.
+        renderer: A renderer or its name (`splatwire.render.base.create_renderer`).
+        background: RGB behind everything; black where absent.
+
+    Yields:
+        One picture per camera, RGB clamped to [0, 1]. No gradients: training calls the renderer itself.
+
+    Raises:
+        UnknownNameError: No renderer has that name.
+        BackendUnavailableError: The renderer cannot run here.
+    """
+    draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
+    return _views(scene, cameras, draw, torch.zeros(3) if background is None else background)
+
+
+def _views(
+    scene: AnchorScene, cameras: Cameras, draw: Renderer, background: Float[Tensor, "3"]
+) -> Iterator[Float[Tensor, "H W 3"]]:
+    for view in range(cameras.num_views):
+        with torch.no_grad():  # inside the loop: a generator must not hold the mode while its caller works
+            gaussians = generate_gaussians(scene, cameras, view)
+            image = draw(gaussians, cameras.select([view]), background=background.to(gaussians.means))[0].clamp(0, 1)
+        yield image
+
+
+def render_scene(
+    scene: AnchorScene,
+    cameras: Cameras,
+    *,
+    renderer: str | Renderer = "cpu",
+    background: Float[Tensor, "3"] | None = None,
+    progress: Progress | None = None,
+) -> Float[Tensor, "C H W 3"]:
+    """Draws every view of `cameras`; arguments and errors as in `iterate_views`.
+
+    Args:
+        scene: What to draw.
+        cameras: Where from.
+        renderer: A renderer or its name.
+        background: RGB behind everything; black where absent.
+        progress: Called after each view.
+
+    Returns:
+        RGB in [0, 1].
+    """
+    images = torch.empty(cameras.num_views, cameras.height, cameras.width, 3)
+    for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
+        images[view] = image
+        if progress is not None:
+            progress(view + 1, cameras.num_views)
+    return images
