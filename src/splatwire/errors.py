@@ -6,10 +6,12 @@ SplatwireError
 │   ├─ UnsupportedVersionError
 │   ├─ TruncatedStreamError
 │   ├─ CorruptPacketError    (carries the packet's name)
+│   │   └─ ForeignPacketError    intact, but of another stream
 │   └─ MissingSideInfoError
 ├─ DesyncError               coding parameters differ between the two ends
 ├─ DatasetError              a folder or file is not the dataset or model it should be
 ├─ BackendUnavailableError   (carries how to install it)
+├─ InvalidValueError         a parameter is out of range (also a ValueError)
 └─ UnknownNameError          (carries the known names; also a ValueError)
 ```
 
@@ -49,6 +51,10 @@ class CorruptPacketError(BitstreamError):
         self.reason = reason
 
 
+class ForeignPacketError(CorruptPacketError):
+    """A packet is intact, but belongs to another stream."""
+
+
 class MissingSideInfoError(BitstreamError):
     """The stream has no (complete) side information, so no packet of it can be decoded."""
 
@@ -72,6 +78,10 @@ class BackendUnavailableError(SplatwireError):
     def __init__(self, name: str, how: str) -> None:
         super().__init__(f"backend '{name}' is not available: {how}")
         self.name = name
+
+
+class InvalidValueError(SplatwireError, ValueError):
+    """A parameter is outside of the range that makes sense; the message says which and what the range is."""
 
 
 class UnknownNameError(SplatwireError, ValueError):

@@ -1,1 +1,39 @@
-"""TODO"""
+"""Packets: which anchors share one, what its bytes are, and streams on disk. numpy and the standard library only."""
+
+from splatwire.packets.container import stream_from_bytes, stream_to_bytes
+from splatwire.packets.intake import PacketIntake, ReadReport
+from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.packets.packet import HEADER_BYTES, Packet, packet_from_bytes, packet_to_bytes
+from splatwire.packets.plan import PARTS, PRESETS, PacketGroups, PacketId, Packetization, PacketPlan
+from splatwire.packets.scene_stream import SceneStream, make_stream, make_stream_id
+from splatwire.packets.sizes import StreamSizes, measure_sizes
+from splatwire.packets.splitmix64 import splitmix64
+from splatwire.packets.stream import read_stream, write_stream
+
+__all__ = [
+    "HEADER_BYTES",
+    "PARTS",
+    "PRESETS",
+    "Manifest",
+    "Packet",
+    "PacketGroups",
+    "PacketId",
+    "PacketIntake",
+    "PacketPlan",
+    "Packetization",
+    "ReadReport",
+    "SceneStream",
+    "StreamSizes",
+    "make_stream",
+    "make_stream_id",
+    "manifest_from_bytes",
+    "manifest_to_bytes",
+    "measure_sizes",
+    "packet_from_bytes",
+    "packet_to_bytes",
+    "read_stream",
+    "splitmix64",
+    "stream_from_bytes",
+    "stream_to_bytes",
+    "write_stream",
+]

@@ -1,0 +1,122 @@
+"""What is done with bytes that claim to be packets: each is kept, or counted as a loss and why."""
+
+from dataclasses import dataclass
+
+from splatwire.errors import BitstreamError, CorruptPacketError, ForeignPacketError
+from splatwire.packets.manifest import Manifest
+from splatwire.packets.packet import Packet, packet_from_bytes
+from splatwire.packets.plan import PacketId
+
+MAX_PROBLEMS = 100
+"""Problems that a report spells out; the counts go on."""
+
+
+@dataclass(frozen=True)
+class ReadReport:
+    """What reading a stream met with; losses, not errors.
+
+    Attributes:
+        num_expected: Packets of the complete stream.
+        num_missing: Expected packets of which no good copy was there (a packet that was there only in a damaged form
+            is missing and corrupt).
+        num_corrupt: Files or stretches of bytes that failed their checksum, were cut, misnamed, newer, or not part of
+            the manifest's plan.
+        num_foreign: Intact packets of other streams.
+        num_duplicate: Further copies of packets that were already there.
+        problems: One line for each of the above except missing packets, at most 100.
+    """
+
+    num_expected: int
+    num_missing: int
+    num_corrupt: int = 0
+    num_foreign: int = 0
+    num_duplicate: int = 0
+    problems: tuple[str, ...] = ()
+
+    @property
+    def num_received(self) -> int:
+        """Good packets."""
+        return self.num_expected - self.num_missing
+
+    @property
+    def complete(self) -> bool:
+        """Whether every packet is there."""
+        return self.num_missing == 0
+
+
+class PacketIntake:
+    """Collects the good packets of one stream out of whatever bytes arrive.
+
+    Args:
+        manifest: The stream that is being read.
+    """
+
+    def __init__(self, manifest: Manifest) -> None:
+        self._manifest = manifest
+        self._plan = manifest.plan
+        self._packets: dict[PacketId, Packet] = {}
+        self._counts = {"corrupt": 0, "foreign": 0, "duplicate": 0}
+        self._problems: list[str] = []
+
+    @property
+    def packets(self) -> tuple[Packet, ...]:
+        """The good packets so far, ascending by id."""
+        return tuple(self._packets[key] for key in sorted(self._packets))
+
+    @property
+    def num_corrupt(self) -> int:
+        """Damaged packets so far."""
+        return self._counts["corrupt"]
+
+    def offer(self, data: bytes | memoryview, source: str, expected: PacketId | None = None) -> Packet | None:
+        """Takes one packet, or counts it and says why not.
+
+        Args:
+            data: Bytes that should be exactly one packet.
+            source: Where they are from, for the report.
+            expected: The packet they should be, if the source says so.
+
+        Returns:
+            The packet if it was taken, else None.
+        """
+        try:
+            packet = self._checked(data, expected)
+        except ForeignPacketError as error:
+            self.count("foreign", f"{source}: {error}")
+        except BitstreamError as error:
+            self.count("corrupt", f"{source}: {error}")
+        else:
+            if packet.id not in self._packets:
+                self._packets[packet.id] = packet
+                return packet
+            self.count("duplicate", f"{source}: {packet.id.filename} was already there")
+        return None
+
+    def count(self, kind: str, problem: str) -> None:
+        """Counts a loss of a kind: `corrupt`, `foreign` or `duplicate`."""
+        self._counts[kind] += 1
+        if len(self._problems) < MAX_PROBLEMS:
+            self._problems.append(problem)
+
+    def _checked(self, data: bytes | memoryview, expected: PacketId | None) -> Packet:
+        packet = packet_from_bytes(data, self._manifest.stream_id)
+        if expected is not None and packet.id != expected:
+            raise CorruptPacketError(expected.filename, f"it holds {packet.id.filename}")
+        count = self._plan.count(packet.id)
+        if packet.num_anchors != count:
+            what = f"it holds {packet.num_anchors} anchors where the manifest's plan has {count}"
+            raise CorruptPacketError(packet.id.filename, what)
+        return packet
+
+    def report(self) -> ReadReport:
+        """The counts so far."""
+        expected = self._manifest.num_packets
+        return ReadReport(
+            num_expected=expected,
+            # A lying manifest may announce fewer packets than its own plan has; they all fit the plan, so they count.
+            num_missing=max(0, expected - len(self._packets)),
+            num_corrupt=self._counts["corrupt"],
+            num_foreign=self._counts["foreign"],
+            num_duplicate=self._counts["duplicate"],
+            problems=tuple(self._problems),
+        )

@@ -1,0 +1,217 @@
+"""The manifest: everything about a stream that must be known before its first byte is decoded."""
+
+import hashlib
+import json
+import re
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
+from splatwire.packets.plan import MAX_ANCHORS, MAX_GROUPS, Packetization, PacketPlan
+
+SCHEMA = "splatwire/stream"
+FORMAT_VERSION = 1
+MAX_MANIFEST_BYTES = 1 << 16
+MAX_FEATURE_DIM = 4096
+MAX_OFFSETS = 1024
+MAX_SIDE_INFO_BYTES = (1 << 32) - 1
+MAX_WRITER_LENGTH = 80
+
+
+@dataclass(frozen=True, kw_only=True)
+class Manifest:
+    """Description of a stream; the mapping from anchors to packets is rebuilt from it alone.
+
+    Attributes:
+        packetization: How anchors are split into packets.
+        num_anchors: Anchors of the scene, N.
+        feature_dim: Channels of the anchor feature, F.
+        num_offsets: Offsets per anchor, K.
+        feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
+        num_packets: Packets of the complete stream, whatever arrived of them.
+        stream_id: Id that every packet of the stream carries, 32 bits.
+        side_info_bytes: Size of the side information.
+        side_info_digest: SHA-256 of the side information, hexadecimal.
+        symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal; what they are and in which
+            order is for the codec to say.
+        writer: Program that wrote the stream.
+        format_version: Version of the whole stream format.
+
+    Raises:
+        InvalidValueError: If a field is out of range or contradicts another.
+    """
+
+    packetization: Packetization
+    num_anchors: int
+    feature_dim: int
+    num_offsets: int
+    feature_groups: tuple[int, ...]
+    num_packets: int
+    stream_id: int
+    side_info_bytes: int
+    side_info_digest: str
+    symbols_digest: str
+    writer: str
+    format_version: int = FORMAT_VERSION
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("format_version", 1, FORMAT_VERSION),
+            ("num_anchors", 0, MAX_ANCHORS),
+            ("feature_dim", 1, MAX_FEATURE_DIM),
+            ("num_offsets", 1, MAX_OFFSETS),
+            ("num_packets", 0, 3 * MAX_GROUPS),
+            ("stream_id", 0, (1 << 32) - 1),
+            ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
+        ):
+            _check_integer(name, getattr(self, name), low, high)
+        for size in self.feature_groups:
+            _check_integer("a size in feature_groups", size, 1, self.feature_dim)
+        if sum(self.feature_groups) != self.feature_dim:
+            raise InvalidValueError(
+                f"feature_groups {list(self.feature_groups)} do not add up to feature_dim {self.feature_dim}"
+            )
+        for name in ("side_info_digest", "symbols_digest"):
+            if not isinstance(getattr(self, name), str) or not _SHA256.fullmatch(getattr(self, name)):
+                raise InvalidValueError(f"{name} is not a SHA-256 in lower-case hexadecimal")
+        if not isinstance(self.writer, str) or not _WRITER.fullmatch(self.writer):
+            raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
+        self._check_num_packets()
+
+    @property
+    def plan(self) -> PacketPlan:
+        """The mapping between anchors and packets."""
+        return PacketPlan(self.packetization, self.num_anchors)
+
+    def _check_num_packets(self) -> None:
+        """Bounds the packet count by arithmetic alone: nothing is allocated on the word of a manifest."""
+        num_parts, num_blocks = len(self.packetization.parts), self.plan.num_blocks
+        most = min(self.num_anchors, num_blocks * self.packetization.lanes) * num_parts
+        if not num_blocks * num_parts <= self.num_packets <= most or self.num_packets % num_parts:
+            raise InvalidValueError(
+                f"{self.num_packets} packets cannot carry {self.num_anchors} anchors in {num_blocks} blocks "
+                f"of {self.packetization.lanes} lanes with {self.packetization.packaging} packaging"
+            )
+
+
+_SHA256 = re.compile("[0-9a-f]{64}", re.ASCII)
+_WRITER = re.compile(f"[ -~]{{0,{MAX_WRITER_LENGTH}}}", re.ASCII)
+_FIELDS = tuple(f.name for f in fields(Manifest))
+
+
+def manifest_to_bytes(manifest: Manifest) -> bytes:
+    """Writes a manifest as compact JSON with sorted keys and a digest of itself."""
+    content = _content(manifest)
+    return _dump({**content, "digest": _digest(content)})
+
+
+def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
+    """Reads a manifest and checks every field, alone and against the others.
+
+    Args:
+        data: JSON in UTF-8; layout and order of keys do not matter.
+        name: Where the bytes are from, for error messages.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote it.
+        BitstreamError: If it is damaged, contradicts itself, or is something else.
+    """
+    content = _load(data, name)
+    if content.get("schema") != SCHEMA:
+        raise BitstreamError(f"{name} is not a manifest of schema '{SCHEMA}'")
+    version = content.get("format_version")
+    if type(version) is int and version > FORMAT_VERSION:
+        raise UnsupportedVersionError(f"{name} has format version {version}, this release reads up to {FORMAT_VERSION}")
+    digest = content.pop("digest", None)
+    if digest != _digest(content):
+        raise BitstreamError(f"{name} is damaged: its digest does not match its content")
+    content.pop("schema")
+    _check_keys(content, _FIELDS, name)
+    try:
+        return Manifest(
+            **{
+                **content,
+                "packetization": _packetization(content["packetization"], name),
+                "feature_groups": tuple(_as_list(content["feature_groups"], name)),
+                "stream_id": _stream_id(content["stream_id"]),
+            }
+        )
+    except (InvalidValueError, UnknownNameError, TypeError) as error:
+        raise BitstreamError(f"{name}: {error}") from error
+
+
+def packetization_to_json(packetization: Packetization) -> bytes:
+    """Canonical bytes of a packetization: what the stream's id is made from."""
+    return _dump(asdict(packetization))
+
+
+def _content(manifest: Manifest) -> dict[str, Any]:
+    return {**asdict(manifest), "schema": SCHEMA, "stream_id": f"{manifest.stream_id:08x}"}
+
+
+def _dump(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _digest(content: dict[str, Any]) -> str:
+    return hashlib.sha256(_dump(content)).hexdigest()[:16]
+
+
+def _load(data: bytes, name: str) -> dict[str, Any]:
+    """Parses JSON without duplicate keys, special numbers or floats."""
+    if len(data) > MAX_MANIFEST_BYTES:
+        raise BitstreamError(f"{name} is not a manifest: it has more than {MAX_MANIFEST_BYTES} bytes")
+    try:
+        content = json.loads(
+            bytes(data).decode("utf-8"),
+            object_pairs_hook=_unique,
+            parse_float=_refuse,
+            parse_constant=_refuse,
+        )
+    except (ValueError, RecursionError) as error:
+        raise BitstreamError(f"{name} is not valid JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise BitstreamError(f"{name} is not a JSON object")
+    return content
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) != len(pairs):
+        raise ValueError("a key appears twice")
+    return content
+
+
+def _refuse(text: str) -> None:
+    raise ValueError(f"{text} is not an integer")
+
+
+def _check_keys(content: dict[str, Any], expected: tuple[str, ...], name: str) -> None:
+    if missing := sorted(set(expected) - set(content)):
+        raise BitstreamError(f"{name} lacks {', '.join(missing)}")
+    if unknown := sorted(set(content) - set(expected)):
+        raise BitstreamError(f"{name} has unknown fields: {', '.join(unknown)[:200]}")
+
+
+def _packetization(content: object, name: str) -> Packetization:
+    if not isinstance(content, dict):
+        raise BitstreamError(f"{name}: packetization is not an object")
+    _check_keys(content, tuple(f.name for f in fields(Packetization)), f"{name}: packetization")
+    return Packetization(**content)
+
+
+def _as_list(content: object, name: str) -> list[Any]:
+    if not isinstance(content, list):
+        raise BitstreamError(f"{name}: feature_groups is not a list")
+    return content
+
+
+def _stream_id(text: object) -> int:
+    if not isinstance(text, str) or not re.fullmatch("[0-9a-f]{8}", text, re.ASCII):
+        raise InvalidValueError("stream_id is not 8 lower-case hexadecimal digits")
+    return int(text, 16)
+
+
+def _check_integer(name: str, value: object, low: int, high: int) -> None:
+    if type(value) is not int or not low <= value <= high:
+        raise InvalidValueError(f"{name} must be an integer from {low} to {high}, not {value!r:.60}")

@@ -1,0 +1,133 @@
+"""The packet: the unit that is lost or kept, decodable alone.
+
+A packet is a 16-byte header and its payload; its length is that of the file or datagram that carries it.
+
+| bytes | field |
+|---|---|
+| 0 | format version, 1 |
+| 1-4 | id of the stream (`Manifest.stream_id`) |
+| 5 | part (`PacketId.part`) |
+| 6 | lane |
+| 7-9 | block |
+| 10-11 | number of anchors |
+| 12-15 | CRC-32 of bytes 0-11 and the payload |
+
+All numbers are little-endian.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+from splatwire.errors import (
+    CorruptPacketError,
+    ForeignPacketError,
+    InvalidValueError,
+    TruncatedStreamError,
+    UnsupportedVersionError,
+)
+from splatwire.packets.plan import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_LANES, PARTS, PacketId
+
+PACKET_VERSION = 1
+HEADER_BYTES = 16
+MAX_PACKET_BYTES = 1 << 26
+"""No packet is larger: more than 1000 bytes for each of the most anchors a block may hold."""
+
+_FIELDS = struct.Struct("<BIBBHBH")
+_CHECKSUM = struct.Struct("<I")
+
+
+@dataclass(frozen=True)
+class Packet:
+    """One packet of a stream.
+
+    Attributes:
+        id: Its name within the stream.
+        num_anchors: Anchors it holds, 1 to 65535.
+        payload: Their entropy-coded attributes.
+
+    Raises:
+        InvalidValueError: If a number does not fit the header, or the payload is too long.
+    """
+
+    id: PacketId
+    num_anchors: int
+    payload: bytes
+
+    def __post_init__(self) -> None:
+        fits = (
+            0 <= self.id.block < MAX_BLOCKS
+            and 0 <= self.id.lane < MAX_LANES
+            and 0 <= self.id.part < len(PARTS)
+            and 1 <= self.num_anchors <= MAX_BLOCK_SIZE
+            and HEADER_BYTES + len(self.payload) <= MAX_PACKET_BYTES
+        )
+        if not fits:
+            raise InvalidValueError(
+                f"no packet holds {self.id} with {self.num_anchors} anchors and {len(self.payload)} bytes"
+            )
+
+    @property
+    def num_bytes(self) -> int:
+        """Size with its header, bytes."""
+        return HEADER_BYTES + len(self.payload)
+
+
+def packet_to_bytes(packet: Packet, stream_id: int) -> bytes:
+    """Writes a packet.
+
+    Args:
+        packet: The packet.
+        stream_id: Id of the stream it belongs to, 32 bits.
+
+    Returns:
+        Header and payload.
+    """
+    block_high, block_low = divmod(packet.id.block, 1 << 16)
+    fields = _FIELDS.pack(
+        PACKET_VERSION, stream_id, packet.id.part, packet.id.lane, block_low, block_high, packet.num_anchors
+    )
+    checksum = zlib.crc32(packet.payload, zlib.crc32(fields))
+    return b"".join((fields, _CHECKSUM.pack(checksum), packet.payload))
+
+
+def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet:
+    """Reads a packet, believing nothing before its checksum holds.
+
+    Args:
+        data: Exactly one packet.
+        stream_id: Id of the stream that is being read; None accepts any.
+
+    Raises:
+        TruncatedStreamError: If there are fewer bytes than a header.
+        UnsupportedVersionError: If a newer release wrote it.
+        CorruptPacketError: If the checksum fails, or the header makes no sense.
+        ForeignPacketError: If it is intact but belongs to another stream.
+    """
+    view = memoryview(data)
+    if len(view) < HEADER_BYTES:
+        raise TruncatedStreamError(f"a packet of {len(view)} bytes ends within its header of {HEADER_BYTES}")
+    version, found_id, part, lane, block_low, block_high, num_anchors = _FIELDS.unpack_from(view)
+    if version > PACKET_VERSION:
+        raise UnsupportedVersionError(
+            f"the packet has format version {version}, this release reads up to {PACKET_VERSION}"
+        )
+    block = block_high << 16 | block_low
+    name = PacketId(block, lane, part if part < len(PARTS) else 0).filename
+    if len(view) > MAX_PACKET_BYTES:
+        raise CorruptPacketError(name, f"it has {len(view)} bytes, more than {MAX_PACKET_BYTES}")
+    (checksum,) = _CHECKSUM.unpack_from(view, _FIELDS.size)
+    if zlib.crc32(view[HEADER_BYTES:], zlib.crc32(view[: _FIELDS.size])) != checksum:
+        raise CorruptPacketError(name, "its checksum does not match")
+    if version < 1 or part >= len(PARTS) or num_anchors < 1:
+        raise CorruptPacketError(
+            name, f"its header makes no sense (version {version}, part {part}, {num_anchors} anchors)"
+        )
+    if stream_id is not None and found_id != stream_id:
+        raise ForeignPacketError(name, f"it belongs to stream {found_id:08x}, not {stream_id:08x}")
+    return Packet(PacketId(block, lane, part), num_anchors, bytes(view[HEADER_BYTES:]))
+
+
+def packet_mark(stream_id: int) -> bytes:
+    """First five bytes of every packet of a stream: what a reader looks for after damaged bytes."""
+    return struct.pack("<BI", PACKET_VERSION, stream_id)

@@ -1,0 +1,130 @@
+"""The stream: side information and packets, complete or with some packets lost."""
+
+import hashlib
+import struct
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from splatwire.errors import InvalidValueError
+from splatwire.packets.manifest import Manifest, manifest_to_bytes, packetization_to_json
+from splatwire.packets.packet import HEADER_BYTES, Packet
+from splatwire.packets.plan import Packetization
+
+FILE_MAGIC = b"\x93SWZ"
+FILE_VERSION = 1
+FILE_PREFIX = struct.Struct("<4sBI")
+"""Magic, version of the one-file layout, size of the manifest."""
+RECORD_PREFIX = struct.Struct("<I")
+"""Size of the packet that follows."""
+
+
+@dataclass(frozen=True)
+class SceneStream:
+    """A scene on the wire. A channel gives back the same type with fewer packets.
+
+    Attributes:
+        manifest: What the complete stream is.
+        side_info: Everything that all packets share; never lost.
+        packets: The packets that are there, ascending by id.
+
+    Raises:
+        InvalidValueError: If packets are out of order or there twice.
+    """
+
+    manifest: Manifest
+    side_info: bytes
+    packets: tuple[Packet, ...]
+
+    def __post_init__(self) -> None:
+        if any(a.id >= b.id for a, b in zip(self.packets, self.packets[1:], strict=False)):
+            raise InvalidValueError("packets of a stream must be ascending by id, each there once")
+
+    @property
+    def num_bytes(self) -> int:
+        """Size of the stream as one file, everything counted."""
+        return sum(self.parts().values())
+
+    def parts(self) -> dict[str, int]:
+        """Bytes by part; `container` is what only the one-file layout adds."""
+        return {
+            "manifest": len(manifest_to_bytes(self.manifest)),
+            "side_info": len(self.side_info),
+            "packet_headers": HEADER_BYTES * len(self.packets),
+            "packet_payloads": sum(len(packet.payload) for packet in self.packets),
+            "container": FILE_PREFIX.size + RECORD_PREFIX.size * len(self.packets),
+        }
+
+    def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
+        """The same stream with other packets, in any order."""
+        return replace(self, packets=tuple(sorted(packets, key=lambda packet: packet.id)))
+
+
+def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequence[Packet]) -> int:
+    """Id of a stream: the first 32 bits of a SHA-256 over all that it consists of.
+
+    Two encodings of a scene differ in it as soon as one byte of them differs, so packets of one are never taken for
+    packets of the other.
+
+    Args:
+        packetization: How anchors are split.
+        side_info: The side information.
+        packets: All packets of the complete stream, in order.
+    """
+    digest = hashlib.sha256(b"splatwire/stream-id/1\0" + packetization_to_json(packetization))
+    digest.update(struct.pack("<Q", len(side_info)))
+    digest.update(side_info)
+    for packet in packets:
+        head = (packet.id.block, packet.id.lane, packet.id.part, packet.num_anchors, len(packet.payload))
+        digest.update(struct.pack("<5I", *head))
+        digest.update(packet.payload)
+    return int.from_bytes(digest.digest()[:4], "little")
+
+
+def make_stream(
+    *,
+    packetization: Packetization,
+    num_anchors: int,
+    feature_dim: int,
+    num_offsets: int,
+    feature_groups: tuple[int, ...],
+    side_info: bytes,
+    packets: Iterable[Packet],
+    symbols_digest: str,
+    writer: str,
+) -> SceneStream:
+    """Puts a complete stream together: sorts packets, makes its id and its manifest.
+
+    Args:
+        packetization: How anchors are split.
+        num_anchors: Anchors of the scene, N.
+        feature_dim: Channels of the anchor feature, F.
+        num_offsets: Offsets per anchor, K.
+        feature_groups: Sizes of the feature's channel groups.
+        side_info: The side information.
+        packets: All packets of the plan.
+        symbols_digest: SHA-256 of all decoded integers, hexadecimal.
+        writer: Name and version of the program.
+
+    Raises:
+        InvalidValueError: If the packets are not exactly those of the plan.
+    """
+    ordered = tuple(sorted(packets, key=lambda packet: packet.id))
+    manifest = Manifest(
+        packetization=packetization,
+        num_anchors=num_anchors,
+        feature_dim=feature_dim,
+        num_offsets=num_offsets,
+        feature_groups=feature_groups,
+        num_packets=len(ordered),
+        stream_id=make_stream_id(packetization, side_info, ordered),
+        side_info_bytes=len(side_info),
+        side_info_digest=hashlib.sha256(side_info).hexdigest(),
+        symbols_digest=symbols_digest,
+        writer=writer,
+    )
+    plan = manifest.plan
+    if tuple(packet.id for packet in ordered) != plan.ids or any(
+        packet.num_anchors != plan.count(packet.id) for packet in ordered
+    ):
+        raise InvalidValueError("the packets of a new stream must be exactly those of its plan")
+    return SceneStream(manifest, side_info, ordered)

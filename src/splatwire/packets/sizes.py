@@ -1,0 +1,52 @@
+"""Where the bytes of a stream are."""
+
+import statistics
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from splatwire.packets.scene_stream import SceneStream
+
+
+@dataclass(frozen=True)
+class StreamSizes:
+    """Sizes of a stream, in bytes; packets are counted with their headers.
+
+    Attributes:
+        num_bytes: Everything, as one file.
+        parts: Bytes by part; they add up to `num_bytes`.
+        num_anchors: Anchors of the complete scene.
+        num_packets: Packets that are there.
+        packet_min: Smallest packet; 0 if there is none.
+        packet_median: Median packet.
+        packet_max: Largest packet.
+        bytes_per_anchor: `num_bytes` over `num_anchors`; 0 for an empty scene.
+    """
+
+    num_bytes: int
+    parts: dict[str, int]
+    num_anchors: int
+    num_packets: int
+    packet_min: int
+    packet_median: float
+    packet_max: int
+    bytes_per_anchor: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers and strings only."""
+        return asdict(self)
+
+
+def measure_sizes(stream: SceneStream) -> StreamSizes:
+    """Counts the bytes of a stream."""
+    sizes = [packet.num_bytes for packet in stream.packets] or [0]
+    num_anchors = stream.manifest.num_anchors
+    return StreamSizes(
+        num_bytes=stream.num_bytes,
+        parts=stream.parts(),
+        num_anchors=num_anchors,
+        num_packets=len(stream.packets),
+        packet_min=min(sizes),
+        packet_median=float(statistics.median(sizes)),
+        packet_max=max(sizes),
+        bytes_per_anchor=stream.num_bytes / num_anchors if num_anchors else 0.0,
+    )

@@ -1,0 +1,44 @@
+"""SplitMix64: the hash that assigns anchors to lanes, part of the format and never replaced by another generator.
+
+Source of the constants: G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, in
+the public-domain form of S. Vigna.
+"""
+
+import numpy as np
+
+GAMMA = 0x9E3779B97F4A7C15
+"""Step of the generator's state: the golden ratio in 64 bits."""
+
+MULTIPLIERS = (0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
+MASK64 = (1 << 64) - 1
+
+
+def splitmix64(x: np.ndarray) -> np.ndarray:
+    """Hashes 64-bit numbers: entry n becomes the first output of the SplitMix64 generator seeded with n.
+
+    Args:
+        x: Numbers, uint64, any shape.
+
+    Returns:
+        Hashes, uint64, same shape.
+
+    Raises:
+        TypeError: If `x` is not uint64 (signed numbers would hash differently after a silent conversion).
+    """
+    if x.dtype != np.uint64:
+        raise TypeError(f"splitmix64 hashes uint64, not {x.dtype}")
+    z = np.atleast_1d(x) + np.uint64(GAMMA)  # arrays wrap around silently; numpy scalars would warn
+    z ^= z >> np.uint64(30)
+    z *= np.uint64(MULTIPLIERS[0])
+    z ^= z >> np.uint64(27)
+    z *= np.uint64(MULTIPLIERS[1])
+    z ^= z >> np.uint64(31)
+    return z.reshape(x.shape)
+
+
+def splitmix64_reference(x: int) -> int:
+    """Hashes one number in plain Python integers: the oracle of `splitmix64`."""
+    z = (x + GAMMA) & MASK64
+    z = ((z ^ (z >> 30)) * MULTIPLIERS[0]) & MASK64
+    z = ((z ^ (z >> 27)) * MULTIPLIERS[1]) & MASK64
+    return z ^ (z >> 31)
