@@ -1,1 +1,18 @@
-"""TODO"""
+"""The channel: maps a stream to a stream with fewer packets. numpy and the standard library only."""
+
+from splatwire.channel.loss_models import PRESETS, Bernoulli, GilbertElliott, LossModel, Nothing, Trace, parse_loss
+from splatwire.channel.transmit import SEND_ORDERS, TransmitRecord, send_sequence, transmit
+
+__all__ = [
+    "PRESETS",
+    "SEND_ORDERS",
+    "Bernoulli",
+    "GilbertElliott",
+    "LossModel",
+    "Nothing",
+    "Trace",
+    "TransmitRecord",
+    "parse_loss",
+    "send_sequence",
+    "transmit",
+]
