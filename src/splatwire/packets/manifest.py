@@ -16,6 +16,10 @@ MAX_FEATURE_DIM = 4096
 MAX_OFFSETS = 1024
 MAX_SIDE_INFO_BYTES = (1 << 32) - 1
 MAX_WRITER_LENGTH = 80
+FREE_ANCHORS = 1 << 16
+ANCHORS_PER_BYTE = 1024
+"""More anchors than `FREE_ANCHORS` need a byte of side information for every `ANCHORS_PER_BYTE` of them: far less than
+positions cost, yet enough that a few lying bytes cannot announce gigabytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +69,10 @@ class Manifest:
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
         ):
             _check_integer(name, getattr(self, name), low, high)
+        if self.num_anchors > FREE_ANCHORS + ANCHORS_PER_BYTE * self.side_info_bytes:
+            raise InvalidValueError(
+                f"{self.side_info_bytes} bytes of side information cannot place {self.num_anchors} anchors"
+            )
         for size in self.feature_groups:
             _check_integer("a size in feature_groups", size, 1, self.feature_dim)
         if sum(self.feature_groups) != self.feature_dim:
@@ -72,9 +80,9 @@ class Manifest:
                 f"feature_groups {list(self.feature_groups)} do not add up to feature_dim {self.feature_dim}"
             )
         for name in ("side_info_digest", "symbols_digest"):
-            if not isinstance(getattr(self, name), str) or not _SHA256.fullmatch(getattr(self, name)):
+            if not _SHA256.fullmatch(getattr(self, name)):
                 raise InvalidValueError(f"{name} is not a SHA-256 in lower-case hexadecimal")
-        if not isinstance(self.writer, str) or not _WRITER.fullmatch(self.writer):
+        if not _WRITER.fullmatch(self.writer):
             raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
         self._check_num_packets()
 
@@ -96,7 +104,14 @@ class Manifest:
 
 _SHA256 = re.compile("[0-9a-f]{64}", re.ASCII)
 _WRITER = re.compile(f"[ -~]{{0,{MAX_WRITER_LENGTH}}}", re.ASCII)
-_FIELDS = tuple(f.name for f in fields(Manifest))
+_TYPE_NAMES = {int: "an integer", str: "text", list: "a list", dict: "an object"}
+_JSON_TYPES: dict[str, type] = {
+    **{f.name: int for f in fields(Manifest)},
+    **dict.fromkeys(("stream_id", "side_info_digest", "symbols_digest", "writer"), str),
+    "packetization": dict,
+    "feature_groups": list,
+}
+_PACKETIZATION_TYPES: dict[str, type] = {f.name: type(f.default) for f in fields(Packetization)}
 
 
 def manifest_to_bytes(manifest: Manifest) -> bytes:
@@ -126,17 +141,20 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     if digest != _digest(content):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
     content.pop("schema")
-    _check_keys(content, _FIELDS, name)
+    _check_fields(content, _JSON_TYPES, name)
+    _check_fields(content["packetization"], _PACKETIZATION_TYPES, f"{name}: packetization")
+    if not all(type(size) is int for size in content["feature_groups"]):
+        raise BitstreamError(f"{name}: feature_groups does not hold integers only")
     try:
         return Manifest(
             **{
                 **content,
-                "packetization": _packetization(content["packetization"], name),
-                "feature_groups": tuple(_as_list(content["feature_groups"], name)),
+                "packetization": Packetization(**content["packetization"]),
+                "feature_groups": tuple(content["feature_groups"]),
                 "stream_id": _stream_id(content["stream_id"]),
             }
         )
-    except (InvalidValueError, UnknownNameError, TypeError) as error:
+    except (InvalidValueError, UnknownNameError) as error:
         raise BitstreamError(f"{name}: {error}") from error
 
 
@@ -186,28 +204,19 @@ def _refuse(text: str) -> None:
     raise ValueError(f"{text} is not an integer")
 
 
-def _check_keys(content: dict[str, Any], expected: tuple[str, ...], name: str) -> None:
-    if missing := sorted(set(expected) - set(content)):
+def _check_fields(content: dict[str, Any], types: dict[str, type], name: str) -> None:
+    """Insists on exactly these fields with exactly these JSON types."""
+    if missing := sorted(set(types) - set(content)):
         raise BitstreamError(f"{name} lacks {', '.join(missing)}")
-    if unknown := sorted(set(content) - set(expected)):
+    if unknown := sorted(set(content) - set(types)):
         raise BitstreamError(f"{name} has unknown fields: {', '.join(unknown)[:200]}")
+    for key, kind in types.items():
+        if type(content[key]) is not kind:  # isinstance would take true for the integer 1
+            raise BitstreamError(f"{name}: {key} is not {_TYPE_NAMES[kind]}")
 
 
-def _packetization(content: object, name: str) -> Packetization:
-    if not isinstance(content, dict):
-        raise BitstreamError(f"{name}: packetization is not an object")
-    _check_keys(content, tuple(f.name for f in fields(Packetization)), f"{name}: packetization")
-    return Packetization(**content)
-
-
-def _as_list(content: object, name: str) -> list[Any]:
-    if not isinstance(content, list):
-        raise BitstreamError(f"{name}: feature_groups is not a list")
-    return content
-
-
-def _stream_id(text: object) -> int:
-    if not isinstance(text, str) or not re.fullmatch("[0-9a-f]{8}", text, re.ASCII):
+def _stream_id(text: str) -> int:
+    if not re.fullmatch("[0-9a-f]{8}", text, re.ASCII):
         raise InvalidValueError("stream_id is not 8 lower-case hexadecimal digits")
     return int(text, 16)
 

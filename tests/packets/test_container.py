@@ -1,0 +1,181 @@
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from splatwire.errors import BitstreamError, MissingSideInfoError, SplatwireError, UnsupportedVersionError
+from splatwire.packets import (
+    HEADER_BYTES,
+    Packetization,
+    SceneStream,
+    make_stream_id,
+    packet_to_bytes,
+    stream_from_bytes,
+    stream_to_bytes,
+)
+from splatwire.packets.scene_stream import FILE_PREFIX, RECORD_PREFIX
+
+
+def packets_start(stream: SceneStream) -> int:
+    parts = stream.parts()
+    return FILE_PREFIX.size + parts["manifest"] + parts["side_info"]
+
+
+def records(stream: SceneStream) -> list[bytes]:
+    packed = [packet_to_bytes(packet, stream.manifest.stream_id) for packet in stream.packets]
+    return [RECORD_PREFIX.pack(len(data)) + data for data in packed]
+
+
+def head(stream: SceneStream) -> bytes:
+    return stream_to_bytes(stream)[: packets_start(stream)]
+
+
+def test_round_trip_and_size(stream):
+    data = stream_to_bytes(stream)
+    found, report = stream_from_bytes(data)
+    assert found == stream
+    assert report.complete
+    assert (report.num_expected, report.num_received, report.problems) == (28, 28, ())
+    assert len(data) == stream.num_bytes == sum(stream.parts().values())
+
+
+def test_one_flipped_byte_costs_one_packet(stream):
+    """In a payload, a header or a packet's size, everywhere behind the side information."""
+    data = stream_to_bytes(stream)
+    for at in range(packets_start(stream), len(data)):
+        damaged = bytearray(data)
+        damaged[at] ^= 0xFF
+        found, report = stream_from_bytes(bytes(damaged))
+        assert (report.num_missing, report.num_corrupt) == (1, 1)
+        assert set(found.packets) < set(stream.packets)
+
+
+def test_one_flipped_byte_before_the_packets_is_one_error(stream):
+    data = stream_to_bytes(stream)
+    for at in range(packets_start(stream)):
+        damaged = bytearray(data)
+        damaged[at] ^= 0xFF
+        with pytest.raises(BitstreamError):
+            stream_from_bytes(bytes(damaged))
+
+
+def test_a_cut_keeps_the_packets_before_it(stream):
+    data, start = stream_to_bytes(stream), packets_start(stream)
+    ends = np.cumsum([start, *map(len, records(stream))])
+    for size in range(len(data)):
+        if size < start:
+            with pytest.raises(BitstreamError):
+                stream_from_bytes(data[:size])
+            continue
+        found, report = stream_from_bytes(data[:size])
+        whole = int(np.searchsorted(ends, size, side="right")) - 1
+        assert found.packets == stream.packets[:whole]
+        assert report.num_missing == 28 - whole
+        assert report.num_corrupt == (size not in ends)
+
+
+def test_duplicates_foreign_and_reordered_packets_are_counted(stream, make_test_stream):
+    mine, foreign = records(stream), records(make_test_stream(seed=5))
+    data = head(stream) + b"".join([*mine[::-1], mine[3], foreign[0], mine[3], foreign[9]])
+    found, report = stream_from_bytes(data)
+    assert found == stream
+    assert (report.num_missing, report.num_corrupt, report.num_foreign, report.num_duplicate) == (0, 0, 2, 2)
+    assert len(report.problems) == 4
+
+
+def test_packets_of_another_plan_are_not_taken(stream, make_test_stream):
+    """Packets with the right stream id that the manifest's plan has no place for."""
+    other = make_test_stream(num_anchors=900)
+    forged = [packet_to_bytes(packet, stream.manifest.stream_id) for packet in other.packets]
+    data = head(stream) + b"".join(RECORD_PREFIX.pack(len(p)) + p for p in forged)
+    found, report = stream_from_bytes(data)
+    kept = {packet.id for packet in found.packets}
+    assert kept == {p.id for p in other.packets if p.num_anchors == stream.manifest.plan.count(p.id)}
+    assert report.num_corrupt == len(forged) - len(kept) > 0
+
+
+def test_newer_packets_are_losses_and_newer_files_are_errors(stream):
+    data = bytearray(stream_to_bytes(stream))
+    data[packets_start(stream) + RECORD_PREFIX.size] = 2
+    _, report = stream_from_bytes(bytes(data))
+    assert (report.num_missing, report.num_corrupt) == (1, 1)
+    assert "version 2" in report.problems[0]
+    data[4] = 2
+    with pytest.raises(UnsupportedVersionError, match=r"scene\.swz has layout version 2"):
+        stream_from_bytes(bytes(data), "scene.swz")
+
+
+def test_missing_side_information_is_named(stream):
+    data, start = stream_to_bytes(stream), packets_start(stream)
+    with pytest.raises(MissingSideInfoError, match=r"side information of scene\.swz has 199 of 200 bytes"):
+        stream_from_bytes(data[: start - 1], "scene.swz")
+    damaged = bytearray(data)
+    damaged[start - 1] ^= 1
+    with pytest.raises(MissingSideInfoError, match=r"side information of scene\.swz is damaged"):
+        stream_from_bytes(bytes(damaged), "scene.swz")
+
+
+@pytest.mark.parametrize("data", [b"", b"\x93", b"ply\n", b"\x93SWZ", b"\x93SWZ\x01\xff\xff\xff\xff" + bytes(100)])
+def test_other_files(data):
+    with pytest.raises(BitstreamError, match="scan"):
+        stream_from_bytes(data, "scan")
+
+
+def test_stream_id_depends_on_everything(stream, make_test_stream):
+    p, side, packets = stream.manifest.packetization, stream.side_info, stream.packets
+    ids = {
+        make_stream_id(p, side, packets),
+        make_stream_id(Packetization(block_size=100, lanes=4, seed=1), side, packets),
+        make_stream_id(p, side + b"\0", packets),
+        make_stream_id(p, side, packets[:-1]),
+        make_stream_id(p, side, make_test_stream(seed=1).packets),
+    }
+    assert len(ids) == 5
+    assert stream.manifest.stream_id in ids
+
+
+def test_crafted_file_of_packet_beginnings_does_not_stall(stream):
+    """Every five bytes claim to begin a packet as long as the rest of the file: quadratic for a naive reader."""
+    mark = records(stream)[0][RECORD_PREFIX.size : RECORD_PREFIX.size + 5]
+    size = 400_000
+    data = head(stream) + b"".join(
+        RECORD_PREFIX.pack(size - 9 * i - RECORD_PREFIX.size) + mark for i in range(size // 9)
+    )
+    found, report = stream_from_bytes(data + bytes(size))
+    assert found.packets == ()
+    assert report.num_missing == 28
+    assert "too much is damaged" in report.problems[-1]
+
+
+def test_fuzz_files(stream, make_test_stream):
+    """4000 streams with damaged, lost, repeated, reordered and foreign records."""
+    rng = np.random.default_rng(2)
+    start, mine, foreign = head(stream), records(stream), records(make_test_stream(seed=5))
+    known = set(stream.packets)
+    tracemalloc.start()
+    for _ in range(4000):
+        chosen = [mine[i] for i in rng.integers(len(mine), size=int(rng.integers(1, 12)))]
+        chosen.insert(int(rng.integers(len(chosen))), foreign[int(rng.integers(len(foreign)))])
+        data = bytearray(start + b"".join(chosen))
+        intact = rng.random() < 0.7
+        for at in rng.integers(len(start) if intact else 0, len(data), size=int(rng.integers(4))):
+            data[at] = int(rng.integers(256))
+        if rng.random() < 0.3:
+            del data[int(rng.integers(len(start) if intact else 0, len(data))) :]
+        try:
+            found, report = stream_from_bytes(bytes(data))
+        except SplatwireError:
+            assert bytes(data[: len(start)]) != start
+        else:
+            assert found.manifest == stream.manifest
+            assert found.side_info == stream.side_info
+            assert known.issuperset(found.packets)
+            assert report.num_received == len(found.packets)
+            assert report.num_foreign <= 1
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4_000_000
+
+
+def test_header_size_is_what_sizes_are_counted_with(stream):
+    assert stream.parts()["packet_headers"] == HEADER_BYTES * 28

@@ -1,0 +1,140 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError, UnsupportedVersionError
+from splatwire.packets import PacketPlan, manifest_from_bytes, manifest_to_bytes
+from splatwire.packets.manifest import _digest
+
+
+@pytest.fixture
+def manifest(stream):
+    return stream.manifest
+
+
+def signed(content: dict) -> bytes:
+    """A manifest whose digest holds, whatever it says: a liar, not an accident."""
+    content = {key: value for key, value in content.items() if key != "digest"}
+    return json.dumps({**content, "digest": _digest(content)}).encode()
+
+
+def test_round_trip(manifest):
+    data = manifest_to_bytes(manifest)
+    assert manifest_from_bytes(data) == manifest
+    assert list(json.loads(data)) == sorted(json.loads(data))
+
+
+def test_layout_of_the_json_does_not_matter(manifest):
+    content = json.loads(manifest_to_bytes(manifest))
+    pretty = json.dumps(dict(reversed(content.items())), indent=2).encode()
+    assert manifest_from_bytes(pretty) == manifest
+
+
+def test_rebuilds_the_mapping(manifest):
+    again = manifest_from_bytes(manifest_to_bytes(manifest))
+    assert again.plan == PacketPlan(manifest.packetization, manifest.num_anchors)
+    assert len(again.plan.ids) == manifest.num_packets
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("num_anchors", 1 << 40, "num_anchors"),
+        ("num_anchors", 1 << 28, "cannot place"),
+        ("num_anchors", -1, "num_anchors"),
+        ("num_anchors", True, "num_anchors"),
+        ("num_anchors", "700", "num_anchors"),
+        ("num_anchors", 70_000, "packets cannot carry"),
+        ("num_packets", 29, "packets cannot carry"),
+        ("num_packets", 1, "packets cannot carry"),
+        ("feature_dim", 51, "add up"),
+        ("feature_dim", 1 << 30, "feature_dim"),
+        ("feature_groups", [60, -10], "feature_groups"),
+        ("feature_groups", [], "add up"),
+        ("feature_groups", 50, "not a list"),
+        ("feature_groups", [[50]], "integers only"),
+        ("num_offsets", 0, "num_offsets"),
+        ("side_info_bytes", -1, "side_info_bytes"),
+        ("side_info_bytes", 1 << 40, "side_info_bytes"),
+        ("side_info_digest", "00", "SHA-256"),
+        ("symbols_digest", None, "symbols_digest is not text"),
+        ("stream_id", "0xABCDEF", "stream_id"),
+        ("stream_id", 5, "stream_id is not text"),
+        ("writer", "\n" * 9, "writer"),
+        ("writer", "w" * 1000, "writer"),
+        ("packetization", None, "packetization is not an object"),
+        ("packetization", {}, "lacks block_size"),
+        ("format_version", "1", "format_version"),
+        ("format_version", 0, "format_version"),
+        ("surprise", 1, "unknown fields: surprise"),
+    ],
+)
+def test_lies_are_found(manifest, field, value, message):
+    content = json.loads(manifest_to_bytes(manifest))
+    with pytest.raises(BitstreamError, match=message):
+        manifest_from_bytes(signed({**content, field: value}))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("lanes", 0, "lanes"),
+        ("block_size", 1 << 20, "block size"),
+        ("order", "hilbert", "hilbert"),
+        ("order", [], "order"),
+    ],
+)
+def test_lies_about_the_packetization_are_found(manifest, field, value, message):
+    content = json.loads(manifest_to_bytes(manifest))
+    content["packetization"][field] = value
+    with pytest.raises(BitstreamError, match=message):
+        manifest_from_bytes(signed(content))
+
+
+def test_newer_version_says_so_before_anything_else(manifest):
+    content = {**json.loads(manifest_to_bytes(manifest)), "format_version": 2, "new_field": {}}
+    with pytest.raises(UnsupportedVersionError, match="version 2"):
+        manifest_from_bytes(json.dumps(content).encode(), "some/manifest.json")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"[]",
+        b"null",
+        b"{}",
+        b"\xff\xfe",
+        b"[" * 60_000,
+        b'{"schema":1e400}',
+        b'{"schema":NaN}',
+        b'{"a":1,"a":1}',
+        b'{"a":' + b"9" * 60_000 + b"}",
+        b" " * 100_000,
+    ],
+)
+def test_things_that_are_no_manifest(data):
+    with pytest.raises(BitstreamError, match=r"some/manifest\.json"):
+        manifest_from_bytes(data, "some/manifest.json")
+
+
+def test_a_manifest_is_never_made_with_contradictions(manifest):
+    with pytest.raises(InvalidValueError, match="add up"):
+        replace(manifest, feature_dim=49)
+
+
+def test_a_damaged_manifest(manifest):
+    """3000 damaged manifests: each is refused, or says exactly the same (white space, escapes)."""
+    data, rng = manifest_to_bytes(manifest), np.random.default_rng(1)
+    for _ in range(3000):
+        damaged = bytearray(data)
+        for at in rng.integers(len(data), size=int(rng.integers(1, 4))):
+            damaged[at] = int(rng.integers(256)) if rng.random() < 0.5 else rng.choice(list(b'0123456789",:{}[] ae-'))
+        if rng.random() < 0.2:
+            del damaged[int(rng.integers(len(data))) :]
+        try:
+            assert manifest_from_bytes(bytes(damaged)) == manifest
+        except SplatwireError:
+            assert bytes(damaged) != data

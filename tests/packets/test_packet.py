@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from splatwire.errors import (
+    BitstreamError,
+    CorruptPacketError,
+    ForeignPacketError,
+    InvalidValueError,
+    TruncatedStreamError,
+    UnsupportedVersionError,
+)
+from splatwire.packets import HEADER_BYTES, Packet, PacketId, packet_from_bytes, packet_to_bytes
+
+PACKET = Packet(PacketId(70_000, 5), 375, bytes(range(100)))
+
+packets = st.builds(
+    Packet,
+    st.builds(PacketId, st.integers(0, (1 << 24) - 1), st.integers(0, 255), st.integers(0, 3)),
+    st.integers(1, 65535),
+    st.binary(max_size=60),
+)
+
+
+@given(packets, st.integers(0, (1 << 32) - 1))
+def test_round_trip(packet, stream_id):
+    data = packet_to_bytes(packet, stream_id)
+    assert len(data) == packet.num_bytes == HEADER_BYTES + len(packet.payload)
+    assert packet_from_bytes(data, stream_id) == packet
+    assert packet_from_bytes(memoryview(data), None) == packet
+
+
+def test_header_is_at_most_16_bytes():
+    assert len(packet_to_bytes(Packet(PacketId(0, 0), 1, b""), 0)) <= 16
+
+
+def test_every_bit_is_protected():
+    data = packet_to_bytes(PACKET, 77)
+    for bit in range(8 * len(data)):
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << bit % 8
+        with pytest.raises(BitstreamError):
+            packet_from_bytes(bytes(damaged), 77)
+
+
+def test_every_cut_is_found():
+    data = packet_to_bytes(PACKET, 77)
+    for size in range(len(data)):
+        with pytest.raises(TruncatedStreamError if size < HEADER_BYTES else CorruptPacketError):
+            packet_from_bytes(data[:size], 77)
+
+
+def test_foreign_and_newer_packets_say_so():
+    data = packet_to_bytes(PACKET, 77)
+    with pytest.raises(ForeignPacketError, match=r"pak_lane5_s70000\.pak .* stream 0000004d, not 0000004e"):
+        packet_from_bytes(data, 78)
+    with pytest.raises(UnsupportedVersionError, match="version 2"):
+        packet_from_bytes(b"\x02" + data[1:], 77)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (PacketId(1 << 24, 0), 1, b""),
+        (PacketId(0, 256), 1, b""),
+        (PacketId(0, 0), 0, b""),
+        (PacketId(0, 0), 65536, b""),
+    ],
+)
+def test_a_packet_that_fits_no_header_is_never_made(arguments):
+    with pytest.raises(InvalidValueError):
+        Packet(*arguments)
+
+
+def test_fuzz_never_accepts_a_wrong_packet():
+    """6000 packets with flipped bits, overwritten, cut, grown and shuffled bytes."""
+    rng = np.random.default_rng(0)
+    for _ in range(6000):
+        payload = rng.bytes(int(rng.integers(0, 60)))
+        packet = Packet(PacketId(int(rng.integers(50)), int(rng.integers(8))), int(rng.integers(1, 500)), payload)
+        data = packet_to_bytes(packet, 99)
+        damaged = damage(data, rng)
+        try:
+            found = packet_from_bytes(damaged, 99)
+        except BitstreamError:
+            assert damaged != data
+        else:
+            assert damaged == data
+            assert found == packet
+
+
+def damage(data: bytes, rng: np.random.Generator) -> bytes:
+    out, at = bytearray(data), int(rng.integers(len(data)))
+    match int(rng.integers(6)):
+        case 0:
+            out[at] ^= 1 << int(rng.integers(8))
+        case 1:
+            del out[at:]
+        case 2:
+            out += rng.bytes(int(rng.integers(1, 9)))
+        case 3:
+            out[at : at + 8] = rng.bytes(len(out[at : at + 8]))
+        case 4:
+            out = bytearray(rng.bytes(len(data)))
+        case 5:
+            del out[at : at + 1 + int(rng.integers(8))]
+    return bytes(out)

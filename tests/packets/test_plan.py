@@ -1,0 +1,113 @@
+import time
+
+import numpy as np
+import pytest
+
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.packets import PRESETS, PacketId, Packetization, PacketPlan
+from splatwire.packets.grouping import contiguous_bounds
+
+
+def test_paper_preset():
+    assert PRESETS["paper"] == Packetization(3000, 8, 1337, "morton", "stratified", "atomic")
+
+
+def test_hollywood_has_the_papers_124_blocks():
+    plan = PacketPlan(PRESETS["paper"], 369_941)
+    assert plan.num_blocks == 124
+    assert len(plan.ids) == 124 * 8
+
+
+def test_millions_of_anchors_take_seconds_not_minutes():
+    start = time.perf_counter()
+    plan = PacketPlan(PRESETS["paper"], 2_000_000)
+    groups = plan.groups()
+    assert len(groups.starts) == len(plan.ids) + 1
+    assert time.perf_counter() - start < 5
+
+
+def test_contiguous_runs_are_as_equal_as_possible():
+    assert contiguous_bounds(10, 4).tolist() == [0, 3, 6, 8, 10]
+    plan = PacketPlan(Packetization(block_size=10, lanes=4, grouping="contiguous"), 13)
+    found = {i.filename: plan.members(i).tolist() for i in plan.ids}
+    assert found == {
+        "pak_lane0_s0.pak": [0, 1, 2],
+        "pak_lane1_s0.pak": [3, 4, 5],
+        "pak_lane2_s0.pak": [6, 7],
+        "pak_lane3_s0.pak": [8, 9],
+        "pak_lane0_s1.pak": [10],
+        "pak_lane1_s1.pak": [11],
+        "pak_lane2_s1.pak": [12],
+    }
+
+
+def test_separated_packaging_has_three_packets_per_group():
+    plan = PacketPlan(Packetization(block_size=10, lanes=1, packaging="separated"), 11)
+    assert [i.filename for i in plan.ids] == [
+        f"pak_lane0_s{block}_{part}.pak" for block in (0, 1) for part in ("feature", "scaling", "offset")
+    ]
+    assert plan.groups().starts.tolist() == [0, 10, 11]
+
+
+def test_empty_scene():
+    plan = PacketPlan(Packetization(), 0)
+    assert (plan.num_blocks, plan.ids, plan.packet_index_of().size) == (0, (), 0)
+    assert plan.groups().starts.tolist() == [0]
+
+
+@pytest.mark.parametrize("packet_id", [PacketId(0, 0), PacketId(16_777_215, 255), PacketId(7, 3, 2)])
+def test_filename_round_trip(packet_id):
+    assert PacketId.from_filename(packet_id.filename) == packet_id
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        "x.pak",
+        "pak_lane01_s0.pak",
+        "pak_lane0_s0.pak\n",
+        "pak_lane-1_s0.pak",
+        "pak_lane0_s0_anchor.pak",
+        "pak_lane٣_s0.pak",
+    ],
+)
+def test_other_names_are_refused(name):
+    with pytest.raises(InvalidValueError, match="packet name"):
+        PacketId.from_filename(name)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"block_size": 0},
+        {"block_size": 65536},
+        {"lanes": 0},
+        {"lanes": 257},
+        {"seed": -1},
+        {"seed": 1 << 64},
+    ],
+)
+def test_numbers_out_of_range(change):
+    with pytest.raises(InvalidValueError, match=str(next(iter(change.values())))):
+        Packetization(**change)
+
+
+@pytest.mark.parametrize("field", ["order", "grouping", "packaging"])
+def test_unknown_names(field):
+    with pytest.raises(UnknownNameError, match=f"unknown {field} 'hilbert'"):
+        Packetization(**{field: "hilbert"})
+
+
+def test_plan_refuses_what_the_format_cannot_hold():
+    with pytest.raises(InvalidValueError, match="number of anchors"):
+        PacketPlan(Packetization(), (1 << 28) + 1)
+    with pytest.raises(InvalidValueError, match="number of blocks"):
+        PacketPlan(Packetization(block_size=1), 1 << 28)
+    with pytest.raises(InvalidValueError, match="block"):
+        PacketPlan(Packetization(), 10).members(PacketId(1, 0))
+
+
+def test_lanes_are_balanced():
+    counts = np.bincount(PacketPlan(PRESETS["paper"], 400_000).packet_index_of() % 8)
+    assert np.abs(counts / 50_000 - 1).max() < 0.02
