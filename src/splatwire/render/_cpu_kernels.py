@@ -24,16 +24,16 @@ _E4, _E5, _E6 = np.float32(0.009618129), np.float32(0.0013333558), np.float32(0.
 
 
 @njit(cache=True)
-def depth_order(depths, num_tiles):  # type: ignore[no-untyped-def]
+def depth_order(depths, tiles):  # type: ignore[no-untyped-def]
     """Indices of the drawn Gaussians, nearest first, equal depths in their own order (radix sort)."""
     count = 0
     for g in range(depths.shape[0]):
-        count += num_tiles[g] > 0
+        count += tiles[g, 2] > tiles[g, 0]
     order, spare = np.empty(count, np.int32), np.empty(count, np.int32)
     keys, spare_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
     k = 0
     for g in range(depths.shape[0]):
-        if num_tiles[g] > 0:
+        if tiles[g, 2] > tiles[g, 0]:
             order[k] = g
             keys[k] = np.float32(depths[g]).view(np.uint32)  # positive floats sort like their bits
             k += 1
@@ -56,8 +56,8 @@ def depth_order(depths, num_tiles):  # type: ignore[no-untyped-def]
 def fill_tiles(order, tiles, grid_x, first_row, last_row, entry_start):  # type: ignore[no-untyped-def]
     """Lists the Gaussians of each tile in the tile rows [first_row, last_row), nearest first.
 
-    Returns where each tile's list starts, the lists, and for each entry its number when entries are counted Gaussian by
-    Gaussian (`entry_start`), which is where its gradient goes.
+    Returns where each tile's list starts, the lists, and for each entry its number when the entries of these
+    rows are counted Gaussian by Gaussian (`entry_start`), which is where its gradient goes.
     """
     starts = np.zeros((last_row - first_row) * grid_x + 1, np.int64)
     for g in order:
@@ -74,7 +74,7 @@ def fill_tiles(order, tiles, grid_x, first_row, last_row, entry_start):  # type:
             for tx in range(tiles[g, 0], tiles[g, 2]):
                 t = (ty - first_row) * grid_x + tx
                 ids[heads[t]] = g
-                entries[heads[t]] = entry_start[g] + (ty - tiles[g, 1]) * columns + tx - tiles[g, 0]
+                entries[heads[t]] = entry_start[g] + (ty - max(tiles[g, 1], first_row)) * columns + tx - tiles[g, 0]
                 heads[t] += 1
     return starts, ids, entries
 

@@ -37,9 +37,9 @@ def _clamped(value, focal, center, size, margin):  # type: ignore[no-untyped-def
 
 @njit(cache=True, parallel=True)
 def project_splats(  # type: ignore[no-untyped-def]
-    means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles, num_tiles
+    means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles
 ):
-    """Fills one row of `splats` and `tiles` (left, top, right, bottom) per Gaussian; `num_tiles` 0 if not drawn.
+    """Fills one row of `splats` and `tiles` (left, top, right, bottom) per Gaussian; no tiles where it is not drawn.
 
     A Gaussian is listed in the tiles of 3DGS's square of three standard deviations, less those that its ellipse of
     alpha >= 1/255 cannot reach (which changes no pixel). `constants`: near depth, dilation, frustum margin, tile side.
@@ -48,7 +48,7 @@ def project_splats(  # type: ignore[no-untyped-def]
     near, dilation, margin, side = constants
     grid_x, grid_y = math.ceil(width / side), math.ceil(height / side)
     for g in prange(means.shape[0]):
-        num_tiles[g] = 0
+        tiles[g, :] = 0
         m0, m1, m2 = np.float64(means[g, 0]), np.float64(means[g, 1]), np.float64(means[g, 2])
         z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
         opacity = np.float64(opacities[g])
@@ -73,7 +73,6 @@ def project_splats(  # type: ignore[no-untyped-def]
         bottom = min(math.floor((v + radius + side - 1) / side), math.floor((v + half_y) / side) + 1, grid_y)
         if right <= left or bottom <= top:
             continue
-        num_tiles[g] = (right - left) * (bottom - top)
         tiles[g, 0], tiles[g, 1], tiles[g, 2], tiles[g, 3] = left, top, right, bottom
         splats[g, 0], splats[g, 1] = u, v
         splats[g, 2] = -0.5 * LOG2E * yy / det
@@ -97,3 +96,77 @@ def _covariance(quat, scale, pose, fx, fy, z, x, y):  # type: ignore[no-untyped-
         a, b = a * scale[k], b * scale[k]
         xx, xy, yy = xx + a * a, xy + a * b, yy + b * b
     return xx, xy, yy
+
+
+@njit(cache=True, parallel=True)
+def project_back(  # type: ignore[no-untyped-def]
+    means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
+    d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
+):  # fmt: skip
+    """Turns the nine sums per Gaussian of `_cpu_kernels.draw_tiles_back` into gradients of what was projected."""
+    for g in prange(means.shape[0]):
+        if tiles[g, 2] <= tiles[g, 0]:
+            continue
+        a, b, c = -2 / LOG2E * splats[g, 2], -1 / LOG2E * splats[g, 3], -2 / LOG2E * splats[g, 4]
+        s = sums[g]
+        d_opacities[g] = s[0] / opacities[g]
+        d_colors[g, 0], d_colors[g, 1], d_colors[g, 2] = s[6], s[7], s[8]
+        du, dv = a * s[1] + b * s[2], b * s[1] + c * s[2]
+        d_means2d[g, 0], d_means2d[g, 1] = du, dv
+        # The inverse covariance Q has gradient G = -S/2, its inverse therefore -Q G Q.
+        dxx = 0.5 * (a * a * s[3] + 2 * a * b * s[4] + b * b * s[5])
+        dxy = a * b * s[3] + (a * c + b * b) * s[4] + b * c * s[5]
+        dyy = 0.5 * (b * b * s[3] + 2 * b * c * s[4] + c * c * s[5])
+        _project_back_one(
+            means[g], quats[g], scales[g], pose, intrinsics, width, height, constants[2], du, dv, dxx, dxy, dyy,
+            d_means[g], d_quats[g], d_scales[g],
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def _project_back_one(  # type: ignore[no-untyped-def]
+    mean, quat, scale, pose, intrinsics, width, height, margin, du, dv, dxx, dxy, dyy, d_mean, d_quat, d_scale
+):
+    """Chain rule from the 2D mean and covariance to the 3D mean, axes and scales."""
+    fx, fy, cx, cy = intrinsics
+    m0, m1, m2 = np.float64(mean[0]), np.float64(mean[1]), np.float64(mean[2])
+    z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
+    x = (pose[0, 0] * m0 + pose[0, 1] * m1 + pose[0, 2] * m2 + pose[0, 3]) / z
+    y = (pose[1, 0] * m0 + pose[1, 1] * m1 + pose[1, 2] * m2 + pose[1, 3]) / z
+    clamped_x, clamped_y = _clamped(x, fx, cx, width, margin), _clamped(y, fy, cy, height, margin)
+    qw, qx, qy, qz = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
+    r = _axes(qw, qx, qy, qz)
+    row_x, row_y, d_row_x, d_row_y, d_r = np.empty(3), np.empty(3), np.zeros(3), np.zeros(3), np.empty(9)
+    for i in range(3):
+        row_x[i] = fx / z * (pose[0, i] - clamped_x * pose[2, i])
+        row_y[i] = fy / z * (pose[1, i] - clamped_y * pose[2, i])
+    for k in range(3):
+        along_x = row_x[0] * r[k] + row_x[1] * r[3 + k] + row_x[2] * r[6 + k]
+        along_y = row_y[0] * r[k] + row_y[1] * r[3 + k] + row_y[2] * r[6 + k]
+        d_a = (2 * dxx * along_x + dxy * along_y) * scale[k]
+        d_b = (2 * dyy * along_y + dxy * along_x) * scale[k]
+        d_scale[k] = d_a * along_x + d_b * along_y
+        for i in range(3):
+            d_r[3 * i + k] = (d_a * row_x[i] + d_b * row_y[i]) * scale[k]
+            d_row_x[i] += d_a * scale[k] * r[3 * i + k]
+            d_row_y[i] += d_b * scale[k] * r[3 * i + k]
+    d_x, d_y, d_z = fx * du, fy * dv, 0.0
+    for i in range(3):
+        d_z -= (d_row_x[i] * row_x[i] + d_row_y[i] * row_y[i]) / z
+        if x == clamped_x:
+            d_x -= d_row_x[i] * fx / z * pose[2, i]
+        if y == clamped_y:
+            d_y -= d_row_y[i] * fy / z * pose[2, i]
+    d_z -= (d_x * x + d_y * y) / z
+    for i in range(3):
+        d_mean[i] = pose[0, i] * d_x / z + pose[1, i] * d_y / z + pose[2, i] * d_z
+    _axes_back(qw, qx, qy, qz, d_r, d_quat)
+
+
+@njit(cache=True)
+def _axes_back(w, x, y, z, g, out):  # type: ignore[no-untyped-def]
+    """Gradient of the rotation matrix's entries with respect to the quaternion."""
+    out[0] = 2 * (z * (g[3] - g[1]) + y * (g[2] - g[6]) + x * (g[7] - g[5]))
+    out[1] = 2 * (y * (g[1] + g[3]) + z * (g[2] + g[6]) + w * (g[7] - g[5]) - 2 * x * (g[4] + g[8]))
+    out[2] = 2 * (x * (g[1] + g[3]) + z * (g[5] + g[7]) + w * (g[2] - g[6]) - 2 * y * (g[0] + g[8]))
+    out[3] = 2 * (x * (g[2] + g[6]) + y * (g[5] + g[7]) + w * (g[3] - g[1]) - 2 * z * (g[0] + g[4]))
