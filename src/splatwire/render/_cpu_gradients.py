@@ -35,7 +35,7 @@ SUMS = 9
 _REST = _LEFT  # gradient-weighted colour of all that is still to come; takes the place of the forward's section
 
 
-@njit(cache=True, fastmath=_FAST, inline="never")
+@njit(cache=True, fastmath=_FAST, inline="never", error_model="numpy")
 def _blend_back(buf, low, high, x, y, A, B, C, opacity, red, green, blue, out):  # type: ignore[no-untyped-def]
     """Repeats `_blend` and writes its sums to `out`; what lies behind is the finished picture less what was laid."""
     h0 = hx = hy = hxx = hxy = hyy = cr = cg = cb = _ZERO
@@ -52,7 +52,8 @@ def _blend_back(buf, low, high, x, y, A, B, C, opacity, red, green, blue, out): 
         wanted = buf[i + _R] * red + buf[i + _G] * green + buf[i + _B] * blue
         rest = buf[i + _REST] - weight * wanted
         h = weight * wanted - alpha * rest / (_ONE - alpha)
-        h = h if drawn and free <= _MAX_ALPHA else _ZERO
+        h = h if drawn else _ZERO
+        h = h if free <= _MAX_ALPHA else _ZERO
         buf[i + _LIVE] = after if drawn else _ZERO
         buf[i + _REST] = rest
         h0 += h

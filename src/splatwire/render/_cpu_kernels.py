@@ -88,7 +88,7 @@ def _falloff(power):  # type: ignore[no-untyped-def]
     return p * np.int32((whole + _BIAS) * _EXPONENT).view(np.float32)
 
 
-@njit(cache=True, fastmath=_FAST, inline="never")
+@njit(cache=True, fastmath=_FAST, inline="never", error_model="numpy")
 def _blend(buf, low, high, x, y, A, B, C, opacity, red, green, blue):  # type: ignore[no-untyped-def]
     """Lays one Gaussian over the pixels [low, high) of a tile. Unsigned indices: signed ones would branch."""
     for i in range(low, high):
