@@ -1,0 +1,56 @@
+"""Anchor positions as whole multiples of the voxel size."""
+
+import math
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.errors import InvalidValueError
+
+MAX_VOXEL_INDEX = (1 << 21) - 1
+"""Largest index whose neighbours a float32 position still tells apart with a margin."""
+
+
+def voxel_indices(positions: Float[Tensor, "N 3"], voxel_size: float) -> Int64[Tensor, "N 3"]:
+    """Returns the integers that `positions` are multiples of; the inverse of `voxel_positions`.
+
+    Args:
+        positions: World coordinates.
+        voxel_size: World units per voxel.
+
+    Raises:
+        InvalidValueError: If the voxel size is not positive and finite, or a position is not a whole multiple of it
+            within what float32 can resolve.
+    """
+    check_voxel_size(voxel_size)
+    exact = positions.double() / voxel_size
+    if not bool(torch.isfinite(exact).all()):
+        raise InvalidValueError("anchor positions must be finite")
+    indices = torch.round(exact)
+    # Two roundings to float32 (of the voxel size and of the product) move a position by up to 2**-23 of itself.
+    off = (exact - indices).abs() > 1e-4 + indices.abs() * 2.0**-22
+    wrong = off.any(dim=1) | (indices.abs() > MAX_VOXEL_INDEX).any(dim=1)
+    if bool(wrong.any()):
+        first = int(wrong.nonzero()[0, 0])
+        raise InvalidValueError(
+            f"{int(wrong.sum())} of {len(positions)} anchor positions are not whole multiples (up to "
+            f"{MAX_VOXEL_INDEX}) of the voxel size {voxel_size}; the first is anchor {first} at "
+            f"{positions[first].tolist()}"
+        )
+    return indices.to(torch.int64)
+
+
+def voxel_positions(indices: Int64[Tensor, "N 3"], voxel_size: float) -> Float[Tensor, "N 3"]:
+    """Returns the world coordinates of voxel `indices`: float32 of the float64 product, alike on every machine."""
+    return (indices.double() * voxel_size).float()
+
+
+def check_voxel_size(voxel_size: float) -> None:
+    """Checks that a voxel size makes sense.
+
+    Raises:
+        InvalidValueError: If it is not positive and finite.
+    """
+    if not (math.isfinite(voxel_size) and voxel_size > 0):
+        raise InvalidValueError(f"the voxel size must be positive and finite, not {voxel_size}")
