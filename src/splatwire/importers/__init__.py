@@ -1,1 +1,3 @@
-"""TODO"""
+"""Importers: models that other programs trained, as scenes of ours."""
+
+from splatwire.importers.hacpp import import_hacpp as import_hacpp

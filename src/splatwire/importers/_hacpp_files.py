@@ -1,0 +1,164 @@
+"""Finds and safely loads the files of an official HAC++ model folder."""
+
+import json
+import math
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatwire.errors import DatasetError
+
+_MAX_TENSOR_FILE_BYTES = 256 << 20
+
+
+def newest_iteration(model_dir: Path) -> Path:
+    """Returns the `point_cloud/iteration_*` folder with the highest number.
+
+    Raises:
+        DatasetError: If `model_dir` has none.
+    """
+    if not model_dir.is_dir():
+        raise DatasetError(f"{model_dir}: no such folder")
+    found = {}
+    for folder in (model_dir / "point_cloud").glob("iteration_*"):
+        match = re.fullmatch(r"iteration_(\d{1,9})", folder.name)
+        if match and folder.is_dir():
+            found[int(match[1])] = folder
+    if not found:
+        raise DatasetError(f"{model_dir}: not an HAC++ model folder, it has no point_cloud/iteration_* folder")
+    return found[max(found)]
+
+
+def anchor_ply(iteration: Path) -> Path:
+    """Returns `point_cloud.ply`, or `point_cloud.ply.xz`, of an iteration folder.
+
+    Raises:
+        DatasetError: If neither is there.
+    """
+    for name in ("point_cloud.ply", "point_cloud.ply.xz"):
+        if (iteration / name).is_file():
+            return iteration / name
+    raise DatasetError(f"{iteration}: has neither point_cloud.ply nor point_cloud.ply.xz")
+
+
+def load_torch_file(path: Path) -> Any:
+    """Loads tensors that `torch.save` wrote, on the CPU; nothing in the file is executed.
+
+    Raises:
+        DatasetError: If the file is absent, too large, or is anything but plain tensors.
+    """
+    if not path.is_file():
+        raise DatasetError(f"{path}: missing")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if max(unpacked, path.stat().st_size) > _MAX_TENSOR_FILE_BYTES:
+            raise DatasetError(f"{path}: larger than {_MAX_TENSOR_FILE_BYTES >> 20} MiB")
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except DatasetError:
+        raise
+    except Exception as error:  # torch raises many kinds on a damaged file; all mean the same to the caller
+        reason = str(error).strip().split("\n")[0][:200]
+        raise DatasetError(f"{path}: not a readable file of plain tensors: {reason}") from error
+
+
+def load_bounds(model_dir: Path) -> tuple[Tensor, Tensor]:
+    """Loads the box of the hash grid, two float32 (3).
+
+    Raises:
+        DatasetError: If a file is missing or does not hold three finite numbers, or the box is empty. The bounds are
+            frozen in the middle of training, so they cannot be computed from the final anchors.
+    """
+    corners = []
+    for name in ("x_bound_min.pkl", "x_bound_max.pkl"):
+        path = model_dir / "bitstreams" / name
+        value = load_torch_file(path)
+        if not isinstance(value, Tensor) or value.numel() != 3 or not value.is_floating_point():
+            raise DatasetError(f"{path}: expected a tensor of 3 floats")
+        if not bool(torch.isfinite(value).all()):
+            raise DatasetError(f"{path}: the bounds are not finite")
+        corners.append(value.detach().reshape(3).float())
+    if not bool((corners[0] < corners[1]).all()):
+        raise DatasetError(f"{model_dir / 'bitstreams'}: x_bound_min is not below x_bound_max on every axis")
+    return corners[0], corners[1]
+
+
+def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
+    """Looks the voxel size up: `bitstreams/xyz_gpcc.npz`, then `metrics.json`, then `cfg_args`.
+
+    Returns:
+        The value and the file it was found in, or None if no file has a positive one. (A `voxel_size` of 0 on HAC++'s
+        command line means "from the data", so it says nothing.)
+
+    Raises:
+        DatasetError: If a file that should have it is damaged.
+    """
+    for name, read in (
+        ("bitstreams/xyz_gpcc.npz", _voxel_size_of_npz),
+        ("metrics.json", _voxel_size_of_json),
+        ("cfg_args", _voxel_size_of_arguments),
+    ):
+        path = model_dir / name
+        if not path.is_file():
+            continue
+        try:
+            value = read(path)
+        except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+            raise DatasetError(f"{path}: no voxel size can be read from it: {error}") from error
+        if value is not None and value != 0:
+            if not (math.isfinite(value) and value > 0):
+                raise DatasetError(f"{path}: the voxel size is {value}")
+            return value, path
+    return None
+
+
+def infer_voxel_size(positions: np.ndarray) -> float:
+    """Estimates the voxel size: the smallest gap between coordinates, refined over all of them.
+
+    Args:
+        positions: float32 (N, 3).
+
+    Returns:
+        The estimate. The caller must check that all positions are whole multiples of it.
+
+    Raises:
+        DatasetError: If the coordinates do not tell.
+    """
+    values = np.unique(positions.astype(np.float64))
+    gaps = np.diff(values)
+    gaps = gaps[gaps > 16 * np.spacing(np.float32(np.abs(values).max(initial=0)))]
+    if not len(gaps):
+        raise DatasetError("the voxel size is in no file, and the anchor positions do not tell it")
+    size = float(gaps.min())
+    order = np.argsort(np.abs(values))
+    for share in (1e-3, 1e-2, 0.1, 1.0):  # from the origin outwards, so that the index is known before it is used
+        near = values[order[: max(2, int(len(values) * share))]]
+        index = np.round(near / size)
+        if (index != 0).any():
+            size = float((index * near).sum() / (index * index).sum())
+    short = float(f"{size:.6g}")
+    return short if abs(short / size - 1) < 1e-7 else size
+
+
+def _voxel_size_of_npz(path: Path) -> float | None:
+    with np.load(path, allow_pickle=False) as archive:
+        value = archive["voxel_size"] if "voxel_size" in archive.files else None
+    if value is None or value.size != 1 or value.dtype.kind not in "fi":
+        raise ValueError("it has no number 'voxel_size'")
+    return float(value.reshape(()))
+
+
+def _voxel_size_of_json(path: Path) -> float | None:
+    content = json.loads(path.read_text(encoding="utf-8"))
+    value = content.get("voxel_size") if isinstance(content, dict) else None
+    return float(value) if isinstance(value, (int, float)) else None
+
+
+def _voxel_size_of_arguments(path: Path) -> float | None:
+    match = re.search(r"voxel_size=([0-9.eE+-]+)", path.read_text(encoding="utf-8", errors="replace"))
+    return float(match[1]) if match else None

@@ -1,0 +1,144 @@
+"""Imports what the official HAC++ code writes (HACPP_SPEC 1 to 4)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.importers._hacpp_files import (
+    anchor_ply,
+    infer_voxel_size,
+    load_bounds,
+    load_torch_file,
+    load_voxel_size,
+    newest_iteration,
+)
+from splatwire.importers._hacpp_networks import channel_networks, hash_grid, two_layer_network
+from splatwire.importers._ply import PlyVertices, read_ply
+from splatwire.model import AnchorScene, ContextModel, GaussianHeads, Mlp, ModelConfig
+from splatwire.model.voxels import voxel_indices, voxel_positions
+from splatwire.scene import AnchorLayout, Anchors
+
+_MASK_THRESHOLD = 0.01
+
+
+def import_hacpp(model_dir: Path) -> AnchorScene:
+    """Reads an official HAC++ model folder.
+
+    Used are the newest `point_cloud/iteration_*` (`point_cloud.ply` or `point_cloud.ply.xz`, `checkpoint.pth`), the
+    bounds `bitstreams/x_bound_{min,max}.pkl` and the voxel size (from `bitstreams/xyz_gpcc.npz`, `metrics.json` or
+    `cfg_args`, otherwise inferred from the positions). Nothing in the files is executed.
+
+    HAC++ writes two kinds of PLY with the same header. After a decode the scalings are linear and the mask is 0 or 1;
+    then the values are taken as they are. Before it the scalings are logarithms and the mask is a logit; then
+    `scaling = exp(value)` and `mask = sigmoid(value) > 0.01`. A file counts as decoded when every mask is 0 or 1 and
+    no scaling is negative. In both kinds anchors without any offset are dropped, and offsets that are masked out
+    become zero. The order of anchors is that of the PLY.
+
+    Positions become the float32 nearest to `index * voxel_size`, at most one unit in the last place from the official
+    float32 product.
+
+    The variant for Synthetic-NeRF, whose channel context does not see the prior (HACPP_SPEC 4.3), becomes the same
+    networks with zero weights for the prior. That affects the rate only, never a decoded value.
+
+    Args:
+        model_dir: The folder that HAC++ calls its model path.
+
+    Returns:
+        The scene, on the CPU.
+
+    Raises:
+        DatasetError: If a file is missing, damaged, of the wrong shape or not finite; the message names it.
+    """
+    iteration = newest_iteration(model_dir)
+    checkpoint_path = iteration / "checkpoint.pth"
+    checkpoint = _checkpoint(checkpoint_path)
+    bounds = load_bounds(model_dir)
+    vertices = read_ply(anchor_ply(iteration))
+    try:
+        grid, grid_config = hash_grid(checkpoint["encoding_xyz"], *bounds)
+        channel, groups = channel_networks(checkpoint["deform_mlp"])
+        layout = AnchorLayout(sum(groups), vertices.columns("f_offset_").shape[1] // 3, groups)
+        config = ModelConfig(layout, grid_config)
+        prior = _network(checkpoint, "grid_mlp", config.grid.context_dim, config.prior_dim)
+        heads = _heads(checkpoint, layout)
+    except (ValueError, KeyError) as error:
+        raise DatasetError(f"{checkpoint_path}: {error.args[0]}") from error
+    anchors, voxel_size = _anchors(vertices, layout, model_dir)
+    return AnchorScene(anchors, heads, ContextModel(grid, prior, channel), voxel_size, config)
+
+
+def _checkpoint(path: Path) -> Mapping[str, Any]:
+    checkpoint = load_torch_file(path)
+    wanted = ("opacity_mlp", "cov_mlp", "color_mlp", "grid_mlp", "deform_mlp", "encoding_xyz")
+    if not isinstance(checkpoint, Mapping):
+        raise DatasetError(f"{path}: expected a dictionary of networks")
+    for key in wanted:
+        if not isinstance(checkpoint.get(key), Mapping):
+            raise DatasetError(f"{path}: has no '{key}'; keys are {', '.join(map(str, list(checkpoint)[:12]))}")
+    extra = sorted(str(key) for key in checkpoint if key not in wanted)
+    if extra:
+        raise DatasetError(f"{path}: has '{extra[0]}', which is not part of HAC++ with its default options")
+    for key in wanted:
+        for name, value in checkpoint[key].items():
+            if not isinstance(value, Tensor) or not bool(torch.isfinite(value.float()).all()):
+                raise DatasetError(f"{path}: '{key}' / '{name}' is not a tensor of finite numbers")
+    return checkpoint
+
+
+def _network(checkpoint: Mapping[str, Any], key: str, num_inputs: int, num_outputs: int) -> Mlp:
+    return two_layer_network(checkpoint[key], "", num_inputs, num_outputs, where=key)
+
+
+def _heads(checkpoint: Mapping[str, Any], layout: AnchorLayout) -> GaussianHeads:
+    num_inputs = layout.feature_dim + 4
+    return GaussianHeads(
+        opacity=_network(checkpoint, "opacity_mlp", num_inputs, layout.num_offsets),
+        covariance=_network(checkpoint, "cov_mlp", num_inputs, 7 * layout.num_offsets),
+        color=_network(checkpoint, "color_mlp", num_inputs, 3 * layout.num_offsets),
+    )
+
+
+def _anchors(vertices: PlyVertices, layout: AnchorLayout, model_dir: Path) -> tuple[Anchors, float]:
+    num_offsets = layout.num_offsets
+    logits = vertices.columns("f_mask_", num_offsets + 1)[:, :num_offsets]  # the last channel is never read
+    features = vertices.columns("f_anchor_feat_", layout.feature_dim)
+    scalings = vertices.columns("scale_", 6)
+    # stored coordinate-major: all x, all y, all z
+    offsets = vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
+    decoded = bool(((logits == 0) | (logits == 1)).all()) and bool((scalings >= 0).all())
+    if decoded:
+        mask = logits == 1
+    else:
+        mask = logits > np.log(_MASK_THRESHOLD / (1 - _MASK_THRESHOLD))
+        with np.errstate(over="ignore"):
+            scalings = np.exp(scalings)
+        if not np.isfinite(scalings).all():
+            raise DatasetError(f"{vertices.path}: logarithmic scalings overflow")
+    kept = mask.any(axis=1)
+    positions, voxel_size = _on_grid(torch.from_numpy(vertices.select(["x", "y", "z"])[kept]), vertices.path, model_dir)
+    anchors = Anchors(
+        positions=positions,
+        features=torch.from_numpy(features[kept]),
+        scalings=torch.from_numpy(scalings[kept]),
+        offsets=torch.from_numpy(np.where(mask[:, :, None], offsets, np.float32(0))[kept]),
+        mask=torch.from_numpy(mask[kept]),
+    )
+    return anchors, voxel_size
+
+
+def _on_grid(positions: Tensor, path: Path, model_dir: Path) -> tuple[Tensor, float]:
+    """Finds the voxel size and puts the positions on exact multiples of it."""
+    if not len(positions):
+        raise DatasetError(f"{path}: no anchor has an offset left, the scene is empty")
+    found = load_voxel_size(model_dir)
+    voxel_size, source = found or (infer_voxel_size(positions.numpy()), None)
+    try:
+        return voxel_positions(voxel_indices(positions, voxel_size), voxel_size), voxel_size
+    except InvalidValueError as error:
+        origin = f"the voxel size comes from {source}" if source else "the voxel size was inferred"
+        raise DatasetError(f"{path}: {error} ({origin})") from error
