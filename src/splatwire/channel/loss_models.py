@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,16 +16,17 @@ different (much lower) rate."""
 MAX_TRACE_BYTES = 1 << 26
 
 
-def _check_share(what: str, value: float) -> None:
+def _check_share(what: str, value: float | int) -> None:
     if not 0 <= value <= 1:  # also refuses NaN
         raise InvalidValueError(f"{what} must be a share from 0 to 1, not {value:g}")
 
 
-def _text(number: float) -> str:
+def _text(number: float | int) -> str:
     """Shortest text that reads back as the same number: 0.2, 3."""
     return repr(float(number)).removesuffix(".0")
 
 
+@runtime_checkable
 class LossModel(Protocol):
     """Decides which packets arrive."""
 
@@ -76,7 +77,7 @@ class Bernoulli:
         InvalidValueError: If the rate is outside of that.
     """
 
-    rate: float
+    rate: float | int
     unit: str = field(default=UNIT, kw_only=True)
 
     def __post_init__(self) -> None:
@@ -111,10 +112,10 @@ class GilbertElliott:
         InvalidValueError: If no such chain exists.
     """
 
-    rate: float
-    mean_burst: float
-    arrival_bad: float = 0.0
-    arrival_good: float = 1.0
+    rate: float | int
+    mean_burst: float | int
+    arrival_bad: float | int = 0.0
+    arrival_good: float | int = 1.0
     unit: str = field(default=UNIT, kw_only=True)
 
     def __post_init__(self) -> None:

@@ -1,0 +1,116 @@
+import json
+
+import numpy as np
+import pytest
+
+from splatwire.channel import Bernoulli, GilbertElliott, Nothing, parse_loss, send_sequence, transmit
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.packets import Packet, Packetization, PacketPlan, SceneStream, make_stream
+
+
+def build(num_anchors: int = 2400, seed: int = 0, **packetization) -> SceneStream:
+    p = Packetization(**{"block_size": 100, "lanes": 8, **packetization})
+    plan, rng = PacketPlan(p, num_anchors), np.random.default_rng(seed)
+    return make_stream(
+        packetization=p,
+        num_anchors=num_anchors,
+        feature_dim=4,
+        num_offsets=2,
+        feature_groups=(4,),
+        side_info=rng.bytes(50),
+        packets=[Packet(i, plan.count(i), rng.bytes(9)) for i in plan.ids],
+        symbols_digest="0" * 64,
+        writer="test",
+    )
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    return build()
+
+
+def test_lossless_is_the_same_stream(stream):
+    arrived, record = transmit(stream, Nothing(), seed=0)
+    assert arrived == stream
+    assert (record.num_lost, record.lost, record.bytes_received) == (0, (), record.bytes_sent)
+
+
+def test_everything_lost_still_has_its_side_information(stream):
+    arrived, record = transmit(stream, Bernoulli(1.0), seed=0)
+    assert (arrived.manifest, arrived.side_info, arrived.packets) == (stream.manifest, stream.side_info, ())
+    assert (record.num_lost, record.num_lost_anchors) == (len(stream.packets), 2400)
+
+
+def test_the_record_adds_up(stream):
+    arrived, record = transmit(stream, Bernoulli(0.2), seed=3)
+    lost = set(stream.packets) - set(arrived.packets)
+    assert 0 < len(lost) == record.num_lost == record.num_sent - len(arrived.packets)
+    assert record.lost == tuple(p.id.filename for p in stream.packets if p in lost)
+    assert record.num_lost_anchors == sum(p.num_anchors for p in lost)
+    assert record.num_sent_anchors == 2400
+    assert record.bytes_sent == sum(p.num_bytes for p in stream.packets)
+    assert record.bytes_received == sum(p.num_bytes for p in arrived.packets)
+    assert record.bytes_protected + record.bytes_sent + stream.parts()["container"] == stream.num_bytes
+    content = json.loads(json.dumps(record.to_json()))
+    assert (content["unit"], content["loss"], content["seed"], content["send_order"]) == (
+        "pak",
+        "bernoulli:0.2",
+        3,
+        "interleaved",
+    )
+    assert content["lost"] == list(record.lost)
+
+
+@pytest.mark.parametrize("loss", ["bernoulli:0.2", "gilbert:webrtc-20/3"])
+def test_streams_of_equal_packet_count_meet_the_same_mask(stream, loss):
+    other = build(seed=9, grouping="contiguous")
+    assert len(other.packets) == len(stream.packets)
+    masks = [transmit(s, parse_loss(loss), seed=4)[1].lost for s in (stream, other, stream)]
+    assert masks[0] == masks[1] == masks[2]
+    assert transmit(stream, parse_loss(loss), seed=5)[1].lost != masks[0]
+
+
+def test_send_orders():
+    stream = build(300, block_size=100, lanes=2)
+    names = [p.id.filename for p in send_sequence(stream, "interleaved")]
+    assert names == [f"pak_lane{lane}_s{block}.pak" for lane in range(2) for block in range(3)]
+    names = [p.id.filename for p in send_sequence(stream, "block")]
+    assert names == [f"pak_lane{lane}_s{block}.pak" for block in range(3) for lane in range(2)]
+
+
+def wiped_blocks(send_order: str) -> int:
+    """Blocks of which nothing arrived, over 20 masks."""
+    stream, total = build(12_400), 0
+    for seed in range(20):
+        arrived, _ = transmit(stream, GilbertElliott(0.2, 20), seed=seed, send_order=send_order)
+        total += 124 - len({packet.id.block for packet in arrived.packets})
+    return total
+
+
+def test_interleaving_protects_against_bursts():
+    """Lanes protect only if the send order interleaves them.
+
+    Sent block by block, a block is gone when 8 packets in a row are lost: a share of 0.2 (1 - 1/20)^7 = 14 % of blocks.
+    """
+    assert wiped_blocks("interleaved") == 0
+    assert wiped_blocks("block") / (20 * 124) == pytest.approx(0.2 * 0.95**7, abs=0.02)
+
+
+def test_separated_anchors_are_counted_once():
+    stream = build(packaging="separated")
+    _, record = transmit(stream, Bernoulli(1.0), seed=0)
+    assert (record.num_sent, record.num_lost_anchors) == (3 * 24 * 8, 2400)
+
+
+def test_sending_twice_loses_more(stream):
+    once, _ = transmit(stream, Bernoulli(0.2), seed=0)
+    twice, record = transmit(once, Bernoulli(0.2), seed=1)
+    assert record.num_sent == len(once.packets)
+    assert set(twice.packets) < set(once.packets)
+
+
+def test_bad_arguments(stream):
+    with pytest.raises(UnknownNameError, match="send order 'random'"):
+        transmit(stream, Nothing(), seed=0, send_order="random")
+    with pytest.raises(InvalidValueError, match="seed"):
+        transmit(stream, Nothing(), seed=-1)
