@@ -1,0 +1,203 @@
+"""Strict access to the tensors and the header of a scene file: every shape, type and value is checked."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from torch import Tensor
+
+from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.model.config import HashGridConfig, ModelConfig
+from splatwire.model.networks import Linear, Mlp
+from splatwire.model.voxels import check_voxel_size, voxel_indices
+from splatwire.scene import AnchorLayout
+
+_TYPES = {torch.float32: "F32", torch.bool: "BOOL", torch.uint8: "U8"}
+_MAX_LEVELS = 64
+_MAX_RESOLUTION = 1 << 16
+_MAX_LOG2_ROWS = 24
+_MAX_WIDTH = 4096
+
+
+class SceneReader:
+    """One open scene file.
+
+    Args:
+        path: Where it lies, for messages.
+        file: The open safetensors file.
+        header: Its JSON header.
+    """
+
+    def __init__(self, path: Path, file: Any, header: dict[str, Any]) -> None:
+        self.path = path
+        self.header = header
+        self._file = file
+        self._left = set(file.keys())
+
+    def error(self, reason: str) -> BitstreamError:
+        """Returns an error that names the file."""
+        return BitstreamError(f"{self.path}: {reason}")
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Returns the shape of a tensor without reading it.
+
+        Raises:
+            BitstreamError: If there is no such tensor.
+        """
+        if name not in self._left:
+            raise self.error(f"tensor '{name}' is missing")
+        return tuple(self._file.get_slice(name).get_shape())
+
+    def length(self, name: str) -> int:
+        """Returns the first dimension of a tensor.
+
+        Raises:
+            BitstreamError: If there is no such tensor, or it has no dimension.
+        """
+        shape = self.shape(name)
+        if not shape:
+            raise self.error(f"tensor '{name}' is a single number")
+        return shape[0]
+
+    def tensor(self, name: str, shape: tuple[int, ...], dtype: torch.dtype = torch.float32) -> Tensor:
+        """Reads a tensor; its shape and type are checked before anything is allocated.
+
+        Raises:
+            BitstreamError: If it is missing, has another shape or type, or is not finite.
+        """
+        found, kind = self.shape(name), self._file.get_slice(name).get_dtype()
+        if found != shape or kind != _TYPES[dtype]:
+            raise self.error(f"tensor '{name}' is {kind} {found}, expected {_TYPES[dtype]} {shape}")
+        value: Tensor = self._file.get_tensor(name)
+        if dtype == torch.float32 and not bool(torch.isfinite(value).all()):
+            raise self.error(f"tensor '{name}' is not finite everywhere")
+        if dtype == torch.bool and bool((value.view(torch.uint8) > 1).any()):
+            raise self.error(f"tensor '{name}' holds a truth value that is neither 0 nor 1")
+        self._left.discard(name)
+        return value
+
+    def network(self, name: str, num_inputs: int, num_outputs: int) -> Mlp:
+        """Reads a network; the width of its hidden layer is that of the file.
+
+        Raises:
+            BitstreamError: If a tensor does not fit, or the header has no slope for it.
+        """
+        slope = self.header["negative_slopes"].get(name) if isinstance(self.header["negative_slopes"], dict) else None
+        if not isinstance(slope, (int, float)) or isinstance(slope, bool) or not 0 <= slope < 1:
+            raise self.error(f"the header has no rectifier slope in [0, 1) for '{name}'")
+        hidden = self.length(f"{name}.hidden.bias")
+        if hidden > _MAX_WIDTH:
+            raise self.error(f"'{name}' has {hidden} hidden units, the limit is {_MAX_WIDTH}")
+        return Mlp(
+            Linear(
+                self.tensor(f"{name}.hidden.weight", (hidden, num_inputs)),
+                self.tensor(f"{name}.hidden.bias", (hidden,)),
+            ),
+            Linear(
+                self.tensor(f"{name}.output.weight", (num_outputs, hidden)),
+                self.tensor(f"{name}.output.bias", (num_outputs,)),
+            ),
+            float(slope),
+        )
+
+    def voxel_size(self, positions: Tensor) -> float:
+        """Reads the voxel size and checks that the positions are multiples of it.
+
+        Raises:
+            BitstreamError: If it is no positive number, or the positions do not fit.
+        """
+        try:
+            value = float.fromhex(self.header["voxel_size"])
+            check_voxel_size(value)
+            voxel_indices(positions, value)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise self.error(f"bad voxel size: {error}") from error
+        return value
+
+    def finish(self) -> None:
+        """Checks that every tensor of the file was read.
+
+        Raises:
+            BitstreamError: If there are others.
+        """
+        if self._left:
+            raise self.error(f"unexpected tensor '{min(self._left)}'")
+
+
+@contextmanager
+def open_scene_file(path: Path, file_format: str, version: int, kind: str) -> Iterator[SceneReader]:
+    """Opens a scene file whose header says that it is of this format, version and kind.
+
+    Raises:
+        UnsupportedVersionError: If it is of another version.
+        BitstreamError: If it is anything else, or damaged.
+    """
+    if not path.is_file():
+        raise BitstreamError(f"{path}: no such scene file")
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = _read_header(path, file.metadata(), file_format, version)
+            if header["kind"] != kind:
+                hint = "conceal it first" if kind == "scene" else "it has no losses"
+                raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene; {hint}")
+            yield SceneReader(path, file, header)
+    except (SafetensorError, OSError) as error:
+        raise BitstreamError(f"{path}: not a readable scene file: {error}") from error
+
+
+def _read_header(path: Path, metadata: dict[str, str] | None, file_format: str, version: int) -> dict[str, Any]:
+    try:
+        header = json.loads((metadata or {})["splatwire"])
+        if header["format"] != file_format:
+            raise ValueError(f"format {header['format']!r}")
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BitstreamError(f"{path}: safetensors, but not a splatwire scene ({error})") from error
+    if header.get("version") != version:
+        raise UnsupportedVersionError(
+            f"{path}: scene file version {header.get('version')}, this release reads {version}"
+        )
+    missing = {"kind", "voxel_size", "config", "negative_slopes"} - set(header)
+    if missing:
+        raise BitstreamError(f"{path}: the header lacks '{min(missing)}'")
+    return header
+
+
+def read_config(reader: SceneReader) -> ModelConfig:
+    """Builds the configuration of the header.
+
+    Raises:
+        BitstreamError: If a value is missing, of the wrong type or beyond the format's limits.
+    """
+    try:
+        config = reader.header["config"]
+        layout, grid = dict(config["layout"]), dict(config["grid"])
+        groups = _integers(layout.pop("feature_groups"), _MAX_LEVELS, 1, _MAX_WIDTH)
+        resolutions = [_integers(grid.pop(f"resolutions_{d}d"), _MAX_LEVELS, 2, _MAX_RESOLUTION) for d in (3, 2)]
+        log2_rows = _integers([grid.pop("log2_rows_3d"), grid.pop("log2_rows_2d")], 2, 1, _MAX_LOG2_ROWS)
+        _integers([*layout.values(), *grid.values()], 3, 1, _MAX_WIDTH)
+        steps = tuple(config["base_steps"])
+        if len(steps) != 3 or not all(isinstance(step, float) and 0 < step < 1e9 for step in steps):
+            raise InvalidValueError(f"base steps {steps}")
+        shape = HashGridConfig(
+            resolutions_3d=resolutions[0],
+            resolutions_2d=resolutions[1],
+            log2_rows_3d=log2_rows[0],
+            log2_rows_2d=log2_rows[1],
+            **grid,
+        )
+        return ModelConfig(AnchorLayout(feature_groups=groups, **layout), shape, steps)
+    except (KeyError, TypeError, ValueError) as error:
+        raise reader.error(f"bad configuration in the header: {error}") from error
+
+
+def _integers(values: Any, max_count: int, low: int, high: int) -> tuple[int, ...]:
+    if not isinstance(values, list) or not 1 <= len(values) <= max_count:
+        raise InvalidValueError(f"expected 1 to {max_count} whole numbers, found {str(values)[:80]}")
+    for value in values:
+        if type(value) is not int or not low <= value <= high:
+            raise InvalidValueError(f"{str(value)[:80]} is not a whole number from {low} to {high}")
+    return tuple(values)

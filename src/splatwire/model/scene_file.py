@@ -1,0 +1,220 @@
+"""A scene as one file of plain tensors (safetensors), read strictly and written atomically.
+
+The file's only metadata entry, `splatwire`, is a JSON object: format, version, kind, the voxel size as an exact
+hexadecimal float, the configuration and the rectifier slopes. The signs of the hash grid are packed into bits.
+"""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import save_file
+from torch import Tensor
+
+from splatwire.model._scene_reader import SceneReader, open_scene_file, read_config
+from splatwire.model.anchor_scene import (
+    AnchorScene,
+    ContextModel,
+    GaussianHeads,
+    HashGrid,
+    PartialScene,
+    RenderHints,
+)
+from splatwire.model.config import ModelConfig
+from splatwire.model.networks import Mlp
+from splatwire.model.prior import AttributePrior, Prior
+from splatwire.scene import Anchors, Attribute, Erasures
+
+FORMAT = "splatwire-scene"
+VERSION = 1
+SCENE, PARTIAL = "scene", "partial"
+_HEADS = ("opacity", "covariance", "color")
+_ATTRIBUTES = ("feature", "scaling", "offset")
+
+
+def save_scene(scene: AnchorScene, path: Path) -> None:
+    """Writes `scene` to `path`; the same scene gives the same bytes.
+
+    The file appears under its name only when it is complete.
+
+    Args:
+        scene: The scene, hints included when it has some.
+        path: Where to write; its folder must exist.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    _write(path, _scene_tensors(scene), _header(scene, SCENE))
+
+
+def load_scene(path: Path) -> AnchorScene:
+    """Reads what `save_scene` wrote, bit for bit.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The scene, on the CPU.
+
+    Raises:
+        UnsupportedVersionError: If the file is of a version that this release does not read.
+        BitstreamError: If the file is absent, is no scene, holds a partial scene, or a tensor is missing, has the
+            wrong shape or type, or is not finite.
+    """
+    with open_scene_file(path, FORMAT, VERSION, SCENE) as reader:
+        scene = _read_scene(reader)
+        reader.finish()
+    return scene
+
+
+def save_partial(partial: PartialScene, path: Path) -> None:
+    """Writes a decoded scene with its losses and its prior to `path`, as `save_scene` does.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    tensors = _scene_tensors(partial.scene)
+    tensors["erasures.received"] = partial.erasures.received
+    tensors["prior.context"] = partial.prior.context
+    for name in _ATTRIBUTES:
+        attribute: AttributePrior = getattr(partial.prior, name)
+        for part in ("mean", "scale", "step"):
+            tensors[f"prior.{name}.{part}"] = getattr(attribute, part)
+    _write(path, tensors, _header(partial.scene, PARTIAL))
+
+
+def load_partial(path: Path) -> PartialScene:
+    """Reads what `save_partial` wrote, bit for bit.
+
+    Raises:
+        UnsupportedVersionError: If the file is of a version that this release does not read.
+        BitstreamError: As `load_scene`, or if the file holds a complete scene.
+    """
+    with open_scene_file(path, FORMAT, VERSION, PARTIAL) as reader:
+        scene = _read_scene(reader)
+        count, layout = scene.anchors.num_anchors, scene.config.layout
+        received = reader.tensor("erasures.received", (count, len(Attribute)), torch.bool)
+        attributes = {}
+        for name, channels in zip(_ATTRIBUTES, (layout.feature_dim, 6, 3 * layout.num_offsets), strict=True):
+            attributes[name] = AttributePrior(
+                mean=reader.tensor(f"prior.{name}.mean", (count, channels)),
+                scale=reader.tensor(f"prior.{name}.scale", (count, channels)),
+                step=reader.tensor(f"prior.{name}.step", (count, 1)),
+            )
+        context = reader.tensor("prior.context", (count, scene.config.grid.context_dim))
+        reader.finish()
+    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context))
+
+
+def _networks(scene: AnchorScene) -> dict[str, Mlp]:
+    heads = {f"heads.{name}": getattr(scene.heads, name) for name in _HEADS}
+    channel = {f"context.channel.{i}": network for i, network in enumerate(scene.context.channel)}
+    return {**heads, "context.prior": scene.context.prior, **channel}
+
+
+def _header(scene: AnchorScene, kind: str) -> dict[str, Any]:
+    config = scene.config
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "kind": kind,
+        "voxel_size": float(scene.voxel_size).hex(),
+        "config": {
+            "layout": vars(config.layout),
+            "grid": vars(config.grid),
+            "base_steps": config.base_steps,
+        },
+        "negative_slopes": {name: network.negative_slope for name, network in _networks(scene).items()},
+        "hints": scene.hints is not None,
+    }
+
+
+def _scene_tensors(scene: AnchorScene) -> dict[str, Tensor]:
+    tensors = {f"anchors.{name}": value for name, value in vars(scene.anchors).items()}
+    for prefix, network in _networks(scene).items():
+        for layer in ("hidden", "output"):
+            for part in ("weight", "bias"):
+                tensors[f"{prefix}.{layer}.{part}"] = getattr(getattr(network, layer), part)
+    grid = scene.context.grid
+    tensors["grid.volume_bits"] = _pack_signs(grid.volume)
+    tensors["grid.planes_bits"] = _pack_signs(grid.planes)
+    tensors["grid.bounds_min"], tensors["grid.bounds_max"] = grid.bounds_min, grid.bounds_max
+    if scene.hints is not None:
+        tensors["hints.size_gain"], tensors["hints.left_out"] = scene.hints.size_gain, scene.hints.left_out
+    return tensors
+
+
+def _pack_signs(signs: Tensor) -> Tensor:
+    return torch.from_numpy(np.packbits(signs.detach().cpu().numpy().reshape(-1) > 0))
+
+
+def _unpack_signs(bits: Tensor, shape: tuple[int, ...]) -> Tensor:
+    flat = np.unpackbits(bits.numpy(), count=int(np.prod(shape)))
+    return torch.from_numpy(flat.astype(np.int8) * 2 - 1).reshape(shape)
+
+
+def _write(path: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> None:
+    # Cloned: safetensors refuses tensors that share memory, and views of a larger tensor are common here.
+    plain = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
+    # One metadata entry only: safetensors writes several in no fixed order.
+    metadata = {"splatwire": json.dumps(header, sort_keys=True)}
+    try:
+        save_file(plain, unfinished, metadata=metadata)
+        os.replace(unfinished, path)
+    except SafetensorError as error:
+        raise OSError(f"{path}: cannot be written: {error}") from error
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _read_scene(reader: SceneReader) -> AnchorScene:
+    config = read_config(reader)
+    anchors = _read_anchors(reader, config)
+    voxel_size = reader.voxel_size(anchors.positions)
+    layout, groups = config.layout, config.layout.feature_groups
+    head_inputs = layout.feature_dim + 4
+    head_outputs = (layout.num_offsets, 7 * layout.num_offsets, 3 * layout.num_offsets)
+    heads = GaussianHeads(
+        *(reader.network(f"heads.{n}", head_inputs, out) for n, out in zip(_HEADS, head_outputs, strict=True))
+    )
+    channel = tuple(
+        reader.network(f"context.channel.{i}", sum(groups[:i]) + 3 * layout.feature_dim, 3 * size)
+        for i, size in enumerate(groups)
+    )
+    prior = reader.network("context.prior", config.grid.context_dim, config.prior_dim)
+    context = ContextModel(_read_grid(reader, config), prior, channel)
+    hints = None
+    if reader.header.get("hints"):
+        count = anchors.num_anchors
+        left_out = reader.tensor("hints.left_out", (count,), torch.bool)
+        hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out)
+    return AnchorScene(anchors, heads, context, voxel_size, config, hints)
+
+
+def _read_anchors(reader: SceneReader, config: ModelConfig) -> Anchors:
+    count, layout = reader.length("anchors.positions"), config.layout
+    return Anchors(
+        positions=reader.tensor("anchors.positions", (count, 3)),
+        features=reader.tensor("anchors.features", (count, layout.feature_dim)),
+        scalings=reader.tensor("anchors.scalings", (count, 6)),
+        offsets=reader.tensor("anchors.offsets", (count, layout.num_offsets, 3)),
+        mask=reader.tensor("anchors.mask", (count, layout.num_offsets), torch.bool),
+    )
+
+
+def _read_grid(reader: SceneReader, config: ModelConfig) -> HashGrid:
+    width = config.grid.features_per_level
+    shapes = {"volume": (sum(config.grid.rows(3)), width), "planes": (3, sum(config.grid.rows(2)), width)}
+    signs = {}
+    for name, shape in shapes.items():
+        num_bytes = (int(np.prod([*shape], dtype=object)) + 7) // 8
+        signs[name] = _unpack_signs(reader.tensor(f"grid.{name}_bits", (num_bytes,), torch.uint8), shape)
+    bounds = [reader.tensor(f"grid.{name}", (3,)) for name in ("bounds_min", "bounds_max")]
+    if not bool((bounds[0] < bounds[1]).all()):
+        raise reader.error("grid.bounds_min is not below grid.bounds_max on every axis")
+    return HashGrid(signs["volume"], signs["planes"], bounds[0], bounds[1])
