@@ -1,0 +1,17 @@
+"""Fixtures of the whole suite."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real photos and models; tests that ask for it skip where it is not there."""
+    folder = Path(os.environ.get("SPLATWIRE_DATA", REPOSITORY.parent / "shared" / "data"))
+    if not (folder / "hacpp").is_dir():
+        pytest.skip(f"no real data at {folder}; set SPLATWIRE_DATA to its folder")
+    return folder
