@@ -163,6 +163,6 @@ def test_trace_too_short(tmp_path):
 def test_bad_traces(tmp_path, data, message):
     (tmp_path / "loss.txt").write_bytes(data)
     with pytest.raises(DatasetError, match=rf"loss\.txt.*{message}"):
-        Trace(tmp_path / "loss.txt")
+        Trace(str(tmp_path / "loss.txt"))
     with pytest.raises(DatasetError, match="is not a file"):
         Trace(tmp_path)

@@ -74,9 +74,9 @@ def test_a_packet_that_fits_no_header_is_never_made(arguments):
 
 
 def test_fuzz_never_accepts_a_wrong_packet():
-    """6000 packets with flipped bits, overwritten, cut, grown and shuffled bytes."""
+    """12000 packets with flipped bits, overwritten, cut, grown and shuffled bytes."""
     rng = np.random.default_rng(0)
-    for _ in range(6000):
+    for _ in range(12_000):
         payload = rng.bytes(int(rng.integers(0, 60)))
         packet = Packet(PacketId(int(rng.integers(50)), int(rng.integers(8))), int(rng.integers(1, 500)), payload)
         data = packet_to_bytes(packet, 99)

@@ -67,6 +67,16 @@ def test_missing_or_damaged_side_information_names_the_file(folder, name):
         read_stream(folder)
 
 
+def test_a_loop_of_links_is_a_loss_or_a_clear_error(folder):
+    (folder / "pak_lane0_s0.pak").unlink()
+    (folder / "pak_lane0_s0.pak").symlink_to("pak_lane0_s0.pak")
+    assert counts(read_stream(folder)[1]) == (1, 1, 0, 0)
+    (folder / "manifest.json").unlink()
+    (folder / "manifest.json").symlink_to("manifest.json")
+    with pytest.raises(BitstreamError, match=r"manifest\.json cannot be read"):
+        read_stream(folder)
+
+
 def test_wrong_paths(tmp_path):
     with pytest.raises(BitstreamError, match="not a splatwire stream"):
         read_stream(tmp_path)

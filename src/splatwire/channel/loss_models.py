@@ -202,14 +202,14 @@ class Trace:
         DatasetError: If the file is missing or not a trace; the message names the line.
     """
 
-    path: Path
+    path: Path | str
     repeat: bool = False
     unit: str = field(default=UNIT, kw_only=True)
     entries: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", Path(self.path))
-        object.__setattr__(self, "entries", read_trace(self.path))
+        object.__setattr__(self, "entries", read_trace(Path(self.path)))
 
     @property
     def name(self) -> str:

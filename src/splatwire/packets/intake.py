@@ -1,6 +1,7 @@
 """What is done with bytes that claim to be packets: each is kept, or counted as a loss and why."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from splatwire.errors import BitstreamError, CorruptPacketError, ForeignPacketError
 from splatwire.packets.manifest import Manifest
@@ -37,6 +38,10 @@ class ReadReport:
     def num_received(self) -> int:
         """Good packets."""
         return self.num_expected - self.num_missing
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, strings and lists only."""
+        return {**asdict(self), "problems": list(self.problems)}
 
     @property
     def complete(self) -> bool:

@@ -13,7 +13,8 @@ from splatwire.packets.grouping import contiguous_bounds, contiguous_lanes, stra
 ORDERS = ("morton", "raster")
 GROUPINGS = ("stratified", "contiguous")
 PARTS = ("anchor", "feature", "scaling", "offset")
-"""What a packet carries of its anchors, by `PacketId.part`; `anchor` is everything."""
+"""What a packet carries of its anchors, by `PacketId.part`; `anchor` is everything. With separated packaging, where the
+offset masks go (into `offset`, or into the side information as in HAC++) is for the codec to say."""
 PACKAGING_PARTS = {"atomic": (0,), "separated": (1, 2, 3)}
 """Parts that the anchors of one block and lane are split into, each in a packet of its own."""
 
@@ -195,7 +196,7 @@ class PacketPlan:
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and 0 <= packet_id.lane < p.lanes and packet_id.part in p.parts):
             return 0
-        return int(_lane_counts(self, packet_id.block)[packet_id.lane])
+        return int(_lane_counts(p, self.num_anchors, packet_id.block)[packet_id.lane])
 
     def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
         """First rank of a packet's block, and the lane of each of the block's ranks."""
@@ -222,6 +223,8 @@ class PacketPlan:
 
 
 @functools.lru_cache(maxsize=2048)
-def _lane_counts(plan: PacketPlan, block: int) -> np.ndarray:
-    _, lanes = plan._block_lanes(PacketId(block, 0, plan.packetization.parts[0]))
-    return np.bincount(lanes, minlength=plan.packetization.lanes)
+def _lane_counts(packetization: Packetization, num_anchors: int, block: int) -> np.ndarray:
+    """Anchors in each lane of a block; remembered because the packets of a block are asked for one after another."""
+    first = PacketId(block, 0, packetization.parts[0])
+    _, lanes = PacketPlan(packetization, num_anchors)._block_lanes(first)
+    return np.bincount(lanes, minlength=packetization.lanes)

@@ -82,10 +82,9 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
         raise BitstreamError(f"{source} does not exist")
     if not source.is_file():
         raise BitstreamError(f"{source} is neither a file nor a directory")
-    with source.open("rb") as file:
-        if file.read(len(FILE_MAGIC)) != FILE_MAGIC:  # look before reading what may be a whole disk image
-            raise BitstreamError(f"{source} is not a splatwire stream: it does not begin with its magic bytes")
-    return stream_from_bytes(source.read_bytes(), str(source))
+    if _read_capped(source, len(FILE_MAGIC) - 1) != FILE_MAGIC:  # look before reading what may be a whole disk image
+        raise BitstreamError(f"{source} is not a splatwire stream: it does not begin with its magic bytes")
+    return stream_from_bytes(_read_capped(source), str(source))
 
 
 def _write_directory(stream: SceneStream, folder: Path) -> None:
@@ -132,7 +131,10 @@ def _check_replaceable(target: Path, is_file: bool) -> None:
 
 
 def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
-    names = sorted(entry.name for entry in folder.iterdir())
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError as error:
+        raise BitstreamError(f"{folder} cannot be read: {error.strerror}") from error
     packet_names = [name for name in names if name.endswith(PACKET_SUFFIX)]
     if MANIFEST_NAME not in names:
         if packet_names or SIDE_INFO_NAME in names:
@@ -155,19 +157,22 @@ def _offer_file(intake: PacketIntake, path: Path) -> None:
     try:
         expected = PacketId.from_filename(path.name)
         data = _read_capped(path, MAX_PACKET_BYTES)
-    except (InvalidValueError, BitstreamError, OSError) as error:
+    except (InvalidValueError, BitstreamError) as error:
         intake.count("corrupt", f"{path.name}: {error}")
         return
     intake.offer(data, path.name, expected)
 
 
-def _read_capped(path: Path, limit: int) -> bytes:
+def _read_capped(path: Path, limit: int | None = None) -> bytes:
     """Reads a regular file, at most one byte more than it may have.
 
     Raises:
-        BitstreamError: If it is not a regular file (a pipe would block, a device never end).
+        BitstreamError: If it is not a regular file (a pipe would block, a device never end), or cannot be read.
     """
-    if not stat.S_ISREG(path.stat().st_mode):
-        raise BitstreamError(f"{path} is not a regular file")
-    with path.open("rb") as file:
-        return file.read(limit + 1)
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise BitstreamError(f"{path} is not a regular file")
+        with path.open("rb") as file:
+            return file.read() if limit is None else file.read(limit + 1)
+    except OSError as error:
+        raise BitstreamError(f"{path} cannot be read: {error.strerror}") from error
