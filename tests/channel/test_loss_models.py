@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from splatwire.channel import PRESETS, Bernoulli, GilbertElliott, Nothing, Trace, parse_loss
+from splatwire.channel import LOSS_PRESETS, Bernoulli, GilbertElliott, Nothing, Trace, parse_loss
 from splatwire.errors import DatasetError, InvalidValueError, SplatwireError, UnknownNameError
 
 
@@ -38,7 +38,7 @@ def test_bernoulli_has_no_memory():
     ],
 )
 def test_presets_have_the_published_chances(name, rate, burst, p, r):
-    model = PRESETS[name]
+    model = LOSS_PRESETS[name]
     assert (model.p, model.r) == (pytest.approx(p, rel=5e-3), pytest.approx(r, rel=5e-3))
     received = draw(model, 2_000_000)
     assert 1 - received.mean() == pytest.approx(rate, rel=0.06)

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from splatwire.channel import PRESETS as BURSTS
-from splatwire.channel import Bernoulli, transmit
+from splatwire.channel import LOSS_PRESETS, Bernoulli, transmit
 from splatwire.packets import (
     PRESETS,
     Packet,
@@ -71,7 +70,7 @@ def test_stream():
 def test_masks():
     """A seed means the same loss in every release, so that published results can be repeated."""
     assert np.flatnonzero(~Bernoulli(0.2).received(48, generator())).tolist() == [2, 3, 11, 13, 15, 20, 21, 32]
-    assert np.flatnonzero(~BURSTS["webrtc-20/3"].received(48, generator())).tolist() == [0, 1, 3, 12, 13, 21]
+    assert np.flatnonzero(~LOSS_PRESETS["webrtc-20/3"].received(48, generator())).tolist() == [0, 1, 3, 12, 13, 21]
     assert transmit(tiny_stream(), Bernoulli(0.5), seed=0)[1].lost == ("pak_lane1_s0.pak", "pak_lane1_s1.pak")
 
 

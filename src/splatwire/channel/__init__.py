@@ -1,10 +1,10 @@
 """The channel: maps a stream to a stream with fewer packets. numpy and the standard library only."""
 
-from splatwire.channel.loss_models import PRESETS, Bernoulli, GilbertElliott, LossModel, Nothing, Trace, parse_loss
+from splatwire.channel.loss_models import LOSS_PRESETS, Bernoulli, GilbertElliott, LossModel, Nothing, Trace, parse_loss
 from splatwire.channel.transmit import SEND_ORDERS, TransmitRecord, send_sequence, transmit
 
 __all__ = [
-    "PRESETS",
+    "LOSS_PRESETS",
     "SEND_ORDERS",
     "Bernoulli",
     "GilbertElliott",

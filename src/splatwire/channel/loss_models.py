@@ -175,7 +175,7 @@ class GilbertElliott:
         return np.array(states, bool)
 
 
-PRESETS = {
+LOSS_PRESETS = {
     "webrtc-20/3": GilbertElliott(0.20, 3),
     "20/20": GilbertElliott(0.20, 20),
     "10/8": GilbertElliott(0.10, 8),
@@ -273,7 +273,7 @@ def parse_loss(spec: str) -> LossModel:
 
     Args:
         spec: `none`, `bernoulli:RATE`, `gilbert:RATE,BURST`, `gilbert:RATE,BURST,ARRIVAL_BAD,ARRIVAL_GOOD`,
-            `gilbert:PRESET` (a key of `PRESETS`) or `trace:FILE[,repeat]`. Rates are shares from 0 to 1.
+            `gilbert:PRESET` (a key of `LOSS_PRESETS`) or `trace:FILE[,repeat]`. Rates are shares from 0 to 1.
 
     Raises:
         UnknownNameError: If there is no such model or preset.
@@ -286,10 +286,10 @@ def parse_loss(spec: str) -> LossModel:
     if kind == "bernoulli":
         return Bernoulli(*_numbers(spec, text, (1,), "bernoulli:RATE"))
     if kind == "gilbert":
-        if text in PRESETS:
-            return PRESETS[text]
+        if text in LOSS_PRESETS:
+            return LOSS_PRESETS[text]
         if text and "," not in text:
-            raise UnknownNameError("gilbert preset", text, [*PRESETS, "RATE,BURST"])
+            raise UnknownNameError("gilbert preset", text, [*LOSS_PRESETS, "RATE,BURST"])
         return GilbertElliott(*_numbers(spec, text, (2, 4), "gilbert:RATE,BURST"))
     if kind == "trace":
         if not text:
