@@ -4,6 +4,8 @@ A Gaussian's sums over one tile go to a row of their own, and rows are added up 
 not depend on the number of threads either.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit, prange
 
@@ -36,7 +38,8 @@ _REST = _LEFT  # gradient-weighted colour of all that is still to come; takes th
 
 
 @njit(cache=True, fastmath=_FAST, inline="never", error_model="numpy")
-def _blend_back(buf, low, high, x, y, A, B, C, opacity, red, green, blue, out):  # type: ignore[no-untyped-def]
+@no_type_check
+def _blend_back(buf, low, high, x, y, A, B, C, opacity, red, green, blue, out):
     """Repeats `_blend` and writes its sums to `out`; what lies behind is the finished picture less what was laid."""
     h0 = hx = hy = hxx = hxy = hyy = cr = cg = cb = _ZERO
     for i in range(low, high):
@@ -69,7 +72,8 @@ def _blend_back(buf, low, high, x, y, A, B, C, opacity, red, green, blue, out): 
 
 
 @njit(cache=True)
-def _tile_back(splats, ids, entries, begin, end, left, top, image, d_image, rows_of_sums):  # type: ignore[no-untyped-def]
+@no_type_check
+def _tile_back(splats, ids, entries, begin, end, left, top, image, d_image, rows_of_sums):
     height, width = image.shape[:2]
     rows, columns = min(TILE, height - top), min(TILE, width - left)
     buf = np.empty(7 * PIXELS, np.float32)
@@ -93,9 +97,8 @@ def _tile_back(splats, ids, entries, begin, end, left, top, image, d_image, rows
 
 
 @njit(cache=True, parallel=True)
-def draw_tiles_back(  # type: ignore[no-untyped-def]
-    splats, starts, ids, entries, grid_x, first_row, image, d_image, rows_of_sums
-):
+@no_type_check
+def draw_tiles_back(splats, starts, ids, entries, grid_x, first_row, image, d_image, rows_of_sums):
     """Fills `rows_of_sums` (zeroed by the caller), one row per entry, from the picture and its gradient."""
     num_tiles = starts.shape[0] - 1
     per = (num_tiles + _INTERLEAVE - 1) // _INTERLEAVE
@@ -107,7 +110,8 @@ def draw_tiles_back(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def add_rows(rows_of_sums, entry_start, sums):  # type: ignore[no-untyped-def]
+@no_type_check
+def add_rows(rows_of_sums, entry_start, sums):
     """Adds each Gaussian's rows to its `sums`, in the order of its tiles."""
     for g in prange(sums.shape[0]):
         for e in range(entry_start[g], entry_start[g + 1]):

@@ -5,6 +5,8 @@ when the loop is a function of its own, over one flat buffer, without branches; 
 while its Gaussians stream by. Nothing depends on how tiles are shared among threads, so results do not either.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit, prange
 
@@ -24,7 +26,8 @@ _E4, _E5, _E6 = np.float32(0.009618129), np.float32(0.0013333558), np.float32(0.
 
 
 @njit(cache=True)
-def depth_order(depths, tiles):  # type: ignore[no-untyped-def]
+@no_type_check
+def depth_order(depths, tiles):
     """Indices of the drawn Gaussians, nearest first, equal depths in their own order (radix sort)."""
     count = 0
     for g in range(depths.shape[0]):
@@ -53,7 +56,8 @@ def depth_order(depths, tiles):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fill_tiles(order, tiles, grid_x, first_row, last_row, entry_start):  # type: ignore[no-untyped-def]
+@no_type_check
+def fill_tiles(order, tiles, grid_x, first_row, last_row, entry_start):
     """Lists the Gaussians of each tile in the tile rows [first_row, last_row), nearest first.
 
     Returns where each tile's list starts, the lists, and for each entry its number when the entries of these
@@ -80,7 +84,8 @@ def fill_tiles(order, tiles, grid_x, first_row, last_row, entry_start):  # type:
 
 
 @njit(cache=True, fastmath=_FAST, inline="always")
-def _falloff(power):  # type: ignore[no-untyped-def]
+@no_type_check
+def _falloff(power):
     """2 ** power for power in [-40, 0], to 2e-7 relative: a library call would keep the loop from vectorising."""
     whole = np.floor(power + _HALF)
     f = power - whole
@@ -89,7 +94,8 @@ def _falloff(power):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST, inline="never", error_model="numpy")
-def _blend(buf, low, high, x, y, A, B, C, opacity, red, green, blue):  # type: ignore[no-untyped-def]
+@no_type_check
+def _blend(buf, low, high, x, y, A, B, C, opacity, red, green, blue):
     """Lays one Gaussian over the pixels [low, high) of a tile. Unsigned indices: signed ones would branch."""
     for i in range(low, high):
         dx, dy = buf[i + _PX] - x, buf[i + _PY] - y
@@ -108,7 +114,8 @@ def _blend(buf, low, high, x, y, A, B, C, opacity, red, green, blue):  # type: i
 
 
 @njit(cache=True, inline="always")
-def _row_span(splat_y, half_height, top):  # type: ignore[no-untyped-def]
+@no_type_check
+def _row_span(splat_y, half_height, top):
     """Pixels of a tile, whole rows, that a splat can reach."""
     low = max(np.int64(np.ceil(splat_y - half_height)) - top, 0)
     high = min(np.int64(np.floor(splat_y + half_height)) - top + 1, TILE)
@@ -116,7 +123,8 @@ def _row_span(splat_y, half_height, top):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _clear(buf, columns, rows):  # type: ignore[no-untyped-def]
+@no_type_check
+def _clear(buf, columns, rows):
     """Sets up a tile's buffer; pixels beyond the image start opaque."""
     for i in range(PIXELS):
         row, column = i // TILE, i % TILE
@@ -129,7 +137,8 @@ def _clear(buf, columns, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST)
-def _finished(buf):  # type: ignore[no-untyped-def]
+@no_type_check
+def _finished(buf):
     live = np.float32(0)
     for i in range(2 * PIXELS, 3 * PIXELS):
         live = max(live, buf[i])
@@ -137,7 +146,8 @@ def _finished(buf):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _draw_tile(splats, ids, begin, end, left, top, background, image, left_over):  # type: ignore[no-untyped-def]
+@no_type_check
+def _draw_tile(splats, ids, begin, end, left, top, background, image, left_over):
     """Draws one tile into `image` and keeps what light passes through it in `left_over`."""
     height, width = left_over.shape
     rows, columns = min(TILE, height - top), min(TILE, width - left)
@@ -161,7 +171,8 @@ def _draw_tile(splats, ids, begin, end, left, top, background, image, left_over)
 
 
 @njit(cache=True, parallel=True)
-def draw_tiles(splats, starts, ids, grid_x, first_row, background, image, left_over):  # type: ignore[no-untyped-def]
+@no_type_check
+def draw_tiles(splats, starts, ids, grid_x, first_row, background, image, left_over):
     """Draws the tiles whose lists `fill_tiles` made."""
     num_tiles = starts.shape[0] - 1
     per = (num_tiles + _INTERLEAVE - 1) // _INTERLEAVE

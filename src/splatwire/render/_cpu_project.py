@@ -4,6 +4,7 @@ No fast-math here: comparisons must reject what is not a number.
 """
 
 import math
+from typing import no_type_check
 
 import numpy as np
 from numba import njit, prange
@@ -19,7 +20,8 @@ _MIN_ALPHA = 1.0 / 255.0
 
 
 @njit(cache=True, inline="always")
-def _axes(qw, qx, qy, qz):  # type: ignore[no-untyped-def]
+@no_type_check
+def _axes(qw, qx, qy, qz):
     """Rows of the rotation matrix of a unit quaternion."""
     return (
         1 - 2 * (qy * qy + qz * qz), 2 * (qx * qy - qw * qz), 2 * (qx * qz + qw * qy),
@@ -29,16 +31,16 @@ def _axes(qw, qx, qy, qz):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _clamped(value, focal, center, size, margin):  # type: ignore[no-untyped-def]
+@no_type_check
+def _clamped(value, focal, center, size, margin):
     """Tangent of the viewing angle, kept near the image (1.3 times the half field of view when centred)."""
     extra = margin * size / (2 * focal)
     return min(max(value, -center / focal - extra), (size - center) / focal + extra)
 
 
 @njit(cache=True, parallel=True)
-def project_splats(  # type: ignore[no-untyped-def]
-    means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles
-):
+@no_type_check
+def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
     """Fills one row of `splats` and `tiles` (left, top, right, bottom) per Gaussian; no tiles where it is not drawn.
 
     A Gaussian is listed in the tiles of 3DGS's square of three standard deviations, less those that its ellipse of
@@ -84,7 +86,8 @@ def project_splats(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _covariance(quat, scale, pose, fx, fy, z, x, y):  # type: ignore[no-untyped-def]
+@no_type_check
+def _covariance(quat, scale, pose, fx, fy, z, x, y):
     """Entries xx, xy, yy of the 2D covariance before dilation, at the tangents `x`, `y`."""
     r = _axes(np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3]))
     xx = xy = yy = 0.0
@@ -99,7 +102,8 @@ def _covariance(quat, scale, pose, fx, fy, z, x, y):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, parallel=True)
-def project_back(  # type: ignore[no-untyped-def]
+@no_type_check
+def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
     d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
 ):  # fmt: skip
@@ -124,7 +128,8 @@ def project_back(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _project_back_one(  # type: ignore[no-untyped-def]
+@no_type_check
+def _project_back_one(
     mean, quat, scale, pose, intrinsics, width, height, margin, du, dv, dxx, dxy, dyy, d_mean, d_quat, d_scale
 ):
     """Chain rule from the 2D mean and covariance to the 3D mean, axes and scales."""
@@ -164,7 +169,8 @@ def _project_back_one(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _axes_back(w, x, y, z, g, out):  # type: ignore[no-untyped-def]
+@no_type_check
+def _axes_back(w, x, y, z, g, out):
     """Gradient of the rotation matrix's entries with respect to the quaternion."""
     out[0] = 2 * (z * (g[3] - g[1]) + y * (g[2] - g[6]) + x * (g[7] - g[5]))
     out[1] = 2 * (y * (g[1] + g[3]) + z * (g[2] + g[6]) + w * (g[7] - g[5]) - 2 * x * (g[4] + g[8]))

@@ -1,7 +1,7 @@
 """What a renderer is, and the names of the ones there are."""
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from torch import Tensor
@@ -10,6 +10,7 @@ from splatwire.errors import UnknownNameError
 from splatwire.scene import Cameras, Gaussians
 
 
+@runtime_checkable  # the test run checks annotations
 class Renderer(Protocol):
     """Draws Gaussians; the conventions are those of 3DGS (HACPP_SPEC 2 step 6), whatever the backend."""
 

@@ -1,0 +1,154 @@
+"""The compiled renderer against the plain one, and what must hold whatever the picture."""
+
+import math
+
+import numba
+import numpy as np
+import pytest
+import torch
+
+from splatwire.render import cpu
+from splatwire.render.cpu import render_cpu
+from splatwire.render.reference import render_reference
+from splatwire.scene import Cameras, Gaussians
+
+BACKGROUND = torch.tensor([0.2, 0.5, 0.9])
+
+
+def make_cameras(width: int = 45, height: int = 37, num_views: int = 1) -> Cameras:
+    """Off-centre principal point, different focal lengths, sizes that are no multiple of a tile."""
+    poses = torch.eye(4).repeat(num_views, 1, 1)
+    for v in range(num_views):
+        c, s = math.cos(0.2 * v), math.sin(0.2 * v)
+        poses[v, :3, :3] = torch.tensor([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+        poses[v, :3, 3] = torch.tensor([0.1 * v, -0.05, 0.2])
+    K = torch.tensor([[50.0, 0, 24.3], [0, 48.0, 17.2], [0, 0, 1]])
+    return Cameras(poses, K.repeat(num_views, 1, 1), width, height, tuple(f"v{v}" for v in range(num_views)))
+
+
+def make_gaussians(count: int, seed: int, dtype: torch.dtype = torch.float64) -> list[torch.Tensor]:
+    """Some behind the near plane, some far outside the image, some opaque beyond the cap, some invisible."""
+    generator = torch.Generator().manual_seed(seed)
+
+    def rand(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=generator, dtype=torch.float64)
+
+    means = (rand(count, 3) - 0.5) * torch.tensor([6.0, 5.0, 4.5]) + torch.tensor([0.0, 0.0, 2.0])
+    quats = torch.nn.functional.normalize(rand(count, 4) - 0.5, dim=1)
+    scales = torch.exp(-3.5 + 1.8 * rand(count, 3))
+    return [t.to(dtype) for t in (means, quats, scales, rand(count) * 1.2, rand(count, 3))]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_picture_and_gradients_match_the_reference(seed: int) -> None:
+    cameras = make_cameras(num_views=2)
+    exact = [t.requires_grad_() for t in [*make_gaussians(200, seed), BACKGROUND.double()]]
+    single = [t.detach().float().requires_grad_() for t in exact]
+    probe = torch.zeros(2, 200, 2, requires_grad=True)
+    expected = render_reference(Gaussians(*exact[:5]), cameras, background=exact[5])
+    actual = render_cpu(Gaussians(*single[:5]), cameras, background=single[5], probe=probe)
+    assert (actual - expected).abs().max() < 5e-6
+    weights = torch.randn(expected.shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    (expected * weights).sum().backward()
+    (actual * weights.float()).sum().backward()
+    for a, e in zip(single, exact, strict=True):
+        assert (a.grad - e.grad).abs().max() < 1e-5 * e.grad.abs().max()
+    assert probe.grad is not None
+    assert probe.grad.abs().max() > 0
+
+
+def test_probe_gets_the_gradient_of_the_centres_in_pixels() -> None:
+    """Moving the principal point moves all centres and nothing else, as long as no Jacobian is clamped."""
+    means = torch.tensor([[0.1, -0.1, 2.0], [-0.3, 0.2, 3.0]])
+    fields = [means, *[t[:2] for t in make_gaussians(2, 5, torch.float32)[1:]]]
+    cameras = make_cameras()
+    probe = torch.zeros(1, 2, 2, requires_grad=True)
+    weights = torch.randn(1, 37, 45, 3, generator=torch.Generator().manual_seed(0))
+    (render_cpu(Gaussians(*fields), cameras, background=BACKGROUND, probe=probe) * weights).sum().backward()
+
+    def loss(shift: tuple[float, float]) -> float:
+        K = cameras.Ks.double().clone()
+        K[0, 0, 2] += shift[0]
+        K[0, 1, 2] += shift[1]
+        moved = Cameras(cameras.viewmats, K, cameras.width, cameras.height, cameras.names)
+        picture = render_reference(Gaussians(*[t.double() for t in fields]), moved, background=BACKGROUND.double())
+        return float((picture * weights).sum())
+
+    step = 1e-5
+    for axis in range(2):
+        shift = (step, 0.0) if axis == 0 else (0.0, step)
+        slope = (loss(shift) - loss((-shift[0], -shift[1]))) / (2 * step)
+        assert probe.grad[0, :, axis].sum().item() == pytest.approx(slope, rel=1e-3, abs=1e-4)
+
+
+def test_result_does_not_depend_on_threads_or_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = make_cameras(210, 150)
+    results = []
+    for threads, entries in ((1, 1 << 23), (2, 1 << 23), (2, 1000)):
+        monkeypatch.setattr(cpu, "MAX_ENTRIES", entries)
+        before = numba.get_num_threads()
+        numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
+        try:
+            fields = [t.requires_grad_() for t in make_gaussians(3000, 1, torch.float32)]
+            picture = render_cpu(Gaussians(*fields), cameras, background=BACKGROUND)
+            gradients = torch.autograd.grad((picture * picture).sum(), fields)
+        finally:
+            numba.set_num_threads(before)
+        results.append([picture.detach(), *gradients])
+    assert all(torch.equal(a, b) for a, b in zip(results[0], results[1], strict=True))
+    assert torch.equal(results[0][0], results[2][0])
+    for a, b in zip(results[0], results[2], strict=True):  # sums over tiles are added in another grouping
+        assert torch.allclose(a, b, rtol=1e-4, atol=1e-5 * float(a.abs().max()))
+
+
+def test_bands_stay_within_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cpu, "MAX_ENTRIES", 1000)
+    arrays = [t.numpy() for t in make_gaussians(3000, 1, torch.float32)]
+    picture = cpu._Picture(arrays, make_cameras(210, 150), 0)
+    bands = list(picture._bands())
+    assert len(bands) > 3
+    assert [b.first_row for b in bands] == [first for first, _ in picture.cuts]
+    assert all(len(b.ids) <= 1000 or last - first == 1 for b, (first, last) in zip(bands, picture.cuts, strict=True))
+
+
+def test_nothing_to_draw_shows_the_background() -> None:
+    cameras = make_cameras()
+    for fields in (make_gaussians(0, 0, torch.float32), make_gaussians(30, 0, torch.float32)):
+        fields[0] = fields[0] - torch.tensor([0.0, 0.0, 50.0])
+        picture = render_cpu(Gaussians(*fields), cameras, background=BACKGROUND)
+        assert torch.equal(picture, BACKGROUND.expand(1, 37, 45, 3))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [(f, v) for f in range(4) for v in (math.nan, math.inf, -math.inf) if (f, v) != (3, math.inf)],
+)
+def test_gaussians_that_are_no_numbers_are_not_drawn(field: int, value: float) -> None:
+    fields = make_gaussians(40, 3, torch.float32)
+    without = Gaussians(*[t[1:] for t in fields])
+    fields[field] = fields[field].clone()
+    fields[field][0] = value
+    picture = render_cpu(Gaussians(*fields), make_cameras(), background=BACKGROUND)
+    assert torch.equal(picture, render_cpu(without, make_cameras(), background=BACKGROUND))
+
+
+def test_equal_depths_keep_their_order() -> None:
+    mean = torch.tensor([[0.0, 0.0, 2.0]]).repeat(2, 1)
+    quats = torch.tensor([[1.0, 0, 0, 0]]).repeat(2, 1)
+    colors = torch.tensor([[1.0, 0, 0], [0, 1.0, 0]])
+    gaussians = Gaussians(mean, quats, torch.full((2, 3), 0.3), torch.full((2,), 0.9), colors)
+    picture = render_cpu(gaussians, make_cameras(), background=torch.zeros(3))[0]
+    brightest = picture[..., 0].argmax()
+    red, green = picture.reshape(-1, 3)[brightest, :2]
+    assert red > 5 * green > 0
+
+
+def test_a_gaussian_that_covers_the_screen_many_times_is_bounded() -> None:
+    """Ten thousand Gaussians, each on every tile, opaque: the lists are long but drawing stops early."""
+    fields = make_gaussians(10_000, 2, torch.float32)
+    fields[0] = torch.tensor([0.0, 0.0, 3.0]) + 0.01 * fields[0]
+    fields[2] = torch.full((10_000, 3), 5.0)
+    fields[3] = torch.full((10_000,), 0.9)
+    picture = render_cpu(Gaussians(*fields), make_cameras(160, 160), background=BACKGROUND)
+    assert torch.isfinite(picture).all()
+    assert np.ptp(picture.numpy()) < 1.5
