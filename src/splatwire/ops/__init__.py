@@ -1,1 +1,1 @@
-"""TODO"""
+"""Stateless array functions."""

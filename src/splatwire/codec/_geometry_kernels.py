@@ -1,0 +1,139 @@
+"""Numba kernels of the position coder: a Morton-ordered point set as counts of a binary space partition.
+
+A node is a run of sorted codes that agree in all bits above `bit`. Both ends know its size n; what is sent is how many
+of its points have a zero in `bit`. Lone points send the bit itself. Anchors grown on a coarse voxel grid have runs
+of zeros in their low bits, so contexts count the zeros just before.
+"""
+
+import numpy as np
+from numba import njit
+
+from splatwire.entropy._kernels import (
+    decode_bit,
+    decode_symbol,
+    decoder_start,
+    encode_bit,
+    encode_symbol,
+    encoder_finish,
+    encoder_start,
+)
+
+MAX_BITS = 63
+RUNS = 16
+SMALL = 16
+PAIR = MAX_BITS * RUNS
+TREE = PAIR + 2 * MAX_BITS * RUNS
+NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
+
+
+@njit(cache=True, inline="always")
+def large_count_normal(n):
+    """Mean (12 fractional bits) and scale index of the zero count of a node with many points: scale about n / 4."""
+    exponent = 0
+    while n >> (exponent + 1):
+        exponent += 1
+    return np.int64(n) << 11, min((exponent - 2 + 6) << 4, 319)
+
+
+@njit(cache=True)
+def split(codes, begin, end, bit):
+    """First index in `[begin, end)` whose code has a one in `bit`."""
+    low, high = begin, end
+    while low < high:
+        middle = (low + high) >> 1
+        if (codes[middle] >> bit) & 1:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@njit(cache=True)
+def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
+    """Codes how many of a node's n points have a zero in `bit`."""
+    if n == 1:
+        encode_bit(buffer, state, models, bit * RUNS + run, 1 - zeros)
+    elif n == 2:
+        base = PAIR + 2 * (bit * RUNS + run)
+        parted = 1 if zeros == 1 else 0
+        encode_bit(buffer, state, models, base, parted)
+        if not parted:
+            encode_bit(buffer, state, models, base + 1, 1 if zeros == 0 else 0)
+    elif n < SMALL:
+        node = 1
+        base = TREE + ((bit % 3) * SMALL + n) * SMALL
+        for shift in range(3, -1, -1):
+            one = (zeros >> shift) & 1
+            encode_bit(buffer, state, models, base + node, one)
+            node = 2 * node + one
+            if node >= SMALL:
+                break
+    else:
+        mean, scale = large_count_normal(n)
+        encode_symbol(buffer, state, zeros, mean, scale, 0, 0, 65536, inverses, widths, table)
+
+
+@njit(cache=True)
+def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
+    """Inverse of `encode_count`; hostile codes are clipped to 0..n."""
+    if n == 1:
+        return 1 - decode_bit(data, end, state, models, bit * RUNS + run)
+    if n == 2:
+        base = PAIR + 2 * (bit * RUNS + run)
+        if decode_bit(data, end, state, models, base):
+            return 1
+        return 0 if decode_bit(data, end, state, models, base + 1) else 2
+    if n < SMALL:
+        node = 1
+        base = TREE + ((bit % 3) * SMALL + n) * SMALL
+        for _shift in range(4):
+            node = 2 * node + decode_bit(data, end, state, models, base + node)
+        return min(node - SMALL, n)
+    mean, scale = large_count_normal(n)
+    zeros = decode_symbol(data, end, state, mean, scale, 0, 0, 65536, inverses, widths, table)
+    return min(max(zeros, 0), n)
+
+
+@njit(cache=True)
+def encode_codes(codes, bits, models, inverses, widths, table, buffer):
+    """Codes sorted Morton codes of `bits` bits; returns the number of bytes."""
+    state = np.empty(3, np.int64)
+    encoder_start(state)
+    stack = np.empty((MAX_BITS + 2, 4), np.int64)
+    stack[0] = (0, len(codes), bits - 1, 0)
+    top = 0
+    while top >= 0:
+        begin, end, bit, run = stack[top]
+        top -= 1
+        if bit < 0 or begin == end:
+            continue
+        middle = split(codes, begin, end, bit)
+        encode_count(buffer, state, models, end - begin, middle - begin, bit, run, inverses, widths, table)
+        top += 1
+        stack[top] = (middle, end, bit - 1, 0)
+        top += 1
+        stack[top] = (begin, middle, bit - 1, min(run + 1, RUNS - 1))
+    return encoder_finish(buffer, state)
+
+
+@njit(cache=True)
+def decode_codes(data, count, bits, models, inverses, widths, table, codes):
+    """Inverse of `encode_codes`; fills `codes` in ascending order."""
+    state = np.empty(3, np.int64)
+    decoder_start(data, 0, len(data), state)
+    stack = np.empty((MAX_BITS + 2, 5), np.int64)
+    stack[0] = (0, count, bits - 1, 0, 0)
+    top = 0
+    while top >= 0:
+        begin, end, bit, run, prefix = stack[top]
+        top -= 1
+        if begin == end:
+            continue
+        if bit < 0:
+            codes[begin:end] = prefix
+            continue
+        zeros = decode_count(data, len(data), state, models, end - begin, bit, run, inverses, widths, table)
+        top += 1
+        stack[top] = (begin + zeros, end, bit - 1, 0, (prefix << 1) | 1)
+        top += 1
+        stack[top] = (begin, begin + zeros, bit - 1, min(run + 1, RUNS - 1), prefix << 1)

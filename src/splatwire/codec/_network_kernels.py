@@ -1,0 +1,60 @@
+"""Numba kernels between the matrix products of the integer networks; whole numbers carried in float64 throughout.
+
+`splatwire.codec.coding_params_reference` says the same in plain torch.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from splatwire.codec.fixed_point import (
+    ACTIVATION_BITS,
+    ACTIVATION_LIMIT,
+    FACTOR_BITS,
+    OUTPUT_BITS,
+    OUTPUT_LIMIT,
+    WEIGHT_EXPONENT,
+)
+
+TO_ACTIVATION = 2.0**-WEIGHT_EXPONENT
+TO_OUTPUT = 2.0 ** (OUTPUT_BITS - ACTIVATION_BITS - WEIGHT_EXPONENT)
+LEAK = 655 / 65536
+LIMIT = float(ACTIVATION_LIMIT)
+OUT_LIMIT = float(OUTPUT_LIMIT)
+
+
+@njit(cache=True, parallel=True)
+def finish_hidden(sums, bias, leaky):
+    """Adds the bias, rounds down to activation precision, rectifies and clips, in place."""
+    for n in prange(sums.shape[0]):
+        for c in range(sums.shape[1]):
+            value = np.floor((sums[n, c] + bias[c]) * TO_ACTIVATION)
+            if value < 0.0:
+                value = np.floor(value * LEAK) if leaky else 0.0
+            sums[n, c] = min(max(value, -LIMIT), LIMIT)
+
+
+@njit(cache=True, parallel=True)
+def finish_output(sums, bias, out):
+    """Adds the bias, rounds down to output precision and clips."""
+    for n in prange(sums.shape[0]):
+        for c in range(sums.shape[1]):
+            value = np.floor((sums[n, c] + bias[c]) * TO_OUTPUT)
+            out[n, c] = np.int32(min(max(value, -OUT_LIMIT), OUT_LIMIT))
+
+
+@njit(cache=True, parallel=True)
+def narrow(outputs, inputs):
+    """Turns the first columns of network outputs into network inputs."""
+    for n in prange(inputs.shape[0]):
+        for c in range(inputs.shape[1]):
+            inputs[n, c] = outputs[n, c] >> (OUTPUT_BITS - ACTIVATION_BITS)
+
+
+@njit(cache=True, parallel=True)
+def feature_activations(symbols, factors, base, activations):
+    """Turns decoded feature symbols into network inputs; `base` is the base step with 16 fractional bits."""
+    for n in prange(symbols.shape[0]):
+        step = (factors[n] * base) >> (FACTOR_BITS - 4)  # 20 fractional bits
+        for c in range(symbols.shape[1]):
+            value = (np.int64(symbols[n, c]) * step) >> (20 - ACTIVATION_BITS)
+            activations[n, c] = min(max(value, -ACTIVATION_LIMIT), ACTIVATION_LIMIT)

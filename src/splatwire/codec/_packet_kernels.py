@@ -1,0 +1,176 @@
+"""Numba kernels that code the symbols of many packets at once, each packet a stream of its own.
+
+Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. Inside a packet
+the order is: masks, feature groups one after another, scalings, unmasked offsets, each anchor by anchor.
+"""
+
+import numpy as np
+from numba import njit, prange
+
+from splatwire.entropy._kernels import (
+    decode_bit,
+    decode_symbol,
+    decoder_start,
+    encode_bit,
+    encode_symbol,
+    encoder_finish,
+    encoder_start,
+)
+
+BYTES_PER_SYMBOL = 12
+"""Room for the costliest symbol: an escape of 86 bits."""
+
+MASK_ONES = 4
+"""Mask contexts per offset: 0, 1, 2 or more ones before it in the anchor."""
+
+
+@njit(cache=True, inline="always")
+def scale_index(scale):
+    """Index into the scale table of a scale with 12 fractional bits: octave and 4 bits of mantissa."""
+    value = min(max(scale, 64), (1 << 26) - 1)
+    exponent = 6
+    while value >> (exponent + 1):
+        exponent += 1
+    return ((exponent - 6) << 4) + ((value >> (exponent - 4)) & 15)
+
+
+@njit(cache=True, inline="always")
+def step_index(q):
+    """Index into the step table of an output with 16 fractional bits: 1024 cells per unit, clipped to -4 to 4."""
+    return min(max(((q + 32) >> 6) + 4096, 0), 8192)
+
+
+@njit(cache=True, parallel=True)
+def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps, means, scales):
+    """Turns network outputs (16 fractional bits) into means in steps (12 fractional bits) and scale indices."""
+    count = means.shape[1]
+    for n in prange(means.shape[0]):
+        inverse = inverse_steps[step_index(np.int64(outputs[n, q_column]))]
+        for c in range(count):
+            mean = (np.int64(outputs[n, mean_column + c]) * inverse) >> 20
+            means[n, c] = min(max(mean, -2147483647), 2147483647)
+            scale = (max(np.int64(outputs[n, scale_column + c]), 1) * inverse) >> 20
+            scales[n, c] = scale_index(scale)
+
+
+@njit(cache=True, parallel=True)
+def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
+    """The same for a feature group's second component, and the index of the mixture weight."""
+    size = means.shape[1]
+    for n in prange(means.shape[0]):
+        inverse = inverse_steps[step_index(np.int64(prior_outputs[n, q_column]))]
+        for c in range(size):
+            mean = (np.int64(outputs[n, c]) * inverse) >> 20
+            means[n, c] = min(max(mean, -2147483647), 2147483647)
+            scales[n, c] = scale_index((max(np.int64(outputs[n, size + c]), 1) * inverse) >> 20)
+            logit = np.int64(prior_outputs[n, weight_column + c]) - np.int64(outputs[n, 2 * size + c])
+            weights[n, c] = min(max(((logit + 2048) >> 12) + 128, 0), 255)
+
+
+@njit(cache=True, inline="always")
+def mask_context(offset, ones):
+    """Context of a mask bit: which offset, and how many of the anchor's earlier offsets exist."""
+    return offset * MASK_ONES + min(ones, MASK_ONES - 1)
+
+
+@njit(cache=True, parallel=True)
+def encode_packets(
+    starts, masks, features, scalings, offsets, mask_model,
+    mean0, scale0, mean1, scale1, weight, scaling_mean, scaling_scale, offset_mean, offset_scale,
+    group_starts, weights, inverses, widths, table, buffer, lengths,
+):  # fmt: skip
+    """Codes every packet into its own part of `buffer`; `lengths` receives the number of bytes.
+
+    Packet p owns `buffer` from `starts[p]` times the capacity of an anchor, plus 64 bytes for each packet before it.
+    """
+    num_offsets = masks.shape[1]
+    symbols = num_offsets + features.shape[1] + 6 + 3 * num_offsets
+    for p in prange(len(starts) - 1):
+        begin, end = starts[p], starts[p + 1]
+        out = buffer[begin * symbols * BYTES_PER_SYMBOL + 64 * p :]
+        state = np.empty(3, np.int64)
+        encoder_start(state)
+        model = mask_model.copy()
+        for n in range(begin, end):
+            ones = 0
+            for k in range(num_offsets):
+                bit = np.int64(masks[n, k])
+                encode_bit(out, state, model, mask_context(k, ones), bit)
+                ones += bit
+        for g in range(len(group_starts) - 1):
+            for n in range(begin, end):
+                for c in range(group_starts[g], group_starts[g + 1]):
+                    encode_symbol(
+                        out, state, np.int64(features[n, c]), np.int64(mean0[n, c]), scale0[n, c],
+                        np.int64(mean1[n, c]), scale1[n, c], weights[weight[n, c]], inverses, widths, table,
+                    )  # fmt: skip
+        for n in range(begin, end):
+            for c in range(6):
+                encode_symbol(
+                    out, state, np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), scaling_scale[n, c],
+                    np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                )  # fmt: skip
+        for n in range(begin, end):
+            for k in range(num_offsets):
+                if masks[n, k]:
+                    for c in range(3 * k, 3 * k + 3):
+                        encode_symbol(
+                            out, state, np.int64(offsets[n, c]), np.int64(offset_mean[n, c]), offset_scale[n, c],
+                            np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                        )  # fmt: skip
+        lengths[p] = encoder_finish(out, state)
+
+
+@njit(cache=True, parallel=True)
+def decode_masks(data, ends, starts, mask_model, states, masks):
+    """Starts the decoder of every packet and reads its masks. `ends[p]:ends[p + 1]` are the packet's bytes."""
+    num_offsets = masks.shape[1]
+    for p in prange(len(starts) - 1):
+        state = states[p]
+        decoder_start(data, ends[p], ends[p + 1], state)
+        model = mask_model.copy()
+        for n in range(starts[p], starts[p + 1]):
+            ones = 0
+            for k in range(num_offsets):
+                bit = decode_bit(data, ends[p + 1], state, model, mask_context(k, ones))
+                masks[n, k] = bit
+                ones += bit
+
+
+@njit(cache=True, parallel=True)
+def decode_group(
+    data, ends, starts, states, first, mean0, scale0, mean1, scale1, weight, weights, inverses, widths, table, features
+):
+    """Reads one feature group of every packet; the second component's arrays hold the group's columns only."""
+    for p in prange(len(starts) - 1):
+        for n in range(starts[p], starts[p + 1]):
+            for c in range(mean1.shape[1]):
+                features[n, first + c] = decode_symbol(
+                    data, ends[p + 1], states[p], np.int64(mean0[n, first + c]), scale0[n, first + c],
+                    np.int64(mean1[n, c]), scale1[n, c], weights[weight[n, c]], inverses, widths, table,
+                )  # fmt: skip
+
+
+@njit(cache=True, parallel=True)
+def decode_rest(
+    data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,
+    inverses, widths, table, scalings, offsets,
+):  # fmt: skip
+    """Reads scalings and unmasked offsets of every packet."""
+    for p in prange(len(starts) - 1):
+        state, end = states[p], ends[p + 1]
+        for n in range(starts[p], starts[p + 1]):
+            for c in range(6):
+                scalings[n, c] = decode_symbol(
+                    data, end, state, np.int64(scaling_mean[n, c]), scaling_scale[n, c],
+                    np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                )  # fmt: skip
+        for n in range(starts[p], starts[p + 1]):
+            for k in range(masks.shape[1]):
+                for c in range(3 * k, 3 * k + 3):
+                    offsets[n, c] = 0
+                    if masks[n, k]:
+                        offsets[n, c] = decode_symbol(
+                            data, end, state, np.int64(offset_mean[n, c]), offset_scale[n, c],
+                            np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                        )  # fmt: skip

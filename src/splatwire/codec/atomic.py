@@ -1,0 +1,209 @@
+"""Atomic packets: all attributes of some anchors as one stream of the range coder, decodable alone (paper 3.2.1).
+
+Encoding and decoding stand side by side and share the prediction; packets are worked on in chunks, which alters no bit.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.coding_params import (
+    CodingContext,
+    PriorColumns,
+    factor_table,
+    inverse_step_table,
+    prior_columns,
+    step_indices,
+)
+from splatwire.entropy.coder import tables
+from splatwire.entropy.tables import weight_table
+
+CHUNK_ANCHORS = 12_000
+"""Anchors worked on at once: enough to keep the matrix products busy, small enough to stay near the cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class Symbols:
+    """Quantised attributes of N anchors: all that packets carry.
+
+    Attributes:
+        mask: uint8 (N, K).
+        feature: int32 (N, F).
+        scaling: int32 (N, 6).
+        offset: int32 (N, 3 K), zero where masked out.
+    """
+
+    mask: np.ndarray
+    feature: np.ndarray
+    scaling: np.ndarray
+    offset: np.ndarray
+
+    def select(self, index: np.ndarray) -> "Symbols":
+        """Symbols of the anchors at `index`."""
+        return Symbols(self.mask[index], self.feature[index], self.scaling[index], self.offset[index])
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Table indices of everything that does not depend on decoded features.
+
+    Attributes:
+        outputs: int32 (n, prior outputs) that they come from.
+        factors: int64 (n, 3), step factors of feature, scaling and offset.
+        feature: Means (12 fractional bits, in steps) and scale indices of the first component of the features.
+        scaling: Means and scale indices of the scalings.
+        offset: Means and scale indices of the offsets.
+    """
+
+    outputs: np.ndarray
+    factors: np.ndarray
+    feature: tuple[np.ndarray, np.ndarray]
+    scaling: tuple[np.ndarray, np.ndarray]
+    offset: tuple[np.ndarray, np.ndarray]
+
+
+def chunks(sizes: np.ndarray, most: int = CHUNK_ANCHORS) -> Iterator[slice]:
+    """Splits packets of the given sizes into runs of about `most` anchors, at least one packet each."""
+    first, total = 0, 0
+    for p, size in enumerate(sizes):
+        if total and total + size > most:
+            yield slice(first, p)
+            first, total = p, 0
+        total += int(size)
+    if first < len(sizes):
+        yield slice(first, len(sizes))
+
+
+def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
+    """Turns prior outputs into table indices.
+
+    Args:
+        context: What both ends predict from.
+        outputs: int32 (n, prior outputs).
+    """
+    config, columns = context.config, prior_columns(context.config)
+    f, o = config.layout.feature_dim, 3 * config.layout.num_offsets
+    factors = factor_table()[step_indices(outputs, config)]
+    feature = _indices(outputs, columns.feature_mean, columns.feature_scale, f, columns, 0, config.base_steps[0])
+    scaling = _indices(outputs, columns.scaling_mean, columns.scaling_scale, 6, columns, 1, config.base_steps[1])
+    offset = _indices(outputs, columns.offset_mean, columns.offset_scale, o, columns, 2, config.base_steps[2])
+    return Predictions(outputs, factors, feature, scaling, offset)
+
+
+def encode_packets(
+    context: CodingContext,
+    predicted: Predictions,
+    counts: np.ndarray,
+    symbols: Symbols,
+    mask_models: np.ndarray,
+) -> list[bytes]:
+    """Codes some packets.
+
+    Args:
+        context: What both ends predict from.
+        predicted: Prediction of the anchors of all packets, packet by packet.
+        counts: int64 (packets), anchors of each.
+        symbols: The anchors' symbols.
+        mask_models: Initial mask models, int64 (contexts, 2).
+
+    Returns:
+        One payload per packet.
+    """
+    from splatwire.codec import _packet_kernels as kernels
+
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    num, edges = len(symbols.mask), _group_edges(context)
+    mean1 = np.empty((num, int(edges[-1])), dtype=np.int32)
+    scale1 = np.empty(mean1.shape, dtype=np.int16)
+    weight = np.empty(mean1.shape, dtype=np.uint8)
+    activations = context.feature_activations(symbols.feature, predicted.factors[:, 0])
+    for group, shared in enumerate(context.shared_sums(predicted.outputs)):
+        columns = slice(edges[group], edges[group + 1])
+        parts = _mixture(context, group, shared, activations[:, : edges[group]], predicted.outputs)
+        mean1[:, columns], scale1[:, columns], weight[:, columns] = parts
+    per_anchor = (symbols.mask.shape[1] + mean1.shape[1] + 6 + symbols.offset.shape[1]) * kernels.BYTES_PER_SYMBOL
+    buffer = np.empty(num * per_anchor + 64 * len(starts), dtype=np.uint8)
+    lengths = np.zeros(len(starts) - 1, dtype=np.int64)
+    kernels.encode_packets(
+        starts, symbols.mask, symbols.feature, symbols.scaling, symbols.offset, mask_models,
+        *predicted.feature, mean1, scale1, weight, *predicted.scaling, *predicted.offset,
+        edges, weight_table(), *tables(), buffer, lengths,
+    )  # fmt: skip
+    begin = starts[:-1] * per_anchor + 64 * np.arange(len(lengths))
+    return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
+
+
+def decode_packets(
+    context: CodingContext,
+    outputs: np.ndarray,
+    counts: np.ndarray,
+    payloads: list[bytes],
+    mask_models: np.ndarray,
+) -> tuple[Symbols, np.ndarray]:
+    """Decodes some packets; any bytes decode to something.
+
+    Args:
+        context: What both ends predict from.
+        outputs: int32 (n, prior outputs) of the anchors of all packets, packet by packet.
+        counts: int64 (packets), anchors of each.
+        payloads: One payload per packet.
+        mask_models: Initial mask models, int64 (contexts, 2).
+
+    Returns:
+        The anchors' symbols, and their step factors, int64 (n, 3).
+    """
+    from splatwire.codec import _packet_kernels as kernels
+
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
+    data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
+    predicted, edges = predict_packets(context, outputs), _group_edges(context)
+    num, offsets = len(outputs), context.config.layout.num_offsets
+    states = np.zeros((len(payloads), 3), dtype=np.int64)
+    mask = np.empty((num, offsets), dtype=np.uint8)
+    feature = np.empty((num, int(edges[-1])), dtype=np.int32)
+    scaling, offset = np.empty((num, 6), dtype=np.int32), np.empty((num, 3 * offsets), dtype=np.int32)
+    kernels.decode_masks(data, ends, starts, mask_models, states, mask)
+    for group, shared in enumerate(context.shared_sums(outputs)):
+        before = context.feature_activations(feature[:, : edges[group]], predicted.factors[:, 0])
+        mean1, scale1, weight = _mixture(context, group, shared, before, outputs)
+        kernels.decode_group(
+            data, ends, starts, states, edges[group], *predicted.feature, mean1, scale1, weight,
+            weight_table(), *tables(), feature,
+        )  # fmt: skip
+    kernels.decode_rest(
+        data, ends, starts, states, mask, *predicted.scaling, *predicted.offset, *tables(), scaling, offset
+    )
+    return Symbols(mask, feature, scaling, offset), predicted.factors
+
+
+def _group_edges(context: CodingContext) -> np.ndarray:
+    return np.cumsum([0, *context.config.layout.feature_groups]).astype(np.int64)
+
+
+def _indices(
+    outputs: np.ndarray, mean: int, scale: int, count: int, columns: PriorColumns, attribute: int, base: float
+) -> tuple[np.ndarray, np.ndarray]:
+    from splatwire.codec import _packet_kernels as kernels
+
+    means = np.empty((len(outputs), count), dtype=np.int32)
+    scales = np.empty((len(outputs), count), dtype=np.int16)
+    kernels.gaussian_indices(outputs, mean, scale, columns.steps + attribute, inverse_step_table(base), means, scales)
+    return means, scales
+
+
+def _mixture(
+    context: CodingContext, group: int, shared: np.ndarray, activations: np.ndarray, outputs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    from splatwire.codec import _packet_kernels as kernels
+
+    columns, size = prior_columns(context.config), context.config.layout.feature_groups[group]
+    means = np.empty((len(outputs), size), dtype=np.int32)
+    scales, weights = np.empty(means.shape, dtype=np.int16), np.empty(means.shape, dtype=np.uint8)
+    kernels.mixture_indices(
+        context.channel_outputs(group, shared, activations), group, outputs,
+        columns.feature_weight + int(_group_edges(context)[group]), columns.steps,
+        inverse_step_table(context.config.base_steps[0]), means, scales, weights,
+    )  # fmt: skip
+    return means, scales, weights

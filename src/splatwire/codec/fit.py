@@ -1,0 +1,127 @@
+"""From a scene's float model to side information: how precise each network needs to be, and where mask models start."""
+
+import numpy as np
+import torch
+
+from splatwire.codec.side_info import MASK_CONTEXTS, SideInfo
+from splatwire.codec.weights import QuantisedMlp, quantise_mlp
+from splatwire.model import AnchorScene, Mlp
+from splatwire.model.channel_context import channel_parameters
+from splatwire.model.hash_grid import interpolate_hash_grid
+from splatwire.model.prior_field import PriorOutputs, split_prior_outputs
+
+SAMPLE_ANCHORS = 4000
+SAMPLE_SEED = 0
+
+NOISE_REFERENCE = 0.035
+ANCHORS_REFERENCE = 35_000
+"""Tolerated noise of a network output, as a share of the spread that it predicts: 0.035 at 35,000 anchors, falling with
+the square root of their number. Weight bytes fall with the logarithm of the noise, attribute bytes grow with its square
+and the number of anchors, so the sum is least on such a line (benchmarks/weight_precision.py)."""
+
+STEP_TOLERANCE = 0.05
+HEAD_TOLERANCE = 0.004
+"""Tolerated noise of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
+
+
+def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None = None) -> SideInfo:
+    """Quantises everything that all packets of a scene share.
+
+    Args:
+        scene: The scene.
+        voxels: int64 (N, 3), voxel indices of its anchors.
+        noise: Tolerated noise of the context networks, relative to the predicted spread; None for the measured rule.
+
+    Returns:
+        Side information ready to be written.
+    """
+    config, grid = scene.config, scene.context.grid
+    if noise is None:
+        noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05))
+    generator = np.random.default_rng(SAMPLE_SEED)
+    index = torch.from_numpy(generator.permutation(len(voxels))[:SAMPLE_ANCHORS])
+    sample = scene.anchors.select(index)
+    with torch.no_grad():
+        inputs = interpolate_hash_grid(grid, sample.positions, config.grid)
+        outputs = split_prior_outputs(scene.context.prior(inputs), config)
+    return SideInfo(
+        config, scene.voxel_size, _float32(grid.bounds_min), _float32(grid.bounds_max), voxels,
+        np.concatenate([_signs(grid.volume), *(_signs(plane) for plane in grid.planes)]),
+        _quantise(scene.context.prior, inputs, _prior_tolerance(outputs, scene) * noise),
+        _fit_channel(scene, sample.features, outputs, noise),
+        _fit_heads(scene, sample.features, sample.positions),
+        _fit_masks(scene.anchors.mask.numpy()),
+    )  # fmt: skip
+
+
+def _prior_tolerance(outputs: PriorOutputs, scene: AnchorScene) -> np.ndarray:
+    base = scene.config.base_steps
+    spread_f = _spread(outputs.feature_scale, base[0])
+    spread_s, spread_o = _spread(outputs.scaling_scale, base[1]), _spread(outputs.offset_scale, base[2])
+    weight = np.ones(len(spread_f))
+    steps = np.full(3, STEP_TOLERANCE)
+    return np.concatenate([spread_f, spread_f, weight, spread_s, spread_s, spread_o, spread_o, steps])
+
+
+def _spread(scale: torch.Tensor, step: float) -> np.ndarray:
+    """Typical spread of each channel: its predicted scale and the rounding of its symbols together."""
+    typical = scale.clamp(min=step * 1e-3).median(dim=0).values.double().numpy()
+    return np.sqrt(typical**2 + step**2 / 12)
+
+
+def _fit_channel(
+    scene: AnchorScene, features: torch.Tensor, outputs: PriorOutputs, noise: float
+) -> tuple[QuantisedMlp, ...]:
+    fitted, edges = [], np.cumsum([0, *scene.config.layout.feature_groups])
+    prior = [outputs.feature_mean, outputs.feature_scale, outputs.feature_weight]
+    for group, network in enumerate(scene.context.channel):
+        before = features[:, : int(edges[group])]
+        with torch.no_grad():
+            scale = channel_parameters(scene.context, group, before, outputs).scale
+        spread = _spread(scale, scene.config.base_steps[0])
+        tolerance = np.concatenate([spread, spread, np.ones(len(spread))]) * noise
+        fitted.append(_quantise(network, torch.cat([before, *prior], dim=1), tolerance))
+    return tuple(fitted)
+
+
+def _fit_heads(
+    scene: AnchorScene, features: torch.Tensor, positions: torch.Tensor
+) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
+    # Views are not known here: directions are taken from the sphere, distances from the extent of the anchors.
+    generator = torch.Generator().manual_seed(SAMPLE_SEED)
+    direction = torch.nn.functional.normalize(torch.randn(len(features), 3, generator=generator), dim=1)
+    distance = (positions - positions.median(dim=0).values).norm(dim=1, keepdim=True)
+    inputs = torch.cat([features, direction, distance], dim=1)
+    heads = (scene.heads.opacity, scene.heads.covariance, scene.heads.color)
+    opacity, covariance, color = (
+        _quantise(head, inputs, np.full(head.output.weight.shape[0], HEAD_TOLERANCE)) for head in heads
+    )
+    return opacity, covariance, color
+
+
+def _fit_masks(mask: np.ndarray) -> np.ndarray:
+    """Initial P(0) of each mask model, out of 2**8: its frequency over all anchors."""
+    ones = np.minimum(np.cumsum(mask, axis=1) - mask, MASK_CONTEXTS - 1)
+    zero = np.full((mask.shape[1], MASK_CONTEXTS), 128, dtype=np.int64)
+    for k in range(mask.shape[1]):
+        for c in range(MASK_CONTEXTS):
+            bits = mask[ones[:, k] == c, k]
+            if len(bits):
+                zero[k, c] = np.clip(round(256 * (1 - bits.mean())), 1, 255)
+    return zero.ravel()
+
+
+def _quantise(network: Mlp, inputs: torch.Tensor, tolerance: np.ndarray) -> QuantisedMlp:
+    hidden, output = (
+        (layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy())
+        for layer in (network.hidden, network.output)
+    )
+    return quantise_mlp(hidden, output, inputs.double().numpy(), tolerance, leaky=network.negative_slope > 0)
+
+
+def _float32(tensor: torch.Tensor) -> np.ndarray:
+    return tensor.detach().float().numpy().astype(np.float32)
+
+
+def _signs(table: torch.Tensor) -> np.ndarray:
+    return table.numpy().astype(np.int8)

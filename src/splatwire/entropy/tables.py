@@ -1,0 +1,155 @@
+"""Integer tables behind the entropy coder, alike on every machine.
+
+The tables are computed with the decimal module (software arithmetic, correctly rounded), never with the floating-point
+library of the machine, because one different entry derails every packet (docs/determinism.md).
+"""
+
+import decimal
+import functools
+
+import numpy as np
+
+TOTAL_BITS = 24
+"""Probabilities are integers out of 2**24."""
+
+MEAN_BITS = 12
+"""Means and boundaries are in quantisation steps with 12 fractional bits."""
+
+SCALE_STEPS = 16
+"""Entries of the scale table per octave: neighbours differ by at most 1/16, so an index is within 3 % of the scale."""
+
+SCALE_MIN_EXPONENT = -6
+SCALE_MAX_EXPONENT = 14
+NUM_SCALES = (SCALE_MAX_EXPONENT - SCALE_MIN_EXPONENT) * SCALE_STEPS
+
+INVERSE_BITS = 20
+"""Fractional bits of the reciprocal scales."""
+
+Z_BITS = 16
+"""Fractional bits of the standardised boundary."""
+
+Z_CELL_BITS = 9
+"""A cell of the normal table spans 2**9 / 2**16 = 1/128 standard deviations."""
+
+Z_LIMIT = 6
+"""The normal table covers -6 to 6 standard deviations; 2**-24 is passed at 5.3."""
+
+NUM_WEIGHTS = 256
+"""Entries of the mixture-weight table: logits -8 to 8 in steps of 1/16."""
+
+
+@functools.cache
+def normal_table() -> np.ndarray:
+    """Standard normal distribution function at multiples of 1/128 from -6 to 6, in units of 2**-24.
+
+    Returns:
+        int64 of length `2 * 6 * 128 + 1`, increasing from 0 to 2**24.
+    """
+    cells = Z_LIMIT << (Z_BITS - Z_CELL_BITS)
+    with decimal.localcontext() as context:
+        context.prec = 50
+        norm = 1 / (2 * _pi()).sqrt()
+        upper = [_half_plus_integral(decimal.Decimal(i) / (cells // Z_LIMIT), norm) for i in range(cells + 1)]
+        scaled = [int((p * (1 << TOTAL_BITS)).to_integral_value(decimal.ROUND_HALF_EVEN)) for p in upper]
+    scaled[-1] = 1 << TOTAL_BITS
+    lower = [(1 << TOTAL_BITS) - v for v in reversed(scaled[1:])]
+    return _frozen(lower + scaled)
+
+
+def _half_plus_integral(z: decimal.Decimal, norm: decimal.Decimal) -> decimal.Decimal:
+    """Phi(z) for z >= 0 by the series 1/2 + phi(z) (z + z^3/3 + z^5/15 + ...)."""
+    term = total = z
+    square, k = z * z, 1
+    while term > decimal.Decimal("1e-20"):
+        k += 2
+        term = term * square / k
+        total += term
+    return decimal.Decimal("0.5") + norm * (-square / 2).exp() * total
+
+
+def _pi() -> decimal.Decimal:
+    """Pi by Machin's formula, to the precision of the current decimal context."""
+
+    def arctan_inverse(n: int) -> decimal.Decimal:
+        power = decimal.Decimal(1) / n
+        total, k, sign = power, 1, 1
+        while power > decimal.Decimal("1e-48"):
+            power /= n * n
+            k, sign = k + 2, -sign
+            total += sign * power / k
+        return total
+
+    return 16 * arctan_inverse(5) - 4 * arctan_inverse(239)
+
+
+@functools.cache
+def inverse_scale_table() -> np.ndarray:
+    """Reciprocals of the table's scales (in quantisation steps) with `INVERSE_BITS` fractional bits.
+
+    Entry `16 e + m` stands for the scale `2**(e - 6) * (1 + (m + 1/2) / 16)`.
+
+    Returns:
+        int64 of length `NUM_SCALES`, decreasing.
+    """
+    entries = []
+    for index in range(NUM_SCALES):
+        exponent, mantissa = divmod(index, SCALE_STEPS)
+        # 1 / (2**(e-6) * (2*16 + 2m + 1) / 32), rounded to the nearest integer
+        numerator = 2 * SCALE_STEPS << (INVERSE_BITS - SCALE_MIN_EXPONENT)
+        denominator = (2 * SCALE_STEPS + 2 * mantissa + 1) << exponent
+        entries.append((2 * numerator + denominator) // (2 * denominator))
+    return _frozen(entries)
+
+
+@functools.cache
+def half_width_table() -> np.ndarray:
+    """Half width, in symbols, of the window that a scale index gives a code of its own; beyond it symbols are escaped.
+
+    Ten standard deviations and 15 symbols more, at most 8191.
+
+    Returns:
+        int64 of length `NUM_SCALES`.
+    """
+    inverse = inverse_scale_table()
+    return _frozen([min(8191, ((10 << INVERSE_BITS) // int(v)) + 16) for v in inverse])
+
+
+@functools.cache
+def weight_table() -> np.ndarray:
+    """Weight of a mixture's first component, in units of 2**-16, for logit differences -8 to 8 in steps of 1/16.
+
+    Returns:
+        int64 of length `NUM_WEIGHTS`.
+    """
+    return _frozen([_logistic_integer(decimal.Decimal(i - NUM_WEIGHTS // 2) / 16, 16) for i in range(NUM_WEIGHTS)])
+
+
+@functools.cache
+def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
+    """The adaptive factor `1 + tanh(q)` of a quantisation step (HACPP_SPEC 4.2), in units of `2**-bits`.
+
+    Args:
+        cells_per_unit: Table entries per unit of q.
+        limit: The table covers q from -limit to limit.
+        bits: Fractional bits of the entries.
+
+    Returns:
+        int64 of length `2 * limit * cells_per_unit + 1`.
+    """
+    half = limit * cells_per_unit
+    return _frozen(
+        [2 * _logistic_integer(decimal.Decimal(2 * i) / cells_per_unit, bits) for i in range(-half, half + 1)]
+    )
+
+
+def _logistic_integer(x: decimal.Decimal, bits: int) -> int:
+    with decimal.localcontext() as context:
+        context.prec = 30
+        value = (1 << bits) / (1 + (-x).exp())
+        return int(value.to_integral_value(decimal.ROUND_HALF_EVEN))
+
+
+def _frozen(values: list[int]) -> np.ndarray:
+    table = np.array(values, dtype=np.int64)
+    table.setflags(write=False)
+    return table
