@@ -129,8 +129,8 @@ class SceneReader:
 
 
 @contextmanager
-def open_scene_file(path: Path, file_format: str, version: int, kind: str) -> Iterator[SceneReader]:
-    """Opens a scene file whose header says that it is of this format, version and kind.
+def open_scene_file(path: Path, file_format: str, version: int, kind: str | None) -> Iterator[SceneReader]:
+    """Opens a scene file whose header says that it is of this format, version and kind (None for any kind).
 
     Raises:
         UnsupportedVersionError: If it is of another version.
@@ -141,7 +141,7 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str) -> It
     try:
         with safe_open(path, framework="pt") as file:
             header = _read_header(path, file.metadata(), file_format, version)
-            if header["kind"] != kind:
+            if kind is not None and header["kind"] != kind:
                 hint = "conceal it first" if kind == "scene" else "it has no losses"
                 raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene; {hint}")
             yield SceneReader(path, file, header)

@@ -36,7 +36,7 @@ _HEADS = ("opacity", "covariance", "color")
 _ATTRIBUTES = ("feature", "scaling", "offset")
 
 
-def save_scene(scene: AnchorScene, path: Path) -> None:
+def save_scene(scene: AnchorScene, path: Path, *, erasures: Erasures | None = None) -> None:
     """Writes `scene` to `path`; the same scene gives the same bytes.
 
     The file appears under its name only when it is complete.
@@ -44,11 +44,15 @@ def save_scene(scene: AnchorScene, path: Path) -> None:
     Args:
         scene: The scene, hints included when it has some.
         path: Where to write; its folder must exist.
+        erasures: What had been received before losses were concealed, kept for the record; None if it was never sent.
 
     Raises:
         OSError: If the file cannot be written.
     """
-    _write(path, _scene_tensors(scene), _header(scene, SCENE))
+    tensors, header = _scene_tensors(scene), _header(scene, SCENE)
+    if erasures is not None:
+        tensors["erasures.received"], header["erasures"] = erasures.received, True
+    _write(path, tensors, header)
 
 
 def load_scene(path: Path) -> AnchorScene:
@@ -66,9 +70,29 @@ def load_scene(path: Path) -> AnchorScene:
             wrong shape or type, or is not finite.
     """
     with open_scene_file(path, FORMAT, VERSION, SCENE) as reader:
-        scene = _read_scene(reader)
-        reader.finish()
-    return scene
+        return _read_concealed(reader)[0]
+
+
+def load_scene_file(path: Path) -> tuple[AnchorScene | PartialScene, Erasures | None]:
+    """Reads a scene file of either kind.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The scene, and what of it was received; None for a scene that was never sent.
+
+    Raises:
+        UnsupportedVersionError: If the file is of a version that this release does not read.
+        BitstreamError: If it is no scene file, or damaged.
+    """
+    with open_scene_file(path, FORMAT, VERSION, None) as reader:
+        if reader.header["kind"] == SCENE:
+            return _read_concealed(reader)
+        if reader.header["kind"] != PARTIAL:
+            raise reader.error(f"holds a {str(reader.header['kind'])[:40]!r}, which this release does not know")
+    partial = load_partial(path)
+    return partial, partial.erasures
 
 
 def save_partial(partial: PartialScene, path: Path) -> None:
@@ -170,6 +194,15 @@ def _write(path: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> No
         raise OSError(f"{path}: cannot be written: {error}") from error
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, Erasures | None]:
+    scene, erasures = _read_scene(reader), None
+    if reader.header.get("erasures"):
+        shape = (scene.anchors.num_anchors, len(Attribute))
+        erasures = Erasures(reader.tensor("erasures.received", shape, torch.bool))
+    reader.finish()
+    return scene, erasures
 
 
 def _read_scene(reader: SceneReader) -> AnchorScene:

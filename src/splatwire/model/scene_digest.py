@@ -1,0 +1,29 @@
+"""A digest of the attributes of a scene: two machines that show the same one decoded the same scene."""
+
+import hashlib
+from dataclasses import fields
+
+import torch
+
+from splatwire.scene import Anchors
+
+
+def scene_digest(anchors: Anchors) -> str:
+    """Computes the SHA-256 of all attribute tensors, in the order of `Anchors`' fields.
+
+    Each tensor contributes its name, its shape and its values (float32 little-endian, masks as bytes 0 and 1). The
+    order of the anchors counts: a decoder's is that of the stream.
+
+    Args:
+        anchors: The anchors.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    digest = hashlib.sha256(b"splatwire/scene-digest/1\0")
+    for field in fields(Anchors):
+        tensor = getattr(anchors, field.name).detach().cpu()
+        plain = tensor.numpy().astype("u1" if tensor.dtype == torch.bool else "<f4", order="C")
+        digest.update(f"{field.name}{tuple(tensor.shape)}\0".encode())
+        digest.update(plain.data)
+    return digest.hexdigest()
