@@ -1,0 +1,118 @@
+"""Checks that every camera reader shares."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import torch
+
+from splatwire.errors import DatasetError
+from splatwire.scene import Cameras
+
+MAX_JSON_BYTES = 256 << 20
+_RIGID_TOLERANCE = 1e-3
+
+
+def make_cameras(
+    source: Path, names: Sequence[str], viewmats: np.ndarray, intrinsics: np.ndarray, width: int, height: int
+) -> Cameras:
+    """Builds cameras after checking that they are finite, rigid and look through a positive focal length.
+
+    Args:
+        source: The file they come from, for messages.
+        names: One per view.
+        viewmats: (C, 4, 4) world-to-camera matrices, OpenCV axes.
+        intrinsics: (C, 3, 3) in pixels.
+        width: Image width in pixels.
+        height: Image height in pixels.
+
+    Raises:
+        DatasetError: If a camera is not what it should be, or there is none.
+    """
+    if not len(names):
+        raise DatasetError(f"{source}: has no views")
+    if width < 1 or height < 1:
+        raise DatasetError(f"{source}: images of {width} x {height} pixels")
+    for name, viewmat, K in zip(names, viewmats, intrinsics, strict=True):
+        check_rigid(source, name, viewmat)
+        if not np.isfinite(K).all() or K[0, 0] <= 0 or K[1, 1] <= 0:
+            raise DatasetError(f"{source}: view '{name}' has no positive, finite focal length")
+    return Cameras(
+        viewmats=torch.from_numpy(np.asarray(viewmats, dtype=np.float32)),
+        Ks=torch.from_numpy(np.asarray(intrinsics, dtype=np.float32)),
+        width=width,
+        height=height,
+        names=tuple(names),
+    )
+
+
+def check_rigid(source: Path, name: str, pose: np.ndarray) -> None:
+    """Checks that a 4 x 4 matrix is a rotation and a translation.
+
+    Raises:
+        DatasetError: If it is not finite, or scales, mirrors or shears.
+    """
+    if not np.isfinite(pose).all():
+        raise DatasetError(f"{source}: the pose of view '{name}' is not finite")
+    rotation = pose[:3, :3]
+    off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if off > _RIGID_TOLERANCE or np.linalg.det(rotation) < 0 or not np.allclose(pose[3], [0, 0, 0, 1]):
+        raise DatasetError(f"{source}: the pose of view '{name}' is not a rotation and a translation")
+
+
+def pinhole(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
+    """Returns the (3, 3) intrinsics of a pinhole camera."""
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], dtype=np.float64)
+
+
+def view_names(paths: Sequence[str]) -> tuple[str, ...]:
+    """Names views after their files: the stem where that is unique, otherwise the folders too."""
+    pure = [PurePosixPath(path) for path in paths]
+    if len({path.stem for path in pure}) == len(pure):
+        return tuple(path.stem for path in pure)
+    return tuple("_".join(path.with_suffix("").parts) for path in pure)
+
+
+def read_json(path: Path) -> Any:
+    """Reads a JSON file.
+
+    Raises:
+        DatasetError: If it is absent, too large or not JSON.
+    """
+    try:
+        if path.stat().st_size > MAX_JSON_BYTES:
+            raise DatasetError(f"{path}: larger than {MAX_JSON_BYTES >> 20} MiB")
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise DatasetError(f"{path}: not JSON: {error}") from error
+
+
+def matrix(source: Path, name: str, value: Any, shape: tuple[int, int]) -> np.ndarray:
+    """Turns nested lists into a float64 matrix.
+
+    Raises:
+        DatasetError: If they are not numbers in that shape.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DatasetError(f"{source}: view '{name}': expected {shape[0]} x {shape[1]} numbers") from error
+    if array.shape != shape:
+        raise DatasetError(f"{source}: view '{name}': expected {shape[0]} x {shape[1]} numbers, found {array.shape}")
+    return array
+
+
+def child(root: Path, name: str, source: Path) -> Path:
+    """Returns the path of `name` below `root`.
+
+    Raises:
+        DatasetError: If `name` leads out of `root`.
+    """
+    pure = PurePosixPath(name.replace("\\", "/"))
+    if not name or pure.is_absolute() or ".." in pure.parts or "\0" in name or ":" in name:
+        raise DatasetError(f"{source}: image name {name[:120]!r} does not stay inside the dataset's folder")
+    return root.joinpath(*pure.parts)

@@ -1,0 +1,72 @@
+"""COLMAP's text files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.data._colmap_types import MODELS, RawCamera, RawImage
+from splatwire.errors import DatasetError
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    try:
+        with path.open(encoding="utf-8") as file:
+            for number, line in enumerate(file, start=1):
+                if not line.startswith("#"):
+                    yield number, line.strip()
+    except UnicodeDecodeError as error:
+        raise DatasetError(f"{path}: not UTF-8 text") from error
+
+
+def read_cameras(path: Path) -> list[RawCamera]:
+    """Reads `cameras.txt`."""
+    known = dict(MODELS)
+    cameras = []
+    for number, line in _lines(path):
+        words = line.split()
+        if not words:
+            continue
+        try:
+            camera_id, model, width, height = int(words[0]), words[1], int(words[2]), int(words[3])
+            parameters = tuple(float(word) for word in words[4:])
+        except (IndexError, ValueError) as error:
+            raise DatasetError(f"{path}: line {number} is not a camera: {line[:80]!r}") from error
+        if known.get(model) != len(parameters):
+            raise DatasetError(f"{path}: line {number}: unknown camera model {model} with {len(parameters)} parameters")
+        cameras.append(RawCamera(camera_id, model, width, height, parameters))
+    return cameras
+
+
+def read_images(path: Path) -> list[RawImage]:
+    """Reads `images.txt`; the lines of 2D points are skipped."""
+    images = []
+    lines = _lines(path)
+    for number, line in lines:
+        if not line:
+            continue
+        words = line.split(maxsplit=9)
+        try:
+            pose = tuple(float(word) for word in words[1:8])
+            images.append(RawImage(words[9], int(words[8]), pose[:4], pose[4:]))
+        except (IndexError, ValueError) as error:
+            raise DatasetError(f"{path}: line {number} is not an image: {line[:80]!r}") from error
+        next(lines, None)
+    return images
+
+
+def read_points3d(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Reads `points3D.txt`: float64 (P, 3) positions and uint8 (P, 3) colours."""
+    positions, colors = [], []
+    for number, line in _lines(path):
+        words = line.split(maxsplit=7)
+        if not words:
+            continue
+        try:
+            positions.append([float(word) for word in words[1:4]])
+            colors.append([int(word) for word in words[4:7]])
+            if len(words) < 7 or not all(0 <= value <= 255 for value in colors[-1]):
+                raise ValueError(line)
+        except ValueError as error:
+            raise DatasetError(f"{path}: line {number} is not a point: {line[:80]!r}") from error
+    return np.array(positions, dtype=np.float64).reshape(-1, 3), np.array(colors, dtype=np.uint8).reshape(-1, 3)

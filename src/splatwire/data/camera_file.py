@@ -1,0 +1,80 @@
+"""Cameras as JSON: our own file, and the `cameras.json` beside official HAC++ results."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.data._checks import make_cameras, matrix, read_json
+from splatwire.errors import DatasetError
+from splatwire.scene import Cameras
+
+FORMAT = "splatwire-cameras"
+VERSION = 1
+_CONVENTION = "viewmat: world to camera, OpenCV axes; K: pixels, the centre of the top-left pixel is (0.5, 0.5)"
+
+
+def save_cameras(cameras: Cameras, path: Path) -> None:
+    """Writes cameras so that `load_cameras` returns the same float32 numbers; the file appears when it is complete.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    views = [
+        {"name": name, "viewmat": viewmat.tolist(), "K": K.tolist()}
+        for name, viewmat, K in zip(cameras.names, cameras.viewmats, cameras.Ks, strict=True)
+    ]
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "convention": _CONVENTION,
+        "width": cameras.width,
+        "height": cameras.height,
+        "cameras": views,
+    }
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        unfinished.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def load_cameras(path: Path) -> Cameras:
+    """Reads our own cameras file or the `cameras.json` of an official HAC++ result.
+
+    Args:
+        path: The file. The official one has `w2c`, `K`, `width` and `height` in every camera.
+
+    Raises:
+        DatasetError: If it is absent, neither of the two, of a newer version, or a camera is not rigid and finite.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict) or not isinstance(content.get("cameras"), list):
+        raise DatasetError(f"{path}: not a cameras file: it has no list 'cameras'")
+    own = content.get("format") == FORMAT
+    if own and content.get("version") != VERSION:
+        raise DatasetError(f"{path}: cameras file version {content.get('version')}, this release reads {VERSION}")
+    views = content["cameras"]
+    if not views:
+        raise DatasetError(f"{path}: has no views")
+    if not all(isinstance(view, dict) and isinstance(view.get("name"), str) for view in views):
+        raise DatasetError(f"{path}: a camera has no name")
+    names = [view["name"] for view in views]
+    pose_key = "viewmat" if own else "w2c"
+    viewmats = np.stack([matrix(path, view["name"], view.get(pose_key), (4, 4)) for view in views])
+    intrinsics = np.stack([matrix(path, view["name"], view.get("K"), (3, 3)) for view in views])
+    width, height = _size(path, [content] if own else views)
+    return make_cameras(path, names, viewmats, intrinsics, width, height)
+
+
+def _size(path: Path, holders: list[dict[str, Any]]) -> tuple[int, int]:
+    sizes = {(holder.get("width"), holder.get("height")) for holder in holders}
+    if len(sizes) != 1:
+        raise DatasetError(f"{path}: its views have {len(sizes)} different image sizes, one is supported")
+    width, height = sizes.pop()
+    if type(width) is not int or type(height) is not int:
+        raise DatasetError(f"{path}: width and height must be whole numbers")
+    return width, height

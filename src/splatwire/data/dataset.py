@@ -1,0 +1,169 @@
+"""Posed photos of a scene, whatever layout they come in."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.data._checks import child, make_cameras, view_names
+from splatwire.data.colmap import ColmapView, SparsePoints, find_reconstruction, read_points, read_views
+from splatwire.data.photos import Background, limited_size, load_photo, photo_size
+from splatwire.data.transforms_json import TransformsView, read_transforms
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.scene import Cameras
+
+Split = Literal["test", "train", "all"]
+TestViews = Literal["every_8th", "first_31"]
+DEFAULT_MAX_WIDTH = 1600
+_MAX_ASPECT_ERROR_PX = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Cameras and the photos they took.
+
+    Attributes:
+        cameras: The cameras, for images of `cameras.width` x `cameras.height`.
+        image_paths: One file per view; it may be larger than that and is then reduced when it is loaded.
+        points: Sparse points of the reconstruction, if there are any.
+        background: RGB that shows where a photo's alpha is below 1.
+    """
+
+    cameras: Cameras
+    image_paths: tuple[Path, ...]
+    points: SparsePoints | None = None
+    background: Background = (0.0, 0.0, 0.0)
+
+    @property
+    def num_views(self) -> int:
+        """Number of views."""
+        return self.cameras.num_views
+
+    def image(self, view: int) -> Float[Tensor, "H W 3"]:
+        """Loads the photo of a view as RGB in [0, 1].
+
+        Raises:
+            DatasetError: If the file is missing or damaged.
+        """
+        return load_photo(self.image_paths[view], (self.cameras.width, self.cameras.height), self.background)
+
+    def select(self, views: list[int]) -> "Dataset":
+        """Returns the views at the given indices, in that order."""
+        paths = tuple(self.image_paths[view] for view in views)
+        return Dataset(self.cameras.select(views), paths, self.points, self.background)
+
+
+def open_dataset(
+    path: Path,
+    *,
+    split: Split = "test",
+    images: str | None = None,
+    max_width: int | None = DEFAULT_MAX_WIDTH,
+    test_views: TestViews = "every_8th",
+    background: Background = (0.0, 0.0, 0.0),
+) -> Dataset:
+    """Opens a folder of posed photos; photos are loaded when they are asked for.
+
+    Three layouts are read. COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in Mip-NeRF 360,
+    Tanks & Temples, Deep Blending and BungeeNeRF. Blender: `transforms_train.json` and `transforms_test.json`, each its
+    own split. nerfstudio: one `transforms.json`. Where one list of views must be split, it is sorted by name first.
+
+    Args:
+        path: The folder.
+        split: Which views.
+        images: Image folder instead of `images` (`images_4`); the intrinsics follow the size of what is in it.
+        max_width: Wider photos are reduced to this width (HACPP_SPEC 6); None for no limit.
+        test_views: Which views are for testing: every eighth, or the first 31 (BungeeNeRF's protocol).
+        background: RGB that shows where a photo's alpha is below 1.
+
+    Raises:
+        DatasetError: If the folder has none of these layouts, a file in it is missing or damaged, images and poses do
+            not fit each other, or no view is left.
+        InvalidValueError: If `split` or `test_views` is none of the above, or `max_width` is not positive.
+    """
+    if split not in ("test", "train", "all") or test_views not in ("every_8th", "first_31"):
+        raise InvalidValueError(f"split is test, train or all; test_views every_8th or first_31: {split}, {test_views}")
+    if max_width is not None and max_width < 1:
+        raise InvalidValueError(f"max_width must be positive, not {max_width}")
+    if not path.is_dir():
+        raise DatasetError(f"{path}: no such folder")
+    points = None
+    views: Sequence[ColmapView | TransformsView]
+    if (folder := find_reconstruction(path)) is not None:
+        colmap_views = read_views(folder)
+        views = colmap_views = [colmap_views[i] for i in _chosen(len(colmap_views), split, test_views)]
+        image_paths = _find_images(path / (images or "images"), colmap_views)
+        points, source = read_points(folder), folder
+    else:
+        views, source = _transforms_views(path, split, images, test_views)
+        image_paths = [view.image_path for view in views]
+    if not views:
+        raise DatasetError(f"{source}: has no views in the split '{split}'")
+    return Dataset(_cameras(source, views, image_paths, max_width), tuple(image_paths), points, background)
+
+
+def _chosen(count: int, split: Split, test_views: TestViews) -> list[int]:
+    is_test = [i % 8 == 0 if test_views == "every_8th" else i < 31 for i in range(count)]
+    return [i for i in range(count) if split == "all" or is_test[i] == (split == "test")]
+
+
+def _transforms_views(
+    path: Path, split: Split, images: str | None, test_views: TestViews
+) -> tuple[list[TransformsView], Path]:
+    halves = {half: path / f"transforms_{half}.json" for half in ("train", "test")}
+    if any(file.is_file() for file in halves.values()):
+        wanted = [half for half in ("train", "test") if split in (half, "all")]
+        return [view for half in wanted for view in read_transforms(halves[half], images)], halves[wanted[0]]
+    whole = path / "transforms.json"
+    if whole.is_file():
+        views = sorted(read_transforms(whole, images), key=lambda view: (Path(view.name).stem, view.name))
+        return [views[i] for i in _chosen(len(views), split, test_views)], whole
+    raise DatasetError(
+        f"{path}: not a dataset: it has neither a COLMAP reconstruction (sparse/0/images.bin or .txt) nor "
+        "transforms_train.json, transforms_test.json or transforms.json"
+    )
+
+
+def _find_images(folder: Path, views: list[ColmapView]) -> list[Path]:
+    """Finds the file of each view: by its name, by its last part, or by its stem with another suffix."""
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: the image folder is missing")
+    by_stem = {file.stem: file for file in sorted(folder.iterdir()) if file.is_file()}
+    paths: list[Path | None] = []
+    for view in views:
+        exact = child(folder, view.name, folder)
+        flat = folder / exact.name
+        paths.append(next((file for file in (exact, flat) if file.is_file()), by_stem.get(exact.stem)))
+    missing = [view.name for view, file in zip(views, paths, strict=True) if file is None]
+    if missing:
+        raise DatasetError(
+            f"{folder}: {len(missing)} of {len(views)} posed images are missing, the first: {missing[0]}"
+        )
+    return [file for file in paths if file is not None]
+
+
+def _cameras(
+    source: Path, views: Sequence[ColmapView | TransformsView], image_paths: list[Path], max_width: int | None
+) -> Cameras:
+    first = photo_size(image_paths[0])
+    width, height = limited_size(*first, max_width)
+    intrinsics = []
+    for view, file in zip(views, image_paths, strict=True):
+        size = photo_size(file)
+        if size != first:
+            raise DatasetError(
+                f"{file}: is {size[0]} x {size[1]} pixels, {image_paths[0].name} {first[0]} x {first[1]}; "
+                "all images of a dataset must have one size"
+            )
+        if abs(size[1] - view.height * size[0] / view.width) > _MAX_ASPECT_ERROR_PX:
+            raise DatasetError(
+                f"{file}: is {size[0]} x {size[1]} pixels, which is not the shape of its camera, "
+                f"{view.width} x {view.height}"
+            )
+        intrinsics.append(np.diag([width / view.width, height / view.height, 1.0]) @ view.K)
+    names = view_names([view.name for view in views])
+    return make_cameras(source, names, np.stack([view.viewmat for view in views]), np.stack(intrinsics), width, height)

@@ -1,0 +1,77 @@
+"""Photos as float tensors, loaded when they are asked for."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from PIL import Image
+from torch import Tensor
+
+from splatwire.errors import DatasetError
+
+_OPAQUE_MODES = ("L", "P", "RGB")
+_ALPHA_MODES = ("LA", "PA", "RGBA")
+_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
+Background = tuple[float, float, float]
+
+
+def photo_size(path: Path) -> tuple[int, int]:
+    """Returns width and height of an image; only its header is read.
+
+    Raises:
+        DatasetError: If there is no such file, or it is not an image.
+    """
+    with _open(path) as image:
+        return image.size
+
+
+def load_photo(
+    path: Path, size: tuple[int, int] | None = None, background: Background = (0.0, 0.0, 0.0)
+) -> Float[Tensor, "H W 3"]:
+    """Loads an image as RGB in [0, 1].
+
+    Args:
+        path: The file: 8 bits per channel, grey, palette or RGB, with or without alpha.
+        size: Width and height to resize to (bicubic, on 8-bit values, as HAC++ does); None keeps the size.
+        background: RGB that shows where alpha is below 1.
+
+    Raises:
+        DatasetError: If there is no such file, or it is not such an image.
+    """
+    with _open(path) as image:
+        has_alpha = image.mode in _ALPHA_MODES or "transparency" in image.info
+        if image.mode not in _OPAQUE_MODES + _ALPHA_MODES:
+            raise DatasetError(f"{path}: images in mode {image.mode} are not read; convert it to 8-bit RGB")
+        try:
+            pixels = np.asarray(image.convert("RGBA" if has_alpha else "RGB"), dtype=np.float32) / 255
+        except (OSError, ValueError, SyntaxError) as error:
+            raise DatasetError(f"{path}: the image is damaged: {error}") from error
+    if has_alpha:
+        alpha = pixels[:, :, 3:]
+        pixels = pixels[:, :, :3] * alpha + np.asarray(background, dtype=np.float32) * (1 - alpha)
+    if size is not None and size != (pixels.shape[1], pixels.shape[0]):
+        whole = Image.fromarray(np.rint(pixels * 255).astype(np.uint8))
+        pixels = np.asarray(whole.resize(size, Image.Resampling.BICUBIC), dtype=np.float32) / 255
+    return torch.from_numpy(np.ascontiguousarray(pixels))
+
+
+def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, int]:
+    """Returns the size after the width limit of HAC++ (HACPP_SPEC 6: wider than 1600 pixels is reduced to that).
+
+    Both sides are divided by `width / max_width` and cut to whole pixels, in this order of operations, because the
+    last pixel depends on it.
+    """
+    if max_width is None or width <= max_width:
+        return width, height
+    factor = width / max_width
+    return max(1, int(width / factor)), max(1, int(height / factor))
+
+
+def _open(path: Path) -> Image.Image:
+    try:
+        return Image.open(path, formats=_FORMATS)
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path}: the image is missing") from error
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise DatasetError(f"{path}: not a readable image: {error}") from error

@@ -1,0 +1,117 @@
+"""Reads `transforms*.json`: the Blender layout of NeRF-synthetic, and that of nerfstudio."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.data._checks import check_rigid, child, matrix, pinhole, read_json
+from splatwire.data.photos import photo_size
+from splatwire.errors import DatasetError
+
+_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_MAX_NUMBER = 1e12
+_OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class TransformsView:
+    """One frame of a transforms file.
+
+    Attributes:
+        name: Path of the image relative to the file, without a suffix.
+        image_path: The image.
+        viewmat: float64 (4, 4), world to camera, OpenCV axes.
+        K: float64 (3, 3), for an image of `width` x `height` pixels.
+        width: Width that `K` is for.
+        height: Height that `K` is for.
+    """
+
+    name: str
+    image_path: Path
+    viewmat: np.ndarray
+    K: np.ndarray
+    width: int
+    height: int
+
+
+def read_transforms(path: Path, images: str | None = None) -> list[TransformsView]:
+    """Reads the frames of a transforms file in their order.
+
+    Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
+    (for all frames or for each), or `camera_angle_x` with a centred principal point and square pixels.
+
+    Args:
+        path: The file.
+        images: Folder to take instead of a leading `images/` in the file paths (`images_4`).
+
+    Raises:
+        DatasetError: If the file is damaged, a lens distorts, a pose is not rigid, or an image is missing.
+    """
+    content = read_json(path)
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not frames:
+        raise DatasetError(f"{path}: has no views ('frames' is missing or empty)")
+    views = []
+    for number, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise DatasetError(f"{path}: frame {number} has no 'file_path'")
+        views.append(_read_frame(path, content, frame, images))
+    return views
+
+
+def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
+    name = frame["file_path"].removeprefix("./")
+    if images is not None and name.startswith("images/"):
+        name = f"{images}/{name.removeprefix('images/')}"
+    image_path = _find_image(path, name)
+    pose = matrix(path, name, frame.get("transform_matrix"), (4, 4))
+    check_rigid(path, name, pose)
+    K, width, height = _intrinsics(path, name, {**content, **frame}, image_path)
+    viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
+    return TransformsView(name, image_path, viewmat, K, width, height)
+
+
+def _find_image(path: Path, name: str) -> Path:
+    base = child(path.parent, name, path)
+    for suffix in _SUFFIXES:
+        candidate = base.with_name(base.name + suffix)
+        if candidate.is_file():
+            return candidate
+    raise DatasetError(f"{path}: the image '{name}' is missing")
+
+
+def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path) -> tuple[np.ndarray, int, int]:
+    bent = [key for key in _DISTORTION if _number(path, name, values, key, 0.0) != 0]
+    if bent or "FISHEYE" in str(values.get("camera_model", "")).upper():
+        what = bent[0] if bent else "camera_model"
+        raise DatasetError(f"{path}: view '{name}' has lens distortion ({what}); undistort the images first")
+    width, height = (values.get(key) for key in ("w", "h"))
+    if width is None or height is None:
+        width, height = photo_size(image_path)
+    if (
+        not 1 <= _number(path, name, {"w": width}, "w", 0) <= 1 << 20
+        or not 1 <= _number(path, name, {"h": height}, "h", 0) <= 1 << 20
+    ):
+        raise DatasetError(f"{path}: view '{name}' has an image size of {width} x {height}")
+    width, height = int(width), int(height)
+    if "fl_x" in values:
+        fx = _number(path, name, values, "fl_x", math.nan)
+        fy = _number(path, name, values, "fl_y", fx)
+    else:
+        angle = _number(path, name, values, "camera_angle_x", math.nan)
+        if not 0 < angle < math.pi:
+            raise DatasetError(f"{path}: view '{name}' has neither 'fl_x' nor a 'camera_angle_x' between 0 and pi")
+        fx = fy = width / (2 * math.tan(angle / 2))
+    cx, cy = _number(path, name, values, "cx", width / 2), _number(path, name, values, "cy", height / 2)
+    return pinhole(fx, fy, cx, cy), width, height
+
+
+def _number(path: Path, name: str, values: dict[str, Any], key: str, default: float) -> float:
+    value = values.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or abs(value) > _MAX_NUMBER:
+        raise DatasetError(f"{path}: view '{name}': '{key}' is not a sensible number")
+    return float(value)
