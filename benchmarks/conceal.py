@@ -1,0 +1,95 @@
+"""Seconds and memory of every concealer on 400,000 anchors of which 20 % are lost; prints one JSON object.
+
+The cloud is synthetic (spheres and planes, snapped to voxels, in Morton order), its sizes are those of HAC++ scenes.
+"""
+
+import argparse
+import json
+import os
+import resource
+import time
+
+import numpy as np
+import torch
+
+from splatwire.conceal import AnchorContext, create_concealer
+from splatwire.model import AttributePrior, Prior
+from splatwire.ops.morton import morton_encode
+from splatwire.scene import AnchorLayout, Anchors, Erasures
+
+GOAL_SECONDS = {"drop": 5.0, "prior": 5.0, "idw": 5.0, "cari": 10.0, "grow": 5.0}
+GOAL_MEMORY_BYTES = 2 << 30
+
+
+def surface_points(num_points: int, rng: np.random.Generator, num_surfaces: int = 20) -> np.ndarray:
+    parts = []
+    for number in range(num_surfaces):
+        share = num_points // num_surfaces + (number < num_points % num_surfaces)
+        if number % 2:
+            points = rng.normal(size=(share, 3))
+            points *= rng.uniform(0.2, 1.5) / np.linalg.norm(points, axis=1, keepdims=True)
+        else:
+            points = rng.random((share, 2)) @ rng.normal(size=(2, 3))
+        parts.append(points + 2 * rng.normal(size=3) + 0.01 * rng.normal(size=points.shape))
+    voxels = np.round(np.concatenate(parts) / 0.001).astype(np.int64)
+    order = np.argsort(morton_encode(voxels - voxels.min(axis=0)), kind="stable")
+    return (voxels[order] * 0.001).astype(np.float32)
+
+
+def make_context(num_anchors: int, loss: float, seed: int) -> AnchorContext:
+    rng, generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
+    layout = AnchorLayout()
+
+    def draw(*shape: int) -> torch.Tensor:
+        return torch.randn(num_anchors, *shape, generator=generator)
+
+    known = torch.from_numpy(rng.random(num_anchors) >= loss)
+    mask = (torch.rand(num_anchors, 10, generator=generator) < 0.2) & known[:, None]
+    anchors = Anchors(
+        positions=torch.from_numpy(surface_points(num_anchors, rng)),
+        features=draw(50) * known[:, None],
+        scalings=draw(6).mul_(0.3).exp_().mul_(0.02) * known[:, None],
+        offsets=draw(10, 3) * mask[:, :, None],
+        mask=mask,
+    )
+    step = torch.ones(num_anchors, 1)
+    prior = Prior(
+        feature=AttributePrior(draw(50), draw(50).abs_().add_(0.1), step),
+        scaling=AttributePrior(draw(6).mul_(0.1).exp_().mul_(0.02), draw(6).abs_().mul_(0.01).add_(1e-3), step),
+        offset=AttributePrior(draw(30), draw(30).abs_().add_(0.1), step),
+        context=draw(96),
+    )
+    return AnchorContext(anchors, Erasures.of_anchors(known), prior, layout)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--anchors", type=int, default=400_000)
+    parser.add_argument("--loss", type=float, default=0.2)
+    parser.add_argument("--methods", nargs="*", default=list(GOAL_SECONDS))
+    options = parser.parse_args()
+
+    warm = make_context(2000, 0.2, seed=1)
+    context = make_context(options.anchors, options.loss, seed=0)
+    rows = []
+    for name in options.methods:
+        create_concealer(name)(warm)  # compiles, imports
+        start = time.perf_counter()
+        create_concealer(name)(context)
+        seconds = time.perf_counter() - start
+        rows.append({"method": name, "seconds": round(seconds, 2), "goal_seconds": GOAL_SECONDS[name]})
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    report = {
+        "num_anchors": options.anchors,
+        "num_lost": context.erasures.num_lost,
+        "cores": os.cpu_count(),
+        "load_before": os.getloadavg()[0],
+        "peak_memory_bytes": peak,
+        "goal_memory_bytes": GOAL_MEMORY_BYTES,
+        "rows": rows,
+    }
+    print(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main()

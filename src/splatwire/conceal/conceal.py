@@ -1,0 +1,69 @@
+"""From a partial scene to one that can be rendered."""
+
+import dataclasses
+
+import torch
+from torch import Tensor
+
+from splatwire.conceal.base import Concealed, Concealer, create_concealer
+from splatwire.conceal.context import AnchorContext, context_of
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene, PartialScene, RenderHints
+from splatwire.scene import Anchors, Attribute
+
+
+def conceal(partial: PartialScene, concealer: Concealer | str) -> AnchorScene:
+    """Fills, or leaves out, what was lost.
+
+    Whatever the concealer proposes, every attribute that was received stays bit for bit; filled offsets are zero where
+    the mask says that there is none. If nothing was lost the concealer is not asked.
+
+    Args:
+        partial: What a decoder returned.
+        concealer: A concealer or its name (`splatwire.conceal.create_concealer`).
+
+    Returns:
+        The scene with filled anchors and render hints, on the device of the input.
+
+    Raises:
+        UnknownNameError: No concealer has that name.
+        InvalidValueError: The concealer returned tensors of other sizes, or hints that cannot be drawn.
+    """
+    method = create_concealer(concealer) if isinstance(concealer, str) else concealer
+    context = context_of(partial)
+    if context.erasures.num_lost == 0:
+        proposal = Concealed.filled(context.anchors.to("cpu"))
+    else:
+        proposal = method(context.to_cpu())
+    _check(proposal, context, method.name)
+    device = context.anchors.positions.device
+    hints = RenderHints(proposal.size_gain.to(device), proposal.left_out.to(device))
+    return dataclasses.replace(partial.scene, anchors=keep_received(context, proposal.anchors.to(device)), hints=hints)
+
+
+def keep_received(context: AnchorContext, proposed: Anchors) -> Anchors:
+    """Takes from `proposed` only what is missing in the context."""
+    received = context.erasures.received.to(context.anchors.positions.device)
+
+    def merge(attribute: Attribute, decoded: Tensor, filled: Tensor) -> Tensor:
+        column = received[:, int(attribute)].view(-1, *[1] * (decoded.dim() - 1))
+        return torch.where(column, decoded, filled)
+
+    anchors = context.anchors
+    mask = merge(Attribute.MASK, anchors.mask, proposed.mask)
+    return Anchors(
+        positions=anchors.positions,
+        features=merge(Attribute.FEATURE, anchors.features, proposed.features),
+        scalings=merge(Attribute.SCALING, anchors.scalings, proposed.scalings),
+        offsets=merge(Attribute.OFFSET, anchors.offsets, proposed.offsets * mask[:, :, None]),
+        mask=mask,
+    )
+
+
+def _check(proposal: Concealed, context: AnchorContext, name: str) -> None:
+    num_anchors = context.anchors.num_anchors
+    sizes = {proposal.anchors.num_anchors, len(proposal.size_gain), len(proposal.left_out)}
+    if sizes != {num_anchors} or not proposal.anchors.matches(context.layout):
+        raise InvalidValueError(f"concealer '{name}' returned {sorted(sizes)} rows for {num_anchors} anchors")
+    if not bool((proposal.size_gain.isfinite() & (proposal.size_gain > 0)).all()):
+        raise InvalidValueError(f"concealer '{name}' returned a size gain that is not positive and finite")

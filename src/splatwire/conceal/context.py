@@ -1,0 +1,47 @@
+"""All that a concealer may see."""
+
+from dataclasses import dataclass
+
+from splatwire.model import PartialScene, Prior
+from splatwire.scene import AnchorLayout, Anchors, Erasures
+
+
+@dataclass(frozen=True, eq=False)
+class AnchorContext:
+    """What arrived, where the gaps are and what the hash grid predicts; no model, no bytes.
+
+    Attributes:
+        anchors: All anchors; attributes that were not received are zero (mask False), positions are always known.
+        erasures: What was received.
+        prior: The hash-grid prior of every anchor.
+        layout: Sizes of an anchor.
+    """
+
+    anchors: Anchors
+    erasures: Erasures
+    prior: Prior
+    layout: AnchorLayout
+
+    def __post_init__(self) -> None:
+        rows = {self.anchors.num_anchors, len(self.erasures.received), len(self.prior.context)}
+        if len(rows) != 1 or not self.anchors.matches(self.layout):
+            raise ValueError(f"anchors, erasures, prior and layout do not fit: {sorted(rows)} rows, {self.layout}")
+
+    def to_cpu(self) -> "AnchorContext":
+        """Returns the same context in main memory, where neighbour search and kernels work."""
+        prior = self.prior
+        moved = {
+            name: type(part)(part.mean.cpu(), part.scale.cpu(), part.step.cpu())
+            for name, part in (("feature", prior.feature), ("scaling", prior.scaling), ("offset", prior.offset))
+        }
+        return AnchorContext(
+            self.anchors.to("cpu"),
+            Erasures(self.erasures.received.cpu()),
+            Prior(**moved, context=prior.context.cpu()),
+            self.layout,
+        )
+
+
+def context_of(partial: PartialScene) -> AnchorContext:
+    """Takes from a partial scene what a concealer may see."""
+    return AnchorContext(partial.scene.anchors, partial.erasures, partial.prior, partial.scene.config.layout)

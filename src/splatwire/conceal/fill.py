@@ -1,0 +1,132 @@
+"""What the concealers that fill gaps have in common: gaps by attribute, weighted means, mask votes, prior fallback."""
+
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from splatwire.conceal.context import AnchorContext
+from splatwire.errors import InvalidValueError
+from splatwire.scene import Anchors, Attribute
+
+MaskRule = Literal["majority", "count", "all"]
+
+
+@dataclass(frozen=True)
+class MaskVote:
+    """How the mask of a lost anchor is chosen from the weighted share of its neighbours that have an offset.
+
+    The paper does not say (its packets carry the mask, so it is lost with the rest). `majority`: an offset exists where
+    the share reaches `threshold`. `count`: as many offsets as the neighbours have on average (rounded), those with the
+    largest shares (equal shares: the lower offset first). `all`: every offset exists. Where no neighbour says anything,
+    every offset exists.
+
+    Attributes:
+        rule: See above.
+        threshold: Share from which an offset exists, for `majority`.
+    """
+
+    rule: MaskRule = "majority"
+    threshold: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.rule not in get_args(MaskRule):
+            raise InvalidValueError(f"mask rule must be one of {', '.join(get_args(MaskRule))}, not {self.rule!r}")
+        if not 0 < self.threshold <= 1:
+            raise InvalidValueError(f"threshold of the mask vote must be in (0, 1], not {self.threshold!r}")
+
+    def __call__(self, share: Float[Tensor, "Q K"], supported: Bool[Tensor, "Q"]) -> Bool[Tensor, "Q K"]:
+        """Decides.
+
+        Args:
+            share: Weighted share of the neighbours that have the offset, 0 to 1.
+            supported: Queries that have neighbours at all.
+        """
+        if self.rule == "all":
+            return torch.ones_like(share, dtype=torch.bool)
+        if self.rule == "count":
+            order = share.argsort(dim=1, descending=True, stable=True)
+            places = torch.arange(share.shape[1]).expand_as(order)
+            rank = torch.empty_like(order).scatter_(1, order, places)
+            exists = rank < share.sum(dim=1, keepdim=True).round()
+        else:
+            exists = share >= self.threshold - 1e-6  # half of the votes is half, whatever rounding says
+        return exists | ~supported[:, None]
+
+
+def attributes_by_gap(context: AnchorContext) -> list[tuple[Bool[Tensor, "N"], tuple[Attribute, ...]]]:
+    """Groups the attributes that are missing from the same anchors: one group if packets are atomic.
+
+    Returns:
+        Per group: True where received, and the attributes. Attributes that miss nowhere are not listed.
+    """
+    groups: list[tuple[Tensor, list[Attribute]]] = []
+    for attribute in Attribute:
+        column = context.erasures.column(attribute)
+        if bool(column.all()):
+            continue
+        for other, members in groups:
+            if torch.equal(other, column):
+                members.append(attribute)
+                break
+        else:
+            groups.append((column, [attribute]))
+    return [(column, tuple(members)) for column, members in groups]
+
+
+def prior_anchors(context: AnchorContext) -> Anchors:
+    """The anchors with every gap filled by the prior's mean; where the mask is missing, every offset exists."""
+    anchors, prior = context.anchors, context.prior
+    offset = prior.offset.mean.view(anchors.offsets.shape)
+    missing = ~context.erasures.received
+    return replace(
+        anchors,
+        features=_choose(missing, Attribute.FEATURE, prior.feature.mean, anchors.features),
+        scalings=_choose(missing, Attribute.SCALING, plausible_scalings(context, prior.scaling.mean), anchors.scalings),
+        offsets=_choose(missing, Attribute.OFFSET, offset, anchors.offsets),
+        mask=anchors.mask | missing[:, int(Attribute.MASK), None],
+    )
+
+
+def _choose(missing: Bool[Tensor, "N 4"], attribute: Attribute, filled: Tensor, decoded: Tensor) -> Tensor:
+    column = missing[:, int(attribute)]
+    return torch.where(column.view(-1, *[1] * (decoded.dim() - 1)), filled, decoded)
+
+
+def plausible_scalings(context: AnchorContext, scalings: Float[Tensor, "M 6"]) -> Float[Tensor, "M 6"]:
+    """Raises estimated sizes to the smallest received size per channel: an estimate may fall below zero.
+
+    Where nothing was received the floor is zero.
+    """
+    received = context.anchors.scalings[context.erasures.column(Attribute.SCALING)]
+    floor = received.amin(dim=0) if len(received) else torch.zeros(6, dtype=scalings.dtype)
+    return torch.maximum(scalings, floor)
+
+
+def weighted_mean(
+    values: Float[Tensor, "N D"], index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]
+) -> Float[Tensor, "Q D"]:
+    """Sums neighbours' values with weights; the weights say whether it is a mean."""
+    return torch.einsum("qk,qkd->qd", weight, values[index])
+
+
+def weighted_mean_of_existing(
+    values: Float[Tensor, "N K 3"],
+    exists: Bool[Tensor, "N K"],
+    index: Int64[Tensor, "Q k"],
+    weight: Float[Tensor, "Q k"],
+) -> tuple[Float[Tensor, "Q K 3"], Float[Tensor, "Q K"]]:
+    """The same for offsets, of which a neighbour without the offset has no value: the others take over its weight.
+
+    Returns:
+        The sums, zero where no neighbour has the offset; and the share of the weight that lies on neighbours that
+        have it, 0 to 1.
+    """
+    voting = weight[:, :, None] * exists[index]
+    total = weight.sum(dim=1)[:, None]
+    has = voting.sum(dim=1)
+    tiny = torch.finfo(weight.dtype).tiny
+    sums = torch.einsum("qks,qksd->qsd", voting, values[index])
+    return sums * (total / has.clamp(min=tiny))[:, :, None], has / total.clamp(min=tiny)

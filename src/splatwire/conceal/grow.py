@@ -1,0 +1,67 @@
+"""Nothing is invented: what arrived grows over the holes."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from splatwire.conceal.base import Concealed, check_at_least, register_concealer
+from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.drop import Drop
+from splatwire.ops.knn import NeighborTree, nearest_others
+
+_CHUNK = 1 << 15
+
+
+@register_concealer("grow")
+@dataclass(frozen=True)
+class Grow:
+    """Leaves lost anchors out and enlarges received ones by `(1 - rho) ** -exponent`, `rho` = share lost around them.
+
+    With exponent 1/2 the covered area of a surface stays what it was: of `n` discs `(1 - rho) n` are left, each
+    `1 / (1 - rho)` as large.
+
+    Attributes:
+        neighbors: How many nearest anchors (received or lost, not counting the anchor itself) `rho` is taken over.
+        exponent: Power of the share that is left; 0 does nothing.
+        max_gain: Upper limit of the gain, which would be infinite where all neighbours are lost.
+    """
+
+    neighbors: int = 64
+    exponent: float = 0.5
+    max_gain: float = 4.0
+
+    def __post_init__(self) -> None:
+        check_at_least("number of neighbours", self.neighbors, 1)
+        check_at_least("exponent of the gain", self.exponent, 0)
+        check_at_least("largest gain", self.max_gain, 1)
+
+    @property
+    def name(self) -> str:
+        """`grow`."""
+        return "grow"
+
+    def __call__(self, context: AnchorContext) -> Concealed:
+        """See `Concealer`."""
+        known = context.erasures.known
+        left = 1 - lost_share(context.anchors.positions, known, self.neighbors)
+        # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
+        least = self.max_gain ** (-1 / self.exponent) if self.exponent else 1.0
+        gain = left.clamp(min=least) ** -self.exponent
+        dropped = Drop()(context)
+        return Concealed(dropped.anchors, torch.where(known, gain, torch.ones_like(gain)), dropped.left_out)
+
+
+def lost_share(positions: Float[Tensor, "N 3"], known: Bool[Tensor, "N"], neighbors: int) -> Float[Tensor, "N"]:
+    """Share of lost anchors among the nearest others of each received anchor; 0 for lost and for lonely anchors."""
+    share = torch.zeros(len(positions), dtype=positions.dtype)
+    lost = (~known).to(positions.dtype)
+    if bool(known.all()) or not bool(known.any()):
+        return share
+    tree = NeighborTree(positions)
+    for own in known.nonzero()[:, 0].split(_CHUNK):
+        index, _ = nearest_others(tree, positions[own], own, neighbors)
+        if index.shape[1]:
+            share[own] = lost[index].mean(dim=1)
+    return share

@@ -1,0 +1,103 @@
+"""What CARI knows about every anchor before it weighs neighbours: residuals, signature, uncertainty, context."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from splatwire.conceal.context import AnchorContext
+from splatwire.model import Prior
+from splatwire.scene import AnchorLayout, Anchors, Attribute
+
+
+@dataclass(frozen=True)
+class AttributeGroup:
+    """Channels that share one set of weights.
+
+    Attributes:
+        attribute: What they are part of.
+        columns: Where they are among the `F + 6 + 3 K` channels of `Residuals.values`; empty for the mask, which has
+            votes instead of residuals.
+    """
+
+    attribute: Attribute
+    columns: slice
+
+
+def attribute_groups(layout: AnchorLayout) -> tuple[AttributeGroup, ...]:
+    """The groups of the paper (feature groups, scaling, offsets), and the mask as the last one."""
+    groups, start = [], 0
+    for size in layout.feature_groups:
+        groups.append(AttributeGroup(Attribute.FEATURE, slice(start, start + size)))
+        start += size
+    groups.append(AttributeGroup(Attribute.SCALING, slice(start, start + 6)))
+    groups.append(AttributeGroup(Attribute.OFFSET, slice(start + 6, start + 6 + 3 * layout.num_offsets)))
+    groups.append(AttributeGroup(Attribute.MASK, slice(start, start)))
+    return tuple(groups)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Decoded minus predicted attributes (the paper's `r = y - mu`).
+
+    Attributes:
+        values: Residuals of features, scalings and offsets (offset-major). Zero where an attribute is missing (the
+            prediction is all there is) and where an offset does not exist.
+        exists: Offsets that have a residual.
+    """
+
+    values: Float[Tensor, "N D"]
+    exists: Bool[Tensor, "N K"]
+
+
+def residuals_of(context: AnchorContext) -> Residuals:
+    """Computes the residuals of what was received."""
+    anchors, prior, received = context.anchors, context.prior, context.erasures.received
+    exists = anchors.mask & received[:, int(Attribute.OFFSET), None] & received[:, int(Attribute.MASK), None]
+    offset = (anchors.offsets - prior.offset.mean.view(anchors.offsets.shape)) * exists[:, :, None]
+    parts = [
+        (anchors.features - prior.feature.mean) * received[:, int(Attribute.FEATURE), None],
+        (anchors.scalings - prior.scaling.mean) * received[:, int(Attribute.SCALING), None],
+        offset.flatten(1),
+    ]
+    return Residuals(torch.cat(parts, dim=1), exists)
+
+
+def signatures(residuals: Residuals, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
+    """The compact signature `g`: mean residual of each feature group, of the scalings and of the existing offsets.
+
+    An attribute that is missing counts with its zero residual, so an anchor of which nothing has arrived has the zero
+    signature.
+    """
+    *means, offsets = (g for g in attribute_groups(layout) if g.attribute is not Attribute.MASK)
+    columns = [residuals.values[:, group.columns].mean(dim=1) for group in means]
+    existing = 3 * residuals.exists.sum(dim=1).clamp(min=1)
+    columns.append(residuals.values[:, offsets.columns].sum(dim=1) / existing)
+    return torch.stack(columns, dim=1)
+
+
+def uncertainties(prior: Prior, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
+    """The scalar uncertainty `sigma` per group: the mean of the prior's scales; the mask shares that of the offsets."""
+    columns = [part.mean(dim=1) for part in prior.feature.scale.split(layout.feature_groups, dim=1)]
+    offset = prior.offset.scale.mean(dim=1)
+    return torch.stack([*columns, prior.scaling.scale.mean(dim=1), offset, offset], dim=1)
+
+
+def unit_rows(values: Float[Tensor, "N D"]) -> Float[Tensor, "N D"]:
+    """Rows divided by their length, so that their products are cosines; rows shorter than 1e-30 become 0."""
+    length = torch.linalg.vector_norm(values, dim=1, keepdim=True)
+    return torch.where(length > 1e-30, values / length.clamp(min=1e-30), torch.zeros_like(values))
+
+
+def anchors_from(context: AnchorContext, residuals: Residuals, mask: Bool[Tensor, "N K"]) -> Anchors:
+    """Adds residuals to the prior's mean: the paper's `A = mu + r`."""
+    prior, layout = context.prior, context.layout
+    feature, scaling, offset = residuals.values.split([layout.feature_dim, 6, 3 * layout.num_offsets], dim=1)
+    return Anchors(
+        positions=context.anchors.positions,
+        features=prior.feature.mean + feature,
+        scalings=prior.scaling.mean + scaling,
+        offsets=(prior.offset.mean + offset).view(context.anchors.offsets.shape),
+        mask=mask,
+    )
