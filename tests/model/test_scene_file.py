@@ -1,0 +1,215 @@
+import dataclasses
+import json
+import struct
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from safetensors.torch import load_file, save_file
+
+from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.model.scene_file import load_partial, load_scene, save_partial, save_scene
+
+
+def leaves(value, path=""):
+    """Every tensor, number and string of nested dataclasses, by its path."""
+    if dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            yield from leaves(getattr(value, field.name), f"{path}.{field.name}")
+    elif isinstance(value, tuple) and value and dataclasses.is_dataclass(value[0]):
+        for i, item in enumerate(value):
+            yield from leaves(item, f"{path}.{i}")
+    else:
+        yield path, value
+
+
+def assert_same(a, b):
+    left, right = dict(leaves(a)), dict(leaves(b))
+    assert left.keys() == right.keys()
+    for path, value in left.items():
+        if isinstance(value, torch.Tensor):
+            assert value.dtype == right[path].dtype, path
+            assert torch.equal(value, right[path]), path
+        else:
+            assert value == right[path], path
+
+
+def edited(path, change):
+    """Rewrites a scene file after `change(tensors, header)`."""
+    raw = path.read_bytes()
+    (length,) = struct.unpack("<Q", raw[:8])
+    header = json.loads(json.loads(raw[8 : 8 + length])["__metadata__"]["splatwire"])
+    tensors = load_file(path)
+    change(tensors, header)
+    save_file(tensors, path, metadata={"splatwire": json.dumps(header)})
+
+
+def test_a_scene_survives_bit_for_bit(tiny_scene, tmp_path):
+    save_scene(tiny_scene, tmp_path / "a.scene")
+    assert_same(load_scene(tmp_path / "a.scene"), tiny_scene)
+    assert [file.name for file in tmp_path.iterdir()] == ["a.scene"]
+
+
+def test_hints_survive(tiny_scene, tiny_hints, tmp_path):
+    scene = dataclasses.replace(tiny_scene, hints=tiny_hints)
+    save_scene(scene, tmp_path / "a.scene")
+    assert_same(load_scene(tmp_path / "a.scene"), scene)
+
+
+def test_a_partial_scene_survives_bit_for_bit(tiny_partial, tmp_path):
+    save_partial(tiny_partial, tmp_path / "a.part")
+    assert_same(load_partial(tmp_path / "a.part"), tiny_partial)
+
+
+def test_an_empty_scene_survives(tiny_scene, tmp_path):
+    scene = dataclasses.replace(tiny_scene, anchors=tiny_scene.anchors.select(torch.zeros(7, dtype=torch.bool)))
+    save_scene(scene, tmp_path / "a.scene")
+    assert_same(load_scene(tmp_path / "a.scene"), scene)
+
+
+def test_the_same_scene_gives_the_same_bytes(tiny_scene, tmp_path):
+    for name in "abcd":
+        save_scene(tiny_scene, tmp_path / name)
+    assert len({(tmp_path / name).read_bytes() for name in "abcd"}) == 1
+
+
+def test_the_layout_of_the_file_is_pinned(tiny_scene, tmp_path):
+    save_scene(tiny_scene, tmp_path / "a.scene")
+    raw = (tmp_path / "a.scene").read_bytes()
+    (length,) = struct.unpack("<Q", raw[:8])
+    index = json.loads(raw[8 : 8 + length])
+    header = json.loads(index.pop("__metadata__")["splatwire"])
+    assert header["format"] == "splatwire-scene"
+    assert header["version"] == 1
+    assert header["voxel_size"] == "0x1.a9fbe76c8b439p-7"
+    shapes = {name: (entry["dtype"], entry["shape"]) for name, entry in index.items()}
+    assert shapes["anchors.positions"] == ("F32", [7, 3])
+    assert shapes["anchors.mask"] == ("BOOL", [7, 3])
+    assert shapes["grid.volume_bits"] == ("U8", [(216 + 256 + 256) * 2 // 8])
+    assert shapes["grid.planes_bits"] == ("U8", [3 * (88 + 512) * 2 // 8])
+    assert shapes["context.channel.1.hidden.weight"] == ("F32", [4, 17])
+    begin, end = index["grid.volume_bits"]["data_offsets"]
+    bits = np.unpackbits(np.frombuffer(raw[8 + length + begin : 8 + length + end], dtype=np.uint8))
+    assert (bits * 2.0 - 1 == tiny_scene.context.grid.volume.flatten().numpy()).all()
+
+
+def test_a_failed_write_leaves_the_old_file(tiny_scene, tmp_path, monkeypatch):
+    path = tmp_path / "a.scene"
+    path.write_bytes(b"old")
+
+    def fail(*_):
+        raise OSError("disk full")
+
+    monkeypatch.setattr("os.replace", fail)
+    with pytest.raises(OSError, match="disk full"):
+        save_scene(tiny_scene, path)
+    assert path.read_bytes() == b"old"
+    assert [file.name for file in tmp_path.iterdir()] == ["a.scene"]
+
+
+def test_the_two_kinds_are_not_mixed_up(tiny_scene, tiny_partial, tmp_path):
+    save_scene(tiny_scene, tmp_path / "a")
+    save_partial(tiny_partial, tmp_path / "b")
+    with pytest.raises(BitstreamError, match="conceal it first"):
+        load_scene(tmp_path / "b")
+    with pytest.raises(BitstreamError, match="not a 'partial' scene"):
+        load_partial(tmp_path / "a")
+
+
+def test_another_version_is_refused_as_such(tiny_scene, tmp_path):
+    save_scene(tiny_scene, tmp_path / "a")
+    edited(tmp_path / "a", lambda tensors, header: header.update(version=2))
+    with pytest.raises(UnsupportedVersionError, match="version 2, this release reads 1"):
+        load_scene(tmp_path / "a")
+
+
+def drop(name):
+    return lambda tensors, header: tensors.pop(name)
+
+
+def put(name, change):
+    return lambda tensors, header: tensors.update({name: change(tensors[name])})
+
+
+def head(**values):
+    return lambda tensors, header: header.update(values)
+
+
+def config(room, **values):
+    return lambda tensors, header: header["config"][room].update(values)
+
+
+def nan_of(value):
+    value = value.clone()
+    value.view(-1)[0] = float("nan")
+    return value
+
+
+BAD = {
+    "missing tensor": (drop("anchors.mask"), "'anchors.mask' is missing"),
+    "missing positions": (drop("anchors.positions"), "'anchors.positions' is missing"),
+    "extra tensor": (lambda t, h: t.update(extra=torch.zeros(1)), "unexpected tensor 'extra'"),
+    "short features": (put("anchors.features", lambda v: v[:6].clone()), r"expected F32 \(7, 5\)"),
+    "double features": (put("anchors.features", lambda v: v.double()), "is F64"),
+    "nan feature": (put("anchors.features", nan_of), "'anchors.features' is not finite"),
+    "nan weight": (put("heads.color.output.bias", nan_of), "'heads.color.output.bias' is not finite"),
+    "mask as bytes": (put("anchors.mask", lambda v: v.to(torch.uint8)), "expected BOOL"),
+    "scalar positions": (put("anchors.positions", lambda v: v[0, 0].clone()), "single number"),
+    "off the grid": (put("anchors.positions", lambda v: v + 0.004), "not whole multiples"),
+    "empty box": (put("grid.bounds_max", lambda v: v * 0 - 9), "not below"),
+    "short bits": (put("grid.volume_bits", lambda v: v[1:].clone()), "grid.volume_bits"),
+    "wide prior": (put("context.prior.output.bias", lambda v: torch.zeros(99)), "context.prior.output"),
+    "zero voxel": (head(voxel_size="0x0p+0"), "voxel size"),
+    "text voxel": (head(voxel_size="big"), "voxel size"),
+    "other format": (head(format="other"), "not a splatwire scene"),
+    "no slopes": (head(negative_slopes={}), "slope"),
+    "slopes as list": (head(negative_slopes=[]), "slope"),
+    "config as list": (head(config=[]), "bad configuration"),
+    "hints promised": (head(hints=True), "hints.left_out"),
+    "huge table": (config("grid", log2_rows_3d=60), "bad configuration"),
+    "huge groups": (config("layout", feature_groups=[2] * 65), "bad configuration"),
+    "float size": (config("layout", feature_dim=5.0), "bad configuration"),
+    "wrong sum": (config("layout", feature_groups=[2, 4]), "bad configuration"),
+    "unknown entry": (config("layout", colour=3), "bad configuration"),
+    "other offsets": (config("layout", num_offsets=4), "anchors.offsets"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_wrong_file_is_refused_with_its_name_and_the_reason(name, tiny_scene, tmp_path):
+    change, reason = BAD[name]
+    save_scene(tiny_scene, tmp_path / "a.scene")
+    edited(tmp_path / "a.scene", change)
+    with pytest.raises(BitstreamError, match=reason) as caught:
+        load_scene(tmp_path / "a.scene")
+    assert "a.scene" in str(caught.value)
+
+
+def test_what_is_no_scene_file_at_all_is_refused(tmp_path):
+    (tmp_path / "text").write_text("hello")
+    save_file({"a": torch.zeros(1)}, tmp_path / "foreign")
+    for name in ("absent", "text", "foreign", "."):
+        with pytest.raises(BitstreamError):
+            load_scene(tmp_path / name)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damage_is_one_clear_error_or_another_finite_scene(data, tiny_scene, tmp_path):
+    path = tmp_path / "a.scene"
+    save_scene(tiny_scene, path)
+    raw = bytearray(path.read_bytes())
+    if data.draw(st.booleans()):
+        raw = raw[: data.draw(st.integers(0, len(raw) - 1))]
+    else:
+        at = data.draw(st.integers(0, len(raw) - 1))
+        raw[at] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(raw)
+    try:
+        scene = load_scene(path)
+    except BitstreamError:
+        return
+    assert all(torch.isfinite(value).all() for _, value in leaves(scene) if isinstance(value, torch.Tensor))
+    assert scene.anchors.matches(scene.config.layout)
