@@ -15,8 +15,8 @@ from splatwire.scene import Cameras, Gaussians
 class GsplatRenderer:
     """Draws with gsplat's CUDA kernels; differentiable.
 
-    gsplat caps alpha a little higher and its lists of Gaussians per tile are a little tighter than 3DGS's, so pictures
-    agree with the CPU renderer's to some 1e-3, not bit for bit.
+    gsplat's cap of alpha and its lists of Gaussians per tile differ a little from 3DGS's, so pictures are close to the
+    CPU renderer's, not bit for bit the same.
 
     Raises:
         BackendUnavailableError: gsplat is not installed, or there is no CUDA device.

@@ -1,0 +1,175 @@
+"""Draws the official decoded anchors and prints, as JSON, how near the pictures are and how long they take.
+
+Goals: at least 55 dB against every official render; under 0.5 s for a view of 400x266, heads and rasteriser, after
+warm-up. Times are the best of the repeats. `vector_ratio` guards the two inner loops: how many times faster they are
+than the same loop compiled without vector instructions; it falls to 1 when the compiler stops vectorising.
+
+    python benchmarks/render.py [--data DIR] [--repeats 5] [--all-views]
+"""
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import torch
+from PIL import Image
+
+from splatwire.importers.hacpp import import_hacpp
+from splatwire.metrics import psnr, psnr_by_channel, ssim
+from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.render import iterate_views, render_scene
+from splatwire.render.cpu import render_cpu
+from splatwire.scene import Cameras, Gaussians
+
+MODELS = {"bonsai_30k": "bonsai", "snowmiku_15k": "snowmiku", "snowmiku_small_2400": "snowmiku_small"}
+GOAL_DB, GOAL_S = 55.0, 0.5
+
+
+def read_cameras(model_dir: Path) -> Cameras:
+    entries = json.loads((model_dir / "cameras.json").read_text())["cameras"]
+    poses = torch.tensor([e["w2c"] for e in entries], dtype=torch.float32)
+    Ks = torch.tensor([e["K"] for e in entries], dtype=torch.float32)
+    return Cameras(poses, Ks, entries[0]["width"], entries[0]["height"], tuple(e["name"] for e in entries))
+
+
+def read_image(path: Path) -> torch.Tensor:
+    return torch.from_numpy(np.array(Image.open(path).convert("RGB"))).float()[None] / 255
+
+
+def milliseconds(work: Callable[[], Any], repeats: int) -> float:
+    work()
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return round(1000 * min(seconds), 2)
+
+
+def likeness(scene: Any, cameras: Cameras, model_dir: Path) -> dict[str, Any]:
+    """PSNR of our pictures against the official ones, ours as floats and rounded to 8 bits as theirs are."""
+    views = {}
+    for file in sorted((model_dir / "renders").glob("*_after.png")):
+        name = file.name.removesuffix("_after.png")
+        ours, theirs = render_scene(scene, cameras.select([cameras.names.index(name)])), read_image(file)
+        rounded = (ours * 255).round() / 255
+        views[name] = {"db": round(psnr(ours, theirs).item(), 2), "db_8bit": round(psnr(rounded, theirs).item(), 2)}
+    worst = min(v["db"] for v in views.values())
+    return {"views": views, "worst_db": worst, "goal_db": GOAL_DB, "reached": worst >= GOAL_DB}
+
+
+def photo_scores(scene: Any, cameras: Cameras, model_dir: Path, photos: Path) -> dict[str, Any]:
+    """Mean scores over the test views beside the official ones, and the largest difference on any view."""
+    official = {s["name"]: s for s in json.loads((model_dir / "metrics.json").read_text())["test_after"]}
+    names = sorted(official)
+    chosen = cameras.select([cameras.names.index(n) for n in names])
+    rows = []
+    for name, image in zip(names, iterate_views(scene, chosen), strict=True):
+        photo = read_image(photos / f"{name}.jpg")
+        scores = (psnr(image[None], photo), psnr_by_channel(image[None], photo), ssim(image[None], photo))
+        rows.append([s.item() for s in scores])
+    psnr_mean, by_channel, ssim_mean = np.mean(rows, axis=0).tolist()
+    theirs = np.array([[official[n]["psnr"], official[n]["ssim"]] for n in names])
+    return {
+        "views": len(names),
+        "psnr": round(psnr_mean, 4),
+        "psnr_by_channel": round(by_channel, 4),
+        "official_psnr_by_channel": round(float(theirs[:, 0].mean()), 4),
+        "largest_psnr_difference": float(np.abs(np.array(rows)[:, 1] - theirs[:, 0]).max()),
+        "ssim": round(ssim_mean, 5),
+        "official_ssim": round(float(theirs[:, 1].mean()), 5),
+        "largest_ssim_difference": float(np.abs(np.array(rows)[:, 2] - theirs[:, 1]).max()),
+    }
+
+
+def timings(scene: Any, cameras: Cameras, repeats: int) -> dict[str, Any]:
+    """Milliseconds of one view: heads, rasteriser, and the rasteriser with gradients."""
+    one = cameras.select([0])
+    gaussians = generate_gaussians(scene, one, 0)
+    black = torch.zeros(3)
+    fields = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.colors)
+    leaves = [t.detach().clone().requires_grad_() for t in fields]
+
+    def step() -> None:
+        render_cpu(Gaussians(*leaves), one, background=black).sum().backward()
+
+    with torch.no_grad():
+        heads = milliseconds(lambda: generate_gaussians(scene, one, 0), repeats)
+        draw = milliseconds(lambda: render_cpu(gaussians, one, background=black), repeats)
+        whole = milliseconds(lambda: render_scene(scene, one), repeats)
+    return {
+        "size": f"{cameras.width}x{cameras.height}",
+        "gaussians": gaussians.num_gaussians,
+        "heads_ms": heads,
+        "raster_ms": draw,
+        "view_ms": whole,
+        "raster_with_gradients_ms": milliseconds(step, repeats),
+    }
+
+
+def vector_ratios() -> dict[str, Any]:
+    """Nanoseconds per pixel of the inner loops, compiled as they are and once more without vector instructions."""
+    from splatwire.render import _cpu_gradients, _cpu_kernels
+
+    result = {}
+    row = np.zeros(_cpu_gradients.SUMS, np.float32)
+    numbers = [np.float32(v) for v in (8.0, 8.0, -0.01, 0.001, -0.01, 0.01, 0.5, 0.5, 0.5)]
+    for name, kernel, extra in (("forward", _cpu_kernels._blend, ()), ("backward", _cpu_gradients._blend_back, (row,))):
+        fast = nanoseconds_per_pixel(kernel, numbers, extra)
+        vectorize, numba.config.LOOP_VECTORIZE = numba.config.LOOP_VECTORIZE, 0
+        scalar = numba.njit(fastmath=_cpu_kernels._FAST, inline="never", error_model="numpy")(kernel.py_func)
+        slow = nanoseconds_per_pixel(scalar, numbers, extra)
+        numba.config.LOOP_VECTORIZE = vectorize
+        ratio = slow / fast
+        result[name] = {
+            "ns_per_pixel": round(fast, 3),
+            "vector_ratio": round(ratio, 2),
+            "goal": 2.0,
+            "reached": ratio > 2,
+        }
+    return result
+
+
+def nanoseconds_per_pixel(kernel: Any, numbers: list[Any], extra: tuple[Any, ...]) -> float:
+    from splatwire.render._cpu_kernels import PIXELS
+
+    @numba.njit
+    def loop(buf, low, high, x, y, a, b, c, o, red, green, blue, *rest):  # type: ignore[no-untyped-def]
+        for _ in range(20_000):
+            kernel(buf, low, high, x, y, a, b, c, o, red, green, blue, *rest)
+
+    buf = np.full(7 * PIXELS, 0.5, np.float32)
+    arguments = (buf, np.uint64(0), np.uint64(PIXELS), *numbers, *extra)
+    return milliseconds(lambda: loop(*arguments), 5) * 1e6 / (20_000 * PIXELS)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    default = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("SPLATWIRE_DATA", default)))
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--all-views", action="store_true", help="score every test view against its photo, too")
+    arguments = parser.parse_args()
+    report: dict[str, Any] = {"threads": torch.get_num_threads(), "kernels": vector_ratios(), "models": {}}
+    for model, photos in MODELS.items():
+        model_dir = arguments.data / "hacpp" / model
+        scene, cameras = import_hacpp(model_dir), read_cameras(model_dir)
+        entry = {"official": likeness(scene, cameras, model_dir), "time": timings(scene, cameras, arguments.repeats)}
+        if model == "bonsai_30k":
+            small = timings(scene, cameras.scaled(0.5), arguments.repeats)
+            entry["time_400x266"] = {**small, "goal_ms": 1000 * GOAL_S, "reached": small["view_ms"] < 1000 * GOAL_S}
+        if arguments.all_views:
+            folder = arguments.data / "scenes" / photos / "images"
+            entry["photos"] = photo_scores(scene, cameras, model_dir, folder)
+        report["models"][model] = entry
+    print(json.dumps(report, indent=2))
+
+
+if __name__ == "__main__":
+    main()
