@@ -5,6 +5,8 @@ of its points have a zero in `bit`. Lone points send the bit itself. Anchors gro
 of zeros in their low bits, so contexts count the zeros just before.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
@@ -27,6 +29,7 @@ NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 
 
 @njit(cache=True, inline="always")
+@no_type_check
 def large_count_normal(n):
     """Mean (12 fractional bits) and scale index of the zero count of a node with many points: scale about n / 4."""
     exponent = 0
@@ -36,6 +39,7 @@ def large_count_normal(n):
 
 
 @njit(cache=True)
+@no_type_check
 def split(codes, begin, end, bit):
     """First index in `[begin, end)` whose code has a one in `bit`."""
     low, high = begin, end
@@ -49,6 +53,7 @@ def split(codes, begin, end, bit):
 
 
 @njit(cache=True)
+@no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
     """Codes how many of a node's n points have a zero in `bit`."""
     if n == 1:
@@ -74,6 +79,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
 
 
 @njit(cache=True)
+@no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
     """Inverse of `encode_count`; hostile codes are clipped to 0..n."""
     if n == 1:
@@ -95,6 +101,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
 
 
 @njit(cache=True)
+@no_type_check
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
     """Codes sorted Morton codes of `bits` bits; returns the number of bytes."""
     state = np.empty(3, np.int64)
@@ -117,6 +124,7 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
 
 
 @njit(cache=True)
+@no_type_check
 def decode_codes(data, count, bits, models, inverses, widths, table, codes):
     """Inverse of `encode_codes`; fills `codes` in ascending order."""
     state = np.empty(3, np.int64)

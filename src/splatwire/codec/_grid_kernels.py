@@ -1,5 +1,7 @@
 """Numba kernels of the integer hash-grid lookup; `grid_lookup.lookup_reference` says the same in numpy."""
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit, prange
 
@@ -13,6 +15,7 @@ CELL = 1 << CELL_BITS
 
 
 @njit(cache=True, inline="always")
+@no_type_check
 def row_of(x, y, z, resolution, rows, dims):
     """Row of a grid corner in its level's table: dense where the level fits, hashed elsewhere (HACPP_SPEC 3)."""
     stride = resolution * resolution if dims == 2 else resolution * resolution * resolution
@@ -25,6 +28,7 @@ def row_of(x, y, z, resolution, rows, dims):
 
 
 @njit(cache=True, inline="always")
+@no_type_check
 def locate(unit, resolution):
     """Lower corner and fraction (`CELL_BITS` bits) of a unit coordinate on one axis of a level."""
     scaled = (unit * (resolution - 2) + HALF) >> SHIFT
@@ -32,6 +36,7 @@ def locate(unit, resolution):
 
 
 @njit(cache=True, inline="always")
+@no_type_check
 def corner_weight(corner, bit, fraction, resolution):
     """Weight of one axis of a corner; zero where the corner lies on the border and is dropped."""
     at = corner + bit
@@ -41,6 +46,7 @@ def corner_weight(corner, bit, fraction, resolution):
 
 
 @njit(cache=True, parallel=True)
+@no_type_check
 def lookup(units, signs, starts, resolutions, rows, axes, out):
     """Interpolates every level for every anchor.
 
@@ -93,6 +99,7 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
 
 
 @njit(cache=True)
+@no_type_check
 def touch(units, starts, resolutions, rows, axes, touched):
     """Marks every table row that some anchor's interpolation reads with a weight above zero."""
     one = np.int64(1) << UNIT_BITS

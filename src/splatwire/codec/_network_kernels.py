@@ -3,6 +3,8 @@
 `splatwire.codec.coding_params_reference` says the same in plain torch.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit, prange
 
@@ -23,6 +25,7 @@ OUT_LIMIT = float(OUTPUT_LIMIT)
 
 
 @njit(cache=True, parallel=True)
+@no_type_check
 def finish_hidden(sums, bias, leaky):
     """Adds the bias, rounds down to activation precision, rectifies and clips, in place."""
     for n in prange(sums.shape[0]):
@@ -34,6 +37,7 @@ def finish_hidden(sums, bias, leaky):
 
 
 @njit(cache=True, parallel=True)
+@no_type_check
 def finish_output(sums, bias, out):
     """Adds the bias, rounds down to output precision and clips."""
     for n in prange(sums.shape[0]):
@@ -43,6 +47,7 @@ def finish_output(sums, bias, out):
 
 
 @njit(cache=True, parallel=True)
+@no_type_check
 def narrow(outputs, inputs):
     """Turns the first columns of network outputs into network inputs."""
     for n in prange(inputs.shape[0]):
@@ -51,6 +56,7 @@ def narrow(outputs, inputs):
 
 
 @njit(cache=True, parallel=True)
+@no_type_check
 def feature_activations(symbols, factors, base, activations):
     """Turns decoded feature symbols into network inputs; `base` is the base step with 16 fractional bits."""
     for n in prange(symbols.shape[0]):

@@ -4,6 +4,8 @@ Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are th
 the order is: masks, feature groups one after another, scalings, unmasked offsets, each anchor by anchor.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit, prange
 
@@ -24,7 +26,8 @@ MASK_ONES = 4
 """Mask contexts per offset: 0, 1, 2 or more ones before it in the anchor."""
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def scale_index(scale):
     """Index into the scale table of a scale with 12 fractional bits: octave and 4 bits of mantissa."""
     value = min(max(scale, 64), (1 << 26) - 1)
@@ -34,13 +37,15 @@ def scale_index(scale):
     return ((exponent - 6) << 4) + ((value >> (exponent - 4)) & 15)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def step_index(q):
     """Index into the step table of an output with 16 fractional bits: 1024 cells per unit, clipped to -4 to 4."""
     return min(max(((q + 32) >> 6) + 4096, 0), 8192)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True)
+@no_type_check
 def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps, means, scales):
     """Turns network outputs (16 fractional bits) into means in steps (12 fractional bits) and scale indices."""
     count = means.shape[1]
@@ -53,7 +58,8 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
             scales[n, c] = scale_index(scale)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True)
+@no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
     """The same for a feature group's second component, and the index of the mixture weight."""
     size = means.shape[1]
@@ -67,13 +73,15 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
             weights[n, c] = min(max(((logit + 2048) >> 12) + 128, 0), 255)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def mask_context(offset, ones):
     """Context of a mask bit: which offset, and how many of the anchor's earlier offsets exist."""
     return offset * MASK_ONES + min(ones, MASK_ONES - 1)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True)
+@no_type_check
 def encode_packets(
     starts, masks, features, scalings, offsets, mask_model,
     mean0, scale0, mean1, scale1, weight, scaling_mean, scaling_scale, offset_mean, offset_scale,
@@ -121,7 +129,8 @@ def encode_packets(
         lengths[p] = encoder_finish(out, state)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True)
+@no_type_check
 def decode_masks(data, ends, starts, mask_model, states, masks):
     """Starts the decoder of every packet and reads its masks. `ends[p]:ends[p + 1]` are the packet's bytes."""
     num_offsets = masks.shape[1]
@@ -137,7 +146,8 @@ def decode_masks(data, ends, starts, mask_model, states, masks):
                 ones += bit
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True)
+@no_type_check
 def decode_group(
     data, ends, starts, states, first, mean0, scale0, mean1, scale1, weight, weights, inverses, widths, table, features
 ):
@@ -151,7 +161,8 @@ def decode_group(
                 )  # fmt: skip
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True)
+@no_type_check
 def decode_rest(
     data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,
     inverses, widths, table, scalings, offsets,

@@ -1,5 +1,7 @@
 """Numba kernels that code the signs of the hash-grid rows that some anchor reads."""
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
@@ -10,6 +12,7 @@ STATES = 32
 
 
 @njit(cache=True, inline="always")
+@no_type_check
 def sign_context(level, feature, depth, signs, row, previous):
     """Context of one sign: its level and feature, the row's signs so far, the same feature of the last row coded."""
     context = (level * depth + feature) * STATES
@@ -22,6 +25,7 @@ def sign_context(level, feature, depth, signs, row, previous):
 
 
 @njit(cache=True)
+@no_type_check
 def encode_signs(signs, touched, level_of, models, buffer):
     """Codes the signs of all touched rows; returns the number of bytes."""
     state = np.empty(3, np.int64)
@@ -37,6 +41,7 @@ def encode_signs(signs, touched, level_of, models, buffer):
 
 
 @njit(cache=True)
+@no_type_check
 def decode_signs(data, touched, level_of, models, signs):
     """Inverse of `encode_signs`; rows that are not touched become +1."""
     state = np.empty(3, np.int64)

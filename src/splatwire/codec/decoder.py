@@ -98,7 +98,7 @@ def _decode_arrays(
     for run in chunks(counts):
         ranks = groups.ranks[groups.starts[run.start] : groups.starts[run.stop]]
         features, outputs = context.predict(info.voxels[ranks])
-        arrays.outputs[ranks], arrays.context[ranks] = outputs, features * 2.0**-ACTIVATION_BITS
+        arrays.outputs[ranks], arrays.context[ranks] = outputs, features
         here = [arrived.get(i) for i in plan.ids[run]]
         there = np.array([packet is not None for packet in here])
         if there.any():
@@ -154,11 +154,11 @@ def _prior(info: SideInfo, arrays: _Arrays) -> Prior:
             )
         )
     feature, scaling, offset = attributes
-    return Prior(feature, scaling, offset, torch.from_numpy(arrays.context))
+    return Prior(feature, scaling, offset, torch.from_numpy(arrays.context).mul_(2.0**-ACTIVATION_BITS))
 
 
 def _to_float(outputs: np.ndarray) -> torch.Tensor:
-    return torch.from_numpy((outputs * 2.0**-OUTPUT_BITS).astype(np.float32))
+    return torch.from_numpy(outputs).float().mul_(2.0**-OUTPUT_BITS)
 
 
 def _network(mlp: QuantisedMlp) -> Mlp:

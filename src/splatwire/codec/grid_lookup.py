@@ -116,7 +116,7 @@ def lookup_reference(units: np.ndarray, signs: np.ndarray, config: HashGridConfi
     for start, resolution, rows, axes in zip(levels.starts, levels.resolutions, levels.rows, levels.axes, strict=True):
         used = [a for a in axes if a >= 0]
         at = units[:, used]
-        inside = ((at >= 0) & (at <= 1 << UNIT_BITS)).all(axis=1)
+        inside = np.asarray(((at >= 0) & (at <= 1 << UNIT_BITS)).all(axis=1))
         scaled = (np.where(inside[:, None], at, 0) * (resolution - 2) + (1 << (UNIT_BITS - 1))) >> (
             UNIT_BITS - CELL_BITS
         )

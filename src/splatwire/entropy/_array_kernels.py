@@ -1,5 +1,7 @@
 """Numba kernels that code one array as one stream."""
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
@@ -15,6 +17,7 @@ from splatwire.entropy._kernels import (
 
 
 @njit(cache=True)
+@no_type_check
 def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widths, table, buffer):
     """Codes symbols under mixtures of two normals; returns the number of bytes."""
     state = np.empty(3, np.int64)
@@ -27,6 +30,7 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
 
 
 @njit(cache=True)
+@no_type_check
 def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths, table, symbols):
     """Inverse of `encode_symbols`."""
     state = np.empty(3, np.int64)
@@ -38,6 +42,7 @@ def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths,
 
 
 @njit(cache=True)
+@no_type_check
 def encode_bits(bits, contexts, model, buffer):
     """Codes bits with one adaptive model per context; returns the number of bytes."""
     state = np.empty(3, np.int64)
@@ -48,6 +53,7 @@ def encode_bits(bits, contexts, model, buffer):
 
 
 @njit(cache=True)
+@no_type_check
 def decode_bits(data, contexts, model, bits):
     """Inverse of `encode_bits`."""
     state = np.empty(3, np.int64)

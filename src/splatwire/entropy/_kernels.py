@@ -4,6 +4,8 @@ State of one coder is an int64 row: encoder `[low, range, position]`, decoder `[
 below 2**49, so signed 64-bit arithmetic never overflows.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit
 
@@ -30,7 +32,8 @@ ADAPTIVE_SLOW = 7
 ADAPTIVE_FAST = 4
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def encode_interval(buffer, state, start, size, total_bits):
     """Narrows the encoder to `[start, start + size)` out of `2**total_bits`."""
     unit = state[1] >> total_bits
@@ -54,7 +57,8 @@ def encode_interval(buffer, state, start, size, total_bits):
     state[2] = position
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def encoder_start(state):
     """Puts a fresh encoder into `state`."""
     state[0] = 0
@@ -62,7 +66,8 @@ def encoder_start(state):
     state[2] = 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def encoder_finish(buffer, state):
     """Writes the shortest tail that decodes right when followed by zero bytes; returns the length of the code."""
     low = state[0] + LOW_MASK
@@ -80,7 +85,8 @@ def encoder_finish(buffer, state):
     return position
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def decoder_start(data, begin, end, state):
     """Puts a decoder of `data[begin:end]` into `state`."""
     code = 0
@@ -93,13 +99,15 @@ def decoder_start(data, begin, end, state):
     state[2] = begin + 6
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def decode_target(state, total_bits):
     """Number in `[0, 2**total_bits)` that the code points at."""
     return min(state[0] // (state[1] >> total_bits), (1 << total_bits) - 1)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def decode_advance(data, end, state, start, size, total_bits):
     """Removes `[start, start + size)` from the code and reads what is needed next; past `end` zeros are read."""
     unit = state[1] >> total_bits
@@ -117,13 +125,15 @@ def decode_advance(data, end, state, start, size, total_bits):
     state[2] = position
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def encode_raw(buffer, state, value, bits):
     """Writes up to 16 equiprobable bits."""
     encode_interval(buffer, state, value, 1, bits)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def decode_raw(data, end, state, bits):
     """Reads up to 16 equiprobable bits."""
     value = decode_target(state, bits)
@@ -131,7 +141,8 @@ def decode_raw(data, end, state, bits):
     return value
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def adaptive_update(model, context, bit):
     """Moves a model's two estimates of P(bit = 0), in units of 2**-16, one fast and one slow."""
     for column, rate in ((0, ADAPTIVE_SLOW), (1, ADAPTIVE_FAST)):
@@ -139,14 +150,16 @@ def adaptive_update(model, context, bit):
         model[context, column] = p - (p >> rate) if bit else p + ((65536 - p) >> rate)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def adaptive_size(model, context):
     """Size of the interval of a zero bit out of 2**16: the mean of the two estimates, kept off the ends."""
     p = (model[context, 0] + model[context, 1]) >> 1
     return min(max(p, 32), 65536 - 32)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def encode_bit(buffer, state, model, context, bit):
     """Codes one bit with an adaptive model and updates it."""
     zero = adaptive_size(model, context)
@@ -157,7 +170,8 @@ def encode_bit(buffer, state, model, context, bit):
     adaptive_update(model, context, bit)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def decode_bit(data, end, state, model, context):
     """Decodes one bit with an adaptive model and updates it."""
     zero = adaptive_size(model, context)
@@ -170,7 +184,8 @@ def decode_bit(data, end, state, model, context):
     return bit
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def normal_cdf(boundary, mean, inverse, table):
     """Distribution function, out of 2**24, at `boundary` (both in steps with MEAN_BITS fractional bits)."""
     z = ((boundary - mean) * inverse) >> Z_SHIFT
@@ -184,7 +199,8 @@ def normal_cdf(boundary, mean, inverse, table):
     return base + (((table[cell + 1] - base) * (z & Z_FRACTION)) >> Z_CELL_BITS)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, table):
     """Start of the interval of `symbol` in `[low, high + 1]`: mixture CDF below it, and one unit for each symbol."""
     if symbol <= low:
@@ -199,7 +215,8 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
     return ((below * (TOTAL - ESCAPE - count)) >> TOTAL_BITS) + (symbol - low)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
     """First and last symbol that have an interval of their own."""
     center = (mean0 + HALF_STEP) >> MEAN_BITS
@@ -214,7 +231,8 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
     return low, high
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def encode_escape(buffer, state, excess):
     """Codes a distance >= 0 beyond the window: Elias gamma of `excess + 1`, at most 32 bits."""
     value = excess + 1
@@ -228,7 +246,8 @@ def encode_escape(buffer, state, excess):
         encode_raw(buffer, state, (value >> i) & 1, 1)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def decode_escape(data, end, state):
     """Inverse of `encode_escape`; hostile codes stop at 32 bits."""
     length = 0
@@ -240,7 +259,8 @@ def decode_escape(data, end, state):
     return value - 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """Codes an integer under a normal (weight 65536) or a mixture of two."""
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
@@ -255,7 +275,8 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
     encode_escape(buffer, state, symbol - high - 1 if above else low - 1 - symbol)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+@no_type_check
 def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """Inverse of `encode_symbol`: brackets the symbol outwards from the heavier mean, then bisects."""
     low, high = window(mean0, scale0, mean1, scale1, weight, widths)
