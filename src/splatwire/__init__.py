@@ -1,3 +1,61 @@
-"""splatwire: 3D Gaussian splats across lossy networks."""
+"""splatwire: 3D Gaussian splats across lossy networks.
+
+The names of `__all__` are loaded on first use, so that `import splatwire` costs nothing and a relay that only needs
+packets never loads torch.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from splatwire.channel import parse_loss as parse_loss
+    from splatwire.channel import transmit as transmit
+    from splatwire.codec import decode_stream as decode_stream
+    from splatwire.codec import encode_scene as encode_scene
+    from splatwire.conceal import create_concealer as create_concealer
+    from splatwire.errors import SplatwireError as SplatwireError
+    from splatwire.importers.hacpp import import_hacpp as import_hacpp
+    from splatwire.model.anchor_scene import AnchorScene as AnchorScene
+    from splatwire.model.anchor_scene import PartialScene as PartialScene
+    from splatwire.model.scene_file import load_scene as load_scene
+    from splatwire.model.scene_file import save_scene as save_scene
+    from splatwire.packets import Packetization as Packetization
+    from splatwire.packets import SceneStream as SceneStream
+    from splatwire.packets import read_stream as read_stream
+    from splatwire.packets import write_stream as write_stream
+    from splatwire.render import render_scene as render_scene
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "AnchorScene": "splatwire.model.anchor_scene",
+    "Packetization": "splatwire.packets",
+    "PartialScene": "splatwire.model.anchor_scene",
+    "SceneStream": "splatwire.packets",
+    "SplatwireError": "splatwire.errors",
+    "create_concealer": "splatwire.conceal",
+    "decode_stream": "splatwire.codec",
+    "encode_scene": "splatwire.codec",
+    "import_hacpp": "splatwire.importers.hacpp",
+    "load_scene": "splatwire.model.scene_file",
+    "parse_loss": "splatwire.channel",
+    "read_stream": "splatwire.packets",
+    "render_scene": "splatwire.render",
+    "save_scene": "splatwire.model.scene_file",
+    "transmit": "splatwire.channel",
+    "write_stream": "splatwire.packets",
+}
+
+__all__ = [*_HOME, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'splatwire' has no attribute '{name}'")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,1 +1,1 @@
-"""TODO"""
+"""The command `splatwire`: one file per verb; heavy libraries are loaded only by the verb that runs."""

@@ -1,0 +1,106 @@
+"""What the verbs read and write; `-` is standard input or output."""
+
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+from splatwire.errors import BitstreamError, InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.model import AnchorScene, PartialScene
+    from splatwire.packets import ReadReport, SceneStream
+    from splatwire.scene import Erasures
+
+STANDARD = "-"
+_MAGIC_BYTES = 4
+
+
+@contextmanager
+def input_path(name: str) -> Iterator[Path]:
+    """Gives the path to read from; standard input is first copied to a temporary file."""
+    if name != STANDARD:
+        yield Path(name)
+        return
+    with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
+        path = Path(folder) / "standard_input"
+        with path.open("wb") as file:
+            shutil.copyfileobj(sys.stdin.buffer, file)
+        yield path
+
+
+@contextmanager
+def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[Path]:
+    """Gives the path to write to; for standard output a temporary file whose content is copied at the end.
+
+    Args:
+        name: What the user said.
+        suffix: Suffix of the temporary file.
+        json: Whether standard output is promised to a JSON object.
+
+    Raises:
+        InvalidValueError: If both the data and the JSON object would go to standard output.
+    """
+    if name != STANDARD:
+        path = Path(name)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield path
+        return
+    if json:
+        raise InvalidValueError("--json and -o - both want standard output; give -o a file")
+    with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
+        path = Path(folder) / f"standard_output{suffix}"
+        yield path
+        with path.open("rb") as file:
+            shutil.copyfileobj(file, sys.stdout.buffer)
+        sys.stdout.buffer.flush()
+
+
+def is_stream(path: Path) -> bool:
+    """Tells streams from scene files by looking: a folder, or a file that begins with a stream's magic bytes.
+
+    Raises:
+        BitstreamError: If nothing is there.
+    """
+    from splatwire.packets.scene_stream import FILE_MAGIC
+
+    if path.is_dir():
+        return True
+    if not path.is_file():
+        raise BitstreamError(f"{path}: no such file or folder")
+    with path.open("rb") as file:
+        return file.read(_MAGIC_BYTES) == FILE_MAGIC
+
+
+SceneInput: TypeAlias = "AnchorScene | PartialScene"
+
+
+def read_any(path: Path) -> "tuple[SceneStream, ReadReport] | tuple[SceneInput, Erasures | None]":
+    """Reads a stream with its report, or a scene with what had been received of it.
+
+    Raises:
+        BitstreamError: If it is neither.
+    """
+    if is_stream(path):
+        from splatwire.packets import read_stream
+
+        return read_stream(path)
+    from splatwire.model.scene_file import load_scene_file
+
+    return load_scene_file(path)
+
+
+def read_report_json(report: "ReadReport") -> dict[str, object]:
+    """What reading a stream met with, as JSON."""
+    return {
+        "num_expected": report.num_expected,
+        "num_received": report.num_received,
+        "num_missing": report.num_missing,
+        "num_corrupt": report.num_corrupt,
+        "num_foreign": report.num_foreign,
+        "num_duplicate": report.num_duplicate,
+        "problems": list(report.problems),
+    }

@@ -1,0 +1,62 @@
+"""How verbs talk: results on standard output, everything else on standard error."""
+
+import json
+import math
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Annotated, Any, Protocol
+
+import tyro
+
+JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
+
+
+class Reporter(Protocol):
+    """Called with what is being done and the share of it that is done, 0 to 1."""
+
+    def __call__(self, task: str, share: float) -> None:
+        """Shows progress."""
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """Prints one JSON object, all on one line; numbers that JSON does not have become null."""
+    print(json.dumps(_plain(content), allow_nan=False))
+
+
+def print_summary(text: str, output: str = "") -> None:
+    """Prints a line for a person; on standard error when standard output carries the data."""
+    print(text, file=sys.stderr if output == "-" else sys.stdout)
+
+
+@contextmanager
+def progress_bars() -> Iterator[Reporter]:
+    """Shows progress on standard error: bars on a terminal, a line per task elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:<34}"), BarColumn(bar_width=30), TimeElapsedColumn())
+    tasks: dict[str, TaskID] = {}
+    started = time.perf_counter()
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+
+        def report(task: str, share: float) -> None:
+            if task not in tasks:
+                tasks[task] = progress.add_task(task, total=1.0)
+                if not console.is_terminal:
+                    console.print(f"[{time.perf_counter() - started:6.1f} s] {task}", markup=False, highlight=False)
+            progress.update(tasks[task], completed=share)
+
+        yield report
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

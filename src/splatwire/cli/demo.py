@@ -1,0 +1,116 @@
+"""`splatwire demo`: the whole journey on the scene that comes with the package."""
+
+import tempfile
+import time
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
+from splatwire.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.evaluate import Evaluation
+
+_SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
+_LPIPS_VIEWS = 2
+"""LPIPS takes seconds per picture on a CPU; on two views the demo still fits in two minutes."""
+_NOTES = (
+    "A compressed scene was split into independently decodable packets, some of them were lost, a fresh process decoded "
+    "what had arrived, each concealer dealt with the gaps, and the CPU renderer drew the test views.",
+    "The reference pictures are the lossless scene's own renders, not photos: the numbers say what the losses cost. "
+    "`contiguous drop` is the same scene with packets of neighbouring anchors; every other row uses stratified lanes.",
+)
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Lose 20 % of a real scene's packets, conceal, draw, score, and write a report."""
+
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("splatwire-demo")
+    """Folder for the report."""
+    loss: str = "bernoulli:0.2"
+    """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak."""
+    seed: int = 0
+    """Seed of the losses."""
+    stream: Path | None = None
+    """Another complete stream instead of the bundled one; needs --cameras."""
+    cameras: Path | None = None
+    """Cameras file of that stream."""
+    views: int | None = None
+    """Most views, spread evenly; all where absent."""
+    json: JsonFlag = False
+    """Print one JSON object."""
+
+    def run(self) -> None:
+        """Runs the verb."""
+        from splatwire.evaluate import write_report
+
+        started = time.perf_counter()
+        with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
+            result = self.evaluation(Path(folder), show)
+            seconds = time.perf_counter() - started
+            title = f"splatwire demo: {self._name} under {result.protocol.loss.name}"
+            report = write_report(result, self.output, title=title, notes=_NOTES, extra={"demo_seconds": seconds})
+        if self.json:
+            print_json({**result.to_json(), "report": str(report), "demo_seconds": seconds})
+            return
+        from splatwire.cli._table import print_rows
+
+        print_rows(result.rows(), title, lpips_note=result.lpips_note)
+        print(f"PSNR is against the lossless scene's own renders. {seconds:.0f} s in all.")
+        print(f"report: {report}")
+
+    @property
+    def _name(self) -> str:
+        return "snowmiku" if self.stream is None else self.stream.stem
+
+    def evaluation(self, folder: Path, show: Reporter) -> "Evaluation":
+        """Makes the journey.
+
+        Args:
+            folder: For temporary files.
+            show: Progress.
+        """
+        from splatwire.channel import parse_loss
+        from splatwire.cli._fresh import decode_in_fresh_process
+        from splatwire.cli.evaluate import encode_contiguous
+        from splatwire.codec import decode_stream
+        from splatwire.conceal import concealer_names
+        from splatwire.evaluate import Protocol, concealment_methods, evaluate_streams, rendered_views
+        from splatwire.evaluate.views import spread
+        from splatwire.metrics import find_lpips
+        from splatwire.packets import read_stream
+
+        methods = concealment_methods(concealer_names(), contiguous=True)
+        protocol = Protocol(methods, parse_loss(self.loss), (self.seed,), lpips_views=_LPIPS_VIEWS)
+        lpips = find_lpips()
+        stream_path, cameras = self._input()
+        cameras = cameras.select(spread(cameras.num_views, self.views))
+        stream, _ = read_stream(stream_path)
+        scene = decode_stream(stream, progress=lambda share: show("decoding the complete scene", share)).scene
+        contiguous = encode_contiguous(scene, stream, lambda share: show("encoding contiguous packets", share))
+        views = rendered_views(
+            scene, cameras, folder, progress=lambda share: show("drawing the reference pictures", share)
+        )
+        return evaluate_streams(
+            protocol,
+            {"stream": stream, "contiguous": contiguous},
+            views,
+            lpips=lpips,
+            decode=decode_in_fresh_process,
+            progress=lambda method, share: show(f"drawing and scoring '{method}'", share),
+        )
+
+    def _input(self):  # type: ignore[no-untyped-def]
+        from splatwire.data import load_cameras
+
+        if (self.stream is None) != (self.cameras is None):
+            raise InvalidValueError("give --stream and --cameras together")
+        if self.stream is not None and self.cameras is not None:
+            return self.stream, load_cameras(self.cameras)
+        assets = Path(str(resources.files("splatwire").joinpath("assets")))
+        return assets / _SCENE, load_cameras(assets / _CAMERAS)

@@ -1,0 +1,133 @@
+"""`splatwire inspect`: what is in a stream or a scene file."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from splatwire.cli._files import input_path, is_stream, read_report_json
+from splatwire.cli._output import JsonFlag, print_json
+
+if TYPE_CHECKING:
+    from splatwire.packets import ReadReport, SceneStream
+
+
+@dataclass(frozen=True)
+class Inspect:
+    """Show what is in a stream or a scene file: sizes by part, packets, anchors, losses."""
+
+    source: tyro.conf.Positional[str]
+    """Stream (a .swz file or a folder) or scene file; - for standard input."""
+    json: JsonFlag = False
+    """Print one JSON object."""
+
+    def run(self) -> None:
+        """Runs the verb."""
+        with input_path(self.source) as path:
+            content = describe(path)
+        if self.json:
+            print_json(content)
+        else:
+            _print_table(self.source, content)
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """Collects the facts about a stream or a scene file.
+
+    Raises:
+        BitstreamError: If it is neither.
+    """
+    if not is_stream(path):
+        return _describe_scene(path)
+    from splatwire.packets import read_stream
+
+    return _describe_stream(*read_stream(path))
+
+
+def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, Any]:
+    from splatwire.codec.side_info import side_info_parts
+    from splatwire.packets import measure_sizes
+
+    manifest, sizes = stream.manifest, measure_sizes(stream)
+    return {
+        "kind": "stream",
+        **sizes.to_json(),
+        "side_info_parts": side_info_parts(stream.side_info),
+        "num_packets_expected": manifest.num_packets,
+        "num_lost_packets": report.num_missing,
+        "packets": read_report_json(report),
+        "packetization": asdict(manifest.packetization),
+        "stream_id": f"{manifest.stream_id:08x}",
+        "symbols_digest": manifest.symbols_digest,
+        "format_version": manifest.format_version,
+        "writer": manifest.writer,
+    }
+
+
+def _describe_scene(path: Path) -> dict[str, Any]:
+    from splatwire.model.anchor_scene import PartialScene
+    from splatwire.model.scene_digest import scene_digest
+    from splatwire.model.scene_file import load_scene_file
+
+    loaded, erasures = load_scene_file(path)
+    scene = loaded.scene if isinstance(loaded, PartialScene) else loaded
+    anchors = scene.anchors
+    return {
+        "kind": "partial scene" if isinstance(loaded, PartialScene) else "scene",
+        "num_bytes": path.stat().st_size,
+        "parts": _tensor_bytes(path),
+        "num_packets": None,
+        "num_anchors": anchors.num_anchors,
+        "num_gaussians": int(anchors.mask.sum()),
+        "digest": scene_digest(anchors),
+        "num_lost": 0 if erasures is None else erasures.num_lost,
+        "decoded": erasures is not None,
+        "voxel_size": scene.voxel_size,
+        "feature_dim": scene.config.layout.feature_dim,
+        "num_offsets": scene.config.layout.num_offsets,
+    }
+
+
+def _tensor_bytes(path: Path) -> dict[str, int]:
+    """Bytes of the tensors of a scene file by the first word of their name; the rest of the file is `header`."""
+    from safetensors import safe_open
+
+    parts: dict[str, int] = {}
+    with safe_open(path, framework="np") as file:
+        for name in file.keys():  # noqa: SIM118 - not a mapping
+            tensor = file.get_tensor(name)
+            group = name.split(".")[0]
+            parts[group] = parts.get(group, 0) + tensor.nbytes
+    parts["header"] = path.stat().st_size - sum(parts.values())
+    return parts
+
+
+def _print_table(source: str, content: Mapping[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=f"{source} ({content['kind']})", show_header=False, title_justify="left")
+    table.add_column(style="bold")
+    table.add_column(justify="right")
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            table.add_section()
+            for name, item in value.items():
+                if item not in ([], ()):
+                    table.add_row(f"{key}: {name}", _text(item))
+            table.add_section()
+        elif key != "kind":
+            table.add_row(key, _text(value))
+    Console().print(table)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int):
+        return f"{value:,}"
+    if isinstance(value, float):
+        return f"{value:,.3f}"
+    return "-" if value is None else str(value)

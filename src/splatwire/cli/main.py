@@ -1,0 +1,81 @@
+"""Dispatch: which verb runs, and how an error is told."""
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import tyro
+
+import splatwire
+from splatwire.errors import SplatwireError
+
+VERBS = {
+    "demo": "demo.Demo",
+    "import": "import_model.Import",
+    "encode": "encode.Encode",
+    "inspect": "inspect.Inspect",
+    "transmit": "transmit.Transmit",
+    "decode": "decode.Decode",
+    "render": "render.Render",
+    "evaluate": "evaluate.Evaluate",
+}
+"""Verb to file and settings class; each class has a `run()`."""
+
+_DESCRIPTION = "Carries 3D Gaussian splats across lossy networks. `splatwire demo` shows it in a minute."
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Runs the command line and exits.
+
+    The exit status is 0, or 2 for a mistake that one line on standard error explains, or 130 after Ctrl-C.
+
+    Args:
+        arguments: Words after the program's name; None for those of the process.
+    """
+    try:
+        status = _run(list(sys.argv[1:] if arguments is None else arguments))
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read the output has gone, e.g. `| head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = 0
+    sys.exit(status)
+
+
+def _run(arguments: list[str]) -> int:
+    if arguments in (["--version"], ["-V"]):
+        print(f"splatwire {splatwire.__version__}")
+        return 0
+    try:
+        _parse(arguments).run()
+    except BrokenPipeError:
+        raise
+    except (SplatwireError, OSError) as error:
+        return _complain(str(error))
+    except KeyboardInterrupt:
+        print("splatwire: stopped", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _parse(arguments: list[str]) -> Any:
+    """Reads the words; only the chosen verb's file is imported, unless an overview is asked for."""
+    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes)
+    if arguments and arguments[0] in VERBS:
+        verb = arguments[0]
+        return tyro.cli(_settings(verb), prog=f"splatwire {verb}", args=arguments[1:], config=config)
+    verbs = {verb: _settings(verb) for verb in VERBS}
+    return tyro.extras.subcommand_cli_from_dict(
+        verbs, prog="splatwire", description=_DESCRIPTION, args=arguments or ["--help"], config=config
+    )
+
+
+def _settings(verb: str) -> Any:
+    module, name = VERBS[verb].split(".")
+    return getattr(importlib.import_module(f"splatwire.cli.{module}"), name)
+
+
+def _complain(message: str) -> int:
+    print("splatwire: error: " + " ".join(message.split()), file=sys.stderr)
+    return 2

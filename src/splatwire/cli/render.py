@@ -1,0 +1,102 @@
+"""`splatwire render`: a scene becomes pictures."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from splatwire.cli._files import input_path
+from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
+from splatwire.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.scene import Cameras
+
+
+@dataclass(frozen=True)
+class Render:
+    """Draw a scene from every camera and save the pictures as PNG files."""
+
+    scene: tyro.conf.Positional[str]
+    """Scene file, decoded scene with gaps, or stream; - for standard input."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Folder for the pictures and a cameras.json."""
+    cameras: Path | None = None
+    """Cameras file."""
+    data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
+    """Dataset folder whose test views are drawn, instead of a cameras file."""
+    scale: float = 1.0
+    """Factor on the size of the pictures."""
+    conceal: str = "drop"
+    """Concealer for a scene with gaps."""
+    renderer: str = "cpu"
+    """Renderer: cpu, reference or gsplat."""
+    json: JsonFlag = False
+    """Print one JSON object."""
+
+    def run(self) -> None:
+        """Runs the verb."""
+        cameras = find_cameras(self.cameras, self.data)
+        if not 0 < self.scale <= 16:
+            raise InvalidValueError(f"--scale must be above 0 and at most 16, not {self.scale:g}")
+        cameras = cameras if self.scale == 1 else cameras.scaled(self.scale)
+        from splatwire.cli._scenes import load_drawable
+        from splatwire.data import save_cameras
+        from splatwire.render import iterate_views
+
+        with input_path(self.scene) as source:
+            scene, num_lost = load_drawable(source, self.conceal)
+        self.output.mkdir(parents=True, exist_ok=True)
+        started, files = time.perf_counter(), []
+        with progress_bars() as show:
+            for view, image in enumerate(iterate_views(scene, cameras, renderer=self.renderer)):
+                files.append(_save(image.cpu(), self.output, cameras.names[view]))
+                show("drawing", (view + 1) / cameras.num_views)
+        seconds = time.perf_counter() - started
+        save_cameras(cameras, self.output / "cameras.json")
+        if self.json:
+            print_json(
+                {
+                    "output": str(self.output),
+                    "pictures": files,
+                    "num_views": cameras.num_views,
+                    "width": cameras.width,
+                    "height": cameras.height,
+                    "num_anchors": scene.anchors.num_anchors,
+                    "num_lost": num_lost,
+                    "seconds": seconds,
+                }
+            )
+        else:
+            size = f"{cameras.width} x {cameras.height}"
+            print_summary(f"{cameras.num_views} pictures of {size} in {seconds:.1f} s -> {self.output}")
+
+
+def find_cameras(cameras: Path | None, data: Path | None) -> "Cameras":
+    """Reads a cameras file, or the test cameras of a dataset.
+
+    Raises:
+        InvalidValueError: If not exactly one of the two is given.
+        DatasetError: If it cannot be read.
+    """
+    if (cameras is None) == (data is None):
+        raise InvalidValueError("give either --cameras FILE or --data FOLDER")
+    from splatwire.data import load_cameras, open_dataset
+
+    if cameras is not None:
+        return load_cameras(cameras)
+    assert data is not None
+    return open_dataset(data, split="test").cameras
+
+
+def _save(image: object, folder: Path, name: str) -> str:
+    from PIL import Image
+
+    from splatwire.evaluate.runner import to_pixels
+
+    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in name).lstrip(".") or "view"
+    path = folder / f"{safe}.png"
+    Image.fromarray(to_pixels(image)).save(path)  # type: ignore[arg-type]
+    return path.name

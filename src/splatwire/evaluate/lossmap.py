@@ -1,0 +1,42 @@
+"""The loss map: where the anchors of a view fall on its picture, and which of them were lost."""
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from splatwire.scene import Anchors, Cameras
+
+LOST_COLOR = (226, 74, 51)
+RECEIVED_COLOR = (92, 148, 186)
+NEAR_DEPTH = 0.2
+
+
+def draw_loss_map(
+    anchors: Anchors, known: Bool[Tensor, "N"], cameras: Cameras, view: int, picture: Float[Tensor, "H W 3"]
+) -> np.ndarray:
+    """Draws every anchor as a dot on a dimmed grey picture: received ones blue, lost ones red and larger.
+
+    Args:
+        anchors: The anchors of the complete scene (or of the lossy one: positions are always known).
+        known: Which of them were received.
+        cameras: The cameras.
+        view: Which of them.
+        picture: The reference picture of the view, RGB in [0, 1].
+
+    Returns:
+        RGB, uint8, H W 3.
+    """
+    grey = (picture.mean(dim=2, keepdim=True).expand(-1, -1, 3) * 0.55 + 0.45) * 255
+    canvas = grey.numpy().astype(np.uint8)
+    pose, K = cameras.viewmats[view], cameras.Ks[view]
+    local = anchors.positions @ pose[:3, :3].T + pose[:3, 3]
+    x = torch.floor(local[:, 0] / local[:, 2] * K[0, 0] + K[0, 2])
+    y = torch.floor(local[:, 1] / local[:, 2] * K[1, 1] + K[1, 2])
+    inside = (local[:, 2] > NEAR_DEPTH) & (x >= 0) & (y >= 0) & (x < cameras.width) & (y < cameras.height)
+    for shown, color, size in ((inside & known, RECEIVED_COLOR, 1), (inside & ~known, LOST_COLOR, 2)):
+        columns, rows = x[shown].long().numpy(), y[shown].long().numpy()
+        for dx in range(size):
+            for dy in range(size):
+                canvas[np.minimum(rows + dy, cameras.height - 1), np.minimum(columns + dx, cameras.width - 1)] = color
+    return canvas

@@ -1,0 +1,100 @@
+"""The views of an evaluation: cameras, and the pictures that others are compared with."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.data import Dataset
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene
+from splatwire.render import iterate_views
+from splatwire.scene import Cameras
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceViews:
+    """Cameras with one reference picture each; pictures are loaded when they are asked for.
+
+    Attributes:
+        cameras: The cameras.
+        load: Gives the reference picture of a view, RGB in [0, 1].
+        source: What the references are, for the report: `photos` or `renders of the lossless scene`.
+        background: RGB behind everything in renders.
+    """
+
+    cameras: Cameras
+    load: Callable[[int], Tensor]
+    source: str
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def reference(self, view: int) -> Float[Tensor, "H W 3"]:
+        """Returns the reference picture of a view.
+
+        Raises:
+            InvalidValueError: If it is not of the cameras' size.
+        """
+        image = self.load(view)
+        if tuple(image.shape) != (self.cameras.height, self.cameras.width, 3):
+            size = f"{self.cameras.width} x {self.cameras.height}"
+            raise InvalidValueError(f"reference of view {self.cameras.names[view]} is {tuple(image.shape)}, not {size}")
+        return image
+
+    def every(self, count: int | None) -> "ReferenceViews":
+        """Returns at most `count` views, spread evenly; all for None."""
+        chosen = spread(self.cameras.num_views, count)
+        if len(chosen) == self.cameras.num_views:
+            return self
+        return replace(self, cameras=self.cameras.select(chosen), load=lambda view: self.load(chosen[view]))
+
+
+def spread(num_views: int, count: int | None) -> list[int]:
+    """Indices of at most `count` views, spread evenly over `num_views`; all for None."""
+    if count is None or count >= num_views:
+        return list(range(num_views))
+    return [num_views * i // count for i in range(count)]
+
+
+def photo_views(dataset: Dataset) -> ReferenceViews:
+    """Compares with the photos of a dataset."""
+    return ReferenceViews(dataset.cameras, dataset.image, "photos", dataset.background)
+
+
+def rendered_views(
+    scene: AnchorScene,
+    cameras: Cameras,
+    folder: Path,
+    *,
+    renderer: str = "cpu",
+    progress: Callable[[float], None] | None = None,
+) -> ReferenceViews:
+    """Compares with a scene's own renders, which are drawn now and kept in a file (memory stays bounded).
+
+    Args:
+        scene: The scene without losses.
+        cameras: The cameras.
+        folder: Where the file may lie; it must outlive the views.
+        renderer: Name of the renderer.
+        progress: Called with the share of views drawn.
+    """
+    shape = (cameras.num_views, cameras.height, cameras.width, 3)
+    pictures = np.lib.format.open_memmap(folder / "references.npy", mode="w+", dtype=np.float32, shape=shape)
+    for view, image in enumerate(views_of(scene, cameras, renderer)):
+        pictures[view] = image.numpy()
+        if progress:
+            progress((view + 1) / cameras.num_views)
+    return ReferenceViews(
+        cameras, lambda view: torch.from_numpy(pictures[view].copy()), "renders of the lossless scene"
+    )
+
+
+def views_of(
+    scene: AnchorScene, cameras: Cameras, renderer: str, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Iterable[Float[Tensor, "H W 3"]]:
+    """Draws view after view, on the CPU."""
+    for image in iterate_views(scene, cameras, renderer=renderer, background=torch.tensor(background)):
+        yield image.cpu()
