@@ -1,9 +1,11 @@
 """Finds and safely loads the files of an official HAC++ model folder."""
 
+import io
 import json
 import math
 import re
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ from torch import Tensor
 from splatwire.errors import DatasetError
 
 _MAX_TENSOR_FILE_BYTES = 256 << 20
+_MAX_NUMBER_BYTES = 4096
+_ZIP_ERRORS = (zlib.error, zipfile.BadZipFile)
 
 
 def newest_iteration(model_dir: Path) -> Path:
@@ -67,6 +71,18 @@ def load_torch_file(path: Path) -> Any:
         raise DatasetError(f"{path}: not a readable file of plain tensors: {reason}") from error
 
 
+def is_plain(value: Any) -> bool:
+    """Tells whether `value` is a dense tensor of finite numbers that is no larger than a file may be.
+
+    A tensor may claim more numbers than its file has bytes (a stride of 0), so the size is looked at first.
+    """
+    if not isinstance(value, Tensor) or value.layout != torch.strided or value.device.type != "cpu":
+        return False
+    if value.is_complex() or value.is_quantized or 4 * value.numel() > _MAX_TENSOR_FILE_BYTES:
+        return False
+    return bool(torch.isfinite(value).all())
+
+
 def load_bounds(model_dir: Path) -> tuple[Tensor, Tensor]:
     """Loads the box of the hash grid, two float32 (3).
 
@@ -78,10 +94,8 @@ def load_bounds(model_dir: Path) -> tuple[Tensor, Tensor]:
     for name in ("x_bound_min.pkl", "x_bound_max.pkl"):
         path = model_dir / "bitstreams" / name
         value = load_torch_file(path)
-        if not isinstance(value, Tensor) or value.numel() != 3 or not value.is_floating_point():
-            raise DatasetError(f"{path}: expected a tensor of 3 floats")
-        if not bool(torch.isfinite(value).all()):
-            raise DatasetError(f"{path}: the bounds are not finite")
+        if not is_plain(value) or value.numel() != 3:
+            raise DatasetError(f"{path}: the bounds are not 3 finite numbers")
         corners.append(value.detach().reshape(3).float())
     if not bool((corners[0] < corners[1]).all()):
         raise DatasetError(f"{model_dir / 'bitstreams'}: x_bound_min is not below x_bound_max on every axis")
@@ -108,7 +122,7 @@ def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
             continue
         try:
             value = read(path)
-        except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        except (OSError, ValueError, TypeError, LookupError, RuntimeError, EOFError, *_ZIP_ERRORS) as error:
             raise DatasetError(f"{path}: no voxel size can be read from it: {error}") from error
         if value is not None and value != 0:
             if not (math.isfinite(value) and value > 0):
@@ -146,11 +160,18 @@ def infer_voxel_size(positions: np.ndarray) -> float:
 
 
 def _voxel_size_of_npz(path: Path) -> float | None:
-    with np.load(path, allow_pickle=False) as archive:
-        value = archive["voxel_size"] if "voxel_size" in archive.files else None
-    if value is None or value.size != 1 or value.dtype.kind not in "fi":
-        raise ValueError("it has no number 'voxel_size'")
-    return float(value.reshape(()))
+    # Not through np.load: that allocates whatever shape the file claims.
+    with zipfile.ZipFile(path) as archive:
+        if "voxel_size.npy" not in archive.namelist():
+            raise ValueError("it has no 'voxel_size'")
+        with archive.open("voxel_size.npy") as member:
+            content = io.BytesIO(member.read(_MAX_NUMBER_BYTES))
+    if np.lib.format.read_magic(content) != (1, 0):
+        raise ValueError("'voxel_size' has an unknown numpy version")
+    shape, _, dtype = np.lib.format.read_array_header_1_0(content)
+    if shape not in ((), (1,)) or dtype.kind not in "fi":
+        raise ValueError(f"'voxel_size' is {dtype} {shape}, not a single number")
+    return float(np.frombuffer(content.read(dtype.itemsize), dtype=dtype)[0])
 
 
 def _voxel_size_of_json(path: Path) -> float | None:

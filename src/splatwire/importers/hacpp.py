@@ -12,6 +12,7 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.importers._hacpp_files import (
     anchor_ply,
     infer_voxel_size,
+    is_plain,
     load_bounds,
     load_torch_file,
     load_voxel_size,
@@ -85,7 +86,7 @@ def _checkpoint(path: Path) -> Mapping[str, Any]:
         raise DatasetError(f"{path}: has '{extra[0]}', which is not part of HAC++ with its default options")
     for key in wanted:
         for name, value in checkpoint[key].items():
-            if not isinstance(value, Tensor) or not bool(torch.isfinite(value.float()).all()):
+            if not is_plain(value):
                 raise DatasetError(f"{path}: '{key}' / '{name}' is not a tensor of finite numbers")
     return checkpoint
 
