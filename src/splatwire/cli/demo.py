@@ -19,8 +19,8 @@ _SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
 _LPIPS_VIEWS = 2
 """LPIPS takes seconds per picture on a CPU; on two views the demo still fits in two minutes."""
 _NOTES = (
-    "A compressed scene was split into independently decodable packets, some of them were lost, a fresh process decoded "
-    "what had arrived, each concealer dealt with the gaps, and the CPU renderer drew the test views.",
+    "A compressed scene was split into independently decodable packets, some of them were lost, a fresh process "
+    "decoded what had arrived, each concealer dealt with the gaps, and the CPU renderer drew the test views.",
     "The reference pictures are the lossless scene's own renders, not photos: the numbers say what the losses cost. "
     "`contiguous drop` is the same scene with packets of neighbouring anchors; every other row uses stratified lanes.",
 )

@@ -69,6 +69,6 @@ def _cycle(count: int) -> Sequence[str]:
 def _svg(figure: Figure) -> str:
     buffer = io.StringIO()
     with rc_context(_STYLE):
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]

@@ -6,6 +6,8 @@ from splatwire.channel import LossModel, Nothing
 from splatwire.errors import InvalidValueError
 
 MAX_SEEDS = 1000
+USUAL_ORDER = ("drop", "prior", "idw", "cari", "grow")
+"""Rows of a table from the simplest concealer on; others follow in the order in which they are named."""
 
 
 @dataclass(frozen=True)
@@ -77,4 +79,6 @@ def concealment_methods(
     """
     rows = [Method("no loss", lossless=True)] if complete else []
     rows += [Method("contiguous drop", "contiguous")] if contiguous else []
-    return (*rows, *(Method(name, concealer=name) for name in concealers))
+    usual = {name: index for index, name in enumerate(USUAL_ORDER)}
+    ordered = sorted(dict.fromkeys(concealers), key=lambda name: usual.get(name, len(usual)))
+    return (*rows, *(Method(name, concealer=name) for name in ordered))

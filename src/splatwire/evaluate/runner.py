@@ -22,6 +22,8 @@ from splatwire.packets import SceneStream
 
 Progress = Callable[[str, float], None]
 Decode = Callable[[SceneStream], PartialScene]
+_MAX_CACHED_BYTES = 1 << 30
+"""LPIPS features of references that are kept; those of one 800x600 picture take a quarter of this."""
 
 
 def evaluate_streams(
@@ -119,11 +121,8 @@ class _Session:
         if self.hard_views is None and keep:
             self.hard_views = sorted(range(len(psnrs)), key=psnrs.__getitem__)[: self.protocol.picture_views]
         self.pictures += [kept[view] for view in self.hard_views or () if view in kept]
-        return (
-            scene,
-            Scores(tuple(psnrs), tuple(ssims), tuple(distances) if self.lpips else None, tuple(wanted)),
-            seconds,
-        )
+        lpips = tuple(distances) if self.lpips else None
+        return Scores(tuple(psnrs), tuple(ssims), lpips, tuple(wanted)), seconds
 
     def map_losses(self, stream: str, partial: PartialScene) -> None:
         """Draws the loss map of the hardest view."""
@@ -168,9 +167,13 @@ class _Session:
         assert self.lpips is not None
         if torch.equal(image, reference):
             return 0.0
-        if view not in self._lpips_references:
-            self._lpips_references[view] = self.lpips.features(reference[None])
-        return float(self.lpips.distance(self.lpips.features(image[None]), self._lpips_references[view])[0])
+        features = self._lpips_references.get(view)
+        if features is None:
+            features = self.lpips.features(reference[None])
+            size = sum(tensor.nbytes for tensor in features)
+            if (len(self._lpips_references) + 1) * size <= _MAX_CACHED_BYTES:
+                self._lpips_references[view] = features
+        return float(self.lpips.distance(self.lpips.features(image[None]), features)[0])
 
     def _lpips_note(self) -> str:
         if self.lpips is None:
