@@ -12,6 +12,8 @@ from splatwire.errors import DatasetError
 from splatwire.scene import Cameras
 
 MAX_JSON_BYTES = 256 << 20
+_MAX_NUMBER = 1e12
+_MIN_FOCAL_PX = 1e-3
 _RIGID_TOLERANCE = 1e-3
 
 
@@ -37,7 +39,7 @@ def make_cameras(
         raise DatasetError(f"{source}: images of {width} x {height} pixels")
     for name, viewmat, K in zip(names, viewmats, intrinsics, strict=True):
         check_rigid(source, name, viewmat)
-        if not np.isfinite(K).all() or K[0, 0] <= 0 or K[1, 1] <= 0:
+        if not (np.abs(K) < _MAX_NUMBER).all() or min(K[0, 0], K[1, 1]) < _MIN_FOCAL_PX:
             raise DatasetError(f"{source}: view '{name}' has no positive, finite focal length")
     return Cameras(
         viewmats=torch.from_numpy(np.asarray(viewmats, dtype=np.float32)),
@@ -54,7 +56,7 @@ def check_rigid(source: Path, name: str, pose: np.ndarray) -> None:
     Raises:
         DatasetError: If it is not finite, or scales, mirrors or shears.
     """
-    if not np.isfinite(pose).all():
+    if not (np.abs(pose) < _MAX_NUMBER).all():
         raise DatasetError(f"{source}: the pose of view '{name}' is not finite")
     rotation = pose[:3, :3]
     off = np.abs(rotation @ rotation.T - np.eye(3)).max()

@@ -14,6 +14,7 @@ from splatwire.data._colmap_types import RawCamera, RawImage
 from splatwire.errors import DatasetError
 
 _MAX_SIDE = 1 << 20
+_MAX_POSE = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +97,11 @@ def read_points(folder: Path) -> SparsePoints | None:
     if not any((folder / f"points3D.{suffix}").is_file() for suffix in ("bin", "txt")):
         return None
     positions, colors = _read(folder, "points3D")
+    with np.errstate(over="ignore"):
+        positions = positions.astype(np.float32)
     if not np.isfinite(positions).all():
         raise DatasetError(f"{folder}: a point of points3D is not finite")
-    return SparsePoints(
-        torch.from_numpy(positions.astype(np.float32)), torch.from_numpy(colors.astype(np.float32) / 255)
-    )
+    return SparsePoints(torch.from_numpy(positions), torch.from_numpy(colors.astype(np.float32) / 255))
 
 
 def _read(folder: Path, what: str):  # type: ignore[no-untyped-def]  # the type follows from `what`
@@ -116,10 +117,10 @@ def _read(folder: Path, what: str):  # type: ignore[no-untyped-def]  # the type 
 
 def _viewmat(folder: Path, image: RawImage) -> np.ndarray:
     quaternion = np.array(image.quaternion, dtype=np.float64)
-    norm = float(np.linalg.norm(quaternion))
-    if not (np.isfinite(norm) and norm > 1e-6 and np.isfinite(image.translation).all()):
+    largest = float(np.abs(quaternion).max())  # also where a quaternion is NaN: the comparison below is then false
+    if not (1e-6 < largest < _MAX_POSE and np.isfinite(image.translation).all()):
         raise DatasetError(f"{folder}: the pose of image '{image.name}' is not finite")
-    w, x, y, z = quaternion / norm
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
     viewmat = np.eye(4)
     viewmat[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

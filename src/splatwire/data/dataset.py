@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -13,11 +12,11 @@ from splatwire.data._checks import child, make_cameras, view_names
 from splatwire.data.colmap import ColmapView, SparsePoints, find_reconstruction, read_points, read_views
 from splatwire.data.photos import Background, limited_size, load_photo, photo_size
 from splatwire.data.transforms_json import TransformsView, read_transforms
-from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
 from splatwire.scene import Cameras
 
-Split = Literal["test", "train", "all"]
-TestViews = Literal["every_8th", "first_31"]
+SPLITS = ("test", "train", "all")
+TEST_VIEWS = ("every_8th", "first_31")
 DEFAULT_MAX_WIDTH = 1600
 _MAX_ASPECT_ERROR_PX = 1.5
 
@@ -60,10 +59,10 @@ class Dataset:
 def open_dataset(
     path: Path,
     *,
-    split: Split = "test",
+    split: str = "test",
     images: str | None = None,
     max_width: int | None = DEFAULT_MAX_WIDTH,
-    test_views: TestViews = "every_8th",
+    test_views: str = "every_8th",
     background: Background = (0.0, 0.0, 0.0),
 ) -> Dataset:
     """Opens a folder of posed photos; photos are loaded when they are asked for.
@@ -74,19 +73,22 @@ def open_dataset(
 
     Args:
         path: The folder.
-        split: Which views.
+        split: Which views, one of `SPLITS`.
         images: Image folder instead of `images` (`images_4`); the intrinsics follow the size of what is in it.
         max_width: Wider photos are reduced to this width (HACPP_SPEC 6); None for no limit.
-        test_views: Which views are for testing: every eighth, or the first 31 (BungeeNeRF's protocol).
+        test_views: Which views are for testing, one of `TEST_VIEWS`: every eighth, or the first 31 (as for
+            BungeeNeRF).
         background: RGB that shows where a photo's alpha is below 1.
 
     Raises:
         DatasetError: If the folder has none of these layouts, a file in it is missing or damaged, images and poses do
             not fit each other, or no view is left.
-        InvalidValueError: If `split` or `test_views` is none of the above, or `max_width` is not positive.
+        UnknownNameError: If `split` or `test_views` is none of those.
+        InvalidValueError: If `max_width` is not positive.
     """
-    if split not in ("test", "train", "all") or test_views not in ("every_8th", "first_31"):
-        raise InvalidValueError(f"split is test, train or all; test_views every_8th or first_31: {split}, {test_views}")
+    for kind, name, known in (("split", split, SPLITS), ("choice of test views", test_views, TEST_VIEWS)):
+        if name not in known:
+            raise UnknownNameError(kind, name, known)
     if max_width is not None and max_width < 1:
         raise InvalidValueError(f"max_width must be positive, not {max_width}")
     if not path.is_dir():
@@ -106,14 +108,12 @@ def open_dataset(
     return Dataset(_cameras(source, views, image_paths, max_width), tuple(image_paths), points, background)
 
 
-def _chosen(count: int, split: Split, test_views: TestViews) -> list[int]:
+def _chosen(count: int, split: str, test_views: str) -> list[int]:
     is_test = [i % 8 == 0 if test_views == "every_8th" else i < 31 for i in range(count)]
     return [i for i in range(count) if split == "all" or is_test[i] == (split == "test")]
 
 
-def _transforms_views(
-    path: Path, split: Split, images: str | None, test_views: TestViews
-) -> tuple[list[TransformsView], Path]:
+def _transforms_views(path: Path, split: str, images: str | None, test_views: str) -> tuple[list[TransformsView], Path]:
     halves = {half: path / f"transforms_{half}.json" for half in ("train", "test")}
     if any(file.is_file() for file in halves.values()):
         wanted = [half for half in ("train", "test") if split in (half, "all")]
@@ -140,9 +140,7 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path]:
         paths.append(next((file for file in (exact, flat) if file.is_file()), by_stem.get(exact.stem)))
     missing = [view.name for view, file in zip(views, paths, strict=True) if file is None]
     if missing:
-        raise DatasetError(
-            f"{folder}: {len(missing)} of {len(views)} posed images are missing, the first: {missing[0]}"
-        )
+        raise DatasetError(f"{folder}: {len(missing)} of {len(views)} posed images are missing, first '{missing[0]}'")
     return [file for file in paths if file is not None]
 
 

@@ -89,15 +89,12 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
     if bent or "FISHEYE" in str(values.get("camera_model", "")).upper():
         what = bent[0] if bent else "camera_model"
         raise DatasetError(f"{path}: view '{name}' has lens distortion ({what}); undistort the images first")
-    width, height = (values.get(key) for key in ("w", "h"))
-    if width is None or height is None:
+    if "w" in values and "h" in values:
+        width, height = (round(_number(path, name, values, key, 0.0)) for key in ("w", "h"))
+    else:
         width, height = photo_size(image_path)
-    if (
-        not 1 <= _number(path, name, {"w": width}, "w", 0) <= 1 << 20
-        or not 1 <= _number(path, name, {"h": height}, "h", 0) <= 1 << 20
-    ):
+    if min(width, height) < 1:
         raise DatasetError(f"{path}: view '{name}' has an image size of {width} x {height}")
-    width, height = int(width), int(height)
     if "fl_x" in values:
         fx = _number(path, name, values, "fl_x", math.nan)
         fy = _number(path, name, values, "fl_y", fx)
@@ -111,7 +108,9 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
 
 
 def _number(path: Path, name: str, values: dict[str, Any], key: str, default: float) -> float:
-    value = values.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or abs(value) > _MAX_NUMBER:
+    if key not in values:
+        return default
+    value = values[key]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _MAX_NUMBER:
         raise DatasetError(f"{path}: view '{name}': '{key}' is not a sensible number")
     return float(value)

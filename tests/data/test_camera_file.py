@@ -1,0 +1,98 @@
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.data import load_cameras, open_dataset, save_cameras
+from splatwire.errors import DatasetError
+
+DATA = Path(os.environ.get("SPLATWIRE_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+
+
+@pytest.fixture
+def cameras(capture):
+    capture.write_images()
+    capture.write_binary()
+    return open_dataset(capture.root, split="all").cameras
+
+
+def test_cameras_survive_bit_for_bit(cameras, tmp_path):
+    save_cameras(cameras, tmp_path / "c.json")
+    back = load_cameras(tmp_path / "c.json")
+    assert torch.equal(back.viewmats, cameras.viewmats)
+    assert torch.equal(back.Ks, cameras.Ks)
+    assert (back.names, back.width, back.height) == (cameras.names, 40, 24)
+    assert not list(tmp_path.glob(".*"))
+
+
+def official(cameras):
+    views = [
+        {"name": n, "width": 40, "height": 24, "K": K.tolist(), "w2c": viewmat.tolist(), "FoVx": 1.0}
+        for n, K, viewmat in zip(cameras.names, cameras.Ks, cameras.viewmats, strict=True)
+    ]
+    return {"convention": "w2c", "cameras": views}
+
+
+def test_the_official_file_is_read(cameras, tmp_path):
+    (tmp_path / "cameras.json").write_text(json.dumps(official(cameras)))
+    back = load_cameras(tmp_path / "cameras.json")
+    assert torch.equal(back.viewmats, cameras.viewmats)
+    assert torch.equal(back.Ks, cameras.Ks)
+    assert back.names == cameras.names
+
+
+def change(**values):
+    return lambda content: content["cameras"][3].update(values)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda content: content.update(cameras=[]), "has no views"),
+        (lambda content: content.update(cameras={}), "no list 'cameras'"),
+        (lambda content: content["cameras"].append(3), "a camera has no name"),
+        (lambda content: content.update(format="splatwire-cameras", version=9), "version 9, this release reads 1"),
+        (change(width=41), "2 different image sizes"),
+        (change(K=[[1, 2], [3, 4]]), "'view_03': expected 3 x 3 numbers"),
+        (change(w2c="here"), "expected 4 x 4 numbers"),
+        (change(w2c=[[float("nan")] * 4] * 4), "pose of view 'view_03' is not finite"),
+        (change(w2c=(2 * np.eye(4)).tolist()), "'view_03' is not a rotation"),
+        (change(w2c=np.diag([1, 1, -1, 1]).tolist()), "'view_03' is not a rotation"),
+        (change(K=np.diag([-1, 1, 1]).tolist()), "'view_03' has no positive"),
+    ],
+)
+def test_wrong_files_are_refused(spoil, reason, cameras, tmp_path):
+    content = official(cameras)
+    spoil(content)
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=reason) as caught:
+        load_cameras(tmp_path / "c.json")
+    assert "c.json" in str(caught.value)
+
+
+def test_what_is_no_json_is_refused(tmp_path):
+    (tmp_path / "c.json").write_text("{")
+    with pytest.raises(DatasetError, match="not JSON"):
+        load_cameras(tmp_path / "c.json")
+    with pytest.raises(DatasetError, match="cannot be read"):
+        load_cameras(tmp_path / "absent.json")
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("scene", "model"),
+    [("bonsai", "bonsai_30k"), ("snowmiku", "snowmiku_15k"), ("snowmiku_small", "snowmiku_small_2400")],
+)
+def test_our_test_views_are_the_official_ones(scene, model):
+    if not (DATA / "scenes" / scene).is_dir():
+        pytest.skip(f"no photos under {DATA / 'scenes' / scene} (set SPLATWIRE_DATA)")
+    dataset = open_dataset(DATA / "scenes" / scene, split="test")
+    theirs = load_cameras(DATA / "hacpp" / model / "cameras.json")
+    assert dataset.cameras.names == theirs.names
+    assert (dataset.cameras.width, dataset.cameras.height) == (theirs.width, theirs.height)
+    torch.testing.assert_close(dataset.cameras.Ks, theirs.Ks, atol=1e-3, rtol=0)
+    torch.testing.assert_close(dataset.cameras.viewmats, theirs.viewmats, atol=1e-5, rtol=0)
+    assert dataset.image(0).shape == (theirs.height, theirs.width, 3)

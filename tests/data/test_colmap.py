@@ -1,0 +1,123 @@
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from splatwire.data.colmap import find_reconstruction, read_points, read_views
+from splatwire.errors import DatasetError
+
+
+@pytest.mark.parametrize("form", ["binary", "text"])
+def test_both_formats_give_the_numbers_behind_them(capture, form):
+    folder = capture.write_binary() if form == "binary" else capture.write_text()
+    assert find_reconstruction(capture.root) == folder
+    views = read_views(folder)
+    assert [view.name for view in views] == sorted(capture.names)
+    for view, i in zip(views, capture.sorted_views, strict=True):
+        np.testing.assert_allclose(view.viewmat, capture.viewmat(i), atol=1e-12)
+        assert view.K.tolist() == [[33, 0, 20], [0, 35, 12], [0, 0, 1]]
+        assert (view.width, view.height) == (40, 24)
+    points = read_points(folder)
+    assert points.num_points == 5
+    assert np.array_equal(points.positions.numpy(), capture.points.astype(np.float32))
+    assert np.array_equal(points.colors.numpy(), capture.colors.astype(np.float32) / 255)
+
+
+def test_simple_pinhole_has_one_focal_length(capture):
+    view = read_views(capture.write_binary("SIMPLE_PINHOLE", (31.0, 19.0, 11.0)))[0]
+    assert view.K.tolist() == [[31, 0, 19], [0, 31, 11], [0, 0, 1]]
+
+
+@pytest.mark.parametrize(("model", "count"), [("SIMPLE_RADIAL", 4), ("OPENCV", 8)])
+def test_a_bending_lens_is_refused_and_the_fix_is_named(capture, model, count):
+    folder = capture.write_binary(model, (30.0,) * count)
+    with pytest.raises(DatasetError, match=f"{model}.*image_undistorter"):
+        read_views(folder)
+
+
+def test_points_are_optional(capture):
+    folder = capture.write_binary()
+    (folder / "points3D.bin").unlink()
+    assert read_points(folder) is None
+
+
+def test_missing_files_are_named(capture):
+    folder = capture.write_binary()
+    (folder / "cameras.bin").unlink()
+    with pytest.raises(DatasetError, match=r"neither cameras\.bin nor cameras\.txt"):
+        read_views(folder)
+
+
+def read_everything(folder):
+    return read_views(folder), read_points(folder)
+
+
+LYING = struct.pack("<Q", 1 << 60)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("cameras.bin", LYING + bytes(60), "promises 1152921504606846976 records"),
+        ("images.bin", LYING + bytes(99), "promises"),
+        ("points3D.bin", LYING + bytes(99), "promises"),
+        ("cameras.bin", b"\1", "ends early"),
+        ("cameras.bin", struct.pack("<QIiQQ4d", 1, 7, 99, 4, 4, 1, 1, 1, 1), "unknown model, number 99"),
+        ("cameras.bin", struct.pack("<QIiQQ4d", 1, 7, 1, 0, 4, 1, 1, 1, 1), "0 x 4 pixels"),
+        ("cameras.bin", struct.pack("<QIiQQ4d", 1, 8, 1, 4, 4, 1, 1, 1, 1), "refers to camera 7"),
+        ("images.bin", struct.pack("<Q", 0), "has no images"),
+        ("images.bin", struct.pack("<QI7dI", 1, 1, 1, 0, 0, 0, 0, 0, 0, 7) + b"a" * 50, "does not end"),
+        ("images.bin", struct.pack("<QI7dI", 1, 1, 1, 0, 0, 0, 0, 0, 0, 7) + b"a\0" + LYING + b"\0" * 9, "promises"),
+        ("images.bin", struct.pack("<QI7dI", 1, 1, 1, 0, 0, 0, 0, 0, 0, 7) + b"\xff\0" + bytes(8), "not UTF-8"),
+        (
+            "images.bin",
+            struct.pack("<QI7dI", 1, 1, np.nan, 0, 0, 0, 0, 0, 0, 7) + b"a\0" + bytes(8),
+            "'a' is not finite",
+        ),
+        ("images.bin", struct.pack("<QI7dI", 1, 1, 0, 0, 0, 0, 0, 0, 0, 7) + b"a\0" + bytes(8), "'a' is not finite"),
+        ("images.bin", struct.pack("<QI7dI", 1, 1, 1, 0, 0, 0, 0, 0, 0, 7) + b"a\0" + bytes(9), "1 bytes after"),
+    ],
+)
+def test_damaged_binary_files_are_refused(capture, name, content, reason):
+    folder = capture.write_binary()
+    (folder / name).write_bytes(content)
+    with pytest.raises(DatasetError, match=reason) as caught:
+        read_everything(folder)
+    assert "sparse" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("cameras.txt", "7 PINHOLE 40", "line 1 is not a camera"),
+        ("cameras.txt", "7 PINHOLE 40 24 1 2 3", "PINHOLE with 3 parameters"),
+        ("images.txt", "1 1 0 0 zero 0 0 0 7 a.png\n\n", "line 1 is not an image"),
+        ("images.txt", "1 1 0 0 0 0 0 0 7\n\n", "line 1 is not an image"),
+        ("points3D.txt", "1 0 0 0 300 0 0 0.5", "line 1 is not a point"),
+        ("points3D.txt", "1 0 0", "line 1 is not a point"),
+        ("points3D.txt", "1 nan 0 0 3 0 0 0.5", "not finite"),
+    ],
+)
+def test_damaged_text_files_are_refused(capture, name, content, reason):
+    folder = capture.write_text()
+    (folder / name).write_text(content)
+    with pytest.raises(DatasetError, match=reason):
+        read_everything(folder)
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data(), name=st.sampled_from(["cameras.bin", "images.bin", "points3D.bin"]), cut=st.booleans())
+def test_damage_is_one_clear_error_or_finite_views(data, name, cut, capture):
+    folder = capture.write_binary()
+    raw = bytearray((folder / name).read_bytes())
+    at = data.draw(st.integers(0, len(raw) - 1))
+    raw[at] ^= data.draw(st.integers(1, 255))
+    (folder / name).write_bytes(raw[:at] if cut else raw)
+    try:
+        views, points = read_views(folder), read_points(folder)
+    except DatasetError:
+        return
+    assert all(np.isfinite(view.viewmat).all() for view in views)
+    assert points.num_points == 5
