@@ -3,6 +3,8 @@
 Every query is on its own, so results do not depend on how queries are shared among threads.
 """
 
+from typing import no_type_check
+
 import numpy as np
 from numba import njit, prange
 
@@ -11,7 +13,8 @@ _BATCH = 64
 
 
 @njit(cache=True, fastmath=_FAST)
-def _similarity(a, b):  # type: ignore[no-untyped-def]
+@no_type_check
+def _similarity(a, b):
     """`(a . b + 1) / 2` of unit vectors, kept in [0, 1] against rounding."""
     total = np.float32(0)
     for i in range(a.shape[0]):
@@ -20,7 +23,8 @@ def _similarity(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _power(base, exponent):  # type: ignore[no-untyped-def]
+@no_type_check
+def _power(base, exponent):
     """`base ** exponent`, without the general power where the paper's constants do not need it."""
     if exponent == np.float32(2):
         return base * base
@@ -32,7 +36,8 @@ def _power(base, exponent):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _insert(index, strength, candidate, u):  # type: ignore[no-untyped-def]
+@no_type_check
+def _insert(index, strength, candidate, u):
     """Puts a candidate into the descending list, behind its equals; the weakest falls out."""
     place = strength.shape[0] - 1
     while place > 0 and strength[place - 1] < u:
@@ -44,9 +49,8 @@ def _insert(index, strength, candidate, u):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _score_query(  # type: ignore[no-untyped-def]
-    context, signature, reliability, query, candidates, distance, exponents, index, strength
-):
+@no_type_check
+def _score_query(context, signature, reliability, query, candidates, distance, exponents, index, strength):
     """Fills the lists of one query: `index` and `strength`, (groups, keep)."""
     for c in range(candidates.shape[0]):
         k = candidates[c]
@@ -60,9 +64,8 @@ def _score_query(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _score_all(  # type: ignore[no-untyped-def]
-    context, signature, reliability, queries, candidates, distance, exponents, index, strength
-):
+@no_type_check
+def _score_all(context, signature, reliability, queries, candidates, distance, exponents, index, strength):
     for batch in prange((queries.shape[0] + _BATCH - 1) // _BATCH):
         for q in range(batch * _BATCH, min((batch + 1) * _BATCH, queries.shape[0])):
             for g in range(index.shape[1]):

@@ -27,7 +27,7 @@ from splatwire.conceal.signature import (
     uncertainties,
     unit_rows,
 )
-from splatwire.conceal.weighting import Backend, ScoreExponents, Support, select_neighbors
+from splatwire.conceal.weighting import ScoreExponents, Support, select_neighbors
 from splatwire.errors import InvalidValueError
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.scene import Attribute
@@ -82,7 +82,7 @@ class Cari:
     passes: int = 2
     ridge: float | None = None
     vote: MaskVote = field(default_factory=MaskVote)
-    backend: Backend = "numba"
+    backend: str = "numba"
 
     def __post_init__(self) -> None:
         check_at_least("number of neighbours", self.neighbors, 1)
@@ -159,8 +159,8 @@ def _prepare(context: AnchorContext, settings: Cari) -> _Fixed:
 def _refine(settings: Cari, fixed: _Fixed, old: _Estimate, *, first: bool) -> _Estimate:
     """One pass over all gaps; reads the old estimate only, so that the order of queries does not matter."""
     context = fixed.context
-    signature = unit_rows(signatures(old.residuals, context.layout))
-    new = _Estimate(Residuals(old.residuals.values.clone(), old.residuals.exists), old.mask.clone())
+    signature = unit_rows(signatures(old.residuals))
+    parts, mask = tuple(part.clone() for part in old.residuals.parts), old.mask.clone()
     for received, attributes in attributes_by_gap(context):
         if not bool(received.any()):
             continue
@@ -174,8 +174,14 @@ def _refine(settings: Cari, fixed: _Fixed, old: _Estimate, *, first: bool) -> _E
             )
             for place, group in enumerate(groups):
                 index, weight = chosen.index[:, place], chosen.weight[:, place]
-                _interpolate(settings, fixed, group, old, new, _Neighbors(queries, index, weight))
-    return _Estimate(Residuals(new.residuals.values, _existing(context, new.mask)), new.mask)
+                near = _Neighbors(queries, index, weight)
+                if group.attribute is Attribute.MASK:
+                    mask[queries] = _vote(settings, old.mask, near)
+                else:
+                    parts[group.part][queries] = _interpolate(settings, fixed, group, old.residuals, near)
+    exists = _existing(context, mask)
+    parts[-1].mul_(exists.repeat_interleave(3, dim=1))
+    return _Estimate(Residuals(parts, exists), mask)
 
 
 def _exponents(settings: Cari) -> ScoreExponents:
@@ -208,28 +214,26 @@ class _Neighbors:
     weight: Float[Tensor, "Q k"]
 
 
+def _vote(settings: Cari, mask: Bool[Tensor, "N K"], near: _Neighbors) -> Bool[Tensor, "Q K"]:
+    """The mask that the neighbours vote for."""
+    total = near.weight.sum(dim=1, keepdim=True)
+    votes = weighted_mean(mask.to(total.dtype), near.index, near.weight)
+    return settings.vote(votes / total.clamp(min=torch.finfo(total.dtype).tiny), total[:, 0] > 0)
+
+
 def _interpolate(
-    settings: Cari, fixed: _Fixed, group: AttributeGroup, old: _Estimate, new: _Estimate, near: _Neighbors
-) -> None:
-    """Writes `r_q = sum of w r_k` of one attribute group (or the voted mask) into `new`."""
-    rows, residuals = near.queries, old.residuals
-    if group.attribute is Attribute.MASK:
-        total = near.weight.sum(dim=1, keepdim=True)
-        votes = torch.einsum("qk,qks->qs", near.weight, old.mask[near.index].to(near.weight.dtype))
-        share = votes / total.clamp(min=torch.finfo(total.dtype).tiny)
-        new.mask[rows] = settings.vote(share, total[:, 0] > 0)
-    elif group.attribute is Attribute.OFFSET:
-        values = residuals.values[:, group.columns].view(len(residuals.values), -1, 3)
-        mean, _ = weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)
-        new.residuals.values[rows, group.columns] = mean.flatten(1)
-    else:
-        values = residuals.values[:, group.columns]
-        mean = weighted_mean(values, near.index, near.weight)
-        if settings.ridge is not None and group.attribute is Attribute.FEATURE:
-            positions = fixed.context.anchors.positions
-            offsets = positions[near.index] - positions[rows, None]
-            mean = mean + ridge_correction(offsets, values[near.index], near.weight, settings.ridge)
-        new.residuals.values[rows, group.columns] = mean
+    settings: Cari, fixed: _Fixed, group: AttributeGroup, residuals: Residuals, near: _Neighbors
+) -> Float[Tensor, "Q D"]:
+    """The paper's `r_q = sum of w r_k` for one attribute group."""
+    values = residuals.parts[group.part]
+    if group.attribute is Attribute.OFFSET:
+        return weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)[0]
+    mean = weighted_mean(values, near.index, near.weight)
+    if settings.ridge is not None and group.attribute is Attribute.FEATURE:
+        positions = fixed.context.anchors.positions
+        offsets = positions[near.index] - positions[near.queries, None]
+        mean = mean + ridge_correction(offsets, values[near.index], near.weight, settings.ridge)
+    return mean
 
 
 def _existing(context: AnchorContext, mask: Bool[Tensor, "N K"]) -> Bool[Tensor, "N K"]:

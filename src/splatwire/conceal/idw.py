@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -38,7 +37,7 @@ class Idw:
 
     neighbors: int = 8
     power: float = 1.0
-    metric: Literal["euclidean", "mahalanobis"] = "euclidean"
+    metric: str = "euclidean"
     pool: int = 32
     vote: MaskVote = field(default_factory=MaskVote)
 
@@ -117,10 +116,12 @@ def _fill(
     if Attribute.SCALING in attributes:
         filled.scalings[queries] = weighted_mean(anchors.scalings, index, weight)
     if Attribute.OFFSET in attributes:
-        mean, share = weighted_mean_of_existing(anchors.offsets, anchors.mask, index, weight)
+        values = (anchors.offsets * anchors.mask[:, :, None]).flatten(1)
+        mean, share = weighted_mean_of_existing(values, anchors.mask, index, weight)
+        mean = mean.view(len(queries), -1, 3)
         filled.offsets[queries] = torch.where(share[:, :, None] > 0, mean, filled.offsets[queries])
     if Attribute.MASK in attributes:
-        share = torch.einsum("qk,qks->qs", weight, anchors.mask[index].to(weight.dtype))
+        share = weighted_mean(anchors.mask.to(weight.dtype), index, weight)
         filled.mask[queries] = vote(share, torch.ones(len(queries), dtype=torch.bool))
 
 

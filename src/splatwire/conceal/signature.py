@@ -17,24 +17,18 @@ class AttributeGroup:
 
     Attributes:
         attribute: What they are part of.
-        columns: Where they are among the `F + 6 + 3 K` channels of `Residuals.values`; empty for the mask, which has
-            votes instead of residuals.
+        part: Their place in `Residuals.parts`; the mask, which has votes instead of residuals, comes behind them.
     """
 
     attribute: Attribute
-    columns: slice
+    part: int
 
 
 def attribute_groups(layout: AnchorLayout) -> tuple[AttributeGroup, ...]:
     """The groups of the paper (feature groups, scaling, offsets), and the mask as the last one."""
-    groups, start = [], 0
-    for size in layout.feature_groups:
-        groups.append(AttributeGroup(Attribute.FEATURE, slice(start, start + size)))
-        start += size
-    groups.append(AttributeGroup(Attribute.SCALING, slice(start, start + 6)))
-    groups.append(AttributeGroup(Attribute.OFFSET, slice(start + 6, start + 6 + 3 * layout.num_offsets)))
-    groups.append(AttributeGroup(Attribute.MASK, slice(start, start)))
-    return tuple(groups)
+    features = [Attribute.FEATURE] * len(layout.feature_groups)
+    attributes = [*features, Attribute.SCALING, Attribute.OFFSET, Attribute.MASK]
+    return tuple(AttributeGroup(attribute, part) for part, attribute in enumerate(attributes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +36,12 @@ class Residuals:
     """Decoded minus predicted attributes (the paper's `r = y - mu`).
 
     Attributes:
-        values: Residuals of features, scalings and offsets (offset-major). Zero where an attribute is missing (the
-            prediction is all there is) and where an offset does not exist.
+        parts: Residuals of each feature group, the scalings and the offsets (offset-major), "N D" each. Zero where an
+            attribute is missing (the prediction is all there is) and where an offset does not exist.
         exists: Offsets that have a residual.
     """
 
-    values: Float[Tensor, "N D"]
+    parts: tuple[Tensor, ...]
     exists: Bool[Tensor, "N K"]
 
 
@@ -56,25 +50,21 @@ def residuals_of(context: AnchorContext) -> Residuals:
     anchors, prior, received = context.anchors, context.prior, context.erasures.received
     exists = anchors.mask & received[:, int(Attribute.OFFSET), None] & received[:, int(Attribute.MASK), None]
     offset = (anchors.offsets - prior.offset.mean.view(anchors.offsets.shape)) * exists[:, :, None]
-    parts = [
-        (anchors.features - prior.feature.mean) * received[:, int(Attribute.FEATURE), None],
-        (anchors.scalings - prior.scaling.mean) * received[:, int(Attribute.SCALING), None],
-        offset.flatten(1),
-    ]
-    return Residuals(torch.cat(parts, dim=1), exists)
+    feature = (anchors.features - prior.feature.mean) * received[:, int(Attribute.FEATURE), None]
+    scaling = (anchors.scalings - prior.scaling.mean) * received[:, int(Attribute.SCALING), None]
+    groups = (part.contiguous() for part in feature.split(context.layout.feature_groups, dim=1))
+    return Residuals((*groups, scaling, offset.flatten(1)), exists)
 
 
-def signatures(residuals: Residuals, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
+def signatures(residuals: Residuals) -> Float[Tensor, "N groups"]:
     """The compact signature `g`: mean residual of each feature group, of the scalings and of the existing offsets.
 
     An attribute that is missing counts with its zero residual, so an anchor of which nothing has arrived has the zero
     signature.
     """
-    *means, offsets = (g for g in attribute_groups(layout) if g.attribute is not Attribute.MASK)
-    columns = [residuals.values[:, group.columns].mean(dim=1) for group in means]
+    *means, offsets = residuals.parts
     existing = 3 * residuals.exists.sum(dim=1).clamp(min=1)
-    columns.append(residuals.values[:, offsets.columns].sum(dim=1) / existing)
-    return torch.stack(columns, dim=1)
+    return torch.stack([*(part.mean(dim=1) for part in means), offsets.sum(dim=1) / existing], dim=1)
 
 
 def uncertainties(prior: Prior, layout: AnchorLayout) -> Float[Tensor, "N groups"]:
@@ -92,11 +82,11 @@ def unit_rows(values: Float[Tensor, "N D"]) -> Float[Tensor, "N D"]:
 
 def anchors_from(context: AnchorContext, residuals: Residuals, mask: Bool[Tensor, "N K"]) -> Anchors:
     """Adds residuals to the prior's mean: the paper's `A = mu + r`."""
-    prior, layout = context.prior, context.layout
-    feature, scaling, offset = residuals.values.split([layout.feature_dim, 6, 3 * layout.num_offsets], dim=1)
+    prior = context.prior
+    *features, scaling, offset = residuals.parts
     return Anchors(
         positions=context.anchors.positions,
-        features=prior.feature.mean + feature,
+        features=prior.feature.mean + torch.cat(features, dim=1),
         scalings=prior.scaling.mean + scaling,
         offsets=(prior.offset.mean + offset).view(context.anchors.offsets.shape),
         mask=mask,

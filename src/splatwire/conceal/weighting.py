@@ -1,14 +1,11 @@
 """The joint weighting of CARI: which neighbours are trusted, and how much."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
-
-Backend = Literal["numba", "torch"]
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ def select_neighbors(
     distance: Float[Tensor, "Q L"],
     keep: int,
     exponents: ScoreExponents,
-    backend: Backend = "numba",
+    backend: str = "numba",
 ) -> Selection:
     """Scores candidates with `u = w_geo w_ctx w_unc w_conf w_sig` and keeps the strongest (paper, Section 3.3).
 

@@ -88,10 +88,15 @@ def nearest_others(
     index, distance = tree.query(points, k + 1)
     if index.shape[1] == 0:
         return index, distance
-    itself = index == own[:, None]
+    # Nearly always a point is its own first neighbour, at distance 0; twins are put right row by row.
+    rows = (index[:, 0] != own).nonzero()[:, 0]
+    twins, twin_distance = index[rows], distance[rows]
+    itself = twins == own[rows, None]
     itself[:, -1] |= ~itself.any(dim=1)  # more than k twins hid it: one of the equals goes instead
-    shape = (len(points), index.shape[1] - 1)
-    return index[~itself].view(shape), distance[~itself].view(shape)
+    index, distance = index[:, 1:].contiguous(), distance[:, 1:].contiguous()
+    index[rows] = twins[~itself].view(len(rows), index.shape[1])
+    distance[rows] = twin_distance[~itself].view(len(rows), index.shape[1])
+    return index, distance
 
 
 def _order_ties(distance: np.ndarray, index: np.ndarray) -> None:

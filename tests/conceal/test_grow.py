@@ -1,0 +1,47 @@
+import dataclasses
+
+import pytest
+import torch
+
+from conceal.gaps import random_context
+from splatwire.conceal import Drop, Grow
+from splatwire.errors import InvalidValueError
+from splatwire.scene import Erasures
+
+
+def test_the_gain_is_the_share_that_is_left_to_the_power_of_minus_a_half() -> None:
+    context = random_context(200, 1)
+    known, positions = context.erasures.known, context.anchors.positions.double()
+    result = Grow(neighbors=10, max_gain=100.0)(context)
+    assert torch.equal(result.left_out, ~known)
+    for k in range(200):
+        if not known[k]:
+            assert result.size_gain[k] == 1
+            continue
+        near = (positions - positions[k]).norm(dim=1).argsort()[1:11]
+        lost = float((~known[near]).double().mean())
+        assert float(result.size_gain[k]) == pytest.approx(min((1 - lost) ** -0.5, 100.0) if lost < 1 else 100.0)
+
+
+@pytest.mark.parametrize("exponent", [0.0, 0.25, 1.0])
+def test_a_hole_around_the_last_anchor_reaches_the_limit(exponent: float) -> None:
+    context = random_context(100, 2, loss=0)
+    known = torch.zeros(100, dtype=torch.bool)
+    known[3] = True
+    context = dataclasses.replace(context, erasures=Erasures.of_anchors(known))
+    gain = Grow(exponent=exponent, max_gain=3.0)(context).size_gain
+    assert float(gain[3]) == pytest.approx(3.0 if exponent else 1.0)
+    assert bool((gain[~known] == 1).all())
+
+
+def test_an_anchor_of_which_a_part_is_missing_is_left_out() -> None:
+    context = random_context(80, 3, separated=True)
+    assert torch.equal(Drop()(context).left_out, ~context.erasures.received.all(dim=1))
+    assert bool((Drop()(context).size_gain == 1).all())
+    assert torch.equal(Grow()(context).left_out, Drop()(context).left_out)
+
+
+@pytest.mark.parametrize("options", [{"neighbors": 0}, {"exponent": -0.5}, {"max_gain": 0.9}])
+def test_senseless_settings_are_refused(options: dict) -> None:
+    with pytest.raises(InvalidValueError):
+        Grow(**options)
