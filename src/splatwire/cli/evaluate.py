@@ -23,7 +23,8 @@ class Evaluate:
     """Score a stream or scene: lose packets, conceal, draw the test views and compare."""
 
     source: tyro.conf.Positional[str]
-    """Stream (complete or with losses) or scene file (which is then encoded); - for standard input."""
+    """Stream (complete or with losses) or scene file (as it is; with --loss it is encoded first); - for standard
+    input."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder: its test photos are the references."""
     reference: Path | None = None
@@ -32,7 +33,7 @@ class Evaluate:
     """Cameras file for --reference; without it those of --data."""
     loss: str | None = None
     """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak.
-    Without it the source is taken as it is."""
+    Without it the source is scored as it is."""
     seeds: tuple[int, ...] = (0,)
     """One transmission per seed; all methods meet the same losses."""
     conceal: tuple[str, ...] = ()
@@ -58,7 +59,7 @@ class Evaluate:
 
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
             result = self.evaluation(Path(folder), show)
-            title = f"{Path(self.source).name} under {result.protocol.loss.name}"
+            title = f"{Path(self.source).name} {'as it is' if self.loss is None else 'under ' + self.loss}"
             report = None if self.output is None else write_report(result, self.output, title=title)
         if self.json:
             print_json({**result.to_json(), "report": None if report is None else str(report)})
@@ -79,15 +80,30 @@ class Evaluate:
         from splatwire.evaluate import evaluate_streams
         from splatwire.metrics import find_lpips
 
-        protocol = self._protocol(complete=True)  # wrong names are told before any work
+        self._protocol(complete=True)  # wrong names are told before any work
         lpips = find_lpips()
         views = self._views(folder, show).every(self.views)
         with input_path(self.source) as path:
+            if self.loss is None and not is_stream(path):
+                return self._scene_as_it_is(path, views, lpips, show)
             streams, seconds = self._streams(path, show)
         stream = streams["stream"]
         protocol = self._protocol(complete=len(stream.packets) == stream.manifest.num_packets)
         result = evaluate_streams(protocol, streams, views, lpips=lpips, progress=show)
         return with_encode_seconds(result, seconds)
+
+    def _scene_as_it_is(self, path: Path, views: "ReferenceViews", lpips: Any, show: Reporter) -> "Evaluation":
+        from splatwire.cli.inspect import tensor_bytes
+        from splatwire.evaluate import Method, evaluate_scene
+        from splatwire.model import PartialScene
+        from splatwire.model.scene_file import load_scene_file
+
+        scene, erasures = load_scene_file(path)
+        protocol = self._protocol(complete=erasures is None or erasures.num_lost == 0)
+        if not isinstance(scene, PartialScene):
+            lost = erasures is not None and erasures.num_lost > 0
+            protocol = replace(protocol, methods=(Method("as it is" if lost else "no loss", lossless=not lost),))
+        return evaluate_scene(protocol, scene, erasures, tensor_bytes(path), views, lpips=lpips, progress=show)
 
     def _protocol(self, *, complete: bool) -> "Protocol":
         from splatwire.channel import parse_loss
@@ -103,7 +119,8 @@ class Evaluate:
         if self.loss is None and complete:
             methods: tuple[Method, ...] = (Method("no loss", lossless=True),)
         else:
-            methods = concealment_methods(tuple(concealers), complete=complete, contiguous=self.contiguous)
+            contiguous = self.contiguous and self.loss is not None
+            methods = concealment_methods(tuple(concealers), complete=complete, contiguous=contiguous)
         return Protocol(
             methods, loss, self.seeds, send_order=self.send_order, renderer=self.renderer, lpips_views=self.lpips_views
         )

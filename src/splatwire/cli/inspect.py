@@ -77,7 +77,7 @@ def _describe_scene(path: Path) -> dict[str, Any]:
     return {
         "kind": "partial scene" if isinstance(loaded, PartialScene) else "scene",
         "num_bytes": path.stat().st_size,
-        "parts": _tensor_bytes(path),
+        "parts": tensor_bytes(path),
         "num_packets": None,
         "num_anchors": anchors.num_anchors,
         "num_gaussians": int(anchors.mask.sum()),
@@ -90,7 +90,7 @@ def _describe_scene(path: Path) -> dict[str, Any]:
     }
 
 
-def _tensor_bytes(path: Path) -> dict[str, int]:
+def tensor_bytes(path: Path) -> dict[str, int]:
     """Bytes of the tensors of a scene file by the first word of their name; the rest of the file is `header`."""
     from safetensors import safe_open
 

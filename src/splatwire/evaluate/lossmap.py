@@ -8,14 +8,16 @@ from torch import Tensor
 from splatwire.scene import Anchors, Cameras
 
 LOST_COLOR = (226, 74, 51)
-RECEIVED_COLOR = (92, 148, 186)
+RECEIVED_COLOR = (44, 104, 158)
 NEAR_DEPTH = 0.2
+_DOT = 2
+"""Side of a dot, pixels."""
 
 
 def draw_loss_map(
     anchors: Anchors, known: Bool[Tensor, "N"], cameras: Cameras, view: int, picture: Float[Tensor, "H W 3"]
 ) -> np.ndarray:
-    """Draws every anchor as a dot on a dimmed grey picture: received ones blue, lost ones red and larger.
+    """Draws every anchor as a dot on a dimmed grey picture: received ones blue, lost ones red and on top.
 
     Args:
         anchors: The anchors of the complete scene (or of the lossy one: positions are always known).
@@ -34,9 +36,8 @@ def draw_loss_map(
     x = torch.floor(local[:, 0] / local[:, 2] * K[0, 0] + K[0, 2])
     y = torch.floor(local[:, 1] / local[:, 2] * K[1, 1] + K[1, 2])
     inside = (local[:, 2] > NEAR_DEPTH) & (x >= 0) & (y >= 0) & (x < cameras.width) & (y < cameras.height)
-    for shown, color, size in ((inside & known, RECEIVED_COLOR, 1), (inside & ~known, LOST_COLOR, 2)):
+    for shown, color in ((inside & known, RECEIVED_COLOR), (inside & ~known, LOST_COLOR)):
         columns, rows = x[shown].long().numpy(), y[shown].long().numpy()
-        for dx in range(size):
-            for dy in range(size):
-                canvas[np.minimum(rows + dy, cameras.height - 1), np.minimum(columns + dx, cameras.width - 1)] = color
+        for dx, dy in np.ndindex(_DOT, _DOT):
+            canvas[np.minimum(rows + dy, cameras.height - 1), np.minimum(columns + dx, cameras.width - 1)] = color
     return canvas

@@ -19,6 +19,7 @@ from splatwire.evaluate.views import ReferenceViews, spread, views_of
 from splatwire.metrics import Lpips, psnr, ssim
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import SceneStream
+from splatwire.scene import Erasures
 
 Progress = Callable[[str, float], None]
 Decode = Callable[[SceneStream], PartialScene]
@@ -54,27 +55,81 @@ def evaluate_streams(
         UnknownNameError: If there is no such concealer, renderer or stream.
         BitstreamError: If a stream cannot be decoded.
     """
-    session = _Session(protocol, views, lpips, progress or (lambda task, share: None))
+    session = _Session(protocol, views, lpips, progress or _silent)
     runs: list[Run] = []
     for name, seed, methods in _transmissions(protocol):
-        sent = streams[name]
-        received = sent if seed is None else transmit(
-            sent, protocol.loss, seed=seed, send_order=protocol.send_order
-        )[0]  # fmt: skip
+        sent = received = streams[name]
+        if seed is not None:
+            received, _ = transmit(sent, protocol.loss, seed=seed, send_order=protocol.send_order)
         started = time.perf_counter()
         partial = decode(received)
-        seconds = time.perf_counter() - started
-        lost_packets = sent.manifest.num_packets - len(received.packets)
-        for method in methods:
-            scores, times = session.run(method, partial, keep=seed in (None, protocol.seeds[0]))
-            times = {"decode": seconds, **times}
-            runs.append(Run(method, seed, scores, times, partial.erasures.num_lost, lost_packets, received.num_bytes))
+        delivery = Delivery(
+            seconds={"decode": time.perf_counter() - started},
+            num_lost=partial.erasures.num_lost,
+            num_lost_packets=sent.manifest.num_packets - len(received.packets),
+            num_bytes_received=received.num_bytes,
+        )
+        keep = seed in (None, protocol.seeds[0])
+        runs += [session.run(method, partial, delivery, seed=seed, keep=keep) for method in methods]
         if seed == protocol.seeds[0]:
-            session.map_losses(name, partial)
-    order = {method: index for index, method in enumerate(protocol.methods)}
-    runs.sort(key=lambda run: order[run.method])
-    used = {method.stream for method in protocol.methods}
-    return session.evaluation(tuple(runs), {name: stream for name, stream in streams.items() if name in used})
+            session.map_losses(name, partial.scene, partial.erasures)
+    used = {name: streams[name] for name in dict.fromkeys(method.stream for method in protocol.methods)}
+    return session.evaluation(
+        runs,
+        parts={name: stream.parts() for name, stream in used.items()},
+        num_packets={name: stream.manifest.num_packets for name, stream in used.items()},
+        num_anchors=next(iter(used.values())).manifest.num_anchors,
+    )
+
+
+def evaluate_scene(
+    protocol: Protocol,
+    scene: AnchorScene | PartialScene,
+    erasures: Erasures | None,
+    parts: Mapping[str, int],
+    views: ReferenceViews,
+    *,
+    lpips: Lpips | None = None,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Scores a scene as it is, without sending it; gaps, if it has some, are concealed by each method.
+
+    Args:
+        protocol: The methods; the loss is not used.
+        scene: A decoded scene with gaps, or one that can be drawn.
+        erasures: What of it was received; None if it was never sent.
+        parts: Bytes of the scene by part.
+        views: Cameras and references.
+        lpips: LPIPS with its weights; None if they are absent.
+        progress: Called with the method and the share of its views that is done.
+
+    Returns:
+        All scores, and pictures of the hardest views.
+    """
+    session = _Session(protocol, views, lpips, progress or _silent)
+    num_lost = 0 if erasures is None else erasures.num_lost
+    delivery = Delivery({}, num_lost, 0, sum(parts.values()))
+    runs = [session.run(method, scene, delivery, seed=None, keep=True) for method in protocol.methods]
+    whole = scene.scene if isinstance(scene, PartialScene) else scene
+    if num_lost and erasures is not None:
+        session.map_losses("stream", whole, erasures)
+    return session.evaluation(
+        runs, parts={"stream": dict(parts)}, num_packets={"stream": 0}, num_anchors=whole.anchors.num_anchors
+    )
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What is known about a scene before anything is concealed; the fields are those of `Run`."""
+
+    seconds: Mapping[str, float]
+    num_lost: int
+    num_lost_packets: int
+    num_bytes_received: int
+
+
+def _silent(task: str, share: float) -> None:
+    """Shows nothing."""
 
 
 def _transmissions(protocol: Protocol) -> Iterator[tuple[str, int | None, list[Method]]]:
@@ -101,11 +156,13 @@ class _Session:
     hard_views: list[int] | None = None
     _lpips_references: dict[int, tuple[Tensor, ...]] = field(default_factory=dict)
 
-    def run(self, method: Method, partial: PartialScene, *, keep: bool) -> tuple[Scores, dict[str, float]]:
-        """Conceals, draws and scores; returns seconds by phase as well."""
+    def run(
+        self, method: Method, decoded: AnchorScene | PartialScene, delivery: Delivery, *, seed: int | None, keep: bool
+    ) -> Run:
+        """Conceals, draws and scores."""
         started = time.perf_counter()
-        scene = conceal(partial, method.concealer)
-        seconds = {"conceal": time.perf_counter() - started, "render": 0.0}
+        scene = conceal(decoded, method.concealer) if isinstance(decoded, PartialScene) else decoded
+        seconds = {**delivery.seconds, "conceal": time.perf_counter() - started, "render": 0.0}
         wanted = spread(self.views.cameras.num_views, self.protocol.lpips_views) if self.lpips else []
         psnrs, ssims, distances = [], [], []
         kept: dict[int, Picture] = {}
@@ -122,28 +179,36 @@ class _Session:
             self.hard_views = sorted(range(len(psnrs)), key=psnrs.__getitem__)[: self.protocol.picture_views]
         self.pictures += [kept[view] for view in self.hard_views or () if view in kept]
         lpips = tuple(distances) if self.lpips else None
-        return Scores(tuple(psnrs), tuple(ssims), lpips, tuple(wanted)), seconds
+        scores = Scores(tuple(psnrs), tuple(ssims), lpips, tuple(wanted))
+        return Run(
+            method, seed, scores, seconds, delivery.num_lost, delivery.num_lost_packets, delivery.num_bytes_received
+        )
 
-    def map_losses(self, stream: str, partial: PartialScene) -> None:
+    def map_losses(self, stream: str, scene: AnchorScene, erasures: Erasures) -> None:
         """Draws the loss map of the hardest view."""
         view = (self.hard_views or [0])[0]
-        pixels = draw_loss_map(
-            partial.scene.anchors, partial.erasures.known, self.views.cameras, view, self.views.reference(view)
-        )
+        reference = self.views.reference(view)
+        pixels = draw_loss_map(scene.anchors, erasures.known, self.views.cameras, view, reference)
         self.loss_maps.append(LossMap(view, stream, pixels))
 
-    def evaluation(self, runs: tuple[Run, ...], streams: Mapping[str, SceneStream]) -> Evaluation:
+    def evaluation(
+        self,
+        runs: list[Run],
+        *,
+        parts: Mapping[str, Mapping[str, int]],
+        num_packets: Mapping[str, int],
+        num_anchors: int,
+    ) -> Evaluation:
         """Puts the result together."""
-        first = next(iter(streams.values()))
         order = [method.name for method in self.protocol.methods]
         return Evaluation(
             protocol=self.protocol,
-            runs=runs,
+            runs=tuple(sorted(runs, key=lambda run: order.index(run.method.name))),
             view_names=self.views.cameras.names,
             reference=self.views.source,
-            stream_parts={name: stream.parts() for name, stream in streams.items()},
-            num_anchors=first.manifest.num_anchors,
-            num_packets={name: stream.manifest.num_packets for name, stream in streams.items()},
+            stream_parts=parts,
+            num_anchors=num_anchors,
+            num_packets=num_packets,
             references={view: to_pixels(self.views.reference(view)) for view in self.hard_views or ()},
             pictures=tuple(sorted(self.pictures, key=lambda picture: order.index(picture.method))),
             loss_maps=tuple(reversed(self.loss_maps)),
