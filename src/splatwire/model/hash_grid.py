@@ -1,11 +1,11 @@
 """The binary hash grid in floats: the oracle of the codec's integer lookup, and what training differentiates."""
 
-import itertools
 from collections.abc import Sequence
 
 import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 from splatwire.model.anchor_scene import HashGrid
 from splatwire.model.config import PLANES, HashGridConfig
@@ -78,32 +78,37 @@ def corner_rows(
     Returns:
         Rows within the level, and weights; the first axis runs fastest over the corners.
     """
-    dims = unit.shape[1]
     inside = ((unit >= 0) & (unit <= 1)).all(dim=1, keepdim=True)
     place = torch.where(inside, unit, 0.5) * (resolution - 2) + 0.5
     cell = place.floor()
     fraction = place - cell
-    corners = torch.tensor(
-        [bits[::-1] for bits in itertools.product((0, 1), repeat=dims)], dtype=torch.int64, device=unit.device
-    )
-    at = cell.to(torch.int64)[:, None, :] + corners
-    weights = torch.where(corners.bool(), fraction[:, None, :], 1 - fraction[:, None, :])
-    counts = ((at > 0) & (at < resolution - 1)).all(dim=2)
-    weights = torch.where(counts, weights.prod(dim=2), 0.0)
-    weights = weights / weights.sum(dim=1, keepdim=True).clamp(min=1e-9)
-    return level_rows(at, resolution, num_rows), torch.where(inside, weights, 0.0)
+    at = torch.stack([cell, cell + 1], dim=2)
+    # The weight of a corner is a product over the axes, so is the sum of all: each axis is normalised alone.
+    weights = torch.stack([1 - fraction, fraction], dim=2) * ((at > 0) & (at < resolution - 1))
+    weights = weights / weights.sum(dim=2, keepdim=True).clamp(min=1e-9) * inside[:, :, None]
+    terms = _row_terms(at.to(torch.int64), resolution, num_rows)
+    dense = _is_dense(resolution, unit.shape[1], num_rows)
+    rows, weight = terms[:, 0], weights[:, 0]
+    for axis in range(1, unit.shape[1]):
+        term = terms[:, axis, :, None]
+        rows = (rows[:, None] + term if dense else rows[:, None] ^ term).flatten(1)
+        weight = (weight[:, None] * weights[:, axis, :, None]).flatten(1)
+    if not dense:
+        rows = rows % num_rows if num_rows & (num_rows - 1) else rows & (num_rows - 1)
+    return rows, weight
 
 
-def level_rows(at: Int64[Tensor, "N corners dims"], resolution: int, num_rows: int) -> Int64[Tensor, "N corners"]:
-    """Numbers grid points: dense where every point has a row, otherwise a hash modulo the level's rows."""
-    dims = at.shape[2]
-    if resolution**dims <= num_rows:
-        strides = torch.tensor([resolution**d for d in range(dims)], dtype=torch.int64, device=at.device)
-        return (at * strides).sum(dim=2)
-    hashed = torch.zeros_like(at[:, :, 0])
-    for d in range(dims):
-        hashed = hashed ^ ((at[:, :, d] * _PRIMES[d]) & 0xFFFFFFFF)
-    return hashed % num_rows
+def _is_dense(resolution: int, dims: int, num_rows: int) -> bool:
+    """Tells whether every point of a level has a row of its own."""
+    return resolution**dims <= num_rows
+
+
+def _row_terms(at: Int64[Tensor, "N dims 2"], resolution: int, num_rows: int) -> Int64[Tensor, "N dims 2"]:
+    """What each axis contributes to a row number: summands where a level is dense, otherwise parts of an XOR hash."""
+    dims = at.shape[1]
+    strides = [resolution**d for d in range(dims)]
+    factors = strides if _is_dense(resolution, dims, num_rows) else list(_PRIMES[:dims])
+    return (at * torch.tensor(factors, dtype=torch.int64, device=at.device)[:, None]) & 0xFFFFFFFF
 
 
 def _interpolate_levels(
@@ -116,6 +121,7 @@ def _interpolate_levels(
     start = 0
     for resolution, num_rows in zip(resolutions, rows_per_level, strict=True):
         rows, weights = corner_rows(unit, resolution, num_rows)
-        levels.append(torch.einsum("ncd,nc->nd", table[start + rows], weights))
+        level = table[start : start + num_rows]
+        levels.append(embedding_bag(rows, level, mode="sum", per_sample_weights=weights))
         start += num_rows
     return torch.cat(levels, dim=1)
