@@ -12,6 +12,7 @@ from splatwire.codec.coding_params import CodingContext, dequantise, factor_tabl
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
 from splatwire.codec.side_info import SideInfo, read_side_info
+from splatwire.codec.threads import threads_for
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.model import (
@@ -50,6 +51,12 @@ def decode_stream(stream: SceneStream, *, progress: Callable[[float], None] | No
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
     if manifest.packetization.packaging != "atomic":
         raise BitstreamError(f"packaging '{manifest.packetization.packaging}' is not implemented by the decoder")
+    with threads_for(manifest.num_anchors):
+        return _decode(stream, progress)
+
+
+def _decode(stream: SceneStream, progress: Callable[[float], None] | None) -> PartialScene:
+    manifest = stream.manifest
     info = read_side_info(stream.side_info, manifest.num_anchors, manifest.packetization.order)
     layout = info.config.layout
     stated = (manifest.feature_dim, manifest.num_offsets, manifest.feature_groups)

@@ -12,6 +12,7 @@ from splatwire.codec.digest import update_digest
 from splatwire.codec.fit import fit_side_info
 from splatwire.codec.geometry import anchor_order
 from splatwire.codec.side_info import read_side_info, write_side_info
+from splatwire.codec.threads import threads_for
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.voxels import voxel_indices
@@ -47,12 +48,19 @@ def encode_scene(
     if packetization.packaging != "atomic":
         raise InvalidValueError(f"packaging '{packetization.packaging}' is not implemented by the encoder")
     scene = scene_in_order(scene, packetization.order)
+    with threads_for(scene.anchors.num_anchors):
+        return _encode(scene, packetization, noise, progress)
+
+
+def _encode(
+    scene: AnchorScene, packetization: Packetization, noise: float | None, progress: Callable[[float], None] | None
+) -> SceneStream:
+    source = SymbolSource(scene)
     side_info = write_side_info(fit_side_info(scene, _voxels(scene), noise=noise))
     # Predict from what a decoder will read, not from what was meant.
     info = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
     plan = PacketPlan(packetization, scene.anchors.num_anchors)
-    source, context = SymbolSource(scene), info.coding_context()
-    groups, digest = plan.groups(), hashlib.sha256()
+    context, groups, digest = info.coding_context(), plan.groups(), hashlib.sha256()
     counts = np.diff(groups.starts)
     payloads: list[bytes] = []
     for run in chunks(counts):

@@ -1,6 +1,7 @@
 """Quantised networks as bytes: every array under a normal distribution fitted to it, every matrix row with its own."""
 
 import numpy as np
+import numpy.typing as npt
 
 from splatwire.codec.byte_io import ByteReader, ByteWriter
 from splatwire.codec.weights import MAX_SHIFT, MAX_STEP, QuantisedLinear, QuantisedMlp
@@ -13,10 +14,10 @@ MAX_WEIGHTS = 1 << 20
 MAX_SYMBOL = 1 << 24
 
 
-def scale_index(scale: np.ndarray) -> np.ndarray:
+def scale_index(scale: npt.ArrayLike) -> np.ndarray:
     """Entry of the scale table nearest to standard deviations, int64."""
-    octaves = np.log2(np.maximum(scale, 1e-9)) - SCALE_MIN_EXPONENT
-    return np.clip(np.rint(octaves * SCALE_STEPS - 0.5), 0, NUM_SCALES - 1).astype(np.int64)
+    octaves = np.log2(np.maximum(np.asarray(scale, dtype=np.float64), 1e-9)) - SCALE_MIN_EXPONENT
+    return np.asarray(np.clip(np.rint(octaves * SCALE_STEPS - 0.5), 0, NUM_SCALES - 1)).astype(np.int64)
 
 
 def write_integers(writer: ByteWriter, values: np.ndarray) -> None:

@@ -1,0 +1,24 @@
+import pytest
+
+from scenes import tiny_scene
+from splatwire.codec.encoder import scene_in_order
+from splatwire.codec.fit import fit_side_info
+from splatwire.codec.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.model import AnchorScene
+from splatwire.model.voxels import voxel_indices
+
+
+@pytest.fixture(scope="session")
+def scene() -> AnchorScene:
+    return scene_in_order(tiny_scene(seed=3, num_anchors=700), "morton")
+
+
+@pytest.fixture(scope="session")
+def side_info_bytes(scene: AnchorScene) -> bytes:
+    voxels = voxel_indices(scene.anchors.positions, scene.voxel_size).numpy()
+    return write_side_info(fit_side_info(scene, voxels))
+
+
+@pytest.fixture(scope="session")
+def side_info(scene: AnchorScene, side_info_bytes: bytes) -> SideInfo:
+    return read_side_info(side_info_bytes, scene.anchors.num_anchors, "morton")

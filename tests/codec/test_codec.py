@@ -1,0 +1,215 @@
+import hashlib
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from scenes import tiny_scene
+from splatwire.codec import decode_stream, encode_scene, side_info_parts
+from splatwire.codec.encoder import scene_in_order
+from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
+from splatwire.model import AnchorScene, ModelConfig
+from splatwire.model.prior_field import evaluate_prior
+from splatwire.packets import Packetization, SceneStream, read_stream, stream_to_bytes, write_stream
+
+PACKETIZATION = Packetization(block_size=100, lanes=4)
+GOLDEN = Path(__file__).parent.parent / "golden" / "tiny.swz"
+ATTRIBUTES = ("positions", "features", "scalings", "offsets", "mask")
+
+
+@pytest.fixture(scope="module")
+def stream(scene: AnchorScene) -> SceneStream:
+    return encode_scene(scene, PACKETIZATION)
+
+
+def attributes_of(scene: AnchorScene) -> list[torch.Tensor]:
+    return [getattr(scene.anchors, name) for name in ATTRIBUTES]
+
+
+def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: SceneStream) -> None:
+    partial = decode_stream(stream)
+    decoded, prior = partial.scene.anchors, partial.prior
+    assert torch.equal(decoded.positions, scene.anchors.positions)
+    assert torch.equal(decoded.mask, scene.anchors.mask)
+    for name, step in (("features", prior.feature.step), ("scalings", prior.scaling.step)):
+        error = (getattr(decoded, name) - getattr(scene.anchors, name)).abs()
+        assert (error <= 0.5001 * step).all(), name
+    error = (decoded.offsets - scene.anchors.offsets).abs().flatten(1)
+    assert (error <= 0.5001 * prior.offset.step).all()
+    assert not decoded.offsets[~decoded.mask].any()
+    assert partial.erasures.num_lost == 0
+
+
+def test_prior_is_near_the_float_model(scene: AnchorScene, stream: SceneStream) -> None:
+    ours = decode_stream(stream)
+    float_prior = evaluate_prior(scene.context, scene.anchors.positions, scene.config)
+    again = evaluate_prior(ours.scene.context, scene.anchors.positions, scene.config)
+    for name in ("feature", "scaling", "offset"):
+        a, b = getattr(ours.prior, name), getattr(float_prior, name)
+        spread = b.scale + b.step
+        assert ((a.mean - b.mean).abs() / spread).mean() < 0.1
+        assert torch.allclose(a.step, b.step, rtol=0.1)
+        # the dequantised networks of the decoded scene say the same as the integers, up to fixed-point rounding
+        assert ((getattr(again, name).mean - a.mean).abs() / spread).max() < 0.01
+
+
+def test_lost_packets_cost_their_anchors_and_nothing_else(stream: SceneStream) -> None:
+    whole = decode_stream(stream)
+    kept = [p for i, p in enumerate(stream.packets) if i % 3]
+    partial = decode_stream(stream.with_packets(kept))
+    plan = stream.manifest.plan
+    lost = np.concatenate([plan.members(p.id) for i, p in enumerate(stream.packets) if i % 3 == 0])
+    known = partial.erasures.known
+    assert sorted(lost) == (~known).nonzero()[:, 0].tolist()
+    for a, b in zip(attributes_of(whole.scene), attributes_of(partial.scene), strict=True):
+        assert torch.equal(a[known], b[known])
+    assert torch.equal(whole.scene.anchors.positions, partial.scene.anchors.positions)
+    assert not partial.scene.anchors.features[~known].any()
+    assert not partial.scene.anchors.mask[~known].any()
+    assert torch.equal(whole.prior.feature.mean, partial.prior.feature.mean)
+
+
+def test_every_packet_decodes_alone(stream: SceneStream) -> None:
+    whole = decode_stream(stream).scene.anchors
+    for packet in stream.packets[::5]:
+        alone = decode_stream(stream.with_packets([packet]))
+        ranks = torch.from_numpy(stream.manifest.plan.members(packet.id))
+        assert torch.equal(alone.erasures.known.nonzero()[:, 0], ranks)
+        assert torch.equal(alone.scene.anchors.features[ranks], whole.features[ranks])
+
+
+def test_nothing_but_side_information(stream: SceneStream) -> None:
+    partial = decode_stream(stream.with_packets([]))
+    assert partial.erasures.num_lost == stream.manifest.num_anchors
+
+
+@pytest.mark.parametrize("order", ["morton", "raster"])
+@pytest.mark.parametrize("grouping", ["stratified", "contiguous"])
+def test_same_values_under_every_packetization(scene: AnchorScene, order: str, grouping: str) -> None:
+    packetization = Packetization(block_size=150, lanes=3, order=order, grouping=grouping)
+    decoded = decode_stream(encode_scene(scene, packetization)).scene.anchors
+    expected = scene_in_order(scene, order).anchors
+    assert torch.equal(decoded.positions, expected.positions)
+    assert torch.equal(decoded.mask, expected.mask)
+
+
+def test_anchors_that_draw_nothing_are_not_sent() -> None:
+    scene = tiny_scene(seed=9, num_anchors=60)
+    mask = scene.anchors.mask.clone()
+    mask[10:20] = False
+    assert encode_scene(replace(scene, anchors=replace(scene.anchors, mask=mask))).manifest.num_anchors == 50
+
+
+def test_encoding_is_repeatable_and_order_of_input_does_not_matter(scene: AnchorScene, stream: SceneStream) -> None:
+    assert stream_to_bytes(encode_scene(scene, PACKETIZATION)) == stream_to_bytes(stream)
+
+
+def test_full_size_model() -> None:
+    scene = tiny_scene(seed=1, num_anchors=150, config=ModelConfig())
+    partial = decode_stream(encode_scene(scene))
+    assert torch.equal(partial.scene.anchors.mask, scene_in_order(scene, "morton").anchors.mask)
+
+
+def test_desync_is_noticed(stream: SceneStream) -> None:
+    with pytest.raises(DesyncError):
+        decode_stream(replace(stream, manifest=replace(stream.manifest, symbols_digest="0" * 64)))
+
+
+def test_missing_side_information(stream: SceneStream) -> None:
+    with pytest.raises(MissingSideInfoError):
+        decode_stream(replace(stream, side_info=b""))
+
+
+def test_manifest_and_side_information_must_agree(stream: SceneStream) -> None:
+    manifest = replace(stream.manifest, num_offsets=9)
+    with pytest.raises(BitstreamError, match="disagree"):
+        decode_stream(replace(stream, manifest=manifest))
+
+
+def test_side_information_parts_add_up(stream: SceneStream) -> None:
+    assert sum(side_info_parts(stream.side_info).values()) == len(stream.side_info)
+
+
+def test_unusable_scenes_are_refused(scene: AnchorScene) -> None:
+    empty = replace(scene, anchors=replace(scene.anchors, mask=torch.zeros_like(scene.anchors.mask)))
+    with pytest.raises(InvalidValueError, match="nothing to encode"):
+        encode_scene(empty)
+    features = scene.anchors.features.clone()
+    features[0, 0] = float("nan")
+    broken = replace(scene, anchors=replace(scene.anchors, features=features))
+    with pytest.raises(InvalidValueError, match="finite"):
+        encode_scene(broken)
+
+
+def test_damaged_side_information_is_an_error_or_another_scene(stream: SceneStream) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(400):
+        data = bytearray(stream.side_info)
+        for _ in range(rng.integers(1, 4)):
+            data[rng.integers(len(data))] = rng.integers(256)
+        if rng.random() < 0.3:
+            del data[rng.integers(len(data)) :]
+        try:
+            partial = decode_stream(replace(stream, side_info=bytes(data)))
+        except SplatwireError:
+            continue
+        assert partial.scene.anchors.num_anchors == stream.manifest.num_anchors
+
+
+def test_damaged_payloads_decode_to_something(stream: SceneStream) -> None:
+    # checksums catch this before the codec does; the codec must survive it all the same
+    rng = np.random.default_rng(1)
+    for _ in range(100):
+        packets = [replace(p, payload=rng.bytes(int(rng.integers(0, 60)))) for p in stream.packets[:4]]
+        assert decode_stream(stream.with_packets(packets)).erasures.num_lost > 0
+
+
+FRESH = """
+import sys, hashlib
+from pathlib import Path
+from splatwire.packets import read_stream
+from splatwire.codec import decode_stream
+scene = decode_stream(read_stream(Path(sys.argv[1]))[0]).scene
+digest = hashlib.sha256()
+for name in ("positions", "features", "scalings", "offsets", "mask"):
+    digest.update(getattr(scene.anchors, name).numpy().tobytes())
+print(digest.hexdigest())
+"""
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        {"NUMBA_CPU_NAME": "generic", "OPENBLAS_CORETYPE": "Nehalem"},
+    ],
+    ids=["one thread", "no AVX"],
+)
+def test_a_fresh_process_decodes_the_same_integers(
+    stream: SceneStream, tmp_path: Path, environment: dict[str, str]
+) -> None:
+    path = tmp_path / "scene.swz"
+    write_stream(stream, path)
+    digest = hashlib.sha256()
+    for tensor in attributes_of(decode_stream(stream).scene):
+        digest.update(tensor.numpy().tobytes())
+    command = [sys.executable, "-W", "ignore", "-c", FRESH, str(path)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=240, env={**os.environ, **environment}, check=False
+    )
+    assert done.stdout.strip() == digest.hexdigest(), done.stderr
+
+
+def test_golden_stream() -> None:
+    # a stream of format version 1; if it no longer decodes to these values, old streams are lost
+    stream, report = read_stream(GOLDEN)
+    digest = hashlib.sha256()
+    for tensor in attributes_of(decode_stream(stream).scene):
+        digest.update(tensor.numpy().tobytes())
+    assert report.complete
+    assert digest.hexdigest() == "7c58b34cbd54463bef72e1970211b9337e8ef4aedbfa04f548841fb0cc51433b"

@@ -1,0 +1,111 @@
+import numpy as np
+import pytest
+import torch
+
+from splatwire.codec import coding_params_reference as reference
+from splatwire.codec.atomic import _mixture, predict_packets
+from splatwire.codec.coding_params import dequantise, factor_table, quantise, step_indices
+from splatwire.codec.grid_lookup import grid_levels, lookup, lookup_reference, touched_rows
+from splatwire.codec.side_info import SideInfo
+from splatwire.model import AnchorScene
+from splatwire.model.hash_grid import interpolate_hash_grid
+from splatwire.model.prior_field import split_prior_outputs
+
+
+@pytest.fixture(scope="module")
+def everything(side_info: SideInfo):
+    context = side_info.coding_context()
+    feature, outputs = context.predict(side_info.voxels)
+    return context, side_info.voxels, feature, outputs
+
+
+def test_fast_path_equals_plain_torch(everything, scene: AnchorScene) -> None:
+    context, voxels, feature, outputs = everything
+    units = torch.from_numpy(context.units(voxels))
+    plain_feature = reference.context_feature(context, units)
+    assert (plain_feature.numpy() == feature).all()
+    plain = reference.evaluate(context.prior, plain_feature)
+    assert (plain.numpy() == outputs).all()
+
+    predicted = predict_packets(context, outputs)
+    steps = reference.step_index(plain, context)
+    assert (steps.numpy() == step_indices(outputs, context.config)).all()
+    assert (reference.step_factors(steps).numpy() == predicted.factors).all()
+    named = split_prior_outputs(plain.double(), context.config)
+    spans = {
+        0: (named.feature_mean, named.feature_scale, predicted.feature),
+        1: (named.scaling_mean, named.scaling_scale, predicted.scaling),
+        2: (named.offset_mean, named.offset_scale, predicted.offset),
+    }
+    for a, (mean, scale, fast) in spans.items():
+        slow = reference.normal_indices(mean.long(), scale.long(), steps[:, a], context.config.base_steps[a])
+        assert (slow.mean.numpy() == fast[0]).all()
+        assert (slow.scale.numpy() == fast[1]).all()
+
+
+def test_channel_context_equals_plain_torch(everything, scene: AnchorScene) -> None:
+    context, _, _, outputs = everything
+    predicted = predict_packets(context, outputs)
+    symbols = quantise(scene.anchors.features.numpy(), predicted.factors[:, 0], context.config.base_steps[0])
+    activations = context.feature_activations(symbols, predicted.factors[:, 0])
+    edges = np.cumsum([0, *context.config.layout.feature_groups])
+    plain_outputs, features = torch.from_numpy(outputs).long(), context.config.layout.feature_dim
+    factors = torch.from_numpy(predicted.factors[:, 0])
+    for group, shared in enumerate(context.shared_sums(outputs)):
+        means, scales, weights = _mixture(context, group, shared, activations[:, : edges[group]], outputs)
+        before = torch.from_numpy(symbols[:, : edges[group]]).long()
+        plain = reference.group_outputs(context, group, plain_outputs, before, factors)
+        size = edges[group + 1] - edges[group]
+        slow = reference.normal_indices(
+            plain[:, :size], plain[:, size : 2 * size], reference.step_index(plain_outputs, context)[:, 0],
+            context.config.base_steps[0],
+        )  # fmt: skip
+        logits = plain_outputs[:, 2 * features + edges[group] : 2 * features + edges[group + 1]]
+        assert (slow.mean.numpy() == means).all()
+        assert (slow.scale.numpy() == scales).all()
+        assert (reference.weight_index(logits, plain[:, 2 * size :]).numpy() == weights).all()
+
+
+def test_integers_follow_the_float_model(everything, scene: AnchorScene, side_info: SideInfo) -> None:
+    feature = everything[2]
+    exact = interpolate_hash_grid(scene.context.grid, scene.anchors.positions, scene.config.grid)
+    assert np.abs(feature / 2**14 - exact.numpy()).max() < 3e-3
+
+
+def test_batches_change_nothing(everything) -> None:
+    context, voxels, feature, outputs = everything
+    for size in (1, 7, 333):
+        parts = [context.predict(voxels[i : i + size]) for i in range(0, 3 * size, size)]
+        assert (np.concatenate([p[0] for p in parts]) == feature[: 3 * size]).all()
+        assert (np.concatenate([p[1] for p in parts]) == outputs[: 3 * size]).all()
+
+
+def test_lookup_equals_numpy_inside_and_outside_the_box(everything) -> None:
+    context, voxels, _, _ = everything
+    rng = np.random.default_rng(0)
+    units = np.concatenate([context.units(voxels), rng.integers(-(2**43), 2**45, (500, 3))])
+    fast = lookup(units, context.signs, context.config.grid)
+    assert (fast == lookup_reference(units, context.signs, context.config.grid)).all()
+    outside = (units < 0).any(axis=1) & (units > 1 << 44).any(axis=1)
+    assert not fast[outside, : 4 * len(context.config.grid.resolutions_3d)].any()
+
+
+def test_rows_that_no_anchor_touches_do_not_matter(everything) -> None:
+    context, voxels, feature, _ = everything
+    units = context.units(voxels)
+    touched = touched_rows(units, context.config.grid)
+    assert 0 < touched.sum() < grid_levels(context.config.grid).num_rows
+    flipped = np.where(touched[:, None], context.signs, -context.signs)
+    assert (lookup(units, flipped, context.config.grid) == feature).all()
+    for row in np.flatnonzero(touched)[:20]:  # and every touched row does
+        one = context.signs.copy()
+        one[row] *= -1
+        assert (lookup(units, one, context.config.grid) != feature).any()
+
+
+@pytest.mark.parametrize("base", [1.0, 0.001, 0.2])
+def test_quantise_inverts_dequantise(base: float) -> None:
+    rng = np.random.default_rng(4)
+    factors = factor_table()[rng.integers(1500, 8193, 200)]
+    symbols = rng.integers(-3000, 3000, (200, 5)).astype(np.int32)
+    assert (quantise(dequantise(symbols, factors, base), factors, base) == symbols).all()
