@@ -7,6 +7,8 @@ packets never loads torch.
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from splatwire.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from splatwire.channel import parse_loss as parse_loss
     from splatwire.channel import transmit as transmit
@@ -24,8 +26,6 @@ if TYPE_CHECKING:
     from splatwire.packets import read_stream as read_stream
     from splatwire.packets import write_stream as write_stream
     from splatwire.render import render_scene as render_scene
-
-__version__ = "0.1.0"
 
 _HOME = {
     "AnchorScene": "splatwire.model.anchor_scene",

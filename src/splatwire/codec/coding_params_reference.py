@@ -58,7 +58,8 @@ def context_feature(context: CodingContext, units: Int64[Tensor, "N 3"]) -> Floa
         inside = ((at >= 0) & (at <= 1 << UNIT_BITS)).all(dim=1, keepdim=True)
         scaled = (at * inside * (resolution - 2) + (1 << (UNIT_BITS - 1))) >> (UNIT_BITS - CELL_BITS)
         cell, fraction = scaled >> CELL_BITS, scaled & (one - 1)
-        total, weight_sum = 0, 0
+        total = torch.zeros(len(units), signs.shape[1], dtype=torch.int64, device=units.device)
+        weight_sum = torch.zeros(len(units), 1, dtype=torch.int64, device=units.device)
         for corner in range(1 << at.shape[1]):
             bits = torch.tensor([(corner >> i) & 1 for i in range(at.shape[1])], device=units.device)
             where = cell + bits

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-import splatwire
 from splatwire.codec.atomic import Symbols, chunks, encode_packets, predict_packets
 from splatwire.codec.coding_params import CodingContext, quantise
 from splatwire.codec.digest import update_digest
@@ -17,6 +16,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.voxels import voxel_indices
 from splatwire.packets import PRESETS, Packet, Packetization, PacketPlan, SceneStream, make_stream
+from splatwire.version import __version__
 
 MAX_SYMBOL = (1 << 31) - 1
 
@@ -76,7 +76,7 @@ def _encode(
     return make_stream(
         packetization=packetization, num_anchors=plan.num_anchors, feature_dim=layout.feature_dim,
         num_offsets=layout.num_offsets, feature_groups=layout.feature_groups, side_info=side_info, packets=packets,
-        symbols_digest=digest.hexdigest(), writer=f"splatwire {splatwire.__version__}",
+        symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}",
     )  # fmt: skip
 
 
