@@ -4,20 +4,17 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, TypeAlias
 
 import tyro
 
 JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
 
 
-class Reporter(Protocol):
-    """Called with what is being done and the share of it that is done, 0 to 1."""
-
-    def __call__(self, task: str, share: float) -> None:
-        """Shows progress."""
+Reporter: TypeAlias = Callable[[str, float], None]
+"""Called with what is being done and the share of it that is done, 0 to 1."""
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -1,0 +1,127 @@
+"""Mistakes: one clear line on standard error, exit status 2, nothing on standard output."""
+
+import shutil
+
+import pytest
+
+
+def assert_complains(outcome, *words):
+    assert outcome.status == 2
+    assert outcome.out == ""
+    last = outcome.err.splitlines()[-1]
+    assert last.startswith("splatwire: error: ")
+    assert "Traceback" not in outcome.err
+    for word in words:
+        assert str(word) in last
+
+
+def test_missing_input(run, tmp_path):
+    for words in (("decode", tmp_path / "x", "-o", tmp_path / "y"), ("inspect", tmp_path / "x")):
+        assert_complains(run(*words), tmp_path / "x")
+
+
+def test_wrong_folder(run, tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "me.jpg").write_bytes(b"\xff\xd8")
+    for verb in ("decode", "transmit"):
+        assert_complains(run(verb, tmp_path / "photos", "-o", tmp_path / "out"), tmp_path / "photos")
+    assert_complains(run("import", "hacpp", tmp_path / "photos", "-o", tmp_path / "out"), "photos")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_photo_folder_is_never_overwritten(run, journey, tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "me.jpg").write_bytes(b"\xff\xd8")
+    assert_complains(run("transmit", journey / "tiny.swz", "-o", tmp_path / "photos"), "photos")
+    assert (tmp_path / "photos" / "me.jpg").exists()
+
+
+def test_missing_side_info(run, journey, tmp_path):
+    shutil.copytree(journey / "packets", tmp_path / "a")
+    (tmp_path / "a" / "side_info.bin").unlink()
+    assert_complains(run("decode", tmp_path / "a", "-o", tmp_path / "x"), "side_info.bin", "missing")
+
+
+def test_truncated_file_is_an_error_or_a_counted_loss(run, journey, tmp_path):
+    data = (journey / "tiny.swz").read_bytes()
+    (tmp_path / "cut.swz").write_bytes(data[: len(data) // 2])
+    outcome = run("decode", tmp_path / "cut.swz", "-o", tmp_path / "x", "--json")
+    assert outcome.status in (0, 2)
+    if outcome.status:
+        assert_complains(outcome)
+    else:
+        assert outcome.json["num_lost"] > 0
+    (tmp_path / "cut.swz").write_bytes(data[:100])
+    assert_complains(run("decode", tmp_path / "cut.swz", "-o", tmp_path / "x"), "cut.swz")
+
+
+def test_a_flipped_bit_is_a_counted_loss(run, journey, tmp_path):
+    shutil.copytree(journey / "packets", tmp_path / "a")
+    packet = tmp_path / "a" / "pak_lane1_s0.pak"
+    data = bytearray(packet.read_bytes())
+    data[-1] ^= 1
+    packet.write_bytes(data)
+    content = run("decode", tmp_path / "a", "-o", tmp_path / "x", "--json").json
+    assert content["packets"]["num_corrupt"] == 1
+    assert 0 < content["num_lost"] < 60
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 a zip file", b"{}" * 100])
+def test_files_of_another_kind(run, tmp_path, content):
+    (tmp_path / "a.bin").write_bytes(content)
+    for verb in ("decode", "encode", "transmit"):
+        assert_complains(run(verb, tmp_path / "a.bin", "-o", tmp_path / "x"), "a.bin")
+    assert_complains(run("inspect", tmp_path / "a.bin"), "a.bin")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--loss", "bernoulli:1.5"), "1.5"),
+        (("--loss", "sunshine"), "sunshine"),
+        (("--loss", "trace:/nowhere"), "/nowhere"),
+        (("--seed", "-1"), "-1"),
+        (("--send-order", "random"), "random"),
+    ],
+)
+def test_transmit_settings(run, journey, tmp_path, words, named):
+    assert_complains(run("transmit", journey / "tiny.swz", "-o", tmp_path / "x", *words), named)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("--preset", "best"), "best"),
+        (("--order", "hilbert"), "hilbert"),
+        (("--block-size", "0"), "block size"),
+        (("--lanes", "1000"), "lanes"),
+    ],
+)
+def test_encode_settings(run, journey, tmp_path, words, named):
+    assert_complains(run("encode", journey / "tiny.scene", "-o", tmp_path / "x", *words), named)
+
+
+def test_unknown_concealer_is_told_before_any_work(run, journey, tmp_path):
+    assert_complains(run("decode", tmp_path / "none", "-o", tmp_path / "x", "--conceal", "magic"), "magic", "cari")
+    words = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
+    assert_complains(run("evaluate", tmp_path / "none", *words, "--conceal", "magic"), "magic")
+    assert_complains(run("evaluate", journey / "tiny.swz", *words, "--renderer", "crayons"), "crayons")
+    assert_complains(run("evaluate", journey / "tiny.swz", *words, "--loss", "none", "--seeds", 1, 1), "seeds")
+
+
+def test_cameras_and_references_must_be_given(run, journey, tmp_path):
+    assert_complains(run("render", journey / "tiny.scene", "-o", tmp_path), "--cameras")
+    assert_complains(run("evaluate", journey / "tiny.swz"), "--data")
+    assert_complains(run("demo", "--stream", journey / "tiny.swz", "-o", tmp_path), "--cameras")
+    assert_complains(run("render", journey / "tiny.scene", "-o", tmp_path, "--cameras", tmp_path / "no.json"), "no.json")
+
+
+def test_a_lossy_stream_cannot_be_encoded_or_demonstrated(run, journey, tmp_path):
+    run("decode", journey / "lossy.swz", "-o", tmp_path / "gaps.scene")
+    assert_complains(run("encode", tmp_path / "gaps.scene", "-o", tmp_path / "x.swz"), "gaps.scene")
+    words = ("--cameras", journey / "cameras.json", "-o", tmp_path / "demo")
+    assert_complains(run("demo", "--stream", journey / "lossy.swz", *words), "complete")
+
+
+def test_json_and_data_cannot_share_standard_output(run, journey):
+    assert_complains(run("encode", journey / "tiny.scene", "-o", "-", "--json"), "--json")

@@ -1,0 +1,34 @@
+"""A decoder that secretly holds the encoder's model would pass every test in one process; a fresh one cannot."""
+
+import json
+import subprocess
+import sys
+
+from splatwire.codec import decode_stream
+from splatwire.model.scene_digest import scene_digest
+from splatwire.packets import read_stream
+
+
+def test_bytes_alone_decode_in_a_fresh_interpreter(journey, tmp_path):
+    """The new interpreter gets the stream on standard input in an empty folder: there is nothing else to read."""
+    data = (journey / "lossy.swz").read_bytes()
+    command = [sys.executable, "-m", "splatwire", "decode", "-", "-o", "decoded.scene", "--json"]
+    done = subprocess.run(command, input=data, cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    here = decode_stream(read_stream(journey / "lossy.swz")[0])
+    there = json.loads(done.stdout)
+    assert there["digest"] == scene_digest(here.scene.anchors)
+    assert there["num_lost"] == here.erasures.num_lost > 0
+
+
+def test_verbs_pipe_into_each_other(journey, tmp_path):
+    """encode | transmit | decode in a shell gives what the same verbs give through files."""
+    program = f"{sys.executable} -m splatwire"
+    line = (
+        f"{program} encode - -o - --block-size 60 < {journey / 'tiny.scene'} | "
+        f"{program} transmit - -o - --loss bernoulli:0.3 --seed 1 | {program} decode - -o decoded.scene --json"
+    )
+    done = subprocess.run(["bash", "-o", "pipefail", "-c", line], cwd=tmp_path, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()
+    here = decode_stream(read_stream(journey / "lossy.swz")[0])
+    assert json.loads(done.stdout)["digest"] == scene_digest(here.scene.anchors)

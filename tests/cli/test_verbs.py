@@ -1,0 +1,176 @@
+"""The journey verb by verb, and what each promises to print."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from scenes import tiny_scene
+
+from splatwire.model.scene_digest import scene_digest
+from splatwire.model.scene_file import load_partial, load_scene
+from splatwire.packets import read_stream
+
+ROW_KEYS = {"method", "psnr", "ssim", "lpips", "seconds", "num_bytes"}
+
+
+def test_encode_counts_every_byte(run, journey, tmp_path):
+    content = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--json").json
+    assert content["num_bytes"] == (tmp_path / "a.swz").stat().st_size == sum(content["parts"].values())
+    assert content["num_anchors"] == 240
+    assert content["num_packets"] == len(read_stream(tmp_path / "a.swz")[0].packets)
+
+
+def test_encode_takes_a_packetization(run, journey, tmp_path):
+    words = ("--block-size", 100, "--lanes", 4, "--lane-seed", 7, "--grouping", "contiguous", "--order", "raster")
+    assert run("encode", journey / "tiny.scene", "-o", tmp_path / "a", *words).status == 0
+    packetization = run("inspect", tmp_path / "a", "--json").json["packetization"]
+    assert packetization == {
+        "block_size": 100,
+        "lanes": 4,
+        "seed": 7,
+        "grouping": "contiguous",
+        "order": "raster",
+        "packaging": "atomic",
+    }
+
+
+def test_inspect_stream(run, journey):
+    content = run("inspect", journey / "tiny.swz", "--json").json
+    assert content["kind"] == "stream"
+    assert content["num_bytes"] == (journey / "tiny.swz").stat().st_size == sum(content["parts"].values())
+    assert content["num_anchors"] == 240
+    assert content["num_packets"] == content["num_packets_expected"] == 32
+    assert sum(content["side_info_parts"].values()) == content["parts"]["side_info"]
+
+
+def test_a_folder_and_a_file_have_the_same_content(run, journey):
+    file, folder = (run("inspect", journey / name, "--json").json for name in ("tiny.swz", "packets"))
+    assert file == folder
+
+
+def test_inspect_for_people(run, journey):
+    outcome = run("inspect", journey / "tiny.swz")
+    assert "side_info" in outcome.out
+    assert outcome.status == 0
+
+
+def test_transmit_says_what_was_lost(run, journey, tmp_path):
+    content = run("transmit", journey / "tiny.swz", "-o", tmp_path / "a", "--loss", "bernoulli:0.3", "--json").json
+    assert content["unit"] == "pak"
+    assert content["num_sent"] == 32
+    assert 0 < content["num_lost"] < 32
+    assert len(list((tmp_path / "a").glob("*.pak"))) == 32 - content["num_lost"]
+    assert run("inspect", tmp_path / "a", "--json").json["num_lost_packets"] == content["num_lost"]
+
+
+def test_deleting_packet_files_is_a_way_to_lose_them(run, journey, tmp_path):
+    run("transmit", journey / "packets", "-o", tmp_path / "a", "--loss", "none")
+    (tmp_path / "a" / "pak_lane0_s0.pak").unlink()
+    content = run("decode", tmp_path / "a", "-o", tmp_path / "a.scene", "--json").json
+    assert content["packets"]["num_missing"] == 1
+    assert 0 < content["num_lost"] < 60
+
+
+def test_decode_without_loss_gives_the_scene_back(run, journey, tmp_path):
+    content = run("decode", journey / "tiny.swz", "-o", tmp_path / "a.scene", "--json").json
+    assert content["num_lost"] == 0
+    decoded = load_partial(tmp_path / "a.scene").scene.anchors
+    original = tiny_scene(seed=3, num_anchors=240).anchors
+    rank = {tuple(position): i for i, position in enumerate(original.positions.tolist())}
+    index = [rank[tuple(position)] for position in decoded.positions.tolist()]
+    assert sorted(index) == list(range(240))
+    assert (decoded.mask == original.mask[index]).all()
+    assert (decoded.features - original.features[index]).abs().max() < 1.01  # half a step, which is below 2
+
+
+def test_inspect_decoded_scene(run, journey, tmp_path):
+    decoded = run("decode", journey / "lossy.swz", "-o", tmp_path / "a.scene", "--json").json
+    content = run("inspect", tmp_path / "a.scene", "--json").json
+    assert content["digest"] == decoded["digest"] == scene_digest(load_partial(tmp_path / "a.scene").scene.anchors)
+    assert content["num_lost"] == decoded["num_lost"] > 0
+    assert content["num_bytes"] == (tmp_path / "a.scene").stat().st_size == sum(content["parts"].values())
+    assert content["num_anchors"] == 240
+    assert content["kind"] == "partial scene"
+
+
+def test_a_concealed_scene_remembers_its_losses(run, journey, tmp_path):
+    decoded = run("decode", journey / "lossy.swz", "-o", tmp_path / "a.scene", "--conceal", "idw", "--json").json
+    content = run("inspect", tmp_path / "a.scene", "--json").json
+    assert content["kind"] == "scene"
+    assert content["num_lost"] == decoded["num_lost"] > 0
+    assert load_scene(tmp_path / "a.scene").hints is not None
+
+
+def test_render_writes_one_picture_per_view(run, journey, tmp_path):
+    words = ("render", journey / "tiny.scene", "--cameras", journey / "cameras.json", "-o", tmp_path / "pictures")
+    content = run(*words, "--json").json
+    assert content["pictures"] == ["view_00.png", "view_01.png"]
+    picture = np.asarray(Image.open(tmp_path / "pictures" / "view_00.png"))
+    assert picture.shape == (48, 64, 3)
+    assert picture.std() > 10
+    again = run("render", journey / "tiny.scene", "--cameras", tmp_path / "pictures" / "cameras.json", "-o", tmp_path)
+    assert again.status == 0
+    assert (tmp_path / "view_00.png").read_bytes() == (tmp_path / "pictures" / "view_00.png").read_bytes()
+
+
+def test_render_scales_and_takes_streams(run, journey, tmp_path):
+    words = ("--cameras", journey / "cameras.json", "--scale", 0.5, "-o", tmp_path, "--json")
+    content = run("render", journey / "lossy.swz", *words).json
+    assert (content["width"], content["height"]) == (32, 24)
+    assert content["num_lost"] > 0
+
+
+def _evaluate(run, journey, source, *words):
+    reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json", "--json")
+    return run("evaluate", source, *reference, *words).json
+
+
+def test_evaluate_rows(run, journey):
+    content = _evaluate(
+        run, journey, journey / "tiny.swz", "--loss", "bernoulli:0.3", "--seeds", 0, 1, "--conceal", "idw", "drop",
+        "--contiguous",
+    )  # fmt: skip
+    rows = content["rows"]
+    assert [row["method"] for row in rows] == ["no loss", "contiguous drop", "drop", "idw"]
+    assert all(set(row) >= ROW_KEYS for row in rows)
+    assert rows[0]["psnr"] is None
+    assert rows[0]["exact"]
+    assert all(5 < row["psnr"] < 60 and 0 < row["ssim"] < 1 for row in rows[1:])
+    assert all(len(row["psnr_by_seed"]) == 2 for row in rows[1:])
+    assert rows[2]["num_lost"] == rows[3]["num_lost"] > 0
+    assert rows[2]["num_bytes"] == (journey / "tiny.swz").stat().st_size == sum(rows[2]["parts"].values())
+    assert content["unit"] == "pak"
+
+
+def test_evaluate_takes_what_was_lost_before(run, journey, tmp_path):
+    rows = _evaluate(run, journey, journey / "lossy.swz", "--conceal", "drop")["rows"]
+    run("decode", journey / "lossy.swz", "-o", tmp_path / "gaps.scene")
+    run("decode", journey / "lossy.swz", "-o", tmp_path / "drop.scene", "--conceal", "drop")
+    gaps = _evaluate(run, journey, tmp_path / "gaps.scene", "--conceal", "drop")["rows"]
+    drop = _evaluate(run, journey, tmp_path / "drop.scene")["rows"]
+    assert [row["method"] for row in (*rows, *gaps, *drop)] == ["drop", "drop", "as it is"]
+    assert rows[0]["psnr"] == gaps[0]["psnr"] == drop[0]["psnr"]
+
+
+@pytest.mark.parametrize("loss", ["bernoulli:0", "bernoulli:1"])
+def test_nothing_and_everything_may_be_lost(run, journey, loss):
+    rows = _evaluate(run, journey, journey / "tiny.swz", "--loss", loss)["rows"]
+    for row in rows[1:]:
+        assert row["num_lost"] == (0 if loss.endswith("0") else 240)
+        assert (row["psnr"] is None) == loss.endswith("0")
+        assert row["exact"] == loss.endswith("0")
+
+
+def test_evaluate_writes_a_report(run, journey, tmp_path):
+    words = ("--loss", "bernoulli:0.3", "--conceal", "drop", "-o", tmp_path / "report")
+    content = _evaluate(run, journey, journey / "tiny.swz", *words)
+    assert content["report"] == str(tmp_path / "report" / "report.html")
+    results = json.loads((tmp_path / "report" / "results.json").read_text())
+    assert results["rows"][1]["psnr"] == content["rows"][1]["psnr"]
+
+
+def test_progress_goes_to_standard_error(run, journey, tmp_path):
+    outcome = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--json")
+    assert "encoding" in outcome.err
+    assert len(outcome.out.splitlines()) == 1
