@@ -11,6 +11,7 @@ SplatwireError
 ├─ DesyncError               coding parameters differ between the two ends
 ├─ DatasetError              a folder or file is not the dataset or model it should be
 ├─ BackendUnavailableError   (carries how to install it)
+├─ DivergedError             a training run's loss is not finite any more (carries the iteration)
 ├─ InvalidValueError         a parameter is out of range (also a ValueError)
 └─ UnknownNameError          (carries the known names; also a ValueError)
 ```
@@ -78,6 +79,21 @@ class BackendUnavailableError(SplatwireError):
     def __init__(self, name: str, how: str) -> None:
         super().__init__(f"backend '{name}' is not available: {how}")
         self.name = name
+
+
+class DivergedError(SplatwireError):
+    """A training run's loss is not finite any more.
+
+    Args:
+        iteration: The iteration that found out.
+    """
+
+    def __init__(self, iteration: int) -> None:
+        super().__init__(
+            f"training diverged: the loss of iteration {iteration} is not finite; go on from an earlier checkpoint, "
+            "or check the poses and the scale of the scene"
+        )
+        self.iteration = iteration
 
 
 class InvalidValueError(SplatwireError, ValueError):

@@ -13,6 +13,7 @@ from splatwire.errors import SplatwireError
 
 VERBS = {
     "demo": "demo.Demo",
+    "train": "train.Train",
     "import": "import_model.Import",
     "encode": "encode.Encode",
     "inspect": "inspect.Inspect",

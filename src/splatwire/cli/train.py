@@ -1,0 +1,219 @@
+"""`splatwire train`: photos with poses become a scene file."""
+
+import dataclasses
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from splatwire.cli._output import JsonFlag, print_json, print_summary
+from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
+
+if TYPE_CHECKING:
+    from splatwire.data import Dataset
+    from splatwire.train import Listener, Progress, QualityReport, TrainConfig, TrainResult
+
+_DEVICES = ("auto", "cpu", "cuda")
+_PLAIN_INTERVAL_S = 30.0
+"""Without a terminal, a line this often."""
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train a scene from a folder of posed photos (COLMAP, Blender or nerfstudio layout)."""
+
+    data: tyro.conf.Positional[str]
+    """Folder of the dataset."""
+    output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
+    """Scene file to write; checkpoints go to the same name with .checkpoint added."""
+    preset: str = "mipnerf360"
+    """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf."""
+    lmbda: float | None = None
+    """Weight of the rate (lambda): larger makes smaller scenes. The recipe's own if absent."""
+    iterations: int = 30_000
+    """Length of the run; all phases keep their proportions."""
+    voxel_size: float | None = None
+    """Spacing of anchors in world units, 0 to derive it from the points. The recipe's own if absent."""
+    images: str | None = None
+    """Image folder instead of images (images_4, for example)."""
+    max_width: int = 1600
+    """Wider photos are reduced to this width."""
+    white_background: bool = False
+    """White instead of black where photos are transparent and behind the scene."""
+    device: str = "auto"
+    """auto, cpu or cuda."""
+    seed: int = 0
+    """Seed of everything random."""
+    resume: bool = False
+    """Go on from the checkpoint beside the output; the recipe is that of the checkpoint."""
+    checkpoint_interval: int = 1000
+    """Iterations between checkpoints."""
+    test_interval: int = 1000
+    """Iterations between tests on the way; 0 for one at the end only."""
+    preview: str | None = None
+    """Picture to write after each test: the first test view's photo and what the scene makes of it."""
+    json: JsonFlag = False
+    """Print one JSON object."""
+
+    def run(self) -> None:
+        """Runs the verb."""
+        self._check()
+        import numpy as np
+        from PIL import Image
+
+        from splatwire.model.scene_file import save_scene
+        from splatwire.train import RunOptions, load_checkpoint, save_checkpoint, train_scene
+        from splatwire.train.initial import initial_state
+
+        output = Path(self.output)
+        checkpoint = output.with_name(output.name + ".checkpoint")
+        if self.resume:
+            state, config = load_checkpoint(checkpoint)
+            train, test = self._datasets(config)
+        else:
+            config = self._config()
+            train, test = self._datasets(config)
+            state = initial_state(train, config)
+            output.parent.mkdir(parents=True, exist_ok=True)
+            save_checkpoint(
+                state, config, checkpoint
+            )  # now, not in an hour, is when to learn that it cannot be written
+        options = RunOptions(checkpoint, self.checkpoint_interval, self.test_interval)
+
+        def save_preview(report: "QualityReport") -> None:
+            if self.preview:
+                pixels = (report.preview.clamp(0, 1) * 255).round().to("cpu").numpy().astype(np.uint8)
+                Image.fromarray(pixels).save(self.preview)
+
+        with _watch(save_preview) as listener:
+            result = train_scene(train, test, config, state=state, options=options, listener=listener)
+        if result.stopped:
+            print(
+                f"stopped after iteration {result.state.iteration:,} of {config.marks.iterations:,}; "
+                "the same command with --resume goes on from there",
+                file=sys.stderr,
+            )
+            raise KeyboardInterrupt
+        save_scene(result.scene, output)
+        self._report(result, config)
+
+    def _check(self) -> None:
+        if self.device not in _DEVICES:
+            raise UnknownNameError("device", self.device, _DEVICES)
+        if self.device == "cuda":
+            raise BackendUnavailableError("cuda training", "this release trains on the CPU: use --device auto")
+        if self.output == "-":
+            raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
+        if self.checkpoint_interval < 1 or self.test_interval < 0:
+            raise InvalidValueError("--checkpoint-interval must be 1 or more, --test-interval 0 or more")
+
+    def _config(self) -> "TrainConfig":
+        from splatwire.train import create_config
+
+        return create_config(
+            self.preset,
+            lmbda=self.lmbda,
+            iterations=self.iterations,
+            voxel_size=self.voxel_size,
+            background=(1.0, 1.0, 1.0) if self.white_background else (0.0, 0.0, 0.0),
+            seed=self.seed,
+        )
+
+    def _datasets(self, config: "TrainConfig") -> "tuple[Dataset, Dataset | None]":
+        from splatwire.data import open_dataset
+        from splatwire.errors import DatasetError
+
+        def opened(split: str) -> "Dataset":
+            return open_dataset(
+                Path(self.data),
+                split=split,
+                images=self.images,
+                max_width=self.max_width,
+                test_views=config.test_views,
+                background=config.background,
+            )
+
+        train = opened("train")
+        try:
+            return train, opened("test")
+        except DatasetError as error:
+            print(f"no test views: {error}", file=sys.stderr)
+            return train, None
+
+    def _report(self, result: "TrainResult", config: "TrainConfig") -> None:
+        test, scene = result.test, result.scene
+        if self.json:
+            print_json(
+                {
+                    "output": self.output,
+                    "iterations": result.state.iteration,
+                    "num_anchors": scene.anchors.num_anchors,
+                    "num_gaussians": int(scene.anchors.mask.sum()),
+                    "test_psnr": test.psnr if test else None,
+                    "test_ssim": test.ssim if test else None,
+                    "seconds": result.seconds,
+                    "recipe": dataclasses.asdict(config),
+                }
+            )
+            return
+        quality = f", test PSNR {test.psnr:.2f} dB, SSIM {test.ssim:.4f}" if test else ""
+        print_summary(f"{scene.anchors.num_anchors:,} anchors{quality}, {result.seconds:,.0f} s -> {self.output}")
+
+
+@contextmanager
+def _watch(on_test: Any) -> "Iterator[Listener]":
+    """Shows progress on standard error, and turns the first Ctrl-C into a polite stop."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    from splatwire.train import Listener
+
+    console = Console(stderr=True)
+    columns = (
+        BarColumn(bar_width=20), MofNCompleteColumn(), TextColumn("{task.description}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )  # fmt: skip
+    stop: list[bool] = []
+    tests: list[str] = []
+    printed = [time.monotonic()]
+
+    def interrupted(number: int, frame: Any) -> None:
+        if stop:
+            raise KeyboardInterrupt
+        stop.append(True)
+        console.print("stopping after this iteration; press Ctrl-C again to stop at once without a checkpoint")
+
+    with Bars(*columns, console=console, disable=not console.is_terminal) as bars:
+        task = bars.add_task("starting", total=None)
+
+        def progress(now: "Progress") -> None:
+            text = _line(now) + "".join(tests[-1:])
+            bars.update(task, completed=now.iteration, total=now.iterations, description=text)
+            if not console.is_terminal and time.monotonic() - printed[0] > _PLAIN_INTERVAL_S:
+                printed[0] = time.monotonic()
+                left = (now.iterations - now.iteration) / now.iterations_per_second
+                plain = f"{now.iteration}/{now.iterations} {text}, {left / 60:.0f} min left"
+                console.print(plain, markup=False, highlight=False, soft_wrap=True)
+
+        def tested(report: "QualityReport") -> None:
+            tests.append(f", test {report.psnr:.2f} dB")
+            on_test(report)
+
+        before = signal.signal(signal.SIGINT, interrupted)
+        try:
+            yield Listener(progress, tested, lambda: bool(stop))
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+
+def _line(now: "Progress") -> str:
+    size = f", ~{now.estimated_bytes / 1e6:.2f} MB" if now.estimated_bytes is not None else ""
+    speed = f"{now.iterations_per_second:.1f} it/s"
+    return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_anchors:,} anchors{size}, {speed}"

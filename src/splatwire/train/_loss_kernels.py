@@ -1,0 +1,95 @@
+"""Compiled pieces of the photometric loss. What they add up to is in `splatwire.train.losses`.
+
+Rows hold whole pixels, three numbers each; a blur along a row therefore steps by three. The loops over a row are
+functions of their own so that the compiler makes vector instructions of them.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import njit, prange
+
+_FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
+_HALF = 5
+_PAD = 3 * _HALF
+
+
+@njit(cache=True, fastmath=_FAST, inline="never")
+@no_type_check
+def _axpy(out, source, start, factor):
+    for i in range(out.shape[0]):
+        out[i] += factor * source[i + start]
+
+
+@njit(cache=True, parallel=True)
+@no_type_check
+def blur(planes, taps, out):
+    """Blurs (P, H, 3 W) along both axes, zeros beyond the border."""
+    num_planes, height, width = planes.shape
+    for job in prange(num_planes * height):
+        plane, row = job // height, job % height
+        column = np.zeros(width + 2 * _PAD, np.float32)
+        inner = column[_PAD : _PAD + width]
+        for t in range(taps.shape[0]):
+            source = row + t - _HALF
+            if 0 <= source < height:
+                _axpy(inner, planes[plane, source], 0, taps[t])
+        target = out[plane, row]
+        target[:] = np.float32(0)
+        for t in range(taps.shape[0]):
+            _axpy(target, column, 3 * t, taps[t])
+
+
+@njit(cache=True, fastmath=_FAST, parallel=True)
+@no_type_check
+def products(x, y, out):
+    """Fills (3, n) with x, x * x and x * y."""
+    for i in prange(x.shape[0]):
+        out[0, i], out[1, i], out[2, i] = x[i], x[i] * x[i], x[i] * y[i]
+
+
+@njit(cache=True, fastmath=_FAST, inline="never", error_model="numpy")
+@no_type_check
+def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2):
+    """Sums SSIM and |x - y| over a row; replaces the blurred values by the gradient of SSIM in each of them."""
+    total = error = np.float32(0)
+    one, two = np.float32(1), np.float32(2)
+    for i in range(x.shape[0]):
+        mx, my = mean_x[i], mean_y[i]
+        a1, b1 = two * mx * my + c1, mx * mx + my * my + c1
+        a2 = two * (xy[i] - mx * my) + c2
+        b2 = (xx[i] - mx * mx) + (yy[i] - my * my) + c2
+        i1, i2 = one / b1, one / b2
+        value = a1 * a2 * i1 * i2
+        d_xx = -value * i2
+        d_xy = two * a1 * i1 * i2
+        mean_x[i] = two * (my * a2 * i1 * i2 - value * mx * i1) - my * d_xy - two * mx * d_xx
+        xx[i] = d_xx
+        xy[i] = d_xy
+        total += value
+        error += abs(x[i] - y[i])
+    return total, error
+
+
+@njit(cache=True, parallel=True)
+@no_type_check
+def similarity(moments, blurred, x, y, c1, c2, sums):
+    """Fills `sums` (H, 2) with SSIM and absolute error per row; `moments` become gradients (`_similarity_row`)."""
+    first, second = np.float32(c1), np.float32(c2)
+    for r in prange(x.shape[0]):
+        total, error = _similarity_row(
+            moments[0, r], moments[1, r], moments[2, r], blurred[0, r], blurred[1, r], x[r], y[r], first, second
+        )
+        sums[r, 0], sums[r, 1] = total, error
+
+
+@njit(cache=True, fastmath=_FAST, parallel=True)
+@no_type_check
+def combine(gradients, x, y, dssim, out):
+    """Gradient of the loss from the blurred gradients of SSIM in x, x * x and x * y."""
+    n = np.float32(x.shape[0])
+    structure, absolute = np.float32(-dssim) / n, np.float32(1 - dssim) / n
+    two = np.float32(2)
+    for i in prange(x.shape[0]):
+        slope = gradients[0, i] + two * x[i] * gradients[1, i] + y[i] * gradients[2, i]
+        out[i] = structure * slope + absolute * np.sign(x[i] - y[i])

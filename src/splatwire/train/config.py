@@ -1,0 +1,279 @@
+"""Every constant of a training run, in one frozen record (HACPP_SPEC 6)."""
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.model import HashGridConfig, ModelConfig
+from splatwire.scene import AnchorLayout
+
+FULL_ITERATIONS = 30_000
+"""The published schedule; a shorter or longer one scales every mark."""
+MIN_ITERATIONS = 20
+MIN_GROWTH_INTERVAL = 50
+"""Growing more often than this sees too few views to tell which Gaussians are pulled."""
+
+
+@dataclass(frozen=True)
+class LearningRate:
+    """A learning rate that goes from `initial` to `final` along a straight line in the logarithm.
+
+    Attributes:
+        initial: At the start.
+        final: After the last iteration.
+    """
+
+    initial: float
+    final: float
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Learning rates by group of parameters; those of offsets and masks are multiplied by the extent of the cameras.
+
+    Attributes:
+        offsets: Offsets.
+        mask_logits: Mask logits.
+        features: Anchor features.
+        log_scalings: Logarithms of the scalings.
+        opacity: Opacity network.
+        covariance: Covariance network.
+        color: Colour network.
+        grid: Hash-grid tables.
+        prior: Prior network.
+        channel: Channel networks.
+    """
+
+    offsets: LearningRate = LearningRate(0.01, 0.0001)
+    mask_logits: LearningRate = LearningRate(0.01, 0.0015)
+    features: LearningRate = LearningRate(0.0075, 0.0075)
+    log_scalings: LearningRate = LearningRate(0.007, 0.007)
+    opacity: LearningRate = LearningRate(0.002, 0.00002)
+    covariance: LearningRate = LearningRate(0.004, 0.004)
+    color: LearningRate = LearningRate(0.008, 0.00005)
+    grid: LearningRate = LearningRate(0.005, 0.00001)
+    prior: LearningRate = LearningRate(0.005, 0.00001)
+    channel: LearningRate = LearningRate(0.005, 0.0005)
+
+
+@dataclass(frozen=True)
+class Marks:
+    """When what happens, in iterations; each thing starts after the iteration of its mark.
+
+    Attributes:
+        iterations: Length of the run.
+        noise_start: Uniform noise with fixed steps is added to the attributes.
+        growth_pause_end: Nothing grows from `noise_start` to this iteration.
+        context_start: The hash grid sets the steps, and the rate enters the loss.
+        statistics_start: Gradients and opacities are gathered.
+        growth_start: Anchors are added and removed.
+        growth_end: The number of anchors stays.
+        growth_interval: Iterations between two changes of the anchors.
+    """
+
+    iterations: int = FULL_ITERATIONS
+    noise_start: int = 3000
+    growth_pause_end: int = 4000
+    context_start: int = 10_000
+    statistics_start: int = 500
+    growth_start: int = 1500
+    growth_end: int = 15_000
+    growth_interval: int = 100
+
+    def scaled(self, iterations: int) -> "Marks":
+        """Returns the same phases, in proportion, for a run of `iterations`."""
+        factor = iterations / self.iterations
+        values = {f.name: round(getattr(self, f.name) * factor) for f in dataclasses.fields(self)}
+        interval = max(min(MIN_GROWTH_INTERVAL, self.growth_interval), values["growth_interval"])
+        return Marks(**{**values, "iterations": iterations, "growth_interval": interval})
+
+
+@dataclass(frozen=True)
+class GrowthRules:
+    """Which anchors are added and removed.
+
+    Attributes:
+        gradient_threshold: Mean length of the gradient of a Gaussian's 2D centre, per half image size, from which on
+            an anchor is added near it; doubled from each level to the next.
+        seen_share: Share of the interval in which an anchor must have been visible to be judged (half of it for an
+            offset).
+        min_opacity: Anchors whose offsets' opacities add up to less, on average, are removed.
+        levels: Cell sizes that are tried.
+        coarsest_cell: Cell size of the first level, in voxels.
+        cell_ratio: Each next cell is this many times smaller; a level whose cell is under a voxel is left out.
+        max_log_size: Cap on the logarithm of an anchor's base size, world units.
+        max_anchors: No anchor is added beyond this number.
+    """
+
+    gradient_threshold: float = 0.0002
+    seen_share: float = 0.8
+    min_opacity: float = 0.005
+    levels: int = 3
+    coarsest_cell: int = 16
+    cell_ratio: int = 4
+    max_log_size: float = 0.05
+    max_anchors: int = 4_000_000
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the terms of the loss.
+
+    Attributes:
+        dssim: Share of 1 - SSIM; the rest is the mean absolute error.
+        volume: Of the mean product of the Gaussians' three sizes.
+        rate: Of the bits per parameter: lambda.
+        sample_share: Share of the anchors whose rate is estimated in each iteration.
+    """
+
+    dssim: float = 0.2
+    volume: float = 0.01
+    rate: float = 0.004
+    sample_share: float = 0.05
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """A whole recipe.
+
+    Attributes:
+        preset: What it was derived from.
+        model: Shapes of anchors and context model.
+        voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
+        hidden: Hidden units of the rendering networks, the prior network and the channel networks.
+        marks: When what happens.
+        rates: Learning rates.
+        growth: Which anchors are added and removed.
+        weights: Weights of the loss.
+        mask_threshold: A mask is 1 where the sigmoid of its logit is above this.
+        random_points: Points drawn in a box when the data has none.
+        background: RGB behind the scene.
+        test_views: Which views are left out for testing.
+        seed: Of everything random.
+    """
+
+    preset: str = "mipnerf360"
+    model: ModelConfig = field(default_factory=ModelConfig)
+    voxel_size: float = 0.001
+    hidden: tuple[int, int, int] = (50, 100, 40)
+    marks: Marks = Marks()
+    rates: LearningRates = LearningRates()
+    growth: GrowthRules = GrowthRules()
+    weights: LossWeights = LossWeights()
+    mask_threshold: float = 0.01
+    random_points: int = 100_000
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    test_views: str = "every_8th"
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Preset:
+    """What differs from benchmark to benchmark.
+
+    Attributes:
+        rate: Default lambda.
+        voxel_size: As in `TrainConfig`.
+        coarsest_cell: As in `GrowthRules`.
+        mask_rate_per_lambda: Final learning rate of the masks per lambda.
+        mask_rate_cap: Its upper bound.
+        test_views: As in `TrainConfig`.
+    """
+
+    rate: float
+    voxel_size: float
+    coarsest_cell: int
+    mask_rate_per_lambda: float
+    mask_rate_cap: float = math.inf
+    test_views: str = "every_8th"
+
+
+PRESETS = {
+    "mipnerf360": Preset(0.004, 0.001, 16, 0.5, 0.0015),
+    "tanks_and_temples": Preset(0.004, 0.01, 16, 0.1),
+    "deep_blending": Preset(0.004, 0.005, 16, 0.08),
+    "bungeenerf": Preset(0.004, 0.0, 128, 0.1, test_views="first_31"),
+    "synthetic_nerf": Preset(0.001, 0.001, 4, 0.08),
+}
+
+
+def create_config(
+    preset: str = "mipnerf360",
+    *,
+    lmbda: float | None = None,
+    iterations: int = FULL_ITERATIONS,
+    voxel_size: float | None = None,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    seed: int = 0,
+) -> TrainConfig:
+    """Creates the recipe of a benchmark.
+
+    Args:
+        preset: A key of `PRESETS`.
+        lmbda: Weight of the rate; the preset's where absent.
+        iterations: Length of the run; all phases keep their proportions.
+        voxel_size: Spacing of anchor positions, world units, 0 to derive it from the points; the preset's where absent.
+        background: RGB behind the scene.
+        seed: Of everything random.
+
+    Raises:
+        UnknownNameError: No preset has that name.
+        InvalidValueError: A value is out of range.
+    """
+    if preset not in PRESETS:
+        raise UnknownNameError("preset", preset, PRESETS)
+    chosen = PRESETS[preset]
+    rate = chosen.rate if lmbda is None else lmbda
+    voxel = chosen.voxel_size if voxel_size is None else voxel_size
+    if not (math.isfinite(rate) and rate >= 0):
+        raise InvalidValueError(f"lambda must be 0 or more, not {rate}")
+    if not (math.isfinite(voxel) and voxel >= 0):
+        raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
+    if iterations < MIN_ITERATIONS:
+        raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
+    mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
+    return TrainConfig(
+        preset=preset,
+        voxel_size=voxel,
+        marks=Marks().scaled(iterations),
+        rates=LearningRates(mask_logits=LearningRate(0.01, mask_rate)),
+        growth=GrowthRules(coarsest_cell=chosen.coarsest_cell),
+        weights=LossWeights(rate=rate),
+        background=background,
+        test_views=chosen.test_views,
+        seed=seed,
+    )
+
+
+def config_to_json(config: TrainConfig) -> dict[str, Any]:
+    """Returns the recipe as plain numbers, lists and dictionaries."""
+    return dataclasses.asdict(config)
+
+
+def config_from_json(value: dict[str, Any]) -> TrainConfig:
+    """The inverse of `config_to_json`.
+
+    Raises:
+        InvalidValueError: If it is not a recipe.
+    """
+    try:
+        model = value["model"]
+        rates = {name: LearningRate(**rate) for name, rate in value["rates"].items()}
+        parts = {
+            "model": ModelConfig(_record(AnchorLayout, model["layout"]), _record(HashGridConfig, model["grid"]),
+                                 tuple(model["base_steps"])),
+            "marks": Marks(**value["marks"]),
+            "rates": LearningRates(**rates),
+            "growth": GrowthRules(**value["growth"]),
+            "weights": LossWeights(**value["weights"]),
+        }  # fmt: skip
+        return _record(TrainConfig, {**value, **parts})
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidValueError(f"not the recipe of a training run: {error}") from error
+
+
+def _record(kind: type, value: dict[str, Any]) -> Any:
+    """Builds a record from JSON, where tuples are lists."""
+    return kind(**{name: tuple(item) if isinstance(item, list) else item for name, item in value.items()})

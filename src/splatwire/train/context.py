@@ -1,0 +1,162 @@
+"""The context model in training: adaptive steps of what is drawn, and the rate of a sample (HACPP_SPEC 4 and 5)."""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.entropy.rate import bits, gaussian_likelihood, mixture_likelihood
+from splatwire.model import Linear, Mlp, ModelConfig
+from splatwire.model.prior_field import MIN_SCALE, PriorOutputs, split_prior_outputs
+from splatwire.train.config import TrainConfig
+from splatwire.train.grid import GridCorners, find_corners, interpolate_signs
+from splatwire.train.state import TrainState, channels_of, network
+
+
+@dataclass(frozen=True, eq=False)
+class SampleRate:
+    """Bits of a sample of anchors.
+
+    Attributes:
+        bits: Of all three attributes of all anchors of the sample; differentiable.
+        num_anchors: Size of the sample.
+    """
+
+    bits: Float[Tensor, ""]
+    num_anchors: int
+
+
+class AnchorCache:
+    """What follows from the anchors' positions alone; computed again only when the anchors or the box change."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        self._config = config
+        self._voxels: Tensor | None = None
+        self._positions: Tensor | None = None
+        self._box: tuple[Tensor, ...] | None = None
+        self._corners: GridCorners | None = None
+
+    def positions(self, state: TrainState) -> Float[Tensor, "N 3"]:
+        """World coordinates of the anchors."""
+        if self._positions is None or self._voxels is not state.voxels:
+            self._voxels, self._positions, self._corners = state.voxels, state.positions, None
+        return self._positions
+
+    def corners(self, state: TrainState) -> GridCorners:
+        """Corners of all anchors in the hash grid."""
+        positions = self.positions(state)
+        box = (state.bounds_min, state.bounds_max)
+        if self._corners is None or self._box is None or any(a is not b for a, b in zip(box, self._box, strict=True)):
+            self._box = box
+            self._corners = find_corners((positions - box[0]) / (box[1] - box[0]), self._config.grid)
+        return self._corners
+
+
+def step_columns(prior: Mlp) -> Mlp:
+    """Returns the prior network with its last three outputs only, the logits of the steps."""
+    return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
+
+
+def adaptive_steps(step_logits: Float[Tensor, "N 3"], config: ModelConfig) -> Float[Tensor, "N 3"]:
+    """Returns `base * (1 + tanh(logit))` for features, scalings and offsets (HACPP_SPEC 4.2)."""
+    return step_logits.new_tensor(config.base_steps) * (1 + torch.tanh(step_logits))
+
+
+def grid_features(state: TrainState, cache: AnchorCache, index: Int64[Tensor, "M"]) -> Float[Tensor, "M H"]:
+    """Interpolates the hash grid at some anchors; differentiable in the tables."""
+    volume, planes = state.parameters["grid.volume"], state.parameters["grid.planes"]
+    return interpolate_signs(volume, planes, cache.corners(state), index)
+
+
+def add_noise(values: Tensor, step: Tensor | float, generator: torch.Generator) -> Tensor:
+    """Adds uniform noise as wide as the quantisation step, which stands for rounding."""
+    noise = torch.rand(values.shape, generator=generator).to(values.device) - 0.5
+    return values + noise * step
+
+
+def sample_rate(
+    state: TrainState,
+    config: TrainConfig,
+    features: Float[Tensor, "M H"],
+    index: Int64[Tensor, "M"],
+    mask: tuple[Float[Tensor, "M K"], Float[Tensor, "M"]],
+) -> SampleRate:
+    """Estimates the bits of a sample of anchors, with noise in place of rounding.
+
+    Args:
+        state: The state.
+        config: The recipe.
+        features: Hash-grid features of the sample.
+        index: The anchors of the sample.
+        mask: Straight-through masks of its offsets and of the anchors themselves.
+    """
+    parameters, layout = state.parameters, config.model.layout
+    outputs = split_prior_outputs(network(parameters, "prior")(features), config.model)
+    steps = adaptive_steps(outputs.step_logits, config.model)
+    feature_step, scaling_step, offset_step = steps.split(1, dim=1)
+    feature = add_noise(parameters["features"][index], feature_step, state.generator)
+    scaling = add_noise(parameters["log_scalings"][index].exp(), scaling_step, state.generator)
+    offset = add_noise(parameters["offsets"][index].flatten(1), offset_step, state.generator)
+
+    first = gaussian_likelihood(feature, outputs.feature_mean, outputs.feature_scale.clamp(min=MIN_SCALE), feature_step)
+    second, weight = _channel_likelihood(state, config, feature, outputs, feature_step)
+    feature_bits = bits(mixture_likelihood(first, second, outputs.feature_weight - weight)).sum(dim=1)
+    scaling_bits = bits(
+        gaussian_likelihood(scaling, outputs.scaling_mean, outputs.scaling_scale.clamp(min=MIN_SCALE), scaling_step)
+    ).sum(dim=1)
+    offset_bits = bits(
+        gaussian_likelihood(offset, outputs.offset_mean, outputs.offset_scale.clamp(min=MIN_SCALE), offset_step)
+    )
+    offset_mask, anchor_mask = mask
+    offset_bits = (offset_bits.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
+    total = ((feature_bits + scaling_bits + offset_bits) * anchor_mask).sum()
+    return SampleRate(total, len(index))
+
+
+def _channel_likelihood(
+    state: TrainState,
+    config: TrainConfig,
+    feature: Float[Tensor, "M F"],
+    outputs: PriorOutputs,
+    step: Float[Tensor, "M 1"],
+) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
+    """Likelihood under the channel networks' Gaussians, and their weight logits; groups see those before them."""
+    groups = config.model.layout.feature_groups
+    shared = torch.cat([outputs.feature_mean, outputs.feature_scale, outputs.feature_weight], dim=1)
+    parts, before = [], 0
+    for mlp, size in zip(channels_of(state.parameters, len(groups)), groups, strict=True):
+        parts.append(mlp(torch.cat([feature[:, :before], shared], dim=1)).chunk(3, dim=1))
+        before += size
+    mean, scale, weight = (torch.cat(columns, dim=1) for columns in zip(*parts, strict=True))
+    return gaussian_likelihood(feature, mean, scale.clamp(min=MIN_SCALE), step), weight
+
+
+@torch.no_grad()
+def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
+    """Lets the context networks start from the mean and spread that the attributes have by now.
+
+    A random network predicts negative spreads for half of the channels, and those do not learn for a long time.
+    """
+    groups = config.model.layout.feature_groups
+    alive = (torch.sigmoid(state.parameters["mask_logits"]) > config.mask_threshold).any(dim=1)
+    if int(alive.sum()) < 2:
+        return
+    features, offsets = state.parameters["features"][alive], state.parameters["offsets"][alive].flatten(1)
+    scalings = state.parameters["log_scalings"][alive].exp()
+    columns = []
+    for values, base in zip((features, scalings, offsets), config.model.base_steps, strict=True):
+        columns.append((values.mean(dim=0), values.std(dim=0).clamp(min=0.5 * base)))
+    weight, bias = state.parameters["prior.output.weight"], state.parameters["prior.output.bias"]
+    (f_mean, f_spread), (s_mean, s_spread), (o_mean, o_spread) = columns
+    zeros = torch.zeros_like(f_mean)
+    bias[:-3] = torch.cat([f_mean, f_spread, zeros, s_mean, s_spread, o_mean, o_spread])
+    bias[-3:] = 0
+    weight[:-3] *= torch.cat([f_spread, f_spread, zeros + 1, s_spread, s_spread, o_spread, o_spread])[:, None]
+    start = 0
+    for group, size in enumerate(groups):
+        part = slice(start, start + size)
+        scale = torch.cat([f_spread[part], f_spread[part], zeros[part] + 1])
+        state.parameters[f"channel.{group}.output.weight"] *= scale[:, None]
+        state.parameters[f"channel.{group}.output.bias"].copy_(torch.cat([f_mean[part], f_spread[part], zeros[part]]))
+        start += size

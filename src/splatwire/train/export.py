@@ -1,0 +1,56 @@
+"""From a run's state to a scene that can be drawn, saved and encoded."""
+
+import torch
+from torch import Tensor
+
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HashGrid, Linear, Mlp
+from splatwire.scene import Anchors
+from splatwire.train.config import TrainConfig
+from splatwire.train.grid import hard_sign
+from splatwire.train.state import TrainState, channels_of, heads_of, network
+
+
+@torch.no_grad()
+def export_scene(state: TrainState, config: TrainConfig) -> AnchorScene:
+    """Returns the scene as it stands, on the CPU, anchors that draw nothing left out.
+
+    Args:
+        state: The state; left as it is.
+        config: The recipe.
+
+    Raises:
+        InvalidValueError: If no anchor is left.
+    """
+    parameters = {name: value.detach().cpu() for name, value in state.parameters.items()}
+    mask = torch.sigmoid(parameters["mask_logits"]) > config.mask_threshold
+    kept = mask.any(dim=1)
+    if not bool(kept.any()):
+        raise InvalidValueError("training has left no anchor in the scene: lambda is too large for it")
+    anchors = Anchors(
+        positions=state.positions.cpu()[kept],
+        features=parameters["features"][kept].clone(),
+        scalings=parameters["log_scalings"][kept].exp(),
+        offsets=parameters["offsets"][kept] * mask[kept][:, :, None],
+        mask=mask[kept],
+    )
+    grid = HashGrid(
+        volume=_signs(parameters["grid.volume"]),
+        planes=_signs(parameters["grid.planes"]),
+        bounds_min=state.bounds_min.cpu(),
+        bounds_max=state.bounds_max.cpu(),
+    )
+    channels = channels_of(parameters, len(config.model.layout.feature_groups))
+    context = ContextModel(grid, _copy(network(parameters, "prior")), tuple(_copy(mlp) for mlp in channels))
+    heads = GaussianHeads(*(_copy(mlp) for mlp in vars(heads_of(parameters)).values()))
+    return AnchorScene(anchors, heads, context, state.voxel_size, config.model)
+
+
+def _signs(values: Tensor) -> Tensor:
+    return hard_sign(values).to(torch.int8)
+
+
+def _copy(mlp: Mlp) -> Mlp:
+    """Copied: training goes on in place while the scene is being drawn or written."""
+    hidden, output = (Linear(layer.weight.clone(), layer.bias.clone()) for layer in (mlp.hidden, mlp.output))
+    return Mlp(hidden, output, mlp.negative_slope)

@@ -1,0 +1,147 @@
+"""The binary hash grid as it is trained: signs in front, straight-through gradients behind (HACPP_SPEC 3).
+
+Rows and weights of the corners depend on positions alone: they are computed once per set of anchors.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Int32, Int64
+from torch import Tensor
+
+from splatwire.model.config import PLANES, HashGridConfig
+from splatwire.model.hash_grid import corner_rows
+
+INITIAL_VALUE = 1e-4
+"""Tables start uniform in plus and minus this."""
+
+
+@dataclass(frozen=True, eq=False)
+class GridCorners:
+    """Where N positions are in the tables; all tables stand one after another: volume, xy, xz, yz.
+
+    Attributes:
+        volume_rows: Rows of the 8 corners on each 3D level.
+        volume_weights: Their weights.
+        plane_rows: Rows of the 4 corners on each level of each plane.
+        plane_weights: Their weights.
+    """
+
+    volume_rows: Int32[Tensor, "L3 N 8"]
+    volume_weights: Float32[Tensor, "L3 N 8"]
+    plane_rows: Int32[Tensor, "L2 N 4"]
+    plane_weights: Float32[Tensor, "L2 N 4"]
+
+
+@torch.no_grad()
+def find_corners(unit: Float[Tensor, "N 3"], config: HashGridConfig) -> GridCorners:
+    """Finds the corners of positions given in the box, [0, 1] per axis inside."""
+    volume, planes = [], []
+    start = 0
+    for resolution, rows in zip(config.resolutions_3d, config.rows(3), strict=True):
+        volume.append(_level(unit, resolution, rows, start))
+        start += rows
+    for axes in PLANES:
+        for resolution, rows in zip(config.resolutions_2d, config.rows(2), strict=True):
+            planes.append(_level(unit[:, list(axes)], resolution, rows, start))
+            start += rows
+    stacked = [torch.stack(parts) for levels in (volume, planes) for parts in zip(*levels, strict=True)]
+    return GridCorners(*stacked)
+
+
+def _level(unit: Tensor, resolution: int, num_rows: int, start: int) -> tuple[Tensor, Tensor]:
+    rows, weights = corner_rows(unit, resolution, num_rows)
+    return (rows + start).to(torch.int32), weights.to(torch.float32)
+
+
+def interpolate_signs(
+    volume: Float[Tensor, "rows3 D"],
+    planes: Float[Tensor, "3 rows2 D"],
+    corners: GridCorners,
+    index: Int64[Tensor, "M"],
+) -> Float[Tensor, "M H"]:
+    """Interpolates the signs of the tables at some of the positions.
+
+    The gradient passes to a table value as if it were the sign itself, while it is within [-1, 1].
+
+    Args:
+        volume: The 3D table, all levels.
+        planes: The tables of the planes.
+        corners: Corners of all positions.
+        index: Which positions.
+    """
+    tables = torch.cat([volume, planes.flatten(0, 1)])
+    if tables.device.type != "cpu" or tables.dtype != torch.float32:
+        return interpolate_signs_reference(tables, corners, index)
+    features: Tensor = _InterpolateSigns.apply(tables, corners, index)
+    return features
+
+
+def interpolate_signs_reference(
+    tables: Float[Tensor, "rows D"], corners: GridCorners, index: Int64[Tensor, "M"]
+) -> Float[Tensor, "M H"]:
+    """The same in plain torch, tables one after another."""
+    signs = straight_through_sign(tables)
+    parts = []
+    for rows, weights in (
+        (corners.volume_rows[:, index], corners.volume_weights[:, index]),
+        (corners.plane_rows[:, index], corners.plane_weights[:, index]),
+    ):
+        values = signs[rows.long()]
+        parts.append((values * weights.to(values)[..., None]).sum(dim=2).transpose(0, 1).flatten(1))
+    return torch.cat(parts, dim=1)
+
+
+def straight_through_sign(values: Tensor) -> Tensor:
+    """Sign (+1 at zero) whose gradient is 1 within [-1, 1] and 0 outside."""
+    clipped = values.clamp(-1, 1)
+    return clipped + (hard_sign(values) - clipped).detach()
+
+
+def hard_sign(values: Tensor) -> Tensor:
+    """-1 or +1, +1 at zero."""
+    return torch.where(values >= 0, 1.0, -1.0).to(values)
+
+
+def sign_bits(volume: Float[Tensor, "rows3 D"], planes: Float[Tensor, "3 rows2 D"]) -> Float[Tensor, ""]:
+    """Bits of all signs under one Bernoulli model with their own frequency; differentiable straight through."""
+    count = volume.numel() + planes.numel()
+    signs = (straight_through_sign(volume).sum() + straight_through_sign(planes).sum()) / count
+    share = ((1 + signs) / 2).clamp(1e-6, 1 - 1e-6)
+    return -count * (share * torch.log2(share) + (1 - share) * torch.log2(1 - share)) + 32
+
+
+class _InterpolateSigns(torch.autograd.Function):
+    """Compiled lookup; each level's part of the gradient is summed by one thread, in the order of `index`."""
+
+    @staticmethod
+    def forward(ctx: Any, tables: Tensor, corners: GridCorners, index: Tensor) -> Tensor:
+        from splatwire.train import _grid_kernels as kernels
+
+        values, chosen = tables.detach().numpy(), index.numpy()
+        levels = len(corners.volume_rows) + len(corners.plane_rows)
+        out = np.empty((len(chosen), levels * values.shape[1]), np.float32)
+        signs = np.empty_like(values)
+        kernels.signs(values.reshape(-1), signs.reshape(-1))
+        kernels.interpolate(signs, *_arrays(corners), chosen, out)
+        ctx.corners, ctx.index = corners, index
+        ctx.save_for_backward(tables)
+        return torch.from_numpy(out)
+
+    @staticmethod
+    def backward(ctx: Any, *upstream: Tensor) -> tuple[Any, ...]:
+        from splatwire.train import _grid_kernels as kernels
+
+        (tables,) = ctx.saved_tensors
+        gradient = np.zeros(tuple(tables.shape), np.float32)
+        kernels.scatter(upstream[0].contiguous().numpy(), *_arrays(ctx.corners), ctx.index.numpy(), gradient)
+        kernels.clip_gradient(tables.detach().numpy().reshape(-1), gradient.reshape(-1))
+        return torch.from_numpy(gradient), None, None
+
+
+def _arrays(corners: GridCorners) -> tuple[np.ndarray, ...]:
+    return tuple(
+        t.numpy() for t in (corners.volume_rows, corners.volume_weights, corners.plane_rows, corners.plane_weights)
+    )

@@ -1,0 +1,147 @@
+"""Where anchors are added and which are removed (HACPP_SPEC 6, as Scaffold-GS)."""
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from splatwire.model.projection import DILATION, NEAR_DEPTH
+from splatwire.scene import Cameras, Gaussians
+from splatwire.train.config import TrainConfig
+from splatwire.train.state import MAX_TRAINED_INDEX, TrainState, append_anchors, keep_anchors
+
+_KEY_BITS = 21
+"""Bits of a voxel index with its sign; three of them make one 64-bit key."""
+
+
+@torch.no_grad()
+def gather_statistics(
+    state: TrainState,
+    visible: Int64[Tensor, "M"],
+    spawned: tuple[Gaussians, Int64[Tensor, "G"], Int64[Tensor, "G"]],
+    d_centers: Float[Tensor, "G 2"],
+    cameras: Cameras,
+    view: int,
+) -> None:
+    """Notes what one view says about the anchors.
+
+    Args:
+        state: Its statistics are changed in place.
+        visible: Anchors that the view may see.
+        spawned: The Gaussians drawn, with the index of each one's anchor (among all) and offset.
+        d_centers: Gradient of the loss in the Gaussians' 2D centres, per pixel.
+        cameras: The cameras.
+        view: Which of them.
+    """
+    gaussians, anchor_index, offset_index = spawned
+    statistics = state.statistics
+    num_offsets = statistics.gradient_sum.shape[1]
+    statistics.visits[visible] += 1
+    statistics.opacity_sum.index_add_(0, anchor_index, gaussians.opacities)
+    half_size = d_centers.new_tensor([cameras.width / 2, cameras.height / 2])
+    drawn = on_image(gaussians, cameras, view)
+    place = (anchor_index * num_offsets + offset_index)[drawn]  # each place at most once
+    statistics.gradient_sum.view(-1)[place] += torch.linalg.vector_norm(d_centers * half_size, dim=1)[drawn]
+    statistics.gradient_count.view(-1)[place] += 1
+
+
+def on_image(gaussians: Gaussians, cameras: Cameras, view: int) -> Bool[Tensor, "G"]:
+    """Tells which Gaussians' three standard deviations may meet the image, by a sphere around their longest axis."""
+    pose, K = cameras.viewmats[view].to(gaussians.means), cameras.Ks[view].to(gaussians.means)
+    local = gaussians.means @ pose[:3, :3].T + pose[:3, 3]
+    z = local[:, 2].clamp(min=NEAR_DEPTH)
+    x, y = K[0, 0] * local[:, 0] / z + K[0, 2], K[1, 1] * local[:, 1] / z + K[1, 2]
+    radius = 3 * torch.sqrt((gaussians.scales.amax(dim=1) * torch.maximum(K[0, 0], K[1, 1]) / z).square() + DILATION)
+    inside = (x > -radius) & (x < cameras.width + radius) & (y > -radius) & (y < cameras.height + radius)
+    return inside & (local[:, 2] > NEAR_DEPTH)
+
+
+@torch.no_grad()
+def adjust_anchors(state: TrainState, config: TrainConfig) -> tuple[int, int]:
+    """Adds anchors where the picture pulls at Gaussians, and removes those that stay transparent.
+
+    Args:
+        state: Changed in place, with everything that has a row per anchor.
+        config: The recipe.
+
+    Returns:
+        How many were added and removed.
+    """
+    statistics, rules = state.statistics, config.growth
+    wanted = config.marks.growth_interval * rules.seen_share
+    judged = statistics.gradient_count > wanted * 0.5
+    gradients = statistics.gradient_sum / statistics.gradient_count.clamp(min=1)
+    before = state.num_anchors
+    _grow(state, config, torch.where(judged, gradients, -1.0))
+    statistics = state.statistics
+    old = slice(0, before)
+    statistics.gradient_sum[old][judged] = 0
+    statistics.gradient_count[old][judged] = 0
+    visited = statistics.visits > wanted
+    keep = ~(visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits))
+    statistics.opacity_sum[visited] = 0
+    statistics.visits[visited] = 0
+    added = state.num_anchors - before
+    if not bool(keep.any()):
+        keep[0] = True  # a scene of nothing cannot recover; the loss will say that something is wrong
+    keep_anchors(state, keep)
+    state.parameters["log_scalings"][:, 3:].clamp_(max=rules.max_log_size)
+    return added, int((~keep).sum())
+
+
+def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"]) -> None:
+    """Tries the cell sizes from the coarsest on; `gradients` is negative where an offset was seen too seldom."""
+    rules, first = config.growth, state.num_anchors
+    for level in range(rules.levels):
+        cell = rules.coarsest_cell // rules.cell_ratio**level
+        if cell < 1 or (level > 0 and state.num_anchors == first):
+            break
+        chosen = gradients >= rules.gradient_threshold * 2**level
+        luck = torch.rand(gradients.shape, generator=state.generator).to(gradients.device)
+        chosen &= luck > 0.5 ** (level + 1)
+        _add_level(state, config, chosen, cell)
+
+
+def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K"], cell: int) -> None:
+    """Puts an anchor into each empty cell that a chosen offset points into; the first M anchors are asked."""
+    anchor_index, offset_index = chosen.nonzero().unbind(dim=1)
+    parameters = state.parameters
+    sizes = parameters["log_scalings"][anchor_index, :3].exp()
+    centers = state.positions[anchor_index] + parameters["offsets"][anchor_index, offset_index] * sizes
+    wanted = torch.round(centers.double() / (state.voxel_size * cell))
+    possible = torch.isfinite(wanted).all(dim=1) & (wanted.abs() * cell <= MAX_TRAINED_INDEX).all(dim=1)
+    wanted, anchor_index = wanted[possible].to(torch.int64), anchor_index[possible]
+    taken = torch.round(state.voxels.double() / cell).to(torch.int64)
+    keys, source = torch.unique(_keys(wanted), return_inverse=True)
+    free = ~torch.isin(keys, _keys(taken))
+    free &= free.cumsum(dim=0) <= config.growth.max_anchors - state.num_anchors
+    features = _maximum_by_group(parameters["features"][anchor_index], source, len(keys))[free]
+    count = int(free.sum())
+    if not count:
+        return
+    size = torch.log(torch.tensor(state.voxel_size * cell, dtype=torch.float64))
+    new = {
+        "features": features,
+        "log_scalings": size.float().to(features.device).expand(count, 6),
+        "offsets": features.new_zeros(count, config.model.layout.num_offsets, 3),
+        "mask_logits": features.new_ones(count, config.model.layout.num_offsets),
+    }
+    append_anchors(state, _cells(keys[free]) * cell, new)
+
+
+def _keys(cells: Int64[Tensor, "M 3"]) -> Int64[Tensor, "M"]:
+    """One number per cell, different for different cells."""
+    shifted = cells + (1 << (_KEY_BITS - 1))
+    return (shifted[:, 0] << (2 * _KEY_BITS)) | (shifted[:, 1] << _KEY_BITS) | shifted[:, 2]
+
+
+def _cells(keys: Int64[Tensor, "M"]) -> Int64[Tensor, "M 3"]:
+    """The inverse of `_keys`."""
+    low = (1 << _KEY_BITS) - 1
+    parts = [keys >> (2 * _KEY_BITS), (keys >> _KEY_BITS) & low, keys & low]
+    return torch.stack(parts, dim=1) - (1 << (_KEY_BITS - 1))
+
+
+def _maximum_by_group(rows: Float[Tensor, "M F"], group: Int64[Tensor, "M"], num_groups: int) -> Float[Tensor, "U F"]:
+    """Per-channel maximum of the rows of each group."""
+    index = group[:, None].expand(-1, rows.shape[1])
+    return rows.new_full((num_groups, rows.shape[1]), -torch.inf).scatter_reduce_(0, index, rows, "amax")

@@ -1,0 +1,223 @@
+"""The state that a run starts from: anchors at the sparse points, networks at random (HACPP_SPEC 1)."""
+
+import math
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.data import Dataset
+from splatwire.errors import DatasetError
+from splatwire.model.voxels import voxel_positions
+from splatwire.scene import Cameras
+from splatwire.train.config import TrainConfig
+from splatwire.train.grid import INITIAL_VALUE
+from splatwire.train.state import (
+    ANCHOR_PARAMETERS,
+    GRID_PARAMETERS,
+    MAX_TRAINED_INDEX,
+    GrowthStatistics,
+    TrainState,
+)
+
+_BOX_SHARE = 1.3 / 4.03
+"""Half side of the box of random points per distance of the cameras: NeRF-synthetic's +-1.3 seen from 4.03."""
+_MIN_SQUARED_DISTANCE = 1e-7
+_BOUNDS_MARGIN = 0.2
+
+
+def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
+    """Creates the state before the first iteration.
+
+    Args:
+        dataset: Training views; its points, if any, become anchors.
+        config: The recipe.
+
+    Raises:
+        DatasetError: If the cameras or points cannot be the start of a scene.
+    """
+    generator = torch.Generator().manual_seed(config.seed)
+    _check_cameras(dataset.cameras)
+    points = _points(dataset, config, generator)
+    voxel_size = config.voxel_size or _derived_voxel_size(points)
+    voxels = _voxels(points, voxel_size)
+    _check_seen(dataset.cameras, voxel_positions(voxels, voxel_size))
+    parameters = {**anchor_parameters(voxels, voxel_size, config), **_networks(config, generator)}
+    bounds_min, bounds_max = grid_bounds(voxel_positions(voxels, voxel_size))
+    return TrainState(
+        iteration=0,
+        voxels=voxels,
+        voxel_size=voxel_size,
+        parameters={name: value.requires_grad_() for name, value in parameters.items()},
+        moments={},
+        statistics=GrowthStatistics.zeros(len(voxels), config.model.layout.num_offsets, torch.device("cpu")),
+        bounds_min=bounds_min,
+        bounds_max=bounds_max,
+        camera_extent=camera_extent(dataset.cameras),
+        generator=generator,
+    )
+
+
+def camera_extent(cameras: Cameras) -> float:
+    """Returns 1.1 times the largest distance of a camera from the mean of all, world units (HACPP_SPEC 6)."""
+    centers = cameras.centers.double()
+    return 1.1 * float(torch.linalg.vector_norm(centers - centers.mean(dim=0), dim=1).max())
+
+
+def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+    """Returns the box of the hash grid: each side a fifth of its coordinate further out (HACPP_SPEC 3).
+
+    A side at 0 and an axis along which all anchors are equal get some room too, so that the box is never flat.
+    """
+    low, high = positions.amin(dim=0), positions.amax(dim=0)
+    low, high = low - _BOUNDS_MARGIN * low.abs(), high + _BOUNDS_MARGIN * high.abs()
+    flat = high - low < 1e-6
+    return torch.where(flat, low - 0.5, low), torch.where(flat, high + 0.5, high)
+
+
+def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: TrainConfig) -> dict[str, Tensor]:
+    """Returns the parameters of first anchors: sizes from their distance to each other, everything else neutral."""
+    layout = config.model.layout
+    squared = _mean_squared_distance(voxel_positions(voxels, voxel_size)).clamp(min=_MIN_SQUARED_DISTANCE)
+    return {
+        "features": torch.zeros(len(voxels), layout.feature_dim),
+        "log_scalings": (0.5 * squared.log()).float()[:, None].repeat(1, 6),
+        "offsets": torch.zeros(len(voxels), layout.num_offsets, 3),
+        "mask_logits": torch.ones(len(voxels), layout.num_offsets),
+    }
+
+
+def _check_cameras(cameras: Cameras) -> None:
+    if cameras.num_views < 2:
+        raise DatasetError(f"training needs at least 2 views, and there is {cameras.num_views}")
+    if not (bool(torch.isfinite(cameras.viewmats).all()) and bool(torch.isfinite(cameras.Ks).all())):
+        raise DatasetError("a camera's pose or intrinsics are not finite")
+    if camera_extent(cameras) < 1e-9:
+        raise DatasetError("all cameras stand at the same place: depth cannot be learnt from them")
+
+
+def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -> Tensor:
+    if dataset.points is not None and dataset.points.num_points:
+        points = dataset.points.positions.double()
+        points = points[torch.isfinite(points).all(dim=1)]
+        if len(points) < 4:
+            raise DatasetError(f"the reconstruction has {len(points)} usable points; at least 4 are needed")
+        return points
+    center, distance = _looked_at(dataset.cameras)
+    unit = torch.rand(config.random_points, 3, generator=generator, dtype=torch.float64)
+    return center + (2 * unit - 1) * distance * _BOX_SHARE
+
+
+def _looked_at(cameras: Cameras) -> tuple[Float[Tensor, "3"], float]:
+    """The point nearest to all optical axes, and the median distance of the cameras from it."""
+    axes, centers = cameras.viewmats[:, 2, :3].double(), cameras.centers.double()
+    across = torch.eye(3, dtype=torch.float64) - axes[:, :, None] * axes[:, None, :]
+    # a little pull to the mean camera keeps the solution finite when all axes are parallel
+    matrix = across.sum(dim=0) + 1e-6 * len(axes) * torch.eye(3, dtype=torch.float64)
+    target = (across @ centers[:, :, None]).sum(dim=0)[:, 0] + 1e-6 * len(axes) * centers.mean(dim=0)
+    center = torch.linalg.solve(matrix, target)
+    return center, float(torch.linalg.vector_norm(centers - center, dim=1).median())
+
+
+def _voxels(points: Float[Tensor, "P 3"], voxel_size: float) -> Int64[Tensor, "N 3"]:
+    index = torch.round(points / voxel_size)
+    index = index[(index.abs() <= MAX_TRAINED_INDEX).all(dim=1)].to(torch.int64)
+    if not len(index):
+        raise DatasetError(
+            f"all points are more than {MAX_TRAINED_INDEX} voxels of {voxel_size} away: choose a larger voxel size"
+        )
+    return torch.unique(index, dim=0)
+
+
+def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
+    """The median over points of the mean squared distance to three neighbours (HACPP_SPEC 1: no root is taken)."""
+    size = float(_mean_squared_distance(torch.unique(points, dim=0)).median())
+    if not (math.isfinite(size) and size > 0):
+        raise DatasetError("the points give no voxel size: name one")
+    return size
+
+
+def _mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
+    from scipy.spatial import cKDTree
+
+    points = positions.double().numpy()
+    neighbours = min(3, len(points) - 1)
+    if neighbours < 1:
+        return torch.full((len(points),), 1e-2, dtype=torch.float64)
+    distances, _ = cKDTree(points).query(points, k=np.arange(2, neighbours + 2), workers=-1)
+    return torch.from_numpy(np.square(distances).mean(axis=1))
+
+
+def _check_seen(cameras: Cameras, positions: Float[Tensor, "N 3"]) -> None:
+    """Refuses cameras most of which look at none of the anchors (behind a wall, or poses of another scene)."""
+    blind = []
+    homogeneous = torch.cat([positions, torch.ones(len(positions), 1)], dim=1)
+    for view in range(cameras.num_views):
+        local = homogeneous @ cameras.viewmats[view, :3].T.to(positions)
+        pixels = local @ cameras.Ks[view].T.to(positions)
+        x, y = pixels[:, 0] / local[:, 2], pixels[:, 1] / local[:, 2]
+        inside = (local[:, 2] > 0.2) & (x > 0) & (x < cameras.width) & (y > 0) & (y < cameras.height)
+        if not bool(inside.any()):
+            blind.append(cameras.names[view])
+    if 2 * len(blind) > cameras.num_views:
+        raise DatasetError(
+            f"{len(blind)} of {cameras.num_views} training views see none of the points, the first is '{blind[0]}': "
+            "poses and points do not belong together, or the cameras look away"
+        )
+
+
+def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[int, ...]]:
+    """Returns the shape of every parameter of a state with `num_anchors` anchors."""
+    layout, grid = config.model.layout, config.model.grid
+    shapes: dict[str, tuple[int, ...]] = {
+        "features": (num_anchors, layout.feature_dim),
+        "log_scalings": (num_anchors, 6),
+        "offsets": (num_anchors, layout.num_offsets, 3),
+        "mask_logits": (num_anchors, layout.num_offsets),
+    }
+    for prefix, (first, hidden, last) in _network_widths(config).items():
+        for layer, fan_in, fan_out in (("hidden", first, hidden), ("output", hidden, last)):
+            shapes[f"{prefix}.{layer}.weight"] = (fan_out, fan_in)
+            shapes[f"{prefix}.{layer}.bias"] = (fan_out,)
+    depth = grid.features_per_level
+    shapes["grid.volume"] = (sum(grid.rows(3)), depth)
+    shapes["grid.planes"] = (3, sum(grid.rows(2)), depth)
+    return shapes
+
+
+def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:
+    """Inputs, hidden units and outputs of every network."""
+    layout = config.model.layout
+    head, prior, channel = config.hidden
+    inputs, num_offsets = layout.feature_dim + 4, layout.num_offsets
+    widths = {
+        "heads.opacity": (inputs, head, num_offsets),
+        "heads.covariance": (inputs, head, 7 * num_offsets),
+        "heads.color": (inputs, head, 3 * num_offsets),
+        "prior": (config.model.grid.context_dim, prior, config.model.prior_dim),
+    }
+    before = 0
+    for group, size in enumerate(layout.feature_groups):
+        widths[f"channel.{group}"] = (before + 3 * layout.feature_dim, channel, 3 * size)
+        before += size
+    return widths
+
+
+def _networks(config: TrainConfig, generator: torch.Generator) -> dict[str, Tensor]:
+    """Random weights and biases within one over the root of a layer's inputs, and the tables' faint noise."""
+    parameters = {}
+    fan_in = 1
+    for name, shape in parameter_shapes(config, 0).items():
+        if name in ANCHOR_PARAMETERS:
+            continue
+        if name in GRID_PARAMETERS:
+            parameters[name] = _uniform(shape, INITIAL_VALUE, generator)
+            continue
+        fan_in = shape[1] if name.endswith("weight") else fan_in  # a layer's bias follows its weight
+        parameters[name] = _uniform(shape, fan_in**-0.5, generator)
+    return parameters
+
+
+def _uniform(shape: tuple[int, ...], bound: float, generator: torch.Generator) -> Tensor:
+    return (2 * torch.rand(shape, generator=generator) - 1) * bound

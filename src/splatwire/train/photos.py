@@ -1,0 +1,40 @@
+"""The training photos: all of them are read once before training starts, then kept as bytes."""
+
+import torch
+from jaxtyping import UInt8
+from torch import Tensor
+
+from splatwire.data import Dataset
+from splatwire.train.losses import Photo, prepare_photo
+
+PREPARED_BYTES = 1 << 30
+"""Photos stay prepared for the loss as long as they fit in this; the others are prepared again each time."""
+
+
+class PhotoStore:
+    """Photos of a dataset, prepared for the loss when asked for.
+
+    Args:
+        dataset: The dataset.
+
+    Raises:
+        DatasetError: If a photo is missing or damaged.
+    """
+
+    def __init__(self, dataset: Dataset, device: torch.device) -> None:
+        self._device = device
+        self._bytes: list[UInt8[Tensor, "H W 3"]] = [
+            torch.round(dataset.image(view) * 255).to(torch.uint8) for view in range(dataset.num_views)
+        ]
+        self._prepared: dict[int, Photo] = {}
+        pixels = dataset.cameras.width * dataset.cameras.height
+        self._room = PREPARED_BYTES // (3 * pixels * 3 * 4)
+
+    def photo(self, view: int) -> Photo:
+        """Returns the photo of a view."""
+        if view in self._prepared:
+            return self._prepared[view]
+        photo = prepare_photo(self._bytes[view].to(self._device).float() / 255)
+        if len(self._prepared) < self._room:
+            self._prepared[view] = photo
+        return photo

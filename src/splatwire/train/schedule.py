@@ -1,0 +1,56 @@
+"""Which phase an iteration belongs to, and how fast each group learns in it."""
+
+import enum
+import math
+
+from splatwire.train.config import LearningRate, Marks, TrainConfig
+
+SCALED_BY_EXTENT = ("offsets", "mask_logits")
+
+
+class Phase(enum.Enum):
+    """The three phases of HACPP_SPEC 6."""
+
+    PLAIN = "plain"
+    NOISE = "noise"
+    CONTEXT = "context"
+
+
+def phase_of(marks: Marks, iteration: int) -> Phase:
+    """Returns the phase of `iteration`, counted from 1."""
+    if iteration > marks.context_start:
+        return Phase.CONTEXT
+    return Phase.NOISE if iteration > marks.noise_start else Phase.PLAIN
+
+
+def gathers_statistics(marks: Marks, iteration: int) -> bool:
+    """Tells whether gradients and opacities of `iteration` count for growing and pruning."""
+    return marks.statistics_start < iteration < marks.growth_end
+
+
+def changes_anchors(marks: Marks, iteration: int) -> bool:
+    """Tells whether anchors are added and removed after `iteration`."""
+    paused = marks.noise_start <= iteration < marks.growth_pause_end
+    due = marks.growth_start < iteration < marks.growth_end and iteration % marks.growth_interval == 0
+    return due and not paused
+
+
+def learning_rate_at(rate: LearningRate, share: float) -> float:
+    """Returns the learning rate after `share` (0 to 1) of the run: a straight line in the logarithm."""
+    share = min(max(share, 0.0), 1.0)
+    return math.exp((1 - share) * math.log(rate.initial) + share * math.log(rate.final))
+
+
+def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) -> dict[str, float]:
+    """Returns the learning rate of every group in `iteration`.
+
+    Args:
+        config: The recipe.
+        iteration: Counted from 1.
+        camera_extent: 1.1 times the largest distance of a training camera from their mean, world units.
+    """
+    share = iteration / config.marks.iterations
+    rates = {name: learning_rate_at(rate, share) for name, rate in vars(config.rates).items()}
+    for name in SCALED_BY_EXTENT:
+        rates[name] *= camera_extent
+    return rates

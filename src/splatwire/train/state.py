@@ -1,0 +1,166 @@
+"""The state of a run: plain tensors, and the one place where rows of anchors are added and removed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+
+from splatwire.model import GaussianHeads, Linear, Mlp
+from splatwire.model.voxels import voxel_positions
+
+ANCHOR_PARAMETERS = ("features", "log_scalings", "offsets", "mask_logits")
+"""Parameters with one row per anchor."""
+HEADS = ("opacity", "covariance", "color")
+GRID_PARAMETERS = ("grid.volume", "grid.planes")
+CHANNEL_SLOPE = 0.01
+MAX_TRAINED_INDEX = (1 << 20) - 1
+"""Anchors lie within this many voxels of the origin, so that three indices make one 64-bit number."""
+
+
+@dataclass
+class Moments:
+    """What Adam remembers of one parameter.
+
+    Attributes:
+        first: Running mean of the gradient.
+        second: Running mean of its square.
+        steps: Updates so far.
+    """
+
+    first: Tensor
+    second: Tensor
+    steps: int = 0
+
+
+@dataclass
+class GrowthStatistics:
+    """What has been seen of each anchor and offset since it was last judged.
+
+    Attributes:
+        opacity_sum: Sum of the opacities of an anchor's Gaussians, over the views that saw it.
+        visits: Views that saw the anchor.
+        gradient_sum: Sum of the lengths of the gradient of an offset's 2D centre.
+        gradient_count: Views that drew the offset's Gaussian.
+    """
+
+    opacity_sum: Float[Tensor, "N"]
+    visits: Float[Tensor, "N"]
+    gradient_sum: Float[Tensor, "N K"]
+    gradient_count: Float[Tensor, "N K"]
+
+    @staticmethod
+    def zeros(num_anchors: int, num_offsets: int, device: torch.device) -> "GrowthStatistics":
+        """Returns the statistics of anchors that nobody has looked at."""
+        rows = [torch.zeros(num_anchors, device=device) for _ in range(2)]
+        return GrowthStatistics(
+            *rows, *(torch.zeros(num_anchors, num_offsets, device=device) for _ in range(2))
+        )  # fmt: skip
+
+
+@dataclass
+class TrainState:
+    """Everything that a run needs to go on, and nothing else.
+
+    Attributes:
+        iteration: Iterations done.
+        voxels: Anchor positions in voxels.
+        voxel_size: World units per voxel.
+        parameters: Trained tensors by name: those of `ANCHOR_PARAMETERS`, `heads.*`, `grid.*`, `prior.*`,
+            `channel.*`.
+        moments: Adam's memory, same names; a parameter that has never been updated has none.
+        statistics: For growing and pruning.
+        bounds_min: Lower corner of the hash grid's box.
+        bounds_max: Upper corner.
+        camera_extent: See `splatwire.train.schedule.learning_rates`.
+        generator: Source of everything random, on the CPU.
+        queue: Training views still to be shown before all have been.
+    """
+
+    iteration: int
+    voxels: Int64[Tensor, "N 3"]
+    voxel_size: float
+    parameters: dict[str, Tensor]
+    moments: dict[str, Moments]
+    statistics: GrowthStatistics
+    bounds_min: Float[Tensor, "3"]
+    bounds_max: Float[Tensor, "3"]
+    camera_extent: float
+    generator: torch.Generator
+    queue: list[int] = field(default_factory=list)
+
+    @property
+    def num_anchors(self) -> int:
+        """Number of anchors, N."""
+        return int(self.voxels.shape[0])
+
+    @property
+    def positions(self) -> Float[Tensor, "N 3"]:
+        """World coordinates of the anchors."""
+        return voxel_positions(self.voxels, self.voxel_size)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the tensors are."""
+        return self.voxels.device
+
+
+def group_of(name: str) -> str:
+    """Returns the learning-rate group of a parameter (a field of `LearningRates`)."""
+    parts = name.split(".")
+    return parts[1] if parts[0] == "heads" else parts[0]
+
+
+def network(parameters: dict[str, Tensor], prefix: str, negative_slope: float = 0.0) -> Mlp:
+    """Returns the network whose tensors are called `prefix.*`."""
+    hidden, output = (
+        Linear(parameters[f"{prefix}.{layer}.weight"], parameters[f"{prefix}.{layer}.bias"])
+        for layer in ("hidden", "output")
+    )
+    return Mlp(hidden, output, negative_slope)
+
+
+def heads_of(parameters: dict[str, Tensor]) -> GaussianHeads:
+    """Returns the rendering networks."""
+    return GaussianHeads(*(network(parameters, f"heads.{name}") for name in HEADS))
+
+
+def channels_of(parameters: dict[str, Tensor], num_groups: int) -> tuple[Mlp, ...]:
+    """Returns the channel networks."""
+    return tuple(network(parameters, f"channel.{group}", CHANNEL_SLOPE) for group in range(num_groups))
+
+
+def keep_anchors(state: TrainState, keep: Bool[Tensor, "N"]) -> None:
+    """Removes the anchors where `keep` is False, from everything that has a row per anchor."""
+    _map_rows(state, lambda _, rows: rows[keep])
+    state.voxels = state.voxels[keep]
+
+
+def append_anchors(state: TrainState, voxels: Int64[Tensor, "M 3"], parameters: dict[str, Tensor]) -> None:
+    """Adds anchors that nobody has looked at yet: their moments and statistics are zero.
+
+    Args:
+        state: Changed in place.
+        voxels: Positions of the new anchors.
+        parameters: One tensor of M rows for each name in `ANCHOR_PARAMETERS`.
+    """
+
+    def extended(name: str | None, rows: Tensor) -> Tensor:
+        added = parameters[name].to(rows) if name else rows.new_zeros((len(voxels), *rows.shape[1:]))
+        return torch.cat([rows, added])
+
+    _map_rows(state, extended)
+    state.voxels = torch.cat([state.voxels, voxels.to(state.voxels)])
+
+
+def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor]) -> None:
+    """Replaces every tensor with a row per anchor by `change(name, tensor)`; name is None where it is no parameter."""
+    for name in ANCHOR_PARAMETERS:
+        rows = change(name, state.parameters[name].detach())
+        state.parameters[name] = rows.contiguous().requires_grad_()
+        if name in state.moments:
+            moments = state.moments[name]
+            moments.first, moments.second = change(None, moments.first), change(None, moments.second)
+    statistics = state.statistics
+    state.statistics = GrowthStatistics(**{name: change(None, rows) for name, rows in vars(statistics).items()})
