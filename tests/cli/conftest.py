@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from scenes import tiny_cameras, tiny_scene
 
+from scenes import tiny_cameras, tiny_scene
 from splatwire.cli.main import main
 from splatwire.data import save_cameras
 from splatwire.model.scene_file import save_scene

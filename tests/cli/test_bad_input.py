@@ -113,7 +113,9 @@ def test_cameras_and_references_must_be_given(run, journey, tmp_path):
     assert_complains(run("render", journey / "tiny.scene", "-o", tmp_path), "--cameras")
     assert_complains(run("evaluate", journey / "tiny.swz"), "--data")
     assert_complains(run("demo", "--stream", journey / "tiny.swz", "-o", tmp_path), "--cameras")
-    assert_complains(run("render", journey / "tiny.scene", "-o", tmp_path, "--cameras", tmp_path / "no.json"), "no.json")
+    assert_complains(
+        run("render", journey / "tiny.scene", "-o", tmp_path, "--cameras", tmp_path / "no.json"), "no.json"
+    )
 
 
 def test_a_lossy_stream_cannot_be_encoded_or_demonstrated(run, journey, tmp_path):

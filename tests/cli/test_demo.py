@@ -1,5 +1,7 @@
 import json
 
+from splatwire.cli import _fresh
+from splatwire.codec import decode_stream
 from splatwire.conceal import concealer_names
 
 ROWS = ["no loss", "contiguous drop", "drop", "prior", "idw", "cari", "grow"]
@@ -21,7 +23,8 @@ def test_demo_makes_the_whole_journey(run, journey, tmp_path):
     assert json.loads((tmp_path / "demo" / "results.json").read_text())["rows"] == content["rows"]
 
 
-def test_demo_for_people(run, journey, tmp_path):
+def test_demo_for_people(run, journey, tmp_path, monkeypatch):
+    monkeypatch.setattr(_fresh, "decode_in_fresh_process", decode_stream)  # the other test has the real one
     words = ("--stream", journey / "tiny.swz", "--cameras", journey / "cameras.json", "-o", tmp_path / "demo")
     outcome = run("demo", *words, "--views", 1)
     assert outcome.status == 0

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from scenes import tiny_scene
 
+from scenes import tiny_scene
 from splatwire.model.scene_digest import scene_digest
 from splatwire.model.scene_file import load_partial, load_scene
 from splatwire.packets import read_stream
