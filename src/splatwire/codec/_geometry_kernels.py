@@ -38,7 +38,7 @@ def large_count_normal(n):
     return np.int64(n) << 11, min((exponent - 2 + 6) << 4, 319)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
     """First index in `[begin, end)` whose code has a one in `bit`."""
@@ -52,7 +52,7 @@ def split(codes, begin, end, bit):
     return low
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
     """Codes how many of a node's n points have a zero in `bit`."""
@@ -78,7 +78,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         encode_symbol(buffer, state, zeros, mean, scale, 0, 0, 65536, inverses, widths, table)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
     """Inverse of `encode_count`; hostile codes are clipped to 0..n."""
@@ -100,7 +100,7 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
     return min(max(zeros, 0), n)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
     """Codes sorted Morton codes of `bits` bits; returns the number of bytes."""
@@ -123,7 +123,7 @@ def encode_codes(codes, bits, models, inverses, widths, table, buffer):
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def decode_codes(data, count, bits, models, inverses, widths, table, codes):
     """Inverse of `encode_codes`; fills `codes` in ascending order."""

@@ -3,7 +3,7 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from splatwire.codec.fixed_point import ACTIVATION_BITS, CELL_BITS, UNIT_BITS
 
@@ -45,7 +45,7 @@ def corner_weight(corner, bit, fraction, resolution):
     return fraction if bit else CELL - fraction
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def lookup(units, signs, starts, resolutions, rows, axes, out):
     """Interpolates every level for every anchor.
@@ -61,8 +61,8 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
     """
     depth = signs.shape[1]
     one = np.int64(1) << UNIT_BITS
-    for n in prange(units.shape[0]):
-        total = np.zeros(8, np.int64)
+    total = np.zeros(8, np.int64)
+    for n in range(units.shape[0]):
         for level in range(len(starts)):
             dims = 2 if axes[level, 2] < 0 else 3
             inside = True
@@ -98,7 +98,7 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
                 out[n, level * depth + d] = value
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def touch(units, starts, resolutions, rows, axes, touched):
     """Marks every table row that some anchor's interpolation reads with a weight above zero."""

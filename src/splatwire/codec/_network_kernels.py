@@ -6,7 +6,7 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from splatwire.codec.fixed_point import (
     ACTIVATION_BITS,
@@ -24,42 +24,43 @@ LIMIT = float(ACTIVATION_LIMIT)
 OUT_LIMIT = float(OUTPUT_LIMIT)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def finish_hidden(sums, bias, leaky):
     """Adds the bias, rounds down to activation precision, rectifies and clips, in place."""
-    for n in prange(sums.shape[0]):
+    leak = LEAK if leaky else 0.0
+    for n in range(sums.shape[0]):
         for c in range(sums.shape[1]):
             value = np.floor((sums[n, c] + bias[c]) * TO_ACTIVATION)
-            if value < 0.0:
-                value = np.floor(value * LEAK) if leaky else 0.0
+            below = np.floor(value * leak)
+            value = value if value > 0.0 else below
             sums[n, c] = min(max(value, -LIMIT), LIMIT)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def finish_output(sums, bias, out):
     """Adds the bias, rounds down to output precision and clips."""
-    for n in prange(sums.shape[0]):
+    for n in range(sums.shape[0]):
         for c in range(sums.shape[1]):
             value = np.floor((sums[n, c] + bias[c]) * TO_OUTPUT)
             out[n, c] = np.int32(min(max(value, -OUT_LIMIT), OUT_LIMIT))
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
     """Turns the first columns of network outputs into network inputs."""
-    for n in prange(inputs.shape[0]):
+    for n in range(inputs.shape[0]):
         for c in range(inputs.shape[1]):
             inputs[n, c] = outputs[n, c] >> (OUTPUT_BITS - ACTIVATION_BITS)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def feature_activations(symbols, factors, base, activations):
     """Turns decoded feature symbols into network inputs; `base` is the base step with 16 fractional bits."""
-    for n in prange(symbols.shape[0]):
+    for n in range(symbols.shape[0]):
         step = (factors[n] * base) >> (FACTOR_BITS - 4)  # 20 fractional bits
         for c in range(symbols.shape[1]):
             value = (np.int64(symbols[n, c]) * step) >> (20 - ACTIVATION_BITS)

@@ -7,9 +7,13 @@ the order is: masks, feature groups one after another, scalings, unmasked offset
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from splatwire.entropy._kernels import (
+    ESCAPE,
+    adaptive_size,
+    adaptive_update,
+    cumulative,
     decode_bit,
     decode_symbol,
     decoder_start,
@@ -17,7 +21,9 @@ from splatwire.entropy._kernels import (
     encode_symbol,
     encoder_finish,
     encoder_start,
+    window,
 )
+from splatwire.entropy.tables import TOTAL_BITS
 
 BYTES_PER_SYMBOL = 12
 """Room for the costliest symbol: an escape of 86 bits."""
@@ -44,12 +50,12 @@ def step_index(q):
     return min(max(((q + 32) >> 6) + 4096, 0), 8192)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps, means, scales):
     """Turns network outputs (16 fractional bits) into means in steps (12 fractional bits) and scale indices."""
     count = means.shape[1]
-    for n in prange(means.shape[0]):
+    for n in range(means.shape[0]):
         inverse = inverse_steps[step_index(np.int64(outputs[n, q_column]))]
         for c in range(count):
             mean = (np.int64(outputs[n, mean_column + c]) * inverse) >> 20
@@ -58,12 +64,12 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
             scales[n, c] = scale_index(scale)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
     """The same for a feature group's second component, and the index of the mixture weight."""
     size = means.shape[1]
-    for n in prange(means.shape[0]):
+    for n in range(means.shape[0]):
         inverse = inverse_steps[step_index(np.int64(prior_outputs[n, q_column]))]
         for c in range(size):
             mean = (np.int64(outputs[n, c]) * inverse) >> 20
@@ -80,7 +86,7 @@ def mask_context(offset, ones):
     return offset * MASK_ONES + min(ones, MASK_ONES - 1)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
     starts, masks, features, scalings, offsets, mask_model,
@@ -93,7 +99,7 @@ def encode_packets(
     """
     num_offsets = masks.shape[1]
     symbols = num_offsets + features.shape[1] + 6 + 3 * num_offsets
-    for p in prange(len(starts) - 1):
+    for p in range(len(starts) - 1):
         begin, end = starts[p], starts[p + 1]
         out = buffer[begin * symbols * BYTES_PER_SYMBOL + 64 * p :]
         state = np.empty(3, np.int64)
@@ -129,12 +135,84 @@ def encode_packets(
         lengths[p] = encoder_finish(out, state)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", inline="always")
+@no_type_check
+def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
+    """What `encode_symbol` spends on a symbol, in bits."""
+    low, high = window(mean0, scale0, mean1, scale1, weight, widths)
+    if low <= symbol <= high:
+        a = cumulative(symbol, low, high, mean0, inverses[scale0], mean1, inverses[scale1], weight, table)
+        b = cumulative(symbol + 1, low, high, mean0, inverses[scale0], mean1, inverses[scale1], weight, table)
+        return TOTAL_BITS - np.log2(float(b - a))
+    excess = symbol - high - 1 if symbol > high else low - 1 - symbol
+    return TOTAL_BITS - np.log2(float(ESCAPE)) + 2.0 + 2.0 * np.floor(np.log2(float(excess + 1)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def anchor_bits(
+    masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
+    scaling_mean, scaling_scale, offset_mean, offset_scale, weights, inverses, widths, table, bits,
+):  # fmt: skip
+    """What every anchor costs beside its mask, in bits: it does not depend on what it shares a packet with."""
+    for n in range(masks.shape[0]):
+        total = 0.0
+        for c in range(features.shape[1]):
+            total += bits_of(
+                np.int64(features[n, c]), np.int64(mean0[n, c]), scale0[n, c], np.int64(mean1[n, c]), scale1[n, c],
+                weights[weight[n, c]], inverses, widths, table,
+            )  # fmt: skip
+        for c in range(6):
+            total += bits_of(
+                np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), scaling_scale[n, c], np.int64(0), np.int64(0),
+                np.int64(65536), inverses, widths, table,
+            )  # fmt: skip
+        for c in range(offsets.shape[1]):
+            if masks[n, c // 3]:
+                total += bits_of(
+                    np.int64(offsets[n, c]), np.int64(offset_mean[n, c]), offset_scale[n, c], np.int64(0), np.int64(0),
+                    np.int64(65536), inverses, widths, table,
+                )  # fmt: skip
+        bits[n] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def cut(masks, bits, mask_model, budget, counts):
+    """Cuts a run of anchors into packets of at most `budget` bits each; returns how many, `counts` gets their sizes.
+
+    A packet's masks are coded with models of its own, so what a mask costs depends on where its packet begins.
+    """
+    packets, first, total = 0, 0, 0.0
+    model = mask_model.copy()
+    for n in range(masks.shape[0]):
+        while True:
+            cost, ones = bits[n], 0
+            for k in range(masks.shape[1]):
+                context = mask_context(k, ones)
+                zero = adaptive_size(model, context)
+                bit = np.int64(masks[n, k])
+                cost += 16.0 - np.log2(float(65536 - zero if bit else zero))
+                adaptive_update(model, context, bit)
+                ones += bit
+            if n == first or total + cost <= budget:
+                break
+            counts[packets] = n - first
+            packets, first, total = packets + 1, n, 0.0
+            model = mask_model.copy()
+        total += cost
+    if masks.shape[0]:
+        counts[packets] = masks.shape[0] - first
+        packets += 1
+    return packets
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_masks(data, ends, starts, mask_model, states, masks):
     """Starts the decoder of every packet and reads its masks. `ends[p]:ends[p + 1]` are the packet's bytes."""
     num_offsets = masks.shape[1]
-    for p in prange(len(starts) - 1):
+    for p in range(len(starts) - 1):
         state = states[p]
         decoder_start(data, ends[p], ends[p + 1], state)
         model = mask_model.copy()
@@ -146,13 +224,13 @@ def decode_masks(data, ends, starts, mask_model, states, masks):
                 ones += bit
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_group(
     data, ends, starts, states, first, mean0, scale0, mean1, scale1, weight, weights, inverses, widths, table, features
 ):
     """Reads one feature group of every packet; the second component's arrays hold the group's columns only."""
-    for p in prange(len(starts) - 1):
+    for p in range(len(starts) - 1):
         for n in range(starts[p], starts[p + 1]):
             for c in range(mean1.shape[1]):
                 features[n, first + c] = decode_symbol(
@@ -161,14 +239,14 @@ def decode_group(
                 )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_rest(
     data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,
     inverses, widths, table, scalings, offsets,
 ):  # fmt: skip
     """Reads scalings and unmasked offsets of every packet."""
-    for p in prange(len(starts) - 1):
+    for p in range(len(starts) - 1):
         state, end = states[p], ends[p + 1]
         for n in range(starts[p], starts[p + 1]):
             for c in range(6):

@@ -24,7 +24,7 @@ def sign_context(level, feature, depth, signs, row, previous):
     return context
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def encode_signs(signs, touched, level_of, models, buffer):
     """Codes the signs of all touched rows; returns the number of bytes."""
@@ -40,7 +40,7 @@ def encode_signs(signs, touched, level_of, models, buffer):
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def decode_signs(data, touched, level_of, models, signs):
     """Inverse of `encode_signs`; rows that are not touched become +1."""

@@ -19,8 +19,8 @@ from splatwire.codec.coding_params import (
 from splatwire.entropy.coder import tables
 from splatwire.entropy.tables import weight_table
 
-CHUNK_ANCHORS = 12_000
-"""Anchors worked on at once: enough to keep the matrix products busy, small enough to stay near the cache."""
+CHUNK_ANCHORS = 3000
+"""Anchors worked on at once: enough to keep the matrix products busy, small enough to stay in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +91,87 @@ def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:
     return Predictions(outputs, factors, feature, scaling, offset)
 
 
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Table indices of the second component of the features, given the features before.
+
+    Attributes:
+        mean: int32 (n, F), 12 fractional bits, in steps.
+        scale: int16 (n, F).
+        weight: uint8 (n, F), index of the first component's weight.
+    """
+
+    mean: np.ndarray
+    scale: np.ndarray
+    weight: np.ndarray
+
+
+def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.ndarray) -> Mixture:
+    """Evaluates the channel context of all feature groups; only an encoder has all features at once.
+
+    Args:
+        context: What both ends predict from.
+        predicted: Prediction of the anchors.
+        feature: int32 (n, F), their feature symbols.
+    """
+    edges = _group_edges(context)
+    mean1 = np.empty((len(feature), int(edges[-1])), dtype=np.int32)
+    scale1 = np.empty(mean1.shape, dtype=np.int16)
+    weight = np.empty(mean1.shape, dtype=np.uint8)
+    activations = context.feature_activations(feature, predicted.factors[:, 0])
+    for group, shared in enumerate(context.shared_sums(predicted.outputs)):
+        columns = slice(edges[group], edges[group + 1])
+        parts = _mixture(context, group, shared, activations[:, : edges[group]], predicted.outputs)
+        mean1[:, columns], scale1[:, columns], weight[:, columns] = parts
+    return Mixture(mean1, scale1, weight)
+
+
+def cut_packets(
+    predicted: Predictions,
+    mixture: Mixture,
+    counts: np.ndarray,
+    symbols: Symbols,
+    mask_models: np.ndarray,
+    payload_bytes: int,
+) -> np.ndarray:
+    """Cuts blocks into packets that take at most some bytes each, as many anchors to a packet as fit.
+
+    Args:
+        predicted: Prediction of the anchors of all blocks, block by block.
+        mixture: Their mixtures.
+        counts: int64 (blocks), anchors of each.
+        symbols: The anchors' symbols.
+        mask_models: Initial mask models, int64 (contexts, 2).
+        payload_bytes: Most bytes of a payload; only a single anchor may take more.
+
+    Returns:
+        Anchors of each packet, int64; packets never cross a block's end.
+    """
+    from splatwire.codec import _packet_kernels as kernels
+
+    bits = np.empty(len(symbols.mask), dtype=np.float64)
+    kernels.anchor_bits(
+        symbols.mask, symbols.feature, symbols.scaling, symbols.offset,
+        *predicted.feature, mixture.mean, mixture.scale, mixture.weight, *predicted.scaling, *predicted.offset,
+        weight_table(), *tables(), bits,
+    )  # fmt: skip
+    # The coder's last byte is a whole one, and its range loses up to 2**-16 of itself with each symbol.
+    budget, pieces, begin = 8.0 * (payload_bytes - 1) - 1.0, [], 0
+    for count in counts.tolist():
+        block, sizes = slice(begin, begin + count), np.empty(count, dtype=np.int64)
+        used = kernels.cut(symbols.mask[block], bits[block], mask_models, budget, sizes)
+        pieces.append(sizes[:used])
+        begin += count
+    return np.concatenate(pieces) if pieces else np.empty(0, dtype=np.int64)
+
+
 def encode_packets(
     context: CodingContext,
     predicted: Predictions,
     counts: np.ndarray,
     symbols: Symbols,
     mask_models: np.ndarray,
+    mixture: Mixture | None = None,
 ) -> list[bytes]:
     """Codes some packets.
 
@@ -106,29 +181,23 @@ def encode_packets(
         counts: int64 (packets), anchors of each.
         symbols: The anchors' symbols.
         mask_models: Initial mask models, int64 (contexts, 2).
+        mixture: The anchors' mixtures, if they are known already.
 
     Returns:
         One payload per packet.
     """
     from splatwire.codec import _packet_kernels as kernels
 
+    mixture = mixture or predict_mixture(context, predicted, symbols.feature)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    num, edges = len(symbols.mask), _group_edges(context)
-    mean1 = np.empty((num, int(edges[-1])), dtype=np.int32)
-    scale1 = np.empty(mean1.shape, dtype=np.int16)
-    weight = np.empty(mean1.shape, dtype=np.uint8)
-    activations = context.feature_activations(symbols.feature, predicted.factors[:, 0])
-    for group, shared in enumerate(context.shared_sums(predicted.outputs)):
-        columns = slice(edges[group], edges[group + 1])
-        parts = _mixture(context, group, shared, activations[:, : edges[group]], predicted.outputs)
-        mean1[:, columns], scale1[:, columns], weight[:, columns] = parts
-    per_anchor = (symbols.mask.shape[1] + mean1.shape[1] + 6 + symbols.offset.shape[1]) * kernels.BYTES_PER_SYMBOL
+    num, offsets, features = len(symbols.mask), symbols.mask.shape[1], symbols.feature.shape[1]
+    per_anchor = (offsets + features + 6 + 3 * offsets) * kernels.BYTES_PER_SYMBOL
     buffer = np.empty(num * per_anchor + 64 * len(starts), dtype=np.uint8)
     lengths = np.zeros(len(starts) - 1, dtype=np.int64)
     kernels.encode_packets(
         starts, symbols.mask, symbols.feature, symbols.scaling, symbols.offset, mask_models,
-        *predicted.feature, mean1, scale1, weight, *predicted.scaling, *predicted.offset,
-        edges, weight_table(), *tables(), buffer, lengths,
+        *predicted.feature, mixture.mean, mixture.scale, mixture.weight, *predicted.scaling, *predicted.offset,
+        _group_edges(context), weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begin = starts[:-1] * per_anchor + 64 * np.arange(len(lengths))
     return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]

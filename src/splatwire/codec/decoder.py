@@ -12,7 +12,7 @@ from splatwire.codec.coding_params import CodingContext, dequantise, factor_tabl
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
 from splatwire.codec.side_info import SideInfo, read_side_info
-from splatwire.codec.threads import threads_for
+from splatwire.codec.threads import ordered_map
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.model import (
@@ -27,15 +27,18 @@ from splatwire.model import (
     Prior,
 )
 from splatwire.model.prior_field import MIN_SCALE
-from splatwire.packets import PacketPlan, SceneStream
+from splatwire.packets import SceneStream, arrange
 from splatwire.scene import Anchors, Erasures
 
 
-def decode_stream(stream: SceneStream, *, progress: Callable[[float], None] | None = None) -> PartialScene:
+def decode_stream(
+    stream: SceneStream, *, threads: int | None = None, progress: Callable[[float], None] | None = None
+) -> PartialScene:
     """Decodes what arrived of a stream.
 
     Args:
         stream: The stream; packets may be missing, side information may not.
+        threads: Threads to use, which changes no bit; None for one for each processor.
         progress: Called with the share of the work that is done, 0 to 1.
 
     Returns:
@@ -51,18 +54,12 @@ def decode_stream(stream: SceneStream, *, progress: Callable[[float], None] | No
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
     if manifest.packetization.packaging != "atomic":
         raise BitstreamError(f"packaging '{manifest.packetization.packaging}' is not implemented by the decoder")
-    with threads_for(manifest.num_anchors):
-        return _decode(stream, progress)
-
-
-def _decode(stream: SceneStream, progress: Callable[[float], None] | None) -> PartialScene:
-    manifest = stream.manifest
     info = read_side_info(stream.side_info, manifest.num_anchors, manifest.packetization.order)
     layout = info.config.layout
     stated = (manifest.feature_dim, manifest.num_offsets, manifest.feature_groups)
     if stated != (layout.feature_dim, layout.num_offsets, layout.feature_groups):
         raise BitstreamError(f"manifest and side information disagree on the layout of an anchor: {stated}, {layout}")
-    arrays, digest = _decode_arrays(info, stream, progress)
+    arrays, digest = _decode_arrays(info, stream, threads, progress)
     if len(stream.packets) == manifest.num_packets and digest != manifest.symbols_digest:
         raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")
     return _assemble(info, arrays)
@@ -96,24 +93,29 @@ class _Arrays:
 
 
 def _decode_arrays(
-    info: SideInfo, stream: SceneStream, progress: Callable[[float], None] | None
+    info: SideInfo, stream: SceneStream, threads: int | None, progress: Callable[[float], None] | None
 ) -> tuple[_Arrays, str]:
-    plan, context = PacketPlan(stream.manifest.packetization, stream.manifest.num_anchors), info.coding_context()
-    arrays, groups, models = _Arrays.empty(info), plan.groups(), info.mask_models()
+    groups, packets = arrange(stream.manifest.plan, stream.packets)
+    arrays, context, models = _Arrays.empty(info), info.coding_context(), info.mask_models()
     counts, digest = np.diff(groups.starts), hashlib.sha256()
-    arrived = {packet.id: packet for packet in stream.packets}
-    for run in chunks(counts):
+
+    def decode_run(run: slice) -> tuple[slice, Symbols | None]:
         ranks = groups.ranks[groups.starts[run.start] : groups.starts[run.stop]]
         features, outputs = context.predict(info.voxels[ranks])
         arrays.outputs[ranks], arrays.context[ranks] = outputs, features
-        here = [arrived.get(i) for i in plan.ids[run]]
+        here = packets[run]
         there = np.array([packet is not None for packet in here])
-        if there.any():
-            of_anchor = np.repeat(there, counts[run])
-            payloads = [packet.payload for packet in here if packet is not None]
-            symbols, factors = decode_packets(context, outputs[of_anchor], counts[run][there], payloads, models)
+        if not there.any():
+            return run, None
+        of_anchor = np.repeat(there, counts[run])
+        payloads = [packet.payload for packet in here if packet is not None]
+        symbols, factors = decode_packets(context, outputs[of_anchor], counts[run][there], payloads, models)
+        _store(arrays, ranks[of_anchor], symbols, factors, context)
+        return run, symbols
+
+    for run, symbols in ordered_map(decode_run, chunks(counts), threads):
+        if symbols is not None:
             update_digest(digest, symbols)
-            _store(arrays, ranks[of_anchor], symbols, factors, context)
         if progress:
             progress(run.stop / len(counts))
     return arrays, digest.hexdigest()

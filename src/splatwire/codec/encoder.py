@@ -5,17 +5,26 @@ from collections.abc import Callable
 
 import numpy as np
 
-from splatwire.codec.atomic import Symbols, chunks, encode_packets, predict_packets
+from splatwire.codec.atomic import Symbols, chunks, cut_packets, encode_packets, predict_mixture, predict_packets
 from splatwire.codec.coding_params import CodingContext, quantise
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fit import fit_side_info
 from splatwire.codec.geometry import anchor_order
 from splatwire.codec.side_info import read_side_info, write_side_info
-from splatwire.codec.threads import threads_for
+from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.voxels import voxel_indices
-from splatwire.packets import PRESETS, Packet, Packetization, PacketPlan, SceneStream, make_stream
+from splatwire.packets import (
+    HEADER_BYTES,
+    PRESETS,
+    Packet,
+    PacketId,
+    Packetization,
+    PacketPlan,
+    SceneStream,
+    make_stream,
+)
 from splatwire.version import __version__
 
 MAX_SYMBOL = (1 << 31) - 1
@@ -26,6 +35,7 @@ def encode_scene(
     packetization: Packetization | None = None,
     *,
     noise: float | None = None,
+    threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> SceneStream:
     """Encodes a scene into independently decodable packets (paper 3.2).
@@ -36,6 +46,7 @@ def encode_scene(
         scene: The scene; its render hints are not coded.
         packetization: How anchors are split; None for preset `paper`.
         noise: Tolerated noise of the context networks (`splatwire.codec.fit`); None for the measured rule.
+        threads: Threads to use, which changes no bit; None for one for each processor.
         progress: Called with the share of the work that is done, 0 to 1.
 
     Returns:
@@ -48,13 +59,6 @@ def encode_scene(
     if packetization.packaging != "atomic":
         raise InvalidValueError(f"packaging '{packetization.packaging}' is not implemented by the encoder")
     scene = scene_in_order(scene, packetization.order)
-    with threads_for(scene.anchors.num_anchors):
-        return _encode(scene, packetization, noise, progress)
-
-
-def _encode(
-    scene: AnchorScene, packetization: Packetization, noise: float | None, progress: Callable[[float], None] | None
-) -> SceneStream:
     source = SymbolSource(scene)
     side_info = write_side_info(fit_side_info(scene, _voxels(scene), noise=noise))
     # Predict from what a decoder will read, not from what was meant.
@@ -62,22 +66,51 @@ def _encode(
     plan = PacketPlan(packetization, scene.anchors.num_anchors)
     context, groups, digest = info.coding_context(), plan.groups(), hashlib.sha256()
     counts = np.diff(groups.starts)
-    payloads: list[bytes] = []
-    for run in chunks(counts):
+
+    def encode_run(run: slice) -> tuple[slice, np.ndarray, list[bytes], Symbols]:
         ranks = groups.ranks[groups.starts[run.start] : groups.starts[run.stop]]
         predicted = predict_packets(context, context.predict(info.voxels[ranks])[1])
         symbols = source.symbols(ranks, predicted.factors, context)
-        payloads += encode_packets(context, predicted, counts[run], symbols, info.mask_models())
+        mixture, models, sizes = predict_mixture(context, predicted, symbols.feature), info.mask_models(), counts[run]
+        if packetization.hashed:
+            most = packetization.packet_bytes - HEADER_BYTES
+            sizes = cut_packets(predicted, mixture, sizes, symbols, models, most)
+        return run, sizes, encode_packets(context, predicted, sizes, symbols, models, mixture), symbols
+
+    payloads: list[bytes] = []
+    held: list[int] = []
+    for run, sizes, coded, symbols in ordered_map(encode_run, chunks(counts), threads):
+        payloads += coded
+        held += sizes.tolist()
         update_digest(digest, symbols)
         if progress:
             progress(run.stop / len(counts))
-    packets = [Packet(i, int(n), p) for i, n, p in zip(plan.ids, counts, payloads, strict=True)]
+    ids = _hashed_ids(plan, held) if packetization.hashed else plan.ids
+    packets = [Packet(i, n, p) for i, n, p in zip(ids, held, payloads, strict=True)]
+    _check_sizes(packetization, packets)
     layout = scene.config.layout
     return make_stream(
         packetization=packetization, num_anchors=plan.num_anchors, feature_dim=layout.feature_dim,
         num_offsets=layout.num_offsets, feature_groups=layout.feature_groups, side_info=side_info, packets=packets,
         symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}",
     )  # fmt: skip
+
+
+def _hashed_ids(plan: PacketPlan, counts: list[int]) -> list[PacketId]:
+    """Names of packets that were cut by their size: each by the first rank that it holds."""
+    firsts = np.cumsum([0, *counts[:-1]])
+    size = plan.packetization.block_size
+    return [PacketId(first // size, first % size) for first in firsts.tolist()]
+
+
+def _check_sizes(packetization: Packetization, packets: list[Packet]) -> None:
+    """Refuses an anchor that alone is larger than a packet may be."""
+    for packet in packets:
+        if packetization.hashed and packet.num_bytes > packetization.packet_bytes:
+            raise InvalidValueError(
+                f"{packet.num_anchors} anchor of this scene takes {packet.num_bytes} bytes, "
+                f"a packet holds {packetization.packet_bytes}: choose a larger packet size or another preset"
+            )
 
 
 def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:

@@ -1,24 +1,50 @@
-"""How many threads a piece of work is worth: waking a second one costs more than a small scene does."""
+"""Packets are independent, so runs of them are worked on in threads of their own.
 
-import contextlib
-from collections.abc import Iterator
+Compiled kernels and matrix products release the interpreter lock. Each thread computes alone: two pools of worker
+threads (the kernels' and the matrix library's) that wait for each other cost more than the work itself.
+"""
 
-SMALL = 4000
-"""Below this many anchors one thread is faster, above all where others use the cores too."""
+import collections
+import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
-@contextlib.contextmanager
-def threads_for(num_anchors: int) -> Iterator[None]:
-    """Limits compiled kernels to one thread while a small scene is worked on; results never depend on it.
+def default_threads() -> int:
+    """Processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def ordered_map(
+    function: Callable[[Item], Result], items: Iterable[Item], threads: int | None = None
+) -> Iterator[Result]:
+    """Applies a function to items in threads and yields the results in the order of the items.
+
+    At most two results for each thread wait at a time, which bounds memory.
 
     Args:
-        num_anchors: Anchors of the scene.
+        function: What to do; spends its time in code that releases the interpreter lock.
+        items: What to do it with.
+        threads: Number of threads; None for one for each processor.
     """
-    import numba
-
-    before = numba.get_num_threads()
-    numba.set_num_threads(1 if num_anchors < SMALL else before)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
+    threads = threads or default_threads()
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(threads) as pool:
+        waiting: collections.deque[Future[Result]] = collections.deque()
+        try:
+            for item in items:
+                if len(waiting) >= 2 * threads:
+                    yield waiting.popleft().result()
+                waiting.append(pool.submit(function, item))
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()

@@ -16,7 +16,7 @@ from splatwire.entropy._kernels import (
 )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widths, table, buffer):
     """Codes symbols under mixtures of two normals; returns the number of bytes."""
@@ -29,7 +29,7 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths, table, symbols):
     """Inverse of `encode_symbols`."""
@@ -41,7 +41,7 @@ def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths,
         )
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def encode_bits(bits, contexts, model, buffer):
     """Codes bits with one adaptive model per context; returns the number of bytes."""
@@ -52,7 +52,7 @@ def encode_bits(bits, contexts, model, buffer):
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def decode_bits(data, contexts, model, bits):
     """Inverse of `encode_bits`."""

@@ -57,7 +57,7 @@ def encode_interval(buffer, state, start, size, total_bits):
     state[2] = position
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_start(state):
     """Puts a fresh encoder into `state`."""
@@ -66,7 +66,7 @@ def encoder_start(state):
     state[2] = 0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_finish(buffer, state):
     """Writes the shortest tail that decodes right when followed by zero bytes; returns the length of the code."""
@@ -85,7 +85,7 @@ def encoder_finish(buffer, state):
     return position
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def decoder_start(data, begin, end, state):
     """Puts a decoder of `data[begin:end]` into `state`."""
@@ -231,7 +231,7 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
     return low, high
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_escape(buffer, state, excess):
     """Codes a distance >= 0 beyond the window: Elias gamma of `excess + 1`, at most 32 bits."""
@@ -246,7 +246,7 @@ def encode_escape(buffer, state, excess):
         encode_raw(buffer, state, (value >> i) & 1, 1)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_escape(data, end, state):
     """Inverse of `encode_escape`; hostile codes stop at 32 bits."""
@@ -259,7 +259,7 @@ def decode_escape(data, end, state):
     return value - 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """Codes an integer under a normal (weight 65536) or a mixture of two."""
@@ -275,7 +275,7 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
     encode_escape(buffer, state, symbol - high - 1 if above else low - 1 - symbol)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """Inverse of `encode_symbol`: brackets the symbol outwards from the heavier mean, then bisects."""
