@@ -17,7 +17,7 @@ PACKET = Packet(PacketId(70_000, 5), 375, bytes(range(100)))
 
 packets = st.builds(
     Packet,
-    st.builds(PacketId, st.integers(0, (1 << 24) - 1), st.integers(0, 255), st.integers(0, 3)),
+    st.builds(PacketId, st.integers(0, (1 << 24) - 1), st.integers(0, (1 << 14) - 1), st.integers(0, 3)),
     st.integers(1, 65535),
     st.binary(max_size=60),
 )
@@ -63,7 +63,7 @@ def test_foreign_and_newer_packets_say_so():
     "arguments",
     [
         (PacketId(1 << 24, 0), 1, b""),
-        (PacketId(0, 256), 1, b""),
+        (PacketId(0, 1 << 14), 1, b""),
         (PacketId(0, 0), 0, b""),
         (PacketId(0, 0), 65536, b""),
     ],

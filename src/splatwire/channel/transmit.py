@@ -18,7 +18,7 @@ class TransmitRecord:
 
     Attributes:
         loss: The loss model, as `parse_loss` reads it.
-        unit: What was lost as one (`pak`).
+        unit: What was lost as one: `pak`, or `datagram` where packets are cut to fit one.
         seed: Seed of the mask.
         send_order: `interleaved` or `block`.
         num_sent: Packets sent.
@@ -80,7 +80,7 @@ def transmit(
     parts = stream.parts()
     record = TransmitRecord(
         loss=loss.name,
-        unit=loss.unit,
+        unit=stream.manifest.packetization.unit if loss.unit == "pak" else loss.unit,
         seed=seed,
         send_order=send_order,
         num_sent=len(sent),

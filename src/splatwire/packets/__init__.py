@@ -1,5 +1,6 @@
 """Packets: which anchors share one, what its bytes are, and streams on disk. numpy and the standard library only."""
 
+from splatwire.packets.arrangement import Arrangement, arrange
 from splatwire.packets.container import stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
@@ -14,6 +15,7 @@ __all__ = [
     "HEADER_BYTES",
     "PARTS",
     "PRESETS",
+    "Arrangement",
     "Manifest",
     "Packet",
     "PacketGroups",
@@ -24,6 +26,7 @@ __all__ = [
     "ReadReport",
     "SceneStream",
     "StreamSizes",
+    "arrange",
     "make_stream",
     "make_stream_id",
     "manifest_from_bytes",

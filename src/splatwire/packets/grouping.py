@@ -28,6 +28,18 @@ def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray
     return out
 
 
+def hash_order(start: int, stop: int, seed: int) -> np.ndarray:
+    """Ranks `start`..`stop` sorted by `SplitMix64(rank XOR seed)`: any run of them is spread over the whole block.
+
+    The hash is a bijection, so no two ranks tie.
+
+    Returns:
+        Ranks, int64, `stop - start`.
+    """
+    ranks = np.arange(start, stop, dtype=np.uint64)
+    return start + np.argsort(splitmix64(ranks ^ np.uint64(seed)), kind="stable")
+
+
 def contiguous_bounds(size: int, lanes: int) -> np.ndarray:
     """Bounds of `lanes` consecutive runs of `size` ranks, as equal as possible, the longer ones first.
 

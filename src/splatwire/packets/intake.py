@@ -1,5 +1,6 @@
 """What is done with bytes that claim to be packets: each is kept, or counted as a loss and why."""
 
+import bisect
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -60,6 +61,7 @@ class PacketIntake:
         self._manifest = manifest
         self._plan = manifest.plan
         self._packets: dict[PacketId, Packet] = {}
+        self._firsts: dict[int, list[int]] = {}
         self._counts = {"corrupt": 0, "foreign": 0, "duplicate": 0}
         self._problems: list[str] = []
 
@@ -107,11 +109,33 @@ class PacketIntake:
         packet = packet_from_bytes(data, self._manifest.stream_id)
         if expected is not None and packet.id != expected:
             raise CorruptPacketError(expected.filename, f"it holds {packet.id.filename}")
-        count = self._plan.count(packet.id)
-        if packet.num_anchors != count:
+        if not self._plan.fits(packet.id, packet.num_anchors):
+            count = self._plan.count(packet.id)
             what = f"it holds {packet.num_anchors} anchors where the manifest's plan has {count}"
             raise CorruptPacketError(packet.id.filename, what)
+        if self._plan.packetization.hashed:
+            self._check_hashed(packet)
         return packet
+
+    def _check_hashed(self, packet: Packet) -> None:
+        """A packet may not be too large, nor claim anchors that another packet of its block already holds."""
+        if packet.num_bytes > self._plan.packetization.packet_bytes:
+            raise CorruptPacketError(
+                packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"
+            )
+        firsts = self._firsts.setdefault(packet.id.block, [])
+        at, first = bisect.bisect_left(firsts, packet.id.lane), packet.id.lane
+        before = self._packets[PacketId(packet.id.block, firsts[at - 1])] if at else None
+        if at < len(firsts) and firsts[at] == first:
+            if self._packets[packet.id].num_anchors != packet.num_anchors:
+                raise CorruptPacketError(packet.id.filename, "it is another packet than the one that was already there")
+            return
+        overlaps = before is not None and before.id.lane + before.num_anchors > first
+        if overlaps or (at < len(firsts) and first + packet.num_anchors > firsts[at]):
+            raise CorruptPacketError(packet.id.filename, "it holds anchors of a packet that was already there")
+        if len(self._packets) >= self._manifest.num_packets:
+            raise CorruptPacketError(packet.id.filename, "the stream has no further packet")
+        firsts.insert(at, first)
 
     def report(self) -> ReadReport:
         """The counts so far."""

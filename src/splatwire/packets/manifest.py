@@ -95,6 +95,8 @@ class Manifest:
         """Bounds the packet count by arithmetic alone: nothing is allocated on the word of a manifest."""
         num_parts, num_blocks = len(self.packetization.parts), self.plan.num_blocks
         most = min(self.num_anchors, num_blocks * self.packetization.lanes) * num_parts
+        if self.packetization.hashed:
+            most = self.num_anchors
         if not num_blocks * num_parts <= self.num_packets <= most or self.num_packets % num_parts:
             raise InvalidValueError(
                 f"{self.num_packets} packets cannot carry {self.num_anchors} anchors in {num_blocks} blocks "
@@ -142,7 +144,10 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     digest = content.pop("digest", None)
     content.pop("schema")
     _check_fields(content, _JSON_TYPES, name)
-    _check_fields(content["packetization"], _PACKETIZATION_TYPES, f"{name}: packetization")
+    types = dict(_PACKETIZATION_TYPES)
+    if content["packetization"].get("grouping") != "hashed":
+        del types["packet_bytes"]
+    _check_fields(content["packetization"], types, f"{name}: packetization")
     if not all(type(size) is int for size in content["feature_groups"]):
         raise BitstreamError(f"{name}: feature_groups does not hold integers only")
     # The content is flat from here on: a digest of arbitrarily nested lists could exhaust the stack.
@@ -163,11 +168,24 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
 
 def packetization_to_json(packetization: Packetization) -> bytes:
     """Canonical bytes of a packetization: what the stream's id is made from."""
-    return _dump(asdict(packetization))
+    return _dump(_packetization_content(packetization))
+
+
+def _packetization_content(packetization: Packetization) -> dict[str, Any]:
+    """The size of packets is only said where it means something: every other manifest is as it always was."""
+    content = asdict(packetization)
+    if not packetization.hashed:
+        del content["packet_bytes"]
+    return content
 
 
 def _content(manifest: Manifest) -> dict[str, Any]:
-    return {**asdict(manifest), "schema": SCHEMA, "stream_id": f"{manifest.stream_id:08x}"}
+    return {
+        **asdict(manifest),
+        "packetization": _packetization_content(manifest.packetization),
+        "schema": SCHEMA,
+        "stream_id": f"{manifest.stream_id:08x}",
+    }
 
 
 def _dump(content: dict[str, Any]) -> bytes:

@@ -6,8 +6,8 @@ A packet is a 16-byte header and its payload; its length is that of the file or 
 |---|---|
 | 0 | format version, 1 |
 | 1-4 | id of the stream (`Manifest.stream_id`) |
-| 5 | part (`PacketId.part`) |
-| 6 | lane |
+| 5 | low 2 bits: part (`PacketId.part`); high 6 bits: bits 8 to 13 of the lane |
+| 6 | bits 0 to 7 of the lane (`PacketId.lane`; with hashed grouping a position) |
 | 7-9 | block |
 | 10-11 | number of anchors |
 | 12-15 | CRC-32 of bytes 0-11 and the payload |
@@ -26,7 +26,7 @@ from splatwire.errors import (
     TruncatedStreamError,
     UnsupportedVersionError,
 )
-from splatwire.packets.plan import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_LANES, PARTS, PacketId
+from splatwire.packets.plan import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_HASHED_BLOCK, PARTS, PacketId
 
 PACKET_VERSION = 1
 HEADER_BYTES = 16
@@ -57,7 +57,7 @@ class Packet:
     def __post_init__(self) -> None:
         fits = (
             0 <= self.id.block < MAX_BLOCKS
-            and 0 <= self.id.lane < MAX_LANES
+            and 0 <= self.id.lane < MAX_HASHED_BLOCK
             and 0 <= self.id.part < len(PARTS)
             and 1 <= self.num_anchors <= MAX_BLOCK_SIZE
             and HEADER_BYTES + len(self.payload) <= MAX_PACKET_BYTES
@@ -84,9 +84,9 @@ def packet_to_bytes(packet: Packet, stream_id: int) -> bytes:
         Header and payload.
     """
     block_high, block_low = divmod(packet.id.block, 1 << 16)
-    fields = _FIELDS.pack(
-        PACKET_VERSION, stream_id, packet.id.part, packet.id.lane, block_low, block_high, packet.num_anchors
-    )
+    lane_high, lane_low = divmod(packet.id.lane, 1 << 8)
+    part = lane_high << 2 | packet.id.part
+    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, packet.num_anchors)
     checksum = zlib.crc32(packet.payload, zlib.crc32(fields))
     return b"".join((fields, _CHECKSUM.pack(checksum), packet.payload))
 
@@ -107,25 +107,23 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
     view = memoryview(data)
     if len(view) < HEADER_BYTES:
         raise TruncatedStreamError(f"a packet of {len(view)} bytes ends within its header of {HEADER_BYTES}")
-    version, found_id, part, lane, block_low, block_high, num_anchors = _FIELDS.unpack_from(view)
+    version, found_id, part, lane_low, block_low, block_high, num_anchors = _FIELDS.unpack_from(view)
     if version > PACKET_VERSION:
         raise UnsupportedVersionError(
             f"the packet has format version {version}, this release reads up to {PACKET_VERSION}"
         )
-    block = block_high << 16 | block_low
-    name = PacketId(block, lane, part if part < len(PARTS) else 0).filename
+    packet_id = PacketId(block_high << 16 | block_low, part >> 2 << 8 | lane_low, part & 3)
+    name = packet_id.filename
     if len(view) > MAX_PACKET_BYTES:
         raise CorruptPacketError(name, f"it has {len(view)} bytes, more than {MAX_PACKET_BYTES}")
     (checksum,) = _CHECKSUM.unpack_from(view, _FIELDS.size)
     if zlib.crc32(view[HEADER_BYTES:], zlib.crc32(view[: _FIELDS.size])) != checksum:
         raise CorruptPacketError(name, "its checksum does not match")
-    if version < 1 or part >= len(PARTS) or num_anchors < 1:
-        raise CorruptPacketError(
-            name, f"its header makes no sense (version {version}, part {part}, {num_anchors} anchors)"
-        )
+    if version < 1 or num_anchors < 1:
+        raise CorruptPacketError(name, f"its header makes no sense (version {version}, {num_anchors} anchors)")
     if stream_id is not None and found_id != stream_id:
         raise ForeignPacketError(name, f"it belongs to stream {found_id:08x}, not {stream_id:08x}")
-    return Packet(PacketId(block, lane, part), num_anchors, bytes(view[HEADER_BYTES:]))
+    return Packet(packet_id, num_anchors, bytes(view[HEADER_BYTES:]))
 
 
 def packet_mark(stream_id: int) -> bytes:

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets.grouping import contiguous_bounds, contiguous_lanes, stratified_lanes
+from splatwire.packets.grouping import contiguous_bounds, contiguous_lanes, hash_order, stratified_lanes
 
 ORDERS = ("morton", "raster")
-GROUPINGS = ("stratified", "contiguous")
+GROUPINGS = ("stratified", "contiguous", "hashed")
 PARTS = ("anchor", "feature", "scaling", "offset")
 """What a packet carries of its anchors, by `PacketId.part`; `anchor` is everything. With separated packaging, where the
 offset masks go (into `offset`, or into the side information as in HAC++) is for the codec to say."""
@@ -22,6 +22,12 @@ MAX_ANCHORS = 1 << 28
 MAX_BLOCK_SIZE = (1 << 16) - 1
 MAX_BLOCKS = 1 << 24
 MAX_LANES = 1 << 8
+MAX_HASHED_BLOCK = 1 << 14
+"""With hashed grouping `PacketId.lane` is a position within the block, and the header has 14 bits for it."""
+MIN_PACKET_BYTES = 128
+MAX_DATAGRAM_BYTES = 65_507
+DATAGRAM_BYTES = 1150
+"""A datagram of 1200 bytes passes every path (RFC 9000, 14); up to 50 of them are for the layers around a packet."""
 MAX_GROUPS = (1 << 31) - 1
 
 
@@ -39,9 +45,11 @@ class Packetization:
         lanes: Packets that a block is split into.
         seed: Seed of the lane hash, 64 bits.
         order: How anchors are ranked: `morton` (true Z-order) or `raster` (z-major, what HAC++ does).
-        grouping: `stratified` (hashed lanes) or `contiguous` (each lane a run of consecutive ranks).
+        grouping: `stratified` (hashed lanes), `contiguous` (each lane a run of consecutive ranks) or `hashed` (the
+            block's anchors in the order of their hashes, as many to a packet as its bytes allow; `lanes` is 1).
         packaging: `atomic` (a packet holds whole anchors) or `separated` (one packet per attribute, as in HAC++; the
             baseline of the ablation).
+        packet_bytes: With hashed grouping the most bytes of a packet, header included; 0 with every other.
 
     Raises:
         UnknownNameError: If order, grouping or packaging is not one of the above.
@@ -54,6 +62,7 @@ class Packetization:
     order: str = "morton"
     grouping: str = "stratified"
     packaging: str = "atomic"
+    packet_bytes: int = 0
 
     def __post_init__(self) -> None:
         _check_range("block size", self.block_size, 1, MAX_BLOCK_SIZE)
@@ -66,6 +75,27 @@ class Packetization:
         ):
             if name not in known:
                 raise UnknownNameError(kind, str(name), known)
+        self._check_hashed()
+
+    def _check_hashed(self) -> None:
+        if not self.hashed:
+            _check_range(f"packet size with {self.grouping} grouping", self.packet_bytes, 0, 0)
+            return
+        _check_range("packet size with hashed grouping", self.packet_bytes, MIN_PACKET_BYTES, MAX_DATAGRAM_BYTES)
+        _check_range("block size with hashed grouping", self.block_size, 1, MAX_HASHED_BLOCK)
+        _check_range("number of lanes with hashed grouping", self.lanes, 1, 1)
+        if self.packaging != "atomic":
+            raise InvalidValueError("hashed grouping knows atomic packaging only")
+
+    @property
+    def hashed(self) -> bool:
+        """Whether packets are cut by their size, so that only a packet itself says which anchors it holds."""
+        return self.grouping == "hashed"
+
+    @property
+    def unit(self) -> str:
+        """What a loss of one packet is called: `datagram` if packets are cut to fit one, else `pak`."""
+        return "datagram" if self.hashed else "pak"
 
     @property
     def parts(self) -> tuple[int, ...]:
@@ -76,8 +106,9 @@ class Packetization:
 PRESETS = {
     "paper": Packetization(),
     "hacpp": Packetization(lanes=1, order="raster", grouping="contiguous", packaging="separated"),
+    "datagram": Packetization(lanes=1, grouping="hashed", packet_bytes=DATAGRAM_BYTES),
 }
-"""Named packetizations: the paper's, and the baseline it is measured against."""
+"""Named packetizations: the paper's, the baseline it is measured against, and packets that fit a datagram."""
 
 
 @dataclass(frozen=True, order=True)
@@ -86,7 +117,7 @@ class PacketId:
 
     Attributes:
         block: Spatial block, t.
-        lane: Lane within the block, λ.
+        lane: Lane within the block, λ; with hashed grouping, the position of its first anchor in the block's hash order.
         part: What it carries of its anchors, an index into `PARTS`.
     """
 
@@ -114,7 +145,7 @@ class PacketId:
 
 
 _FILENAME = re.compile(
-    rf"pak_lane(?P<lane>0|[1-9][0-9]{{0,2}})_s(?P<block>0|[1-9][0-9]{{0,7}})(?:_(?P<part>{'|'.join(PARTS[1:])}))?\.pak",
+    rf"pak_lane(?P<lane>0|[1-9][0-9]{{0,4}})_s(?P<block>0|[1-9][0-9]{{0,7}})(?:_(?P<part>{'|'.join(PARTS[1:])}))?\.pak",
     re.ASCII,
 )
 
@@ -159,13 +190,19 @@ class PacketPlan:
 
     @functools.cached_property
     def ids(self) -> tuple[PacketId, ...]:
-        """All packets that hold an anchor, in the order j = block * lanes + lane (then part)."""
+        """All packets that hold an anchor, in the order j = block * lanes + lane (then part).
+
+        Raises:
+            InvalidValueError: With hashed grouping, where only a stream knows.
+        """
+        self._check_fixed()
         lanes, parts = self.packetization.lanes, self.packetization.parts
         used = np.flatnonzero(self._counts()).tolist()
         return tuple(PacketId(j // lanes, j % lanes, part) for j in used for part in parts)
 
     def packet_index_of(self) -> np.ndarray:
-        """Packet index j = block * lanes + lane of every rank, int32, N."""
+        """Packet index j = block * lanes + lane of every rank, int32, N; not with hashed grouping."""
+        self._check_fixed()
         p = self.packetization
         block = np.arange(self.num_anchors, dtype=np.int32) // np.int32(p.block_size)
         if p.grouping == "stratified":
@@ -177,26 +214,64 @@ class PacketPlan:
         return block * np.int32(p.lanes) + lane
 
     def groups(self) -> PacketGroups:
-        """Ranks of all packets at once."""
+        """Ranks of all packets at once; with hashed grouping of all blocks, each in the order of its hashes."""
+        if self.packetization.hashed:
+            edges = np.minimum(np.arange(self.num_blocks + 1) * self.packetization.block_size, self.num_anchors)
+            blocks = [self._hash_order(block) for block in range(self.num_blocks)]
+            return PacketGroups(np.concatenate([np.empty(0, np.int64), *blocks]), edges.astype(np.int64))
         counts = self._counts()
         ranks = np.argsort(self.packet_index_of(), kind="stable")
         return PacketGroups(ranks, np.concatenate([[0], np.cumsum(counts[counts > 0])]).astype(np.int64))
 
-    def members(self, packet_id: PacketId) -> np.ndarray:
-        """Ranks of one packet's anchors, ascending, int64; computed from its block alone.
+    def members(self, packet_id: PacketId, num_anchors: int | None = None) -> np.ndarray:
+        """Ranks of one packet's anchors, ascending (hashed: in hash order), int64; computed from its block alone.
+
+        Args:
+            packet_id: The packet.
+            num_anchors: Its number of anchors, which with hashed grouping only the packet knows.
 
         Raises:
-            InvalidValueError: If the plan has no such block, lane or part.
+            InvalidValueError: If the plan has no such block, lane or part, or not so many anchors.
         """
-        start, lanes = self._block_lanes(packet_id)
-        return start + np.flatnonzero(lanes == packet_id.lane)
+        if num_anchors is None and not self.packetization.hashed:
+            start, lanes = self._block_lanes(packet_id)
+            return start + np.flatnonzero(lanes == packet_id.lane)
+        if num_anchors is None or not self.fits(packet_id, num_anchors):
+            raise InvalidValueError(f"the plan has no packet {packet_id.filename} with {num_anchors} anchors")
+        if not self.packetization.hashed:
+            return self.members(packet_id)
+        return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_anchors]
 
     def count(self, packet_id: PacketId) -> int:
-        """Anchors of one packet; 0 if the plan has no such packet. Cheap: at most one block is hashed."""
+        """Anchors of one packet; 0 if the plan has no such packet. Cheap: at most one block is hashed.
+
+        With hashed grouping, the anchors from the packet's first position to its block's end: the most it can hold.
+        """
         p = self.packetization
-        if not (0 <= packet_id.block < self.num_blocks and 0 <= packet_id.lane < p.lanes and packet_id.part in p.parts):
+        if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in p.parts):
+            return 0
+        if p.hashed:
+            return max(0, self.block_anchors(packet_id.block) - packet_id.lane)
+        if packet_id.lane >= p.lanes:
             return 0
         return int(_lane_counts(p, self.num_anchors, packet_id.block)[packet_id.lane])
+
+    def fits(self, packet_id: PacketId, num_anchors: int) -> bool:
+        """Whether the plan has such a packet with so many anchors."""
+        count = self.count(packet_id)
+        return 1 <= num_anchors <= count if self.packetization.hashed else num_anchors == count > 0
+
+    def block_anchors(self, block: int) -> int:
+        """Anchors of a block."""
+        return min(self.packetization.block_size, self.num_anchors - block * self.packetization.block_size)
+
+    def _hash_order(self, block: int) -> np.ndarray:
+        start = block * self.packetization.block_size
+        return hash_order(start, start + self.block_anchors(block), self.packetization.seed)
+
+    def _check_fixed(self) -> None:
+        if self.packetization.hashed:
+            raise InvalidValueError("packets of hashed grouping are cut by their size: a plan does not know them")
 
     def _block_lanes(self, packet_id: PacketId) -> tuple[int, np.ndarray]:
         """First rank of a packet's block, and the lane of each of the block's ranks."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from splatwire.errors import InvalidValueError
 from splatwire.packets.manifest import Manifest, manifest_to_bytes, packetization_to_json
 from splatwire.packets.packet import HEADER_BYTES, Packet
-from splatwire.packets.plan import Packetization
+from splatwire.packets.plan import PacketId, Packetization, PacketPlan
 
 FILE_MAGIC = b"\x93SWZ"
 FILE_VERSION = 1
@@ -122,9 +122,22 @@ def make_stream(
         symbols_digest=symbols_digest,
         writer=writer,
     )
-    plan = manifest.plan
-    if tuple(packet.id for packet in ordered) != plan.ids or any(
-        packet.num_anchors != plan.count(packet.id) for packet in ordered
-    ):
+    if not _complete(manifest.plan, ordered):
         raise InvalidValueError("the packets of a new stream must be exactly those of its plan")
     return SceneStream(manifest, side_info, ordered)
+
+
+def _complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
+    """Whether packets, ascending by id, hold every anchor of a plan once."""
+    if not plan.packetization.hashed:
+        expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]
+        return [(packet.id, packet.num_anchors) for packet in packets] == expected
+    block, position = 0, 0
+    for packet in packets:
+        if block < plan.num_blocks and position == plan.block_anchors(block):
+            block, position = block + 1, 0
+        too_large = packet.num_bytes > plan.packetization.packet_bytes
+        if packet.id != PacketId(block, position) or not plan.fits(packet.id, packet.num_anchors) or too_large:
+            return False
+        position += packet.num_anchors
+    return block == plan.num_blocks - 1 and position == plan.block_anchors(block) if packets else not plan.num_anchors

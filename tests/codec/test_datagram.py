@@ -1,0 +1,63 @@
+"""The preset `datagram`: same scene, packets that fit a datagram, each decodable alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene
+from splatwire.packets import PRESETS, Packetization, SceneStream
+
+SMALL = replace(PRESETS["datagram"], block_size=300)
+
+
+@pytest.fixture(scope="module")
+def stream(scene: AnchorScene) -> SceneStream:
+    return encode_scene(scene, SMALL)
+
+
+def test_packets_fit_and_are_full(stream: SceneStream):
+    sizes = [packet.num_bytes for packet in stream.packets]
+    assert max(sizes) <= 1150
+    last_of_block = [a.id.block != b.id.block for a, b in zip(stream.packets, stream.packets[1:], strict=False)]
+    inner = [size for size, last in zip(sizes, [*last_of_block, True], strict=True) if not last]
+    assert len(inner) > 5
+    assert min(inner) > 1150 - 60
+
+
+def test_nothing_lost_is_the_scene_that_the_paper_preset_gives(scene: AnchorScene, stream: SceneStream):
+    ours, other = decode_stream(stream).scene.anchors, decode_stream(encode_scene(scene)).scene.anchors
+    for name in ("positions", "features", "scalings", "offsets", "mask"):
+        assert torch.equal(getattr(ours, name), getattr(other, name))
+
+
+def test_every_packet_decodes_alone(stream: SceneStream):
+    whole = decode_stream(stream).scene.anchors
+    for packet in stream.packets[::4]:
+        partial = decode_stream(stream.with_packets([packet]))
+        ranks = stream.manifest.plan.members(packet.id, packet.num_anchors)
+        received = partial.erasures.received.all(dim=1).nonzero()[:, 0].numpy()
+        assert np.array_equal(received, np.sort(ranks))
+        for name in ("features", "scalings", "offsets", "mask"):
+            assert torch.equal(getattr(partial.scene.anchors, name)[ranks], getattr(whole, name)[ranks])
+
+
+def test_lost_packets_leave_exactly_their_anchors_out(stream: SceneStream):
+    rng = np.random.default_rng(0)
+    lost = [packet for packet in stream.packets if rng.random() < 0.4]
+    kept = [packet for packet in stream.packets if packet not in lost]
+    erasures = decode_stream(stream.with_packets(kept)).erasures
+    plan = stream.manifest.plan
+    ranks = np.sort(np.concatenate([plan.members(packet.id, packet.num_anchors) for packet in lost]))
+    assert np.array_equal((~erasures.received).all(dim=1).nonzero()[:, 0].numpy(), ranks)
+    assert erasures.num_lost == len(ranks) > 0
+
+
+def test_an_anchor_larger_than_a_packet_is_said(scene: AnchorScene):
+    anchors = replace(scene.anchors, features=scene.anchors.features * 1e6, offsets=scene.anchors.offsets * 1e6)
+    huge = AnchorScene(anchors, scene.heads, scene.context, scene.voxel_size, scene.config)
+    with pytest.raises(InvalidValueError, match="choose a larger packet size"):
+        encode_scene(huge, Packetization(lanes=1, grouping="hashed", packet_bytes=128))

@@ -1,0 +1,170 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.packets import (
+    PRESETS,
+    Packet,
+    PacketId,
+    PacketIntake,
+    Packetization,
+    PacketPlan,
+    SceneStream,
+    arrange,
+    make_stream,
+    manifest_from_bytes,
+    manifest_to_bytes,
+    packet_to_bytes,
+    stream_from_bytes,
+    stream_to_bytes,
+)
+from splatwire.packets.splitmix64 import splitmix64_reference
+
+HASHED = Packetization(block_size=50, lanes=1, grouping="hashed", packet_bytes=128)
+
+
+def hashed_stream(num_anchors: int, rng: np.random.Generator, packetization: Packetization = HASHED) -> SceneStream:
+    """A stream whose packets are cut at random."""
+    plan, packets = PacketPlan(packetization, num_anchors), []
+    for block in range(plan.num_blocks):
+        position = 0
+        while position < plan.block_anchors(block):
+            size = min(int(rng.integers(1, 20)), plan.block_anchors(block) - position)
+            packets.append(Packet(PacketId(block, position), size, rng.bytes(int(rng.integers(1, 100)))))
+            position += size
+    return make_stream(
+        packetization=packetization,
+        num_anchors=num_anchors,
+        feature_dim=3,
+        num_offsets=2,
+        feature_groups=(1, 2),
+        side_info=b"side",
+        packets=packets,
+        symbols_digest="5" * 64,
+        writer="test",
+    )
+
+
+@given(st.integers(1, 230), st.integers(0, 2**32), st.floats(0, 1))
+def test_arrived_and_missing_are_all_anchors(num_anchors, seed, loss):
+    rng = np.random.default_rng(seed)
+    stream = hashed_stream(num_anchors, rng)
+    kept = [packet for packet in stream.packets if rng.random() >= loss]
+    (ranks, starts), packets = arrange(stream.manifest.plan, kept)
+    assert sorted(ranks.tolist()) == list(range(num_anchors))
+    assert [packet for packet in packets if packet is not None] == kept
+    for packet, start, stop in zip(packets, starts[:-1], starts[1:], strict=True):
+        assert stop > start
+        if packet is not None:
+            assert ranks[start:stop].tolist() == expected_ranks(packet, num_anchors)
+            assert stream.manifest.plan.members(packet.id, packet.num_anchors).tolist() == ranks[start:stop].tolist()
+
+
+def expected_ranks(packet: Packet, num_anchors: int) -> list[int]:
+    block = range(packet.id.block * 50, min(packet.id.block * 50 + 50, num_anchors))
+    hashed = sorted(block, key=lambda rank: splitmix64_reference(rank ^ HASHED.seed))
+    return hashed[packet.id.lane : packet.id.lane + packet.num_anchors]
+
+
+def test_fixed_plans_are_arranged_as_they_are_planned():
+    plan = PacketPlan(Packetization(block_size=10, lanes=3), 25)
+    kept = [Packet(i, plan.count(i), b"x") for i in plan.ids[::2]]
+    groups, packets = arrange(plan, kept)
+    assert groups.ranks.tolist() == plan.groups().ranks.tolist()
+    assert [i for i, packet in zip(plan.ids, packets, strict=True) if packet] == list(plan.ids[::2])
+
+
+def test_bytes_and_back():
+    stream = hashed_stream(230, np.random.default_rng(1))
+    again, report = stream_from_bytes(stream_to_bytes(stream))
+    assert again == stream
+    assert report.complete
+    assert manifest_from_bytes(manifest_to_bytes(stream.manifest)) == stream.manifest
+
+
+def test_packet_size_is_said_only_where_it_means_something():
+    """Manifests and ids of other streams are what they were before there were datagrams."""
+    stream = hashed_stream(9, np.random.default_rng(1))
+    assert b'"packet_bytes":128' in manifest_to_bytes(stream.manifest)
+    plain = make_stream(
+        packetization=PRESETS["paper"], num_anchors=0, feature_dim=1, num_offsets=1, feature_groups=(1,),
+        side_info=b"", packets=[], symbols_digest="5" * 64, writer="test",
+    )  # fmt: skip
+    assert b"packet_bytes" not in manifest_to_bytes(plain.manifest)
+
+
+def test_incomplete_overlapping_or_large_packets_make_no_stream():
+    stream = hashed_stream(120, np.random.default_rng(2))
+    m = stream.manifest
+    facts = {
+        "packetization": m.packetization, "num_anchors": m.num_anchors, "feature_dim": 3, "num_offsets": 2,
+        "feature_groups": (1, 2), "side_info": b"side", "symbols_digest": "5" * 64, "writer": "test",
+    }  # fmt: skip
+    first, second, *rest = stream.packets
+    bad = [
+        [second, *rest],
+        stream.packets[:-1],
+        [Packet(first.id, first.num_anchors + 1, b"x"), second, *rest],
+        [Packet(first.id, first.num_anchors, bytes(113)), second, *rest],
+    ]
+    for packets in bad:
+        with pytest.raises(InvalidValueError):
+            make_stream(packets=packets, **facts)
+    assert make_stream(packets=stream.packets, **facts) == stream
+
+
+def test_intake_refuses_packets_that_claim_each_others_anchors():
+    stream = hashed_stream(120, np.random.default_rng(3))
+    intake = PacketIntake(stream.manifest)
+
+    def offer(block: int, first: int, count: int, size: int = 5) -> Packet | None:
+        packet = Packet(PacketId(block, first), count, bytes(size))
+        return intake.offer(packet_to_bytes(packet, stream.manifest.stream_id), "test")
+
+    assert offer(0, 10, 10)
+    for first, count in ((5, 6), (19, 1), (10, 9), (0, 50), (45, 6), (50, 1), (12, 3)):
+        assert offer(0, first, count) is None
+    assert offer(3, 0, 1) is None
+    assert offer(2, 19, 2) is None
+    assert offer(1, 0, 1, size=113) is None
+    assert intake.report().num_corrupt == 10
+    assert offer(0, 10, 10) is None
+    assert intake.report().num_duplicate == 1
+    assert offer(0, 0, 10)
+    assert offer(0, 20, 30)
+    assert len(intake.packets) == 3
+
+
+def test_intake_keeps_no_more_packets_than_announced():
+    stream = hashed_stream(120, np.random.default_rng(3))
+    intake = PacketIntake(stream.manifest)
+    for rank in range(120):
+        packet = Packet(PacketId(rank // 50, rank % 50), 1, b"x")
+        intake.offer(packet_to_bytes(packet, stream.manifest.stream_id), "test")
+    assert len(intake.packets) == stream.manifest.num_packets
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"packet_bytes": 0},
+        {"packet_bytes": 65_508},
+        {"lanes": 2},
+        {"block_size": (1 << 14) + 1},
+        {"packaging": "separated"},
+        {"grouping": "stratified"},
+    ],
+)
+def test_contradictions_are_refused(changes):
+    with pytest.raises((InvalidValueError, UnknownNameError)):
+        Packetization(**{"block_size": 50, "lanes": 1, "grouping": "hashed", "packet_bytes": 128, **changes})
+
+
+def test_a_plan_alone_does_not_know_hashed_packets():
+    plan = PacketPlan(PRESETS["datagram"], 5000)
+    for question in (lambda: plan.ids, plan.packet_index_of, lambda: plan.members(PacketId(0, 0))):
+        with pytest.raises(InvalidValueError):
+            question()
+    assert plan.packetization.unit == "datagram"
