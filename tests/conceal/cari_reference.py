@@ -20,8 +20,10 @@ def cari(context, num_candidates, num_neighbors, passes, eps):
     """Returns features, scalings, offsets, mask (numpy) of all anchors."""
     anchors, prior, layout = context.anchors, context.prior, context.layout
     x = anchors.positions.double().numpy()
-    f_hash = prior.context.double().numpy()
+    f_hash = prior.context.double().tolist()
     n, slots = anchors.mask.shape
+    gap = [[math.dist(x[a], x[b]) for b in range(n)] for a in range(n)]
+    alike = [[(cos_sim(f_hash[a], f_hash[b]) + 1) / 2 for b in range(n)] for a in range(n)]
     received = context.erasures.received.numpy()
     mu = [prior.feature.mean, prior.scaling.mean, prior.offset.mean]
     mu = [m.double().numpy() for m in mu]
@@ -60,11 +62,11 @@ def cari(context, num_candidates, num_neighbors, passes, eps):
         return g
 
     def strongest(q, column, attribute, columns, support, confidence, g):
-        near = sorted(support, key=lambda k: (np.linalg.norm(x[q] - x[k]), k))[:num_candidates]
+        near = sorted(support, key=lambda k: (gap[q][k], k))[:num_candidates]
         scored = []
         for k in near:
-            d = np.linalg.norm(x[q] - x[k])
-            h = (cos_sim(f_hash[q], f_hash[k]) + 1) / 2
+            d = gap[q][k]
+            h = alike[q][k]
             rho = (cos_sim(g[q], g[k]) + 1) / 2
             w_geo = (d + eps) ** (-ALPHA / 2)
             w_ctx = h**BETA
