@@ -24,9 +24,20 @@ def test_demo_makes_the_whole_journey(run, journey, tmp_path):
 
 
 def test_demo_for_people(run, journey, tmp_path, monkeypatch):
-    monkeypatch.setattr(_fresh, "decode_in_fresh_process", decode_stream)  # the other test has the real one
+    calls = []
+    monkeypatch.setattr(_fresh, "decode_in_fresh_process", lambda s: calls.append(s) or decode_stream(s))
     words = ("--stream", journey / "tiny.swz", "--cameras", journey / "cameras.json", "-o", tmp_path / "demo")
     outcome = run("demo", *words, "--views", 1)
     assert outcome.status == 0
     assert "= reference" in outcome.out
     assert str(tmp_path / "demo" / "report.html") in outcome.out.replace("\n", "")
+    assert len(calls) == 1  # the stream that all concealers share was decoded elsewhere
+
+
+def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path):
+    rows = {row["method"]: row for row in run("demo", "--views", 2, "-o", tmp_path, "--json").json["rows"]}
+    assert rows["no loss"]["exact"]
+    lossy = [row["psnr"] for name, row in rows.items() if name != "no loss"]
+    assert max(lossy) >= rows["drop"]["psnr"] + 0.5
+    assert rows["drop"]["psnr"] >= rows["contiguous drop"]["psnr"] + 1
+    assert rows["drop"]["num_bytes"] <= 6_000_000

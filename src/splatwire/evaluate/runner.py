@@ -1,5 +1,6 @@
 """Runs a protocol: send, decode, conceal, draw, score."""
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -169,9 +170,10 @@ class _Session:
         for view, image in enumerate(self._draw(scene, seconds)):
             reference = self.views.reference(view)
             psnrs.append(float(psnr(image[None], reference[None])[0]))
-            ssims.append(float(ssim(image[None], reference[None])[0]))
+            equal = math.isinf(psnrs[-1])  # then the slower metrics need not be computed
+            ssims.append(1.0 if equal else float(ssim(image[None], reference[None])[0]))
             if view in wanted:
-                distances.append(self._distance(view, image, reference))
+                distances.append(0.0 if equal else self._distance(view, image, reference))
             if keep and (self.hard_views is None or view in self.hard_views):
                 kept[view] = Picture(view, method.name, to_pixels(image), psnrs[-1])
             self.progress(method.name, (view + 1) / self.views.cameras.num_views)
@@ -230,8 +232,6 @@ class _Session:
     def _distance(self, view: int, image: Tensor, reference: Tensor) -> float:
         """LPIPS; the features of a reference are computed once."""
         assert self.lpips is not None
-        if torch.equal(image, reference):
-            return 0.0
         features = self._lpips_references.get(view)
         if features is None:
             features = self.lpips.features(reference[None])
