@@ -1,6 +1,6 @@
 """Sizes and speed of the codec against the official HAC++ figures for the same models.
 
-    python benchmarks/codec.py [--data ../shared/data] [--models bonsai_30k ...] [--output benchmarks/results/codec.json]
+    python benchmarks/codec.py [--data ../shared/data] [--models bonsai_30k ...] [--output FILE]
 
 Figures: total bytes against HAC++'s own total; what atomic packets cost over one stream per attribute; microseconds per
 anchor of encoding and decoding (second run of each, kernels compiled) and peak memory. HAC++'s times are of an H200.
