@@ -1,0 +1,42 @@
+"""A tiny dataset: pictures that a made-up scene gives, as image files."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from scenes import SMALL_CONFIG, VOXEL_SIZE, tiny_cameras, tiny_scene
+from splatwire.data import Dataset, SparsePoints
+from splatwire.render.render import render_scene
+from splatwire.train.config import LossWeights, Marks, TrainConfig
+
+NUM_VIEWS = 8
+
+
+@pytest.fixture(scope="session")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """Photos of a scene of 200 anchors, and its anchors as sparse points."""
+    folder = tmp_path_factory.mktemp("photos")
+    scene, cameras = tiny_scene(num_anchors=200), tiny_cameras(NUM_VIEWS, 48, 32)
+    paths = []
+    for name, image in zip(cameras.names, render_scene(scene, cameras), strict=True):
+        path: Path = folder / f"{name}.png"
+        Image.fromarray((image.numpy() * 255).round().astype(np.uint8)).save(path)
+        paths.append(path)
+    points = SparsePoints(scene.anchors.positions, torch.rand(200, 3))
+    return Dataset(cameras, tuple(paths), points)
+
+
+@pytest.fixture(scope="session")
+def config() -> TrainConfig:
+    """A recipe with small networks whose phases all fit into 60 iterations."""
+    marks = Marks(
+        iterations=60, noise_start=20, growth_pause_end=24, context_start=36, statistics_start=2, growth_start=4,
+        growth_end=50, growth_interval=6,
+    )  # fmt: skip
+    weights = LossWeights(sample_share=0.3)
+    recipe = TrainConfig(model=SMALL_CONFIG, voxel_size=VOXEL_SIZE, hidden=(16, 16, 8), marks=marks, weights=weights)
+    return dataclasses.replace(recipe, growth=dataclasses.replace(recipe.growth, gradient_threshold=1e-5))

@@ -1,0 +1,52 @@
+import dataclasses
+import json
+import math
+
+import pytest
+
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.train.config import PRESETS, Marks, config_from_json, config_to_json, create_config
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_recipe_survives_json(preset: str) -> None:
+    config = create_config(preset, iterations=1234, seed=5)
+    assert config_from_json(json.loads(json.dumps(config_to_json(config)))) == config
+
+
+def test_published_settings() -> None:
+    config = create_config("mipnerf360")
+    assert config.weights.rate == 0.004
+    assert config.rates.mask_logits.final == 0.0015  # min(.0005 * .004 / .001, .0015)
+    assert math.isclose(create_config("tanks_and_temples", lmbda=0.002).rates.mask_logits.final, 0.0002)
+    assert create_config("synthetic_nerf").growth.coarsest_cell == 4
+    assert create_config("bungeenerf").test_views == "first_31"
+    assert config.marks == Marks()
+
+
+@pytest.mark.parametrize("iterations", [20, 100, 2400, 7000, 30_000, 60_000])
+def test_phases_keep_their_proportions(iterations: int) -> None:
+    full, scaled = Marks(), create_config(iterations=iterations).marks
+    for field in dataclasses.fields(Marks):
+        share = getattr(full, field.name) / full.iterations
+        if field.name != "growth_interval":
+            assert abs(getattr(scaled, field.name) / iterations - share) <= 0.5 / iterations
+    order = [scaled.noise_start, scaled.growth_pause_end, scaled.context_start, scaled.growth_end, scaled.iterations]
+    assert order == sorted(order)
+    assert scaled.growth_interval >= 50
+
+
+def test_a_run_of_2400_is_the_recorded_one() -> None:
+    marks = create_config(iterations=2400).marks
+    assert (marks.statistics_start, marks.growth_start, marks.growth_end, marks.growth_interval) == (40, 120, 1200, 50)
+    assert (marks.noise_start, marks.growth_pause_end, marks.context_start) == (240, 320, 800)
+
+
+def test_bad_settings_are_refused() -> None:
+    with pytest.raises(UnknownNameError, match="mipnerf360"):
+        create_config("mip")
+    for bad in ({"lmbda": -1.0}, {"lmbda": math.nan}, {"voxel_size": -0.1}, {"iterations": 0}):
+        with pytest.raises(InvalidValueError):
+            create_config(**bad)
+    with pytest.raises(InvalidValueError, match="recipe"):
+        config_from_json({"marks": {}})

@@ -1,0 +1,86 @@
+import dataclasses
+
+import pytest
+import torch
+
+from scenes import VOXEL_SIZE
+from splatwire.data import Dataset, SparsePoints
+from splatwire.errors import DatasetError
+from splatwire.scene import Cameras
+from splatwire.train.config import TrainConfig
+from splatwire.train.initial import camera_extent, grid_bounds, initial_state, parameter_shapes
+
+
+def _with_points(dataset: Dataset, points: torch.Tensor | None) -> Dataset:
+    sparse = None if points is None else SparsePoints(points, torch.zeros_like(points))
+    return dataclasses.replace(dataset, points=sparse)
+
+
+def test_anchors_stand_at_the_points(dataset: Dataset, config: TrainConfig) -> None:
+    state = initial_state(dataset, config)
+    assert dataset.points is not None
+    expected = {tuple(p) for p in torch.round(dataset.points.positions / VOXEL_SIZE).long().tolist()}
+    assert {tuple(v) for v in state.voxels.tolist()} == expected
+    distances = torch.cdist(state.positions, state.positions).topk(4, largest=False).values[:, 1:]
+    torch.testing.assert_close(
+        state.parameters["log_scalings"].detach().exp()[:, 0], distances.square().mean(dim=1).sqrt(), atol=1e-4, rtol=1e-4
+    )  # fmt: skip
+    shapes = parameter_shapes(config, state.num_anchors)
+    assert {name: tuple(value.shape) for name, value in state.parameters.items()} == shapes
+    assert all(value.requires_grad for value in state.parameters.values())
+
+
+def test_points_in_one_voxel_become_one_anchor(dataset: Dataset, config: TrainConfig) -> None:
+    points = torch.tensor([[0.0, 0, 0], [VOXEL_SIZE / 4, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]])
+    assert initial_state(_with_points(dataset, points), config).num_anchors == 4
+
+
+def test_without_points_a_box_is_filled(dataset: Dataset, config: TrainConfig) -> None:
+    config = dataclasses.replace(config, random_points=500)
+    positions = initial_state(_with_points(dataset, None), config).positions
+    half = 1.3 / 4.03 * 3.03
+    assert 400 < len(positions) <= 500
+    assert bool((positions.abs() < half + 0.5).all())
+    assert float(positions.std()) == pytest.approx(half / 3**0.5, rel=0.2)
+
+
+def test_a_voxel_size_can_come_from_the_points(dataset: Dataset, config: TrainConfig) -> None:
+    grid = torch.cartesian_prod(*(torch.arange(5.0) / 5,) * 3)
+    state = initial_state(_with_points(dataset, grid), dataclasses.replace(config, voxel_size=0.0))
+    assert state.voxel_size == pytest.approx(0.04, rel=1e-4)  # every point has three neighbours at 0.2
+
+
+def test_bounds_have_room_and_are_never_flat() -> None:
+    low, high = grid_bounds(torch.tensor([[1.0, -2, 3], [2.0, 4, 3]]))
+    torch.testing.assert_close(low, torch.tensor([0.8, -2.4, 2.4]))
+    torch.testing.assert_close(high, torch.tensor([2.4, 4.8, 3.6]))
+    low, high = grid_bounds(torch.zeros(3, 3))
+    assert bool((high > low).all())
+
+
+def test_extent_of_the_cameras(dataset: Dataset) -> None:
+    assert camera_extent(dataset.cameras) == pytest.approx(1.1 * 3.0, rel=1e-3)
+
+
+def test_what_cannot_be_trained_on_is_refused_at_once(dataset: Dataset, config: TrainConfig) -> None:
+    cameras = dataset.cameras
+
+    def moved(viewmats: torch.Tensor) -> Dataset:
+        changed = Cameras(viewmats, cameras.Ks, cameras.width, cameras.height, cameras.names)
+        return dataclasses.replace(dataset, cameras=changed)
+
+    turned = cameras.viewmats.clone()
+    turned[:, [0, 2]] *= -1  # looks the other way
+    not_finite = cameras.viewmats.clone()
+    not_finite[2, 0, 3] = torch.nan
+    cases = {
+        "at least 2 views": dataset.select([3]),
+        "same place": moved(cameras.viewmats[:1].expand(8, 4, 4)),
+        "see none of the points": moved(turned),
+        "not finite": moved(not_finite),
+        "usable points": _with_points(dataset, torch.full((3, 3), 0.1)),
+        "larger voxel size": _with_points(dataset, torch.full((9, 3), 1e6)),
+    }
+    for message, broken in cases.items():
+        with pytest.raises(DatasetError, match=message):
+            initial_state(broken, config)

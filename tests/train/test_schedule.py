@@ -1,0 +1,48 @@
+import math
+
+import pytest
+
+from splatwire.train.config import LearningRate, Marks, create_config
+from splatwire.train.schedule import (
+    Phase,
+    changes_anchors,
+    gathers_statistics,
+    learning_rate_at,
+    learning_rates,
+    phase_of,
+)
+
+
+def test_phases_of_the_published_schedule() -> None:
+    marks = Marks()
+    changes = {i: phase_of(marks, i) for i in (1, 3000, 3001, 10_000, 10_001, 30_000)}
+    expected = [Phase.PLAIN, Phase.PLAIN, Phase.NOISE, Phase.NOISE, Phase.CONTEXT, Phase.CONTEXT]
+    assert list(changes.values()) == expected
+
+
+def test_growth_pauses_and_ends() -> None:
+    marks = Marks()
+    events = [i for i in range(1, 30_001) if changes_anchors(marks, i)]
+    assert events[0] == 1600
+    assert events[-1] == 14_900
+    assert all(i % 100 == 0 and not 3000 <= i < 4000 for i in events)
+    assert 2900 in events
+    assert 4000 in events
+    assert not gathers_statistics(marks, 500)
+    assert gathers_statistics(marks, 501)
+    assert not gathers_statistics(marks, 15_000)
+
+
+def test_learning_rates_are_straight_in_the_logarithm() -> None:
+    rate = LearningRate(0.01, 0.0001)
+    assert math.isclose(learning_rate_at(rate, 0.0), 0.01)
+    assert math.isclose(learning_rate_at(rate, 0.5), 0.001)
+    assert math.isclose(learning_rate_at(rate, 1.0), 0.0001)
+    assert math.isclose(learning_rate_at(rate, 2.0), 0.0001)
+
+
+def test_only_offsets_and_masks_follow_the_size_of_the_scene() -> None:
+    config = create_config()
+    small, large = (learning_rates(config, 100, extent) for extent in (1.0, 3.0))
+    for name, rate in small.items():
+        assert large[name] == pytest.approx(rate * (3 if name in ("offsets", "mask_logits") else 1))

@@ -1,0 +1,64 @@
+import torch
+
+from splatwire.data import Dataset
+from splatwire.train.config import TrainConfig
+from splatwire.train.initial import initial_state
+from splatwire.train.state import ANCHOR_PARAMETERS, Moments, TrainState, append_anchors, group_of, keep_anchors
+
+
+def tagged_state(dataset: Dataset, config: TrainConfig) -> TrainState:
+    """A state in which every row of everything carries the number of its anchor."""
+    state = initial_state(dataset, config)
+    numbers = torch.arange(1.0, state.num_anchors + 1)
+
+    def tag(rows: torch.Tensor) -> torch.Tensor:
+        return numbers.view(-1, *[1] * (rows.dim() - 1)).expand(rows.shape).clone()
+
+    for name in ANCHOR_PARAMETERS:
+        state.parameters[name] = tag(state.parameters[name]).requires_grad_()
+        state.moments[name] = Moments(tag(state.parameters[name]).detach(), -tag(state.parameters[name]).detach(), 7)
+    for name, rows in vars(state.statistics).items():
+        setattr(state.statistics, name, tag(rows))
+    state.voxels = tag(state.voxels).long()
+    return state
+
+
+def rows_of(state: TrainState) -> list[torch.Tensor]:
+    """One column from everything that has a row per anchor."""
+    columns = [state.parameters[name].detach() for name in ANCHOR_PARAMETERS]
+    columns += [moments.first for moments in state.moments.values()]
+    columns += [-moments.second for moments in state.moments.values()]
+    columns += [*vars(state.statistics).values(), state.voxels.float()]
+    return [c.reshape(len(c), -1)[:, -1] for c in columns]
+
+
+def test_removing_keeps_everything_aligned(dataset: Dataset, config: TrainConfig) -> None:
+    state = tagged_state(dataset, config)
+    keep = torch.arange(state.num_anchors) % 3 != 0
+    expected = rows_of(state)[0][keep]
+    keep_anchors(state, keep)
+    for column in rows_of(state):
+        assert torch.equal(column, expected)
+    assert all(state.parameters[name].requires_grad for name in ANCHOR_PARAMETERS)
+    assert all(moments.steps == 7 for moments in state.moments.values())
+
+
+def test_added_anchors_have_no_past(dataset: Dataset, config: TrainConfig) -> None:
+    state = tagged_state(dataset, config)
+    before = state.num_anchors
+    new = {name: torch.full((5, *state.parameters[name].shape[1:]), 9.0) for name in ANCHOR_PARAMETERS}
+    append_anchors(state, torch.full((5, 3), 9), new)
+    assert state.num_anchors == before + 5
+    for name in ANCHOR_PARAMETERS:
+        assert bool((state.parameters[name][before:] == 9).all())
+        assert bool((state.moments[name].first[before:] == 0).all())
+        assert bool((state.moments[name].second[before:] == 0).all())
+    assert all(bool((rows[before:] == 0).all()) for rows in vars(state.statistics).values())
+    keep_anchors(state, torch.arange(before + 5) < before)
+    for column in rows_of(state):
+        assert torch.equal(column, torch.arange(1.0, before + 1))
+
+
+def test_every_parameter_has_a_learning_rate(dataset: Dataset, config: TrainConfig) -> None:
+    groups = {group_of(name) for name in initial_state(dataset, config).parameters}
+    assert groups == set(vars(config.rates))
