@@ -12,7 +12,7 @@ from splatwire.scene import Erasures
 def test_the_gain_is_the_share_that_is_left_to_the_power_of_minus_a_half() -> None:
     context = random_context(200, 1)
     known, positions = context.erasures.known, context.anchors.positions.double()
-    result = Grow(neighbors=10, max_gain=100.0)(context)
+    result = Grow(neighbors=10, max_gain=100.0, max_excess=float("inf"))(context)
     assert torch.equal(result.left_out, ~known)
     for k in range(200):
         if not known[k]:
@@ -41,7 +41,16 @@ def test_an_anchor_of_which_a_part_is_missing_is_left_out() -> None:
     assert torch.equal(Grow()(context).left_out, Drop()(context).left_out)
 
 
-@pytest.mark.parametrize("options", [{"neighbors": 0}, {"exponent": -0.5}, {"max_gain": 0.9}])
+def test_no_hole_makes_a_gain_far_above_that_of_the_whole_loss() -> None:
+    context = random_context(400, 5)
+    kept = float(context.erasures.known.double().mean())
+    gain = Grow(max_excess=1.02, neighbors=8)(context).size_gain
+    assert float(gain.max()) == pytest.approx(1.02 * kept**-0.5)
+    free = Grow(max_excess=float("inf"), neighbors=8)(context).size_gain
+    torch.testing.assert_close(gain, free.clamp(max=1.02 * kept**-0.5))
+
+
+@pytest.mark.parametrize("options", [{"max_excess": 0.5}, {"neighbors": 0}, {"exponent": -0.5}, {"max_gain": 0.9}])
 def test_senseless_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         Grow(**options)
