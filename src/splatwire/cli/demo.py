@@ -26,7 +26,7 @@ _NOTES = (
     "A compressed scene was split into independently decodable packets, some of them were lost, a fresh process "
     "decoded what had arrived, each concealer dealt with the gaps, and the CPU renderer drew the test views.",
     "The reference pictures are the lossless scene's own renders, not photos: the numbers say what the losses cost. "
-    "`contiguous drop` is the same scene with packets of neighbouring anchors; every other row uses stratified lanes.",
+    "The row contiguous drop is the same scene with packets of neighbouring anchors; all others use stratified lanes.",
 )
 
 

@@ -22,6 +22,7 @@ _STYLE: dict[str, Any] = {
 }
 
 
+@rc_context(_STYLE)
 def psnr_by_view(evaluation: Evaluation) -> str:
     """Draws the PSNR of every view under every lossy method; the band is the range over seeds."""
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
@@ -44,6 +45,7 @@ def psnr_by_view(evaluation: Evaluation) -> str:
     return _svg(figure)
 
 
+@rc_context(_STYLE)
 def bytes_by_part(evaluation: Evaluation) -> str:
     """Draws where the bytes of each stream are."""
     streams = evaluation.stream_parts
@@ -68,7 +70,6 @@ def _cycle(count: int) -> Sequence[str]:
 
 def _svg(figure: Figure) -> str:
     buffer = io.StringIO()
-    with rc_context(_STYLE):
-        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
