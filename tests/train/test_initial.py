@@ -22,9 +22,8 @@ def test_anchors_stand_at_the_points(dataset: Dataset, config: TrainConfig) -> N
     expected = {tuple(p) for p in torch.round(dataset.points.positions / VOXEL_SIZE).long().tolist()}
     assert {tuple(v) for v in state.voxels.tolist()} == expected
     distances = torch.cdist(state.positions, state.positions).topk(4, largest=False).values[:, 1:]
-    torch.testing.assert_close(
-        state.parameters["log_scalings"].detach().exp()[:, 0], distances.square().mean(dim=1).sqrt(), atol=1e-4, rtol=1e-4
-    )  # fmt: skip
+    sizes = state.parameters["log_scalings"].detach().exp()[:, 0]
+    torch.testing.assert_close(sizes, distances.square().mean(dim=1).sqrt(), atol=1e-4, rtol=1e-4)
     shapes = parameter_shapes(config, state.num_anchors)
     assert {name: tuple(value.shape) for name, value in state.parameters.items()} == shapes
     assert all(value.requires_grad for value in state.parameters.values())

@@ -110,7 +110,7 @@ def test_a_damaged_photo_is_found_before_training(dataset: Dataset, config: Trai
     broken.write_bytes(dataset.image_paths[5].read_bytes()[:-200])
     paths = (*dataset.image_paths[:5], broken, *dataset.image_paths[6:])
     calls: list[Progress] = []
-    with pytest.raises(DatasetError, match="broken.png"):
+    with pytest.raises(DatasetError, match=r"broken\.png"):
         train_scene(
             dataclasses.replace(dataset, image_paths=paths), None, config, listener=Listener(progress=calls.append)
         )

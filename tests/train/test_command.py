@@ -1,0 +1,104 @@
+"""The verb `train`, as a user runs it, on photos in nerfstudio's layout."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from splatwire.cli.main import main
+from splatwire.codec import encode_scene
+from splatwire.data import Dataset
+from splatwire.model.scene_file import load_scene
+from splatwire.train import load_checkpoint
+
+
+@pytest.fixture(scope="session")
+def folder(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The dataset as files."""
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "images").mkdir()
+    frames = []
+    for view, path in enumerate(dataset.image_paths):
+        shutil.copy(path, folder / "images" / path.name)
+        pose = torch.linalg.inv(dataset.cameras.viewmats[view]) @ torch.diag(torch.tensor([1.0, -1, -1, 1]))
+        frames.append({"file_path": f"images/{path.name}", "transform_matrix": pose.tolist()})
+    K = dataset.cameras.Ks[0]
+    intrinsics = {"fl_x": float(K[0, 0]), "fl_y": float(K[1, 1]), "w": 48, "h": 32}
+    (folder / "transforms.json").write_text(json.dumps({**intrinsics, "frames": frames}))
+    return folder
+
+
+def _words(folder: Path, output: Path, *more: object) -> list[str]:
+    words = ["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2, *more]
+    return [str(word) for word in words]
+
+
+def _run(words: list[str]) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main(words)
+    return int(stopped.value.code or 0)
+
+
+def test_a_short_run(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output, preview = tmp_path / "new" / "scene.splat", tmp_path / "preview.png"
+    assert _run(_words(folder, output, "--json", "--preview", preview)) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["iterations"] == 20
+    assert result["test_psnr"] > 5
+    assert result["recipe"]["marks"]["iterations"] == 20
+    scene = load_scene(output)
+    assert scene.anchors.num_anchors == result["num_anchors"]
+    assert encode_scene(scene).num_bytes > 0
+    assert preview.stat().st_size > 0
+    assert load_checkpoint(output.with_name("scene.splat.checkpoint"))[0].iteration == 20
+    assert _run(_words(folder, output, "--resume", "--json")) == 0  # nothing is left to do, and that is no mistake
+    assert json.loads(capsys.readouterr().out)["test_psnr"] == result["test_psnr"]
+
+
+def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> None:
+    output = tmp_path / "scene.splat"
+    words = _words(folder, output)
+    words[words.index("--iterations") + 1] = "1000000"
+    checkpoint = tmp_path / "scene.splat.checkpoint"
+    process = subprocess.Popen([sys.executable, "-m", "splatwire", *words], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not checkpoint.exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(2)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 130, errors
+    assert "--resume" in errors
+    assert not output.exists()
+    state, config = load_checkpoint(checkpoint)
+    assert 0 < state.iteration < config.marks.iterations
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("--preset", "mip"), "mipnerf360"),
+        (("--device", "tpu"), "cuda"),
+        (("--device", "cuda"), "CPU"),
+        (("--lmbda", "-1"), "lambda"),
+        (("--resume",), "no such checkpoint"),
+        (("--checkpoint-interval", "0"), "checkpoint-interval"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(
+    more: tuple[str, ...], message: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(_words(folder, tmp_path / "scene.splat", *more)) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_no_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run(_words(tmp_path / "nothing", tmp_path / "scene.splat")) == 2
+    assert "nothing" in capsys.readouterr().err
