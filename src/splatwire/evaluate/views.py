@@ -53,10 +53,10 @@ class ReferenceViews:
 
 
 def spread(num_views: int, count: int | None) -> list[int]:
-    """Indices of at most `count` views, spread evenly over `num_views`; all for None."""
+    """Indices of at most `count` views, spread evenly from the first to the last of `num_views`; all for None."""
     if count is None or count >= num_views:
         return list(range(num_views))
-    return [num_views * i // count for i in range(count)]
+    return [(num_views - 1) * i // max(count - 1, 1) for i in range(count)]
 
 
 def photo_views(dataset: Dataset) -> ReferenceViews:
