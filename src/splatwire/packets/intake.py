@@ -87,17 +87,37 @@ class PacketIntake:
             The packet if it was taken, else None.
         """
         try:
-            packet = self._checked(data, expected)
+            packet = packet_from_bytes(data, self._manifest.stream_id)
+            if expected is not None and packet.id != expected:
+                raise CorruptPacketError(expected.filename, f"it holds {packet.id.filename}")
         except ForeignPacketError as error:
             self.count("foreign", f"{source}: {error}")
         except BitstreamError as error:
             self.count("corrupt", f"{source}: {error}")
         else:
-            if packet.id not in self._packets:
-                self._packets[packet.id] = packet
-                return packet
-            self.count("duplicate", f"{source}: {packet.id.filename} was already there")
+            return self.take(packet, source)
         return None
+
+    def take(self, packet: Packet, source: str) -> Packet | None:
+        """Takes a packet that was read already, if the manifest's plan has it and it is new.
+
+        Args:
+            packet: A packet of this stream.
+            source: Where it is from, for the report.
+
+        Returns:
+            The packet if it was taken, else None.
+        """
+        try:
+            self._check(packet)
+        except CorruptPacketError as error:
+            self.count("corrupt", f"{source}: {error}")
+            return None
+        if packet.id in self._packets:
+            self.count("duplicate", f"{source}: {packet.id.filename} was already there")
+            return None
+        self._packets[packet.id] = packet
+        return packet
 
     def count(self, kind: str, problem: str) -> None:
         """Counts a loss of a kind: `corrupt`, `foreign` or `duplicate`."""
@@ -105,17 +125,18 @@ class PacketIntake:
         if len(self._problems) < MAX_PROBLEMS:
             self._problems.append(problem)
 
-    def _checked(self, data: bytes | memoryview, expected: PacketId | None) -> Packet:
-        packet = packet_from_bytes(data, self._manifest.stream_id)
-        if expected is not None and packet.id != expected:
-            raise CorruptPacketError(expected.filename, f"it holds {packet.id.filename}")
+    def _check(self, packet: Packet) -> None:
+        """Refuses what the plan has no place for.
+
+        Raises:
+            CorruptPacketError: If it has none.
+        """
         if not self._plan.fits(packet.id, packet.num_anchors):
             count = self._plan.count(packet.id)
             what = f"it holds {packet.num_anchors} anchors where the manifest's plan has {count}"
             raise CorruptPacketError(packet.id.filename, what)
         if self._plan.packetization.hashed:
             self._check_hashed(packet)
-        return packet
 
     def _check_hashed(self, packet: Packet) -> None:
         """A packet may not be too large, nor claim anchors that another packet of its block already holds."""

@@ -117,7 +117,7 @@ class PacketId:
 
     Attributes:
         block: Spatial block, t.
-        lane: Lane within the block, λ; with hashed grouping, the position of its first anchor in the block's hash order.
+        lane: Lane within the block, λ; with hashed grouping, position of its first anchor in the block's hash order.
         part: What it carries of its anchors, an index into `PARTS`.
     """
 

@@ -1,0 +1,25 @@
+"""Transport: a stream over a network that loses datagrams. The core knows no socket and no clock; no torch here."""
+
+from splatwire.transport.collect import ReceiverLimits
+from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
+from splatwire.transport.program import Program, Protection, Tier, make_program
+from splatwire.transport.receiver import Receiver, ReceiverOptions
+from splatwire.transport.sender import Server, ServerLimits, Transfer
+
+__all__ = [
+    "Event",
+    "Finished",
+    "PacketArrived",
+    "Program",
+    "Protection",
+    "Receiver",
+    "ReceiverLimits",
+    "ReceiverOptions",
+    "Server",
+    "ServerLimits",
+    "SideInfoArrived",
+    "Tier",
+    "Transfer",
+    "Welcomed",
+    "make_program",
+]

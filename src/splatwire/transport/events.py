@@ -1,0 +1,61 @@
+"""What a receiver tells its owner."""
+
+from dataclasses import dataclass
+
+from splatwire.packets import Manifest, Packet
+
+
+@dataclass(frozen=True)
+class Welcomed:
+    """The server will send a stream.
+
+    Attributes:
+        num_packets: Packets of the complete stream.
+        head_bytes: Bytes of manifest and side information.
+    """
+
+    num_packets: int
+    head_bytes: int
+
+
+@dataclass(frozen=True)
+class SideInfoArrived:
+    """From now on the scene can be decoded at any time.
+
+    Attributes:
+        manifest: The stream's manifest.
+        side_info: Its side information, checked against the manifest.
+    """
+
+    manifest: Manifest
+    side_info: bytes
+
+
+@dataclass(frozen=True)
+class PacketArrived:
+    """A packet is there; packets that came before the side information are told right after it.
+
+    Attributes:
+        packet: The packet.
+        repaired: Whether parity brought it back.
+    """
+
+    packet: Packet
+    repaired: bool
+
+
+@dataclass(frozen=True)
+class Finished:
+    """Nothing more will come.
+
+    Attributes:
+        reason: `complete`, `sent` (everything was sent, something is missing), `deadline`, or a sentence that says what
+            went wrong.
+        ok: Whether there is a scene to decode.
+    """
+
+    reason: str
+    ok: bool
+
+
+Event = Welcomed | SideInfoArrived | PacketArrived | Finished

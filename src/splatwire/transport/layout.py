@@ -1,0 +1,118 @@
+"""Arithmetic that both ends share: how the head object is cut, and which packets a parity group protects."""
+
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from splatwire.errors import BitstreamError
+from splatwire.packets.manifest import MAX_MANIFEST_BYTES, Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
+from splatwire.transport.wire import TierHead
+
+_HEAD = struct.Struct("<I")
+
+
+def head_object(manifest: Manifest, side_info: bytes) -> bytes:
+    """Manifest and side information in one: everything that must arrive before a packet can be decoded."""
+    data = manifest_to_bytes(manifest)
+    return _HEAD.pack(len(data)) + data + side_info
+
+
+def split_head_object(data: bytes) -> tuple[Manifest, bytes]:
+    """Inverse of `head_object`.
+
+    Raises:
+        BitstreamError: If it is something else.
+    """
+    if len(data) < _HEAD.size:
+        raise BitstreamError("the head object is cut")
+    (size,) = _HEAD.unpack_from(data)
+    if size > MAX_MANIFEST_BYTES or _HEAD.size + size > len(data):
+        raise BitstreamError(f"the head object's manifest cannot have {size} bytes")
+    return manifest_from_bytes(data[_HEAD.size : _HEAD.size + size]), data[_HEAD.size + size :]
+
+
+class Segments(NamedTuple):
+    """The head object in segments, each a source block of the erasure code.
+
+    Attributes:
+        num_bytes: Bytes of the object.
+        symbol_bytes: Bytes of a symbol.
+    """
+
+    num_bytes: int
+    symbol_bytes: int
+
+    @property
+    def num_symbols(self) -> int:
+        """Source symbols of all segments."""
+        return num_symbols(self.num_bytes, self.symbol_bytes)
+
+    @property
+    def num_segments(self) -> int:
+        """Number of segments."""
+        return -(-self.num_symbols // MAX_SYMBOLS)
+
+    def size(self, segment: int) -> int:
+        """Source symbols of one segment; as equal as possible."""
+        return self.num_symbols * (segment + 1) // self.num_segments - self.num_symbols * segment // self.num_segments
+
+    def span(self, segment: int) -> slice:
+        """Bytes of the object that a segment holds."""
+        first = self.num_symbols * segment // self.num_segments
+        last = first + self.size(segment)
+        return slice(first * self.symbol_bytes, min(last * self.symbol_bytes, self.num_bytes))
+
+
+class Group(NamedTuple):
+    """A parity group: packets `start + n * step` for n below `size`.
+
+    Attributes:
+        start: Index of its first packet in sending order.
+        step: From one to the next: neighbours in sending order are in different groups, so that a burst hits many.
+        size: Packets, the source symbols of its code.
+        repair: Repair symbols.
+    """
+
+    start: int
+    step: int
+    size: int
+    repair: int
+
+    def packet_of(self, symbol: int) -> int:
+        """Packet of a source symbol."""
+        return self.start + symbol * self.step
+
+
+def parity_groups(tiers: Sequence[TierHead]) -> list[Group]:
+    """All groups of all tiers, in order."""
+    groups, first = [], 0
+    for tier in tiers:
+        for g in range(tier.groups):
+            groups.append(Group(first + g, tier.groups, -(-(tier.num_packets - g) // tier.groups), tier.repair))
+        first += tier.num_packets
+    return groups
+
+
+class GroupFinder:
+    """Finds the group of a packet.
+
+    Args:
+        tiers: Protection of all packets.
+    """
+
+    def __init__(self, tiers: Sequence[TierHead]) -> None:
+        self.groups = parity_groups(tiers)
+        self._tiers = tuple(tiers)
+
+    def find(self, index: int) -> tuple[int, int] | None:
+        """Group and source symbol of a packet; None if it has no parity."""
+        first = group = 0
+        for tier in self._tiers:
+            if index < first + tier.num_packets:
+                if not tier.groups:
+                    return None
+                symbol, offset = divmod(index - first, tier.groups)
+                return group + offset, symbol
+            first, group = first + tier.num_packets, group + tier.groups
+        return None

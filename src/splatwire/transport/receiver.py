@@ -1,0 +1,288 @@
+"""The receiving side of one transfer. Bytes and time in, bytes and events out; no socket, no clock."""
+
+from dataclasses import dataclass, field
+
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.packets import Manifest, Packet, ReadReport, SceneStream
+from splatwire.transport.collect import (
+    HeadCollector,
+    PacketCollector,
+    ReceiverLimits,
+    check_welcome,
+    read_head,
+)
+from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
+from splatwire.transport.wire import (
+    MAX_NACKS,
+    MAX_NAME,
+    REFUSALS,
+    Bye,
+    Challenge,
+    Data,
+    End,
+    Feedback,
+    Frame,
+    Hello,
+    Parity,
+    Refuse,
+    Request,
+    Side,
+    Welcome,
+    decode,
+    encode,
+)
+
+CONNECT_S = 10.0
+"""A server that has not answered for so long is not there."""
+RETRY_S = 0.2
+FEEDBACK_S = 0.02
+REORDER = 48
+"""Packets this far behind the furthest one that arrived are taken for lost."""
+AGAIN_S = 0.12
+"""A packet is not asked for again within this time."""
+GRACE_S = 0.15
+"""Time after the end of the sending that late packets get."""
+BYES = 3
+
+
+@dataclass(frozen=True)
+class ReceiverOptions:
+    """What a receiver wants.
+
+    Attributes:
+        name: Stream; empty for the server's first.
+        deadline_s: Seconds from the beginning after which it takes what is there; None waits for everything.
+        nack: Whether lost packets are asked for again.
+        silence_s: A server that says nothing for so long is gone, seconds.
+        limits: What it is willing to hold.
+    """
+
+    name: str = ""
+    deadline_s: float | None = None
+    nack: bool = True
+    silence_s: float = 4.0
+    limits: ReceiverLimits = field(default_factory=ReceiverLimits)
+
+    def __post_init__(self) -> None:
+        if self.deadline_s is not None and not self.deadline_s > 0:
+            raise InvalidValueError(f"a deadline must be above 0 seconds, {self.deadline_s} is not")
+        if len(self.name.encode()) > MAX_NAME:
+            raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes")
+
+
+class Receiver:
+    """Receives one stream.
+
+    Call `receive` for every datagram and `poll` whenever `next_at` says so; both give what to send and what happened.
+
+    Args:
+        nonce: 64 random bits that name this attempt.
+        now: Time, seconds.
+        options: What is wanted.
+    """
+
+    def __init__(self, nonce: int, now: float, options: ReceiverOptions | None = None) -> None:
+        self.options = options or ReceiverOptions()
+        self.finished: Finished | None = None
+        self.num_datagrams = 0
+        self.num_rejected = 0
+        self.num_bytes = 0
+        self._nonce = nonce
+        self._began = self._heard_at = now
+        self._retry_at = now
+        self._token: bytes | None = None
+        self._welcome: Welcome | None = None
+        self._head: HeadCollector | None = None
+        self._collector: PacketCollector | None = None
+        self._manifest: Manifest | None = None
+        self._side_info = b""
+        self._largest = -1
+        self._largest_at = now
+        self._received = 0
+        self._feedback_at = now
+        self._asked: dict[int, float] = {}
+        self._ended_at: float | None = None
+
+    @property
+    def welcome(self) -> Welcome | None:
+        """What the server declared, once it did."""
+        return self._welcome
+
+    @property
+    def collector(self) -> PacketCollector | None:
+        """The packets so far."""
+        return self._collector
+
+    def stream(self) -> SceneStream | None:
+        """What is there by now; None as long as side information is missing."""
+        if self._manifest is None or self._collector is None:
+            return None
+        return SceneStream(self._manifest, self._side_info, self._collector.packets)
+
+    def report(self) -> ReadReport | None:
+        """Counts of the packets; None as long as side information is missing."""
+        intake = self._collector.intake if self._collector else None
+        return intake.report() if intake else None
+
+    def next_at(self) -> float | None:
+        """When to call `poll` next; None when it is over."""
+        if self.finished:
+            return None
+        times = [self._retry_at if self._welcome is None else self._feedback_at]
+        if self.options.deadline_s is not None:
+            times.append(self._began + self.options.deadline_s)
+        return min(times)
+
+    def poll(self, now: float) -> tuple[list[bytes], list[Event]]:
+        """Does what is due: greets again, reports, gives up."""
+        if self.finished:
+            return [], []
+        if reason := self._over(now):
+            return self._finish(reason)
+        if self._welcome is None:
+            if now < self._retry_at:
+                return [], []
+            self._retry_at = now + RETRY_S
+            return [self._greeting()], []
+        if now < self._feedback_at:
+            return [], []
+        return [self._feedback(now)], []
+
+    def receive(self, data: bytes, now: float) -> tuple[list[bytes], list[Event]]:
+        """Takes a datagram; anything at all may come."""
+        if self.finished:
+            return [], []
+        try:
+            frame = decode(data)
+        except BitstreamError:
+            self.num_rejected += 1
+            return [], []
+        self.num_bytes += len(data)
+        if isinstance(frame, (Side, Data, Parity, End)):
+            return self._transferred(frame, now)
+        return self._greeted(frame, now)
+
+    def stop(self) -> tuple[list[bytes], list[Event]]:
+        """Ends the transfer here; what arrived stays."""
+        return ([], []) if self.finished else self._finish("stopped")
+
+    def _greeted(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
+        """The handshake; answers to other attempts are ignored."""
+        if self._welcome is not None or getattr(frame, "nonce", None) != self._nonce:
+            self.num_rejected += 1
+            return [], []
+        match frame:
+            case Challenge():
+                self._token = frame.token
+                self._retry_at = now + RETRY_S
+                return [self._greeting()], []
+            case Refuse():
+                reason = REFUSALS[frame.reason] if 0 < frame.reason < len(REFUSALS) else "the server refused"
+                return self._finish(reason)
+            case Welcome() if self._token is not None:
+                if problem := check_welcome(frame, self.options.limits):
+                    return self._finish(problem)
+                self._welcome, self._heard_at, self._feedback_at = frame, now, now + FEEDBACK_S
+                self._head, self._collector = HeadCollector(frame), PacketCollector(frame)
+                return [self._feedback(now)], [Welcomed(frame.num_packets, frame.object_bytes)]
+        self.num_rejected += 1
+        return [], []
+
+    def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
+        if self._welcome is None or frame.session != self._welcome.session or self._collector is None:
+            self.num_rejected += 1
+            return [], []
+        self._heard_at = now
+        self.num_datagrams += 1
+        self._received += 1
+        if frame.sequence > self._largest:
+            self._largest, self._largest_at = frame.sequence, now
+        events: list[Event] = []
+        match frame:
+            case Data():
+                repaired = self._collector.num_repaired
+                new = self._collector.add(frame)
+                back = self._collector.num_repaired - repaired
+                events += [PacketArrived(packet, n >= len(new) - back) for n, packet in enumerate(new)]
+            case Side():
+                events += self._side(frame)
+            case Parity():
+                events += [PacketArrived(packet, True) for packet in self._collector.add_parity(frame)]
+            case End():
+                self._ended_at = now if self._ended_at is None else self._ended_at
+        if self.finished:
+            return [encode(Bye(self._welcome.session))] * BYES, [*events, self.finished]
+        if self._manifest is not None and self._collector.num_packets == self._welcome.num_packets:
+            out, over = self._finish("complete")
+            return out, [*events, *over]
+        return [], events
+
+    def _side(self, frame: Side) -> list[Event]:
+        assert self._welcome is not None
+        if self._head is None or self._collector is None:
+            return []
+        data = self._head.add(frame)
+        if data is None:
+            return []
+        try:
+            self._manifest, self._side_info = read_head(data, self._welcome)
+        except BitstreamError as error:
+            self.finished = Finished(str(error), False)
+            return []
+        self._head = None
+        early = [PacketArrived(packet, False) for packet in self._collector.open(self._manifest)]
+        return [SideInfoArrived(self._manifest, self._side_info), *early]
+
+    def _over(self, now: float) -> str | None:
+        """Why it is over, if it is."""
+        if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
+            return "deadline"
+        if self._welcome is None:
+            return "no answer: nothing seems to serve there" if now - self._began > CONNECT_S else None
+        if now - self._heard_at > self.options.silence_s:
+            return "the server fell silent"
+        ended = self._ended_at is not None and now - self._ended_at > GRACE_S
+        if ended and self._manifest is not None and not self.options.nack:
+            return "sent"
+        return None
+
+    def _finish(self, reason: str) -> tuple[list[bytes], list[Event]]:
+        self.finished = Finished(reason, self._manifest is not None)
+        out = [encode(Bye(self._welcome.session))] * BYES if self._welcome else []
+        return out, [self.finished]
+
+    def _greeting(self) -> bytes:
+        if self._token is None:
+            return encode(Hello(self._nonce, self.options.name))
+        return encode(Request(self._nonce, self._token, self.options.name))
+
+    def _feedback(self, now: float) -> bytes:
+        assert self._welcome is not None
+        self._feedback_at = now + FEEDBACK_S
+        missing = self._head.num_missing if self._head else 0
+        nacks = self._nacks(now) if self.options.nack else []
+        time_us = int(self._largest_at * 1e6) & 0xFFFFFFFF
+        largest, received = max(self._largest, 0), min(self._received, self._largest + 1)
+        return encode(Feedback(self._welcome.session, largest, received, time_us, missing, tuple(nacks)))
+
+    def _nacks(self, now: float) -> list[int]:
+        """Packets that should have come and were not asked for a moment ago, the earliest first."""
+        assert self._welcome is not None
+        if self._collector is None:
+            return []
+        stop = self._collector.highest + 1 - REORDER
+        if self._ended_at is not None:
+            stop = self._welcome.num_packets
+        out = []
+        for index in self._collector.missing(0, max(stop, 0)):
+            if now - self._asked.get(index, -1e9) >= AGAIN_S:
+                self._asked[index] = now
+                out.append(index)
+                if len(out) == MAX_NACKS:
+                    break
+        return out
+
+
+def packets_of(events: list[Event]) -> list[Packet]:
+    """The packets among events."""
+    return [event.packet for event in events if isinstance(event, PacketArrived)]

@@ -1,0 +1,145 @@
+"""A network of our own in memory: time is a number, loss is a seed, and everything between both ends is ours."""
+
+import heapq
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splatwire.packets import PRESETS, Packet, PacketId, PacketPlan, SceneStream, make_stream
+from splatwire.transport import Event, Receiver, ReceiverOptions, Server, ServerLimits
+from splatwire.transport.program import Program, Protection, make_program
+
+SECRET = b"0123456789abcdef"
+
+
+def datagram_stream(
+    num_anchors: int = 9000, seed: int = 0, side_bytes: int = 60_000, per_packet: int = 40
+) -> SceneStream:
+    """A stream of random bytes with the sizes of a real one."""
+    rng = np.random.default_rng(seed)
+    plan, packets = PacketPlan(PRESETS["datagram"], num_anchors), []
+    for block in range(plan.num_blocks):
+        for first in range(0, plan.block_anchors(block), per_packet):
+            count = min(per_packet, plan.block_anchors(block) - first)
+            packets.append(Packet(PacketId(block, first), count, rng.bytes(int(rng.integers(1080, 1135)))))
+    return make_stream(
+        packetization=PRESETS["datagram"], num_anchors=num_anchors, feature_dim=50, num_offsets=10,
+        feature_groups=(10,) * 5, side_info=rng.bytes(side_bytes), packets=packets, symbols_digest="5" * 64,
+        writer="test",
+    )  # fmt: skip
+
+
+@dataclass
+class Link:
+    """One direction of a path.
+
+    Attributes:
+        lost: Called for each datagram.
+        delay_s: Time that it takes.
+        jitter_s: Largest further delay.
+        duplicate: Share that arrives twice.
+        rate: Bytes per second; None for no limit. Datagrams wait in a queue of `queue_s`, then are lost.
+        queue_s: Longest wait.
+    """
+
+    lost: Callable[[], bool] = lambda: False
+    delay_s: float = 0.02
+    jitter_s: float = 0.0
+    duplicate: float = 0.0
+    rate: float | None = None
+    queue_s: float = 0.1
+    _free_at: float = 0.0
+
+    def arrivals(self, now: float, size: int, rng: random.Random) -> list[float]:
+        start = now
+        if self.rate is not None:
+            start = max(now, self._free_at)
+            if start - now > self.queue_s:
+                return []
+            self._free_at = start = start + size / self.rate
+        if self.lost():
+            return []
+        copies = 2 if rng.random() < self.duplicate else 1
+        return [start + self.delay_s + self.jitter_s * rng.random() for _ in range(copies)]
+
+
+@dataclass
+class Result:
+    """What a simulated transfer gave."""
+
+    receiver: Receiver
+    events: list[Event] = field(default_factory=list)
+    ended_at: float = 0.0
+    bytes_down: int = 0
+    datagrams_down: int = 0
+
+
+def bernoulli(rate: float, rng: random.Random) -> Callable[[], bool]:
+    return lambda: rng.random() < rate
+
+
+def bursts(rate: float, mean: float, rng: random.Random) -> Callable[[], bool]:
+    """Two states, as in Gilbert's model: lost in one, not in the other."""
+    leave, enter, state = 1 / mean, rate / (mean * (1 - rate)), [rng.random() < rate]
+
+    def lost() -> bool:
+        now = state[0]
+        state[0] = rng.random() >= leave if now else rng.random() < enter
+        return now
+
+    return lost
+
+
+def transfer(
+    stream: SceneStream | Program,
+    *,
+    down: Link | None = None,
+    up: Link | None = None,
+    seed: int = 0,
+    options: ReceiverOptions | None = None,
+    protection: Protection | None = None,
+    limits: ServerLimits | None = None,
+    most_s: float = 60.0,
+) -> Result:
+    """Runs one transfer to its end in simulated time."""
+    rng = random.Random(seed)
+    down, up = down or Link(), up or Link()
+    program = stream if isinstance(stream, Program) else make_program(stream, protection)
+    server = Server({"scene": program}, secret=SECRET, random=rng.randbytes, limits=limits)
+    receiver = Receiver(rng.getrandbits(64), 0.0, options)
+    result, queue, count = Result(receiver), [], 0
+    now = 0.0
+
+    def send(link: Link, to_server: bool, data: bytes) -> None:
+        nonlocal count
+        if not to_server:
+            result.bytes_down += len(data)
+            result.datagrams_down += 1
+        for at in link.arrivals(now, len(data), rng):
+            count += 1
+            heapq.heappush(queue, (at, count, to_server, data))
+
+    while receiver.finished is None and now < most_s:
+        times = [t for t in (receiver.next_at(), server.next_at(), queue[0][0] if queue else None) if t is not None]
+        now = max(now, min(times))
+        for _, data in server.poll(now):
+            send(down, False, data)
+        out, events = receiver.poll(now)
+        result.events += events
+        for data in out:
+            send(up, True, data)
+        while queue and queue[0][0] <= now and receiver.finished is None:
+            _, _, to_server, data = heapq.heappop(queue)
+            if to_server:
+                answer = server.receive("client", data, now)
+                if answer is not None:
+                    send(down, False, answer)
+                continue
+            out, events = receiver.receive(data, now)
+            result.events += events
+            for reply in out:
+                send(up, True, reply)
+    result.ended_at = now
+    return result

@@ -1,0 +1,169 @@
+"""Both ends over a network in memory: what arrives is what was sent, whatever the network does."""
+
+import random
+
+import pytest
+
+from splatwire.errors import InvalidValueError
+from splatwire.packets import Packet, Packetization, PacketPlan, make_stream
+from splatwire.transport import (
+    Finished,
+    PacketArrived,
+    Protection,
+    ReceiverLimits,
+    ReceiverOptions,
+    ServerLimits,
+    SideInfoArrived,
+    Tier,
+    Welcomed,
+    make_program,
+)
+from splatwire.transport.wire import DATA, SIDE
+from transport.network import Link, bernoulli, bursts, datagram_stream, transfer
+
+pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+STREAM = datagram_stream()
+PROGRAM = make_program(STREAM)
+
+
+def complete(result) -> None:
+    assert result.receiver.finished == Finished("complete", True)
+    assert result.receiver.stream() == STREAM
+    assert result.receiver.report().complete
+
+
+def test_a_clean_path_gives_the_stream_and_no_byte_twice():
+    result = transfer(PROGRAM)
+    complete(result)
+    assert result.bytes_down < 1.01 * sum(PROGRAM.sizes().values())
+    kinds = [type(event) for event in result.events]
+    assert (kinds[0], kinds[-1]) == (Welcomed, Finished)
+    assert kinds.count(PacketArrived) == len(STREAM.packets)
+    assert kinds.count(SideInfoArrived) == 1
+    assert kinds.index(PacketArrived) > kinds.index(SideInfoArrived)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", ["random", "burst", "rough"])
+def test_lossy_paths_give_the_stream_too(kind, seed):
+    rng = random.Random(seed)
+    link = {
+        "random": lambda: Link(bernoulli(0.2, rng)),
+        "burst": lambda: Link(bursts(0.2, 20, rng)),
+        "rough": lambda: Link(bernoulli(0.3, rng), jitter_s=0.03, duplicate=0.2, rate=2e6),
+    }[kind]
+    complete(transfer(PROGRAM, down=link(), up=Link(bernoulli(0.2, rng)), seed=seed))
+
+
+def test_without_nack_everything_is_sent_once():
+    rng = random.Random(5)
+    result = transfer(PROGRAM, down=Link(bernoulli(0.2, rng)), options=ReceiverOptions(nack=False))
+    assert result.receiver.finished == Finished("sent", True)
+    arrived = result.receiver.collector.num_packets
+    assert 0.7 * len(STREAM.packets) < arrived < 0.9 * len(STREAM.packets)
+    assert set(result.receiver.stream().packets) < set(STREAM.packets)
+
+
+def test_parity_brings_the_first_tier_back():
+    protection = Protection(tiers=(Tier(0.3, 0.6),))
+    result = transfer(
+        STREAM, protection=protection, down=Link(bernoulli(0.2, random.Random(6))), options=ReceiverOptions(nack=False)
+    )
+    program = make_program(STREAM, protection)
+    first = set(program.packets[: program.tiers[0].num_packets])
+    have = result.receiver.collector
+    assert have.missing(0, program.tiers[0].num_packets) == []
+    assert have.num_repaired > 0
+    assert len(have.missing(0, len(program.packets))) > 0
+    assert len(first) == program.tiers[0].num_packets
+    repaired = [event.packet for event in result.events if isinstance(event, PacketArrived) and event.repaired]
+    assert 0 < len(repaired) <= have.num_repaired
+    assert set(result.receiver.stream().packets) <= set(STREAM.packets)
+
+
+def test_a_deadline_is_kept_and_leaves_what_arrived():
+    options = ReceiverOptions(deadline_s=0.3)
+    result = transfer(PROGRAM, options=options, limits=ServerLimits(fixed_rate=1e6))
+    assert result.receiver.finished == Finished("deadline", True)
+    assert result.ended_at == pytest.approx(0.3, abs=0.01)
+    assert 0 < result.receiver.collector.num_packets < len(STREAM.packets)
+
+
+def test_side_information_is_sent_again_on_request():
+    """Without any redundancy, and without asking for packets again."""
+    program = make_program(STREAM, Protection(side_repair=0.0))
+    result = transfer(program, down=Link(bernoulli(0.3, random.Random(1))), options=ReceiverOptions(nack=False))
+    assert result.receiver.finished.ok
+    assert result.receiver.stream().side_info == STREAM.side_info
+
+
+def test_a_full_link_is_used_and_not_flooded():
+    """10 Mbit/s with a queue of 100 ms, with and without 20 % of random loss."""
+    stream = make_program(datagram_stream(num_anchors=120_000, side_bytes=200_000))
+    for loss in (0.0, 0.2):
+        rng = random.Random(7)
+        result = transfer(stream, down=Link(bernoulli(loss, rng), rate=1.25e6), options=ReceiverOptions(nack=False))
+        useful = result.receiver.num_bytes / result.ended_at
+        assert result.receiver.finished.ok
+        assert useful > 0.7 * (1 - loss) * 1.25e6
+        assert result.bytes_down / result.ended_at < 1.3 * 1.25e6
+
+
+def test_an_unreachable_server_is_given_up():
+    result = transfer(PROGRAM, up=Link(lambda: True))
+    assert not result.receiver.finished.ok
+    assert "no answer" in result.receiver.finished.reason
+    assert result.datagrams_down == 0
+
+
+def test_refusals_are_told():
+    result = transfer(PROGRAM, options=ReceiverOptions(name="other"))
+    assert result.receiver.finished == Finished("no such stream", False)
+    result = transfer(PROGRAM, limits=ServerLimits(sessions=0))
+    assert result.receiver.finished == Finished("the server is full", False)
+
+
+def test_a_stream_beyond_the_limits_is_not_begun():
+    for limits in (ReceiverLimits(head_bytes=1000), ReceiverLimits(stream_bytes=100_000), ReceiverLimits(packets=10)):
+        result = transfer(PROGRAM, options=ReceiverOptions(limits=limits))
+        assert "the server announces" in result.receiver.finished.reason
+        assert result.receiver.collector is None
+
+
+def test_bursts_do_not_take_blocks_whole():
+    """Every block keeps some of its packets at 20 % loss in bursts of 20: the sending order spreads them."""
+    stream = datagram_stream(num_anchors=60_000)
+    program = make_program(stream)
+    for seed in range(3):
+        result = transfer(
+            program, down=Link(bursts(0.2, 20, random.Random(seed))), seed=seed, options=ReceiverOptions(nack=False)
+        )
+        blocks = {packet.id.block for packet in result.receiver.stream().packets}
+        assert blocks == set(range(20))
+
+
+def test_the_head_is_sent_between_a_share_of_the_packets():
+    def packets_before_its_end(lead: float) -> float:
+        schedule = make_program(STREAM, Protection(side_lead=lead)).schedule
+        last = max(n for n, item in enumerate(schedule) if item[0] == SIDE)
+        return sum(item[0] == DATA for item in schedule[:last]) / len(STREAM.packets)
+
+    assert packets_before_its_end(0.0) == 0
+    assert packets_before_its_end(0.5) == pytest.approx(0.5, abs=0.02)
+    assert packets_before_its_end(1.0) > 0.98
+
+
+def test_what_cannot_be_served_is_said():
+    with pytest.raises(InvalidValueError, match="only a complete stream"):
+        make_program(STREAM.with_packets(STREAM.packets[1:]))
+    plan = PacketPlan(Packetization(), 100)
+    paper = make_stream(
+        packetization=Packetization(), num_anchors=100, feature_dim=1, num_offsets=1, feature_groups=(1,),
+        side_info=b"s", packets=[Packet(i, plan.count(i), bytes(2000)) for i in plan.ids], symbols_digest="5" * 64,
+        writer="test",
+    )  # fmt: skip
+    with pytest.raises(InvalidValueError, match="--preset datagram"):
+        make_program(paper)
+    for wrong in ({"side_repair": 3.0}, {"tiers": (Tier(0.6, 0.1), Tier(0.6, 0.1))}, {"tiers": (Tier(0.5, 3.0),)}):
+        with pytest.raises(InvalidValueError):
+            Protection(**wrong)
