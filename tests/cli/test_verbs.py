@@ -25,7 +25,7 @@ def test_encode_takes_a_packetization(run, journey, tmp_path):
     words = ("--block-size", 100, "--lanes", 4, "--lane-seed", 7, "--grouping", "contiguous", "--order", "raster")
     assert run("encode", journey / "tiny.scene", "-o", tmp_path / "a", *words).status == 0
     packetization = run("inspect", tmp_path / "a", "--json").json["packetization"]
-    assert packetization == {
+    asked = {
         "block_size": 100,
         "lanes": 4,
         "seed": 7,
@@ -33,6 +33,7 @@ def test_encode_takes_a_packetization(run, journey, tmp_path):
         "order": "raster",
         "packaging": "atomic",
     }
+    assert asked.items() <= packetization.items()
 
 
 def test_inspect_stream(run, journey):
