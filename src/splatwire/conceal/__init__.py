@@ -12,6 +12,11 @@ from splatwire.conceal.context import AnchorContext as AnchorContext
 from splatwire.conceal.context import context_of as context_of
 from splatwire.conceal.drop import Drop as Drop
 from splatwire.conceal.fill import MaskVote as MaskVote
+from splatwire.conceal.gnn import GNN_PRESETS as GNN_PRESETS
+from splatwire.conceal.gnn import Gnn as Gnn
+from splatwire.conceal.gnn import GnnSettings as GnnSettings
+from splatwire.conceal.gnn import GnnWeights as GnnWeights
 from splatwire.conceal.grow import Grow as Grow
 from splatwire.conceal.idw import Idw as Idw
 from splatwire.conceal.idw import PriorMean as PriorMean
+from splatwire.conceal.kriging import Kriging as Kriging

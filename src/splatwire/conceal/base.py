@@ -48,36 +48,48 @@ class Concealer(Protocol):
 
 Factory = TypeVar("Factory", bound=Callable[..., Concealer])
 _FACTORIES: dict[str, Callable[..., Concealer]] = {}
+_NEEDS: dict[str, str] = {}
+"""The option without which a concealer cannot be made, by concealer."""
 
 
-def register_concealer(name: str) -> Callable[[Factory], Factory]:
-    """Registers a class or function that makes concealers from keyword options; used as a decorator."""
+def register_concealer(name: str, *, needs: str | None = None) -> Callable[[Factory], Factory]:
+    """Registers a class or function that makes concealers from keyword options; used as a decorator.
+
+    Args:
+        name: Its name.
+        needs: An option that it cannot do without, such as a file of weights; `name:VALUE` gives it.
+    """
 
     def register(factory: Factory) -> Factory:
         _FACTORIES[name] = factory
+        if needs is not None:
+            _NEEDS[name] = needs
         return factory
 
     return register
 
 
 def concealer_names() -> tuple[str, ...]:
-    """Names of all registered concealers, in order of registration."""
-    return tuple(_FACTORIES)
+    """Names of all registered concealers that work as they are, in order of registration."""
+    return tuple(name for name in _FACTORIES if name not in _NEEDS)
 
 
 def create_concealer(name: str, **options: Any) -> Concealer:
     """Makes a concealer.
 
     Args:
-        name: One of `concealer_names()`.
+        name: One of `concealer_names()`, or `gnn:FILE` for one that needs something.
         options: Fields of that concealer; defaults where absent.
 
     Raises:
         UnknownNameError: No concealer has that name.
         InvalidValueError: It has no such option, or the value makes no sense.
     """
-    if name not in _FACTORIES:
-        raise UnknownNameError("concealer", name, _FACTORIES)
+    name, colon, value = name.partition(":")
+    if name not in _FACTORIES or (colon and name not in _NEEDS):
+        raise UnknownNameError("concealer", name + colon + value, _FACTORIES)
+    if colon:
+        options = {_NEEDS[name]: value, **options}
     try:
         return _FACTORIES[name](**options)
     except TypeError as error:

@@ -1,0 +1,111 @@
+"""The network as a concealer."""
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import torch
+
+from splatwire.conceal.base import Concealed, register_concealer
+from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.fill import plausible_scalings
+from splatwire.conceal.gnn.fusion import branches, fuse
+from splatwire.conceal.gnn.graph import RepairGraph, build_graph, interpolator, prior_rows, query_inputs, source_inputs
+from splatwire.conceal.gnn.network import InpaintingNetwork
+from splatwire.conceal.gnn.weights import GnnWeights, check_fits, load_weights
+from splatwire.errors import InvalidValueError
+from splatwire.scene import Anchors
+
+_CHUNK = 768
+"""Queries at a time: their edges stay in cache."""
+_SOURCE_CHUNK = 1 << 13
+
+
+@register_concealer("gnn", needs="weights")
+@dataclass(frozen=True)
+class Gnn:
+    """The paper's prior-aware GNN residual inpainting, with weights that were calibrated on the scene.
+
+    Fallbacks: where nothing is known there is no graph, and the interpolation's own fallback, the prior's mean, is
+    taken; with fewer than k known anchors all of them are neighbours; where the network says something that is not
+    finite, the interpolation is taken.
+
+    Attributes:
+        weights: A file that `splatwire calibrate` wrote, or its content.
+    """
+
+    weights: str | Path | GnnWeights | None = None
+    loaded: GnnWeights = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.weights is None:
+            raise InvalidValueError("concealer 'gnn' needs weights: name it gnn:FILE (splatwire calibrate writes one)")
+        known = isinstance(self.weights, GnnWeights)
+        object.__setattr__(self, "loaded", self.weights if known else load_weights(Path(str(self.weights))))
+
+    @property
+    def name(self) -> str:
+        """`gnn`."""
+        return "gnn"
+
+    def __call__(self, context: AnchorContext) -> Concealed:
+        """See `Concealer`.
+
+        Raises:
+            InvalidValueError: If the weights are of another scene.
+        """
+        check_fits(self.loaded, context)
+        filled = interpolator(self.loaded.settings)(context).anchors
+        graph = build_graph(context, self.loaded.settings, filled)
+        if graph.index.numel() == 0:
+            return Concealed.filled(filled)
+        repaired = repair(context, graph, self.loaded.network)
+        return Concealed.filled(_put(filled, graph, repaired))
+
+
+@torch.no_grad()
+def repair(context: AnchorContext, graph: RepairGraph, network: InpaintingNetwork) -> Anchors:
+    """Runs the network on all queries of a graph, in chunks; never returns a value that is not finite.
+
+    Args:
+        context: What arrived.
+        graph: Its graph, with at least one neighbour.
+        network: The network.
+
+    Returns:
+        The queries.
+    """
+    used = graph.index.unique()
+    place = torch.full((context.anchors.num_anchors,), -1, dtype=torch.int64)
+    place[used] = torch.arange(len(used))
+    sources = torch.cat([network.encode_sources(source_inputs(context, rows)) for rows in used.split(_SOURCE_CHUNK)])
+    pieces = []
+    for rows in torch.arange(len(graph.queries)).split(_CHUNK):
+        part = graph.select(rows)
+        raw = network(query_inputs(context, part), sources, place[part.index])
+        fused = branches(raw, prior_rows(context.prior, part.queries), part.interpolated, network.settings)
+        pieces.append(_finite(context, fuse(fused, part.interpolated, network.settings), part.interpolated))
+    names = ("positions", "features", "scalings", "offsets", "mask")
+    return Anchors(**{name: torch.cat([getattr(piece, name) for piece in pieces]) for name in names})
+
+
+def _finite(context: AnchorContext, anchors: Anchors, interpolated: Anchors) -> Anchors:
+    """Takes the interpolation where a value is not finite, and keeps sizes plausible where they were predicted."""
+    good = anchors.features.isfinite().all(dim=1) & anchors.scalings.isfinite().all(dim=1)
+    good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
+    same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)
+    scalings = torch.where(same, anchors.scalings, plausible_scalings(context, anchors.scalings))
+    return Anchors(
+        positions=anchors.positions,
+        features=torch.where(good[:, None], anchors.features, interpolated.features),
+        scalings=torch.where(good[:, None], scalings, interpolated.scalings),
+        offsets=torch.where(good[:, None, None], anchors.offsets, interpolated.offsets),
+        mask=torch.where(good[:, None], anchors.mask, interpolated.mask),
+    )
+
+
+def _put(filled: Anchors, graph: RepairGraph, repaired: Anchors) -> Anchors:
+    names = ("features", "scalings", "offsets", "mask")
+    parts = {name: getattr(filled, name).clone() for name in names}
+    for name in names:
+        parts[name][graph.queries] = getattr(repaired, name)
+    return replace(filled, **parts)

@@ -1,0 +1,82 @@
+"""Footprints of anchors in a set of views, and views to look from where there are no cameras."""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene
+from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
+from splatwire.model.projection import project
+from splatwire.render.reference import rotation_matrices
+from splatwire.scene import Anchors, Cameras, Gaussians
+from splatwire.scene.importance import Importance
+
+
+@torch.no_grad()
+def footprint_importance(scene: AnchorScene, cameras: Cameras) -> Importance:
+    """Computes each anchor's share of the pictures: opacity times projected area of its Gaussians, over all views.
+
+    The area is that of the ellipse of one standard deviation, at most that of the image. What hides behind something
+    else counts as if it were seen: a receiver that loses the thing in front would see it.
+
+    Args:
+        scene: The complete scene.
+        cameras: Where it is looked at from; training cameras, or `surrounding_cameras`.
+    """
+    footprint = torch.zeros(scene.anchors.num_anchors, dtype=torch.float64)
+    for view in range(cameras.num_views):
+        visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
+        center = cameras.centers[view].to(scene.anchors.positions)
+        spawned = spawn_gaussians(scene.anchors, scene.heads, center, visible)
+        area = _footprints(spawned.gaussians, cameras, view)
+        footprint.index_add_(0, spawned.anchor_index.cpu(), area.double().cpu())
+    return Importance.of_footprints(footprint.to(scene.anchors.positions))
+
+
+def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[Tensor, "G"]:
+    """Opacity times area in square pixels; 0 for Gaussians beside the image."""
+    projected = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
+    xx, xy, yy = projected.covs2d.unbind(dim=1)
+    area = math.pi * (xx * yy - xy * xy).clamp(min=0).sqrt()
+    seen = projected.touches_image(cameras.width, cameras.height)
+    return gaussians.opacities * area.clamp(max=cameras.width * cameras.height) * seen
+
+
+def surrounding_cameras(anchors: Anchors, num_views: int = 16, size: int = 256) -> Cameras:
+    """Places cameras evenly on a sphere around the middle of a scene, looking inwards.
+
+    The middle is the median of the anchors, the radius twice their median distance from it: the far background of an
+    unbounded scene does not push the cameras away.
+
+    Args:
+        anchors: The scene.
+        num_views: Number of cameras.
+        size: Width and height of the images, pixels; the field of view is 60 degrees.
+
+    Raises:
+        InvalidValueError: If there is no view, no pixel or no anchor.
+    """
+    if num_views < 1 or size < 1 or anchors.num_anchors < 1:
+        raise InvalidValueError(f"{num_views} views of {size} pixels of {anchors.num_anchors} anchors show nothing")
+    positions = anchors.positions.detach().cpu().double()
+    middle = positions.median(dim=0).values
+    radius = max(2 * float((positions - middle).norm(dim=1).median()), 0.5)
+    place = torch.arange(num_views, dtype=torch.float64) + 0.5
+    height = 1 - 2 * place / num_views
+    turn = place * math.pi * (3 - math.sqrt(5))
+    ring = (1 - height * height).sqrt()
+    outwards = torch.stack([ring * turn.cos(), height, ring * turn.sin()], dim=1)
+    right = torch.linalg.cross(torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64).expand_as(outwards), -outwards)
+    right = torch.where(right.norm(dim=1, keepdim=True) > 1e-6, right, right.new_tensor([1.0, 0.0, 0.0]))
+    right = torch.nn.functional.normalize(right, dim=1)
+    down = torch.linalg.cross(-outwards, right)
+    poses = torch.eye(4, dtype=torch.float64).repeat(num_views, 1, 1)
+    poses[:, :3, :3] = torch.stack([right, down, -outwards], dim=1)
+    poses[:, :3, 3] = -torch.einsum("vij,vj->vi", poses[:, :3, :3], middle + radius * outwards)
+    focal = size / 2 / math.tan(math.pi / 6)
+    intrinsics = torch.tensor([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]]).repeat(num_views, 1, 1)
+    names = tuple(f"around_{view:03d}" for view in range(num_views))
+    return Cameras(poses.float(), intrinsics, size, size, names)

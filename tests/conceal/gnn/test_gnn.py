@@ -1,0 +1,211 @@
+import dataclasses
+from pathlib import Path
+
+import pytest
+import torch
+
+from conceal.gaps import CONTEXT_DIM, LAYOUT, permuted, random_context
+from splatwire.conceal import (
+    AnchorContext,
+    Cari,
+    Gnn,
+    GnnSettings,
+    GnnWeights,
+    Idw,
+    PriorMean,
+    concealer_names,
+    create_concealer,
+)
+from splatwire.conceal.conceal import keep_received
+from splatwire.conceal.gnn import GNN_PRESETS, load_weights, save_weights
+from splatwire.conceal.gnn.fusion import branches, fuse
+from splatwire.conceal.gnn.graph import build_graph, prior_rows, query_inputs, source_inputs
+from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes, RawResiduals, edge_conv
+from splatwire.conceal.gnn.weights import scene_fingerprint
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.scene import Erasures
+
+SMALL = GnnSettings(neighbors=6, pool=18, hidden=16)
+PARTS = ("features", "scalings", "offsets", "mask")
+
+
+def lively(context: AnchorContext, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
+    """Weights that change every attribute: the heads' last layers are not zero."""
+    network = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), settings, seed)
+    rng = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for head in network.regressors:
+            head[3].weight.copy_(torch.randn(head[3].weight.shape, generator=rng))
+    return GnnWeights(network.eval(), scene_fingerprint(context), {})
+
+
+def test_factored_edge_conv_is_the_plain_one() -> None:
+    rng = torch.Generator().manual_seed(0)
+    own, others = torch.randn(30, 8, generator=rng), torch.randn(50, 8, generator=rng)
+    index = torch.randint(0, 50, (30, 5), generator=rng)
+    center, edge, bias = (torch.randn(*s, generator=rng) for s in ((16, 8), (16, 8), (16,)))
+    for q in range(30):
+        messages = []
+        for k in index[q].tolist():
+            pair = torch.cat([own[q], others[k] - own[q]])
+            messages.append(torch.nn.functional.leaky_relu(torch.cat([center, edge], dim=1) @ pair + bias, 0.2))
+        plain = torch.stack(messages).amax(dim=0)
+        torch.testing.assert_close(edge_conv(own, others, index, center, edge, bias)[q], plain, rtol=1e-4, atol=1e-5)
+
+
+def test_the_paper_preset() -> None:
+    paper = GNN_PRESETS["paper"]
+    assert (paper.neighbors, paper.hidden, paper.layers, paper.heads) == (24, 128, 2, 4)
+    assert (paper.clip, paper.sharpness, paper.baseline) == (3.0, 0.5, "prior")
+    assert (paper.feature_threshold, paper.scaling_threshold, paper.offset_threshold) == (0.10, 1.01, 1.01)
+
+
+@pytest.mark.parametrize("interpolation", ["cari", "idw"])
+@pytest.mark.parametrize("separated", [False, True])
+def test_with_thresholds_above_one_the_result_is_the_interpolation(interpolation: str, separated: bool) -> None:
+    context = random_context(150, 2, separated=separated)
+    never = dataclasses.replace(SMALL, interpolation=interpolation, feature_threshold=1.01)
+    result = Gnn(lively(context, never))(context).anchors
+    other = Cari() if interpolation == "cari" else Idw(neighbors=6, metric="mahalanobis", pool=18)
+    expected = other(context).anchors
+    assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS)
+
+
+def test_by_default_only_features_differ_from_the_interpolation() -> None:
+    context = random_context(150, 3)
+    lost = ~context.erasures.known
+    result, expected = Gnn(lively(context))(context).anchors, Cari()(context).anchors
+    assert (result.features != expected.features)[lost].float().mean() > 0.9
+    assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS[1:])
+
+
+def test_the_equations_of_gate_blend_and_fallback() -> None:
+    context = random_context(80, 4)
+    graph = build_graph(context, SMALL)
+    rng, count = torch.Generator().manual_seed(3), len(graph.queries)
+    raw = RawResiduals(*(2 * torch.randn(count, d, generator=rng) for d in (10, 6, 12, 4)))
+    prior = prior_rows(context.prior, graph.queries)
+    threshold = 0.45
+    settings = dataclasses.replace(SMALL, feature_threshold=threshold)
+    result = fuse(branches(raw, prior, graph.interpolated, settings), graph.interpolated, settings)
+    taken = 0
+    for q in range(count):
+        sigma, mu = prior.feature.scale[q].double(), prior.feature.mean[q].double()
+        delta = (raw.feature[q].double() * sigma).maximum(-3 * sigma).minimum(3 * sigma)
+        c = torch.exp(-0.5 * (delta / (sigma + 1e-6)).abs().mean())
+        old = graph.interpolated.features[q].double()
+        wanted = c * (mu + c * delta) + (1 - c) * old if c >= threshold else old
+        taken += bool(c >= threshold)
+        torch.testing.assert_close(result.features[q].double(), wanted, rtol=1e-4, atol=1e-5)
+    assert 0 < taken < count
+
+
+def test_full_attributes_obey_the_mask_head_and_stay_plausible() -> None:
+    context = random_context(150, 5)
+    settings = dataclasses.replace(SMALL, scaling_threshold=0.0, offset_threshold=0.0)
+    result = keep_received(context, Gnn(lively(context, settings))(context).anchors)
+    lost = ~context.erasures.known
+    assert bool((result.offsets[~result.mask] == 0).all())
+    assert bool((result.scalings[lost] >= context.anchors.scalings[~lost].amin(dim=0)).all())
+    assert not torch.equal(result.mask, Cari()(context).anchors.mask)
+
+
+def test_inputs_are_those_of_the_paper() -> None:
+    context = random_context(60, 6)
+    graph, sizes = build_graph(context, SMALL), InputSizes(LAYOUT, CONTEXT_DIM)
+    known = context.erasures.known.nonzero()[:, 0]
+    assert source_inputs(context, known).shape == (len(known), sizes.source)
+    inputs = query_inputs(context, graph)
+    assert inputs.shape == (len(graph.queries), sizes.query)
+    start = 3 + CONTEXT_DIM
+    assert torch.equal(inputs[:, start : start + 10], context.prior.feature.mean[graph.queries])
+    assert not inputs[:, start + 28 : start + 32].any()  # the mask of a query
+    assert bool(context.erasures.known[graph.index].all())
+
+
+def test_order_and_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    context = random_context(120, 7)
+    weights = lively(context)
+    whole = Gnn(weights)(context).anchors.features
+    monkeypatch.setattr("splatwire.conceal.gnn.concealer._CHUNK", 7)
+    monkeypatch.setattr("splatwire.conceal.gnn.concealer._SOURCE_CHUNK", 11)
+    torch.testing.assert_close(Gnn(weights)(context).anchors.features, whole, rtol=1e-4, atol=1e-5)
+    order = torch.randperm(120, generator=torch.Generator().manual_seed(1))
+    shuffled = permuted(context, order)
+    other = dataclasses.replace(weights, fingerprint=scene_fingerprint(shuffled))
+    torch.testing.assert_close(Gnn(other)(shuffled).anchors.features, whole[order], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("received", [0, 1, 3, 100])
+def test_hardly_anything_received(received: int) -> None:
+    context = random_context(100, 8, loss=0)
+    known = torch.arange(100) < received
+    anchors = context.anchors
+    blank = known[:, None]
+    anchors = dataclasses.replace(
+        anchors, features=anchors.features * blank, scalings=anchors.scalings * blank,
+        offsets=anchors.offsets * blank[:, :, None], mask=anchors.mask & blank,
+    )  # fmt: skip
+    context = dataclasses.replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))
+    result = keep_received(context, Gnn(lively(context))(context).anchors)
+    assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
+    if received == 0:
+        assert torch.equal(result.features, PriorMean()(context).anchors.features)
+    if received == 100:
+        assert torch.equal(result.features, anchors.features)
+
+
+def test_values_that_are_not_finite_are_never_used() -> None:
+    context = random_context(100, 9)
+    weights = lively(context)
+    with torch.no_grad():
+        weights.network.regressors[0][3].bias.fill_(float("nan"))
+    assert torch.equal(Gnn(weights)(context).anchors.features, Cari()(context).anchors.features)
+
+
+def test_weights_survive_a_file(tmp_path: Path) -> None:
+    context = random_context(100, 10)
+    weights = lively(context)
+    save_weights(dataclasses.replace(weights, validation={"gain": 0.5}), tmp_path / "w.safetensors")
+    loaded = load_weights(tmp_path / "w.safetensors")
+    assert loaded.settings == SMALL
+    assert loaded.validation == {"gain": 0.5}
+    expected = Gnn(weights)(context).anchors.features
+    assert torch.equal(create_concealer(f"gnn:{tmp_path / 'w.safetensors'}")(context).anchors.features, expected)
+    save_weights(weights, tmp_path / "half", precision="float16")
+    assert (tmp_path / "half").stat().st_size < 0.65 * (tmp_path / "w.safetensors").stat().st_size
+    torch.testing.assert_close(Gnn(tmp_path / "half")(context).anchors.features, expected, rtol=0.05, atol=0.05)
+
+
+def test_bad_weights_are_refused(tmp_path: Path) -> None:
+    context, path = random_context(100, 11), tmp_path / "w"
+    with pytest.raises(BitstreamError, match="no such file"):
+        load_weights(path)
+    path.write_bytes(b"not weights at all")
+    with pytest.raises(BitstreamError, match="not a file of"):
+        load_weights(path)
+    weights = lively(context)
+    with torch.no_grad():
+        weights.network.regressors[0][3].bias.fill_(float("nan"))
+    save_weights(weights, path)
+    with pytest.raises(BitstreamError, match="not finite"):
+        load_weights(path)
+    with pytest.raises(InvalidValueError, match="another scene"):
+        Gnn(lively(random_context(100, 12)))(context)
+    narrow = GnnWeights(InpaintingNetwork(InputSizes(LAYOUT, 5), SMALL), scene_fingerprint(context), {})
+    with pytest.raises(InvalidValueError, match="5 hash features"):
+        Gnn(narrow)(context)
+
+
+def test_without_weights_it_is_not_listed() -> None:
+    assert "gnn" not in concealer_names()
+    with pytest.raises(InvalidValueError, match="needs weights"):
+        create_concealer("gnn")
+
+
+@pytest.mark.parametrize(
+    "options", [{"neighbors": 0}, {"hidden": 10}, {"heads": 0}, {"clip": -1.0}, {"baseline": "x"}, {"metric": "x"}]
+)
+def test_senseless_settings_are_refused(options: dict) -> None:
+    with pytest.raises(InvalidValueError):
+        GnnSettings(**options)

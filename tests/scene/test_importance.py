@@ -1,0 +1,88 @@
+import math
+
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from scenes import tiny_cameras, tiny_scene
+from splatwire.model.gaussian_heads import spawn_gaussians
+from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.scene import Anchors, Cameras
+from splatwire.scene.importance import Importance
+
+
+def test_shares_and_the_top() -> None:
+    importance = Importance.of_footprints(torch.tensor([1.0, 5.0, 0.0, 5.0, 9.0]))
+    torch.testing.assert_close(importance.share, torch.tensor([0.05, 0.25, 0.0, 0.25, 0.45]))
+    assert importance.top(0.4).tolist() == [False, True, False, False, True]  # of equals the lower index
+    assert importance.held_by(importance.top(0.4)) == pytest.approx(0.7)
+    assert not importance.top(0.0).any()
+    assert importance.top(1.0).all()
+
+
+def test_nothing_seen_is_no_division_by_zero() -> None:
+    assert Importance.of_footprints(torch.zeros(3)).share.tolist() == [0, 0, 0]
+    assert Importance.of_footprints(torch.zeros(0)).top(0.5).shape == (0,)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0])
+def test_senseless_shares_are_refused(bad: float) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        Importance(torch.tensor([0.5, bad]))
+    with pytest.raises(ValueError, match="fraction"):
+        Importance(torch.tensor([1.0])).top(1.5)
+
+
+def test_an_anchor_out_of_sight_has_no_share_and_views_add_up() -> None:
+    scene, cameras = tiny_scene(num_anchors=200), tiny_cameras()
+    share = footprint_importance(scene, cameras).share
+    assert float(share.sum()) == pytest.approx(1, abs=1e-5)
+    away = Cameras(cameras.viewmats[:1].clone(), cameras.Ks[:1], cameras.width, cameras.height, ("away",))
+    away.viewmats[:, 2] *= -1
+    away.viewmats[:, 0] *= -1
+    assert float(footprint_importance(scene, away).share.sum()) == 0
+    both = Cameras(
+        torch.cat([cameras.viewmats, away.viewmats]), cameras.Ks[:1].repeat(4, 1, 1), cameras.width, cameras.height,
+        (*cameras.names, "away"),
+    )  # fmt: skip
+    torch.testing.assert_close(footprint_importance(scene, both).share, share)
+
+
+def test_agrees_with_a_projection_by_automatic_differentiation() -> None:
+    scene, cameras = tiny_scene(seed=1, num_anchors=40), tiny_cameras(num_views=1, width=400, height=400)
+    visible = torch.ones(40, dtype=torch.bool)
+    spawned = spawn_gaussians(scene.anchors, scene.heads, cameras.centers[0], visible)
+    pose, K, drawn = cameras.viewmats[0].double(), cameras.Ks[0].double(), spawned.gaussians
+
+    def pixel(point: torch.Tensor) -> torch.Tensor:
+        local = K @ (pose[:3, :3] @ point + pose[:3, 3])
+        return local[:2] / local[2]
+
+    footprint = torch.zeros(40, dtype=torch.float64)
+    for g, anchor in enumerate(spawned.anchor_index.tolist()):
+        turn = torch.from_numpy(Rotation.from_quat(drawn.quats[g].roll(-1).numpy()).as_matrix())
+        jacobian = torch.autograd.functional.jacobian(pixel, drawn.means[g].double())
+        root = jacobian @ turn @ torch.diag(drawn.scales[g].double())
+        area = math.pi * torch.linalg.det(root @ root.T + 0.3 * torch.eye(2)).sqrt()
+        footprint[anchor] += float(drawn.opacities[g]) * area
+    share = footprint_importance(scene, cameras).share
+    torch.testing.assert_close(share, (footprint / footprint.sum()).float(), rtol=1e-3, atol=1e-5)
+
+
+def test_surrounding_cameras_look_at_the_middle() -> None:
+    scene = tiny_scene(num_anchors=300)
+    cameras = surrounding_cameras(scene.anchors, 12)
+    rotation = cameras.viewmats[:, :3, :3]
+    torch.testing.assert_close(rotation @ rotation.transpose(1, 2), torch.eye(3).expand(12, 3, 3), rtol=0, atol=1e-5)
+    assert bool((torch.linalg.det(rotation) > 0.99).all())
+    middle = scene.anchors.positions.median(dim=0).values
+    local = torch.einsum("vij,j->vi", rotation, middle) + cameras.viewmats[:, :3, 3]
+    torch.testing.assert_close(local[:, :2], torch.zeros(12, 2), rtol=0, atol=1e-4)
+    assert bool((local[:, 2] > 0).all())
+    assert bool((footprint_importance(scene, cameras).share > 0).float().mean() > 0.9)
+
+
+def test_no_anchors_no_views() -> None:
+    empty = Anchors(*(part[:0] for part in vars(tiny_scene(num_anchors=2).anchors).values()))
+    with pytest.raises(ValueError, match="show nothing"):
+        surrounding_cameras(empty)
