@@ -14,10 +14,13 @@ from splatwire.errors import SplatwireError
 VERBS = {
     "demo": "demo.Demo",
     "train": "train.Train",
+    "calibrate": "calibrate.Calibrate",
     "import": "import_model.Import",
     "encode": "encode.Encode",
     "inspect": "inspect.Inspect",
     "transmit": "transmit.Transmit",
+    "serve": "serve.Serve",
+    "receive": "receive.Receive",
     "decode": "decode.Decode",
     "render": "render.Render",
     "evaluate": "evaluate.Evaluate",

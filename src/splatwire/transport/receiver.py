@@ -162,9 +162,9 @@ class Receiver:
             return self._transferred(frame, now)
         return self._greeted(frame, now)
 
-    def stop(self) -> tuple[list[bytes], list[Event]]:
+    def stop(self, reason: str = "stopped") -> tuple[list[bytes], list[Event]]:
         """Ends the transfer here; what arrived stays."""
-        return ([], []) if self.finished else self._finish("stopped")
+        return ([], []) if self.finished else self._finish(reason)
 
     def _greeted(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
         """The handshake; answers to other attempts are ignored."""

@@ -1,0 +1,144 @@
+"""`splatwire receive`: a stream comes over the network."""
+
+import asyncio
+import re
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from splatwire.cli._files import output_path, read_report_json
+from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from splatwire.packets import SceneStream
+    from splatwire.transport import Event, Receiver
+
+
+@dataclass(frozen=True)
+class Receive:
+    """Receive a stream over UDP; what arrived by the deadline is enough for a scene."""
+
+    url: tyro.conf.Positional[str]
+    """udp://HOST[:PORT][/NAME]."""
+    output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
+    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; with --conceal a scene."""
+    deadline: str | None = None
+    """Take what is there after this time, e.g. 2s or 500ms; without it, wait for everything."""
+    nack: bool = True
+    """Ask for lost packets again."""
+    conceal: str | None = None
+    """Decode, fill what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file."""
+    json: JsonFlag = False
+    """Print one JSON object."""
+
+    def run(self) -> None:
+        """Runs the verb."""
+        from splatwire.errors import MissingSideInfoError
+        from splatwire.packets import write_stream
+        from splatwire.transport import ReceiverOptions
+        from splatwire.transport.udp import parse_url, receive_udp
+
+        address = parse_url(self.url)
+        deadline = None if self.deadline is None else parse_seconds(self.deadline)
+        options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=self.nack)
+        concealer = self._concealer()
+        moments = Moments()
+        with progress_bars() as show, output_path(self.output, suffix=".swz", json=self.json) as path:
+            receiver = asyncio.run(receive_udp(address, options, lambda event: moments.note(event, show)))
+            stream, over = receiver.stream(), receiver.finished
+            reason = over.reason if over else "stopped"
+            if stream is None:
+                raise MissingSideInfoError(f"{self.url}: no scene arrived ({reason})")
+            if concealer is None:
+                write_stream(stream, path)
+            else:
+                _write_scene(stream, concealer, path)
+        self._tell(receiver, stream, reason, moments)
+
+    def _concealer(self) -> Any:
+        if self.conceal is None:
+            return None
+        from splatwire.conceal import create_concealer
+
+        return create_concealer(self.conceal)
+
+    def _tell(self, receiver: "Receiver", stream: "SceneStream", reason: str, moments: "Moments") -> None:
+        report, collector = receiver.report(), receiver.collector
+        assert report is not None
+        assert collector is not None
+        if self.json:
+            print_json(
+                {
+                    "output": self.output,
+                    "finished": reason,
+                    "seconds": moments.seconds(),
+                    "seconds_to_side_info": moments.side_info,
+                    "bytes_received": receiver.num_bytes,
+                    "datagrams_received": receiver.num_datagrams,
+                    "datagrams_rejected": receiver.num_rejected + collector.num_bad,
+                    "packets_repaired": collector.num_repaired,
+                    "stream_id": f"{stream.manifest.stream_id:08x}",
+                    "packets": read_report_json(report),
+                }
+            )
+        else:
+            text = f"{report.num_received} of {report.num_expected} packets in {moments.seconds():.2f} s ({reason})"
+            print_summary(f"{text} -> {self.output}", self.output)
+
+
+class Moments:
+    """When what happened, in seconds from the beginning."""
+
+    def __init__(self) -> None:
+        self._began = time.perf_counter()
+        self._packets = 0
+        self._expected = 1
+        self.side_info: float | None = None
+        self.end: float | None = None
+
+    def seconds(self) -> float:
+        """From the beginning to the end of the transfer."""
+        return time.perf_counter() - self._began if self.end is None else self.end
+
+    def note(self, event: "Event", show: Reporter) -> None:
+        """Takes an event of the receiver."""
+        from splatwire.transport import Finished, PacketArrived, SideInfoArrived, Welcomed
+
+        match event:
+            case Welcomed():
+                self._expected = max(event.num_packets, 1)
+            case SideInfoArrived():
+                self.side_info = time.perf_counter() - self._began
+            case PacketArrived():
+                self._packets += 1
+                if self._packets % 64 == 0:
+                    show("receiving", self._packets / self._expected)
+            case Finished():
+                self.end = time.perf_counter() - self._began
+
+
+def parse_seconds(text: str) -> float:
+    """Reads a time such as 2s, 1.5 or 500ms.
+
+    Raises:
+        InvalidValueError: If it is something else.
+    """
+    from splatwire.errors import InvalidValueError
+
+    match = re.fullmatch(r"([0-9]*\.?[0-9]+)\s*(ms|s|)", text.strip())
+    if match is None:
+        raise InvalidValueError(f"'{text}' is not a time such as 2s or 500ms")
+    return float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)
+
+
+def _write_scene(stream: "SceneStream", concealer: Any, path: "Path") -> None:
+    from splatwire.codec import decode_stream
+    from splatwire.conceal import conceal
+    from splatwire.model.scene_file import save_scene
+
+    partial = decode_stream(stream)
+    save_scene(conceal(partial, concealer), path, erasures=partial.erasures)

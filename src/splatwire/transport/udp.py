@@ -1,0 +1,264 @@
+"""UDP sockets around the core: the only place of this room that waits."""
+
+import asyncio
+import os
+import socket
+from collections import deque
+from collections.abc import Callable, Hashable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlsplit
+
+from splatwire.errors import InvalidValueError
+from splatwire.transport.events import Event
+from splatwire.transport.program import Program
+from splatwire.transport.receiver import Receiver, ReceiverOptions
+from splatwire.transport.sender import Server, ServerLimits
+
+DEFAULT_PORT = 4840
+SOCKET_BUFFER = 4 << 20
+BATCH = 256
+"""Datagrams that are read or written before timers get their turn."""
+LARGEST_READ = 2048
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a server is.
+
+    Attributes:
+        host: Name or number.
+        port: UDP port.
+        name: Stream that is wanted; empty for the server's first.
+    """
+
+    host: str
+    port: int
+    name: str = ""
+
+
+def parse_url(url: str) -> Address:
+    """Reads `udp://HOST[:PORT][/NAME]`.
+
+    Raises:
+        InvalidValueError: If it is something else.
+    """
+    wrong = InvalidValueError(f"'{url}' is not an address such as udp://localhost:{DEFAULT_PORT}")
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError:
+        raise wrong from None
+    if parts.scheme != "udp" or not parts.hostname or parts.query or parts.fragment or parts.username:
+        raise wrong
+    return Address(parts.hostname, DEFAULT_PORT if port is None else port, parts.path.strip("/"))
+
+
+class UdpServer:
+    """Serves programs on one UDP socket until it is closed; use it inside a running event loop.
+
+    Args:
+        programs: Streams by name.
+        host: Address to listen on.
+        port: Port; 0 lets the system choose.
+        limits: What is spent on clients.
+
+    Raises:
+        OSError: If the address cannot be listened on.
+    """
+
+    def __init__(
+        self, programs: Mapping[str, Program], host: str, port: int, *, limits: ServerLimits | None = None
+    ) -> None:
+        self.core = Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits)
+        self._socket = _bound(host, port)
+        self._loop = asyncio.get_running_loop()
+        self._backlog: deque[tuple[Hashable, bytes]] = deque()
+        self._timer: asyncio.TimerHandle | None = None
+        self._blocked = False
+        self.bytes_sent = 0
+        self._loop.add_reader(self._socket, self._readable)
+
+    @property
+    def port(self) -> int:
+        """The port that it listens on."""
+        return int(self._socket.getsockname()[1])
+
+    def close(self) -> None:
+        """Stops at once."""
+        self._loop.remove_reader(self._socket)
+        self._loop.remove_writer(self._socket)
+        if self._timer:
+            self._timer.cancel()
+        self._socket.close()
+
+    def _readable(self) -> None:
+        for _ in range(BATCH):
+            try:
+                data, address = self._socket.recvfrom(LARGEST_READ)
+            except BlockingIOError:
+                break
+            except OSError:  # what an earlier datagram met with, e.g. a port that nobody listens on any more
+                continue
+            answer = self.core.receive(address, data, self._loop.time())
+            if answer is not None:
+                self._backlog.append((address, answer))
+        self._pump()
+
+    def _pump(self) -> None:
+        """Sends what is due, as far as the system takes it, and sets the alarm for the rest."""
+        if self._timer:
+            self._timer.cancel()
+            self._timer = None
+        now = self._loop.time()
+        if not self._backlog:
+            self._backlog.extend(self.core.poll(now, BATCH))
+        while self._backlog:
+            address, data = self._backlog[0]
+            try:
+                self._socket.sendto(data, address)  # type: ignore[call-overload]
+            except BlockingIOError:
+                self._wait_writable()
+                return
+            except OSError:  # this one client cannot be reached
+                pass
+            else:
+                self.bytes_sent += len(data)
+            self._backlog.popleft()
+        at = self.core.next_at()
+        if at is not None:
+            self._timer = self._loop.call_at(max(at, now), self._pump)
+        elif self.core.num_transfers:
+            self._timer = self._loop.call_at(now + 0.25, self._pump)
+
+    def _wait_writable(self) -> None:
+        if not self._blocked:
+            self._blocked = True
+            self._loop.add_writer(self._socket, self._writable)
+
+    def _writable(self) -> None:
+        self._blocked = False
+        self._loop.remove_writer(self._socket)
+        self._pump()
+
+
+async def receive_udp(
+    address: Address, options: ReceiverOptions, on_event: Callable[[Event], Any] | None = None
+) -> Receiver:
+    """Receives one stream.
+
+    Args:
+        address: Where from; its name goes before that of the options.
+        options: What is wanted.
+        on_event: Called with everything that happens, in the event loop.
+
+    Returns:
+        The receiver, finished; what it has is up to `Receiver.finished`.
+
+    Raises:
+        InvalidValueError: If the host has no address.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        found = await loop.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+    except OSError as error:
+        raise InvalidValueError(f"the host '{address.host}' is not known: {error.strerror}") from error
+    family, kind, protocol, _, target = found[0]
+    with socket.socket(family, kind, protocol) as connection:
+        connection.setblocking(False)
+        with suppress(OSError):
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER)
+        connection.connect(target)  # the system drops what is from anywhere else
+        return await _Client(connection, Receiver(_nonce(), loop.time(), options), on_event).run()
+
+
+class _Client:
+    """Drives a receiver with a connected socket."""
+
+    def __init__(self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None) -> None:
+        self._socket, self._receiver, self._on_event = connection, receiver, on_event
+        self._loop = asyncio.get_running_loop()
+        self._over = self._loop.create_future()
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def run(self) -> Receiver:
+        self._loop.add_reader(self._socket, self._readable)
+        try:
+            self._tick()
+            await self._over
+        finally:
+            self._loop.remove_reader(self._socket)
+            if self._timer:
+                self._timer.cancel()
+            self._act(*self._receiver.stop())
+        return self._receiver
+
+    def _readable(self) -> None:
+        try:
+            for _ in range(BATCH):
+                try:
+                    data = self._socket.recv(LARGEST_READ)
+                except BlockingIOError:
+                    break
+                except ConnectionRefusedError:
+                    if self._receiver.welcome is None:
+                        self._act(*self._receiver.stop("nothing listens there"))
+                    break
+                except OSError:
+                    break
+                self._act(*self._receiver.receive(data, self._loop.time()))
+            self._tick()
+        except Exception as error:  # raised by the owner's callback: it belongs to whoever waits
+            self._fail(error)
+
+    def _tick(self) -> None:
+        """Polls, and sets the alarm for the next time."""
+        if self._timer:
+            self._timer.cancel()
+            self._timer = None
+        self._act(*self._receiver.poll(self._loop.time()))
+        at = self._receiver.next_at()
+        if at is not None:
+            self._timer = self._loop.call_at(at, self._alarm)
+        elif not self._over.done():
+            self._over.set_result(None)
+
+    def _alarm(self) -> None:
+        try:
+            self._tick()
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        if not self._over.done():
+            self._over.set_exception(error)
+
+    def _act(self, datagrams: list[bytes], events: list[Event]) -> None:
+        for data in datagrams:
+            with suppress(OSError):  # lost, as any datagram may be
+                self._socket.send(data)
+        if self._on_event:
+            for event in events:
+                self._on_event(event)
+
+
+def _nonce() -> int:
+    return int.from_bytes(os.urandom(8), "little")
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    family, kind, protocol, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)[
+        0
+    ]
+    server = socket.socket(family, kind, protocol)
+    try:
+        server.setblocking(False)
+        for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
+            with suppress(OSError):
+                server.setsockopt(socket.SOL_SOCKET, option, SOCKET_BUFFER)
+        server.bind(target)
+    except OSError:
+        server.close()
+        raise
+    return server

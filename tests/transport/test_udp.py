@@ -1,0 +1,143 @@
+"""Real sockets, on loopback only; every wait is bounded."""
+
+import asyncio
+import random
+from collections.abc import Coroutine
+from typing import Any
+
+import pytest
+
+from splatwire.errors import InvalidValueError
+from splatwire.packets import SceneStream
+from splatwire.transport import PacketArrived, Protection, Receiver, ReceiverOptions, ServerLimits, make_program
+from splatwire.transport.udp import DEFAULT_PORT, Address, UdpServer, parse_url, receive_udp
+from transport.network import bernoulli, bursts, datagram_stream
+from transport.relay import Relay
+
+pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+STREAM = datagram_stream()
+OTHER = datagram_stream(num_anchors=500, seed=9, side_bytes=3000)
+
+
+def run(work: Coroutine[Any, Any, Any]) -> Any:
+    return asyncio.run(asyncio.wait_for(work, 30))
+
+
+def served(*streams: SceneStream, limits: ServerLimits | None = None) -> UdpServer:
+    programs = {f"scene{n}": make_program(stream, Protection()) for n, stream in enumerate(streams)}
+    return UdpServer(programs, "127.0.0.1", 0, limits=limits)
+
+
+async def fetch(port: int, options: ReceiverOptions | None = None, on_event: Any = None) -> Receiver:
+    return await receive_udp(Address("127.0.0.1", port), options or ReceiverOptions(), on_event)
+
+
+def test_a_stream_crosses_loopback():
+    async def work() -> None:
+        server, events = served(STREAM), []
+        try:
+            receiver = await fetch(server.port, on_event=events.append)
+        finally:
+            server.close()
+        assert receiver.finished.reason == "complete"
+        assert receiver.stream() == STREAM
+        assert sum(isinstance(event, PacketArrived) for event in events) == len(STREAM.packets)
+
+    run(work())
+
+
+@pytest.mark.parametrize("kind", ["random", "burst"])
+def test_a_stream_crosses_a_lossy_relay(kind):
+    async def work() -> None:
+        rng = random.Random(1)
+        lost = bernoulli(0.2, rng) if kind == "random" else bursts(0.2, 20, rng)
+        server = served(STREAM)
+        relay = Relay(server.port, lost, bernoulli(0.2, rng), delay_s=0.005)
+        try:
+            receiver = await fetch(relay.port)
+        finally:
+            relay.close()
+            server.close()
+        assert relay.num_lost > 20
+        assert receiver.stream() == STREAM
+
+    run(work())
+
+
+def test_many_clients_share_one_stream():
+    async def work() -> None:
+        server = served(STREAM, OTHER, limits=ServerLimits(fixed_rate=4e5))
+        try:
+            names = ["scene0", "scene1", ""] * 8
+            tasks = [fetch(server.port, ReceiverOptions(name=name)) for name in names]
+            receivers = await asyncio.gather(*tasks)
+        finally:
+            server.close()
+        for name, receiver in zip(names, receivers, strict=True):
+            assert receiver.stream() == (OTHER if name == "scene1" else STREAM)
+        assert server.core.num_served == 24
+        assert server.core.num_transfers == 0
+
+    run(work())
+
+
+def test_a_deadline_ends_it():
+    async def work() -> None:
+        server = served(STREAM, limits=ServerLimits(fixed_rate=5e5))
+        try:
+            receiver = await fetch(server.port, ReceiverOptions(deadline_s=0.5))
+        finally:
+            server.close()
+        assert receiver.finished.reason == "deadline"
+        assert 0 < len(receiver.stream().packets) < len(STREAM.packets)
+
+    run(work())
+
+
+def test_nobody_there_is_told_at_once():
+    async def work() -> None:
+        server = served(OTHER)
+        port = server.port
+        server.close()
+        receiver = await fetch(port)
+        assert not receiver.finished.ok
+        assert receiver.stream() is None
+
+    run(work())
+
+
+def test_an_error_of_the_owner_reaches_the_owner():
+    class OopsError(Exception):
+        pass
+
+    def complain(event: object) -> None:
+        raise OopsError
+
+    async def work() -> None:
+        server = served(OTHER)
+        try:
+            with pytest.raises(OopsError):
+                await fetch(server.port, on_event=complain)
+        finally:
+            server.close()
+
+    run(work())
+
+
+def test_addresses():
+    assert parse_url("udp://example.org:1234/scene") == Address("example.org", 1234, "scene")
+    assert parse_url("udp://[::1]") == Address("::1", DEFAULT_PORT)
+    for wrong in (
+        "http://x",
+        "example.org",
+        "udp://",
+        "udp://h:99999",
+        "udp://h:x",
+        "udp://a@b",
+        "udp://h?q",
+        "udp://[::1",
+    ):
+        with pytest.raises(InvalidValueError, match="is not an address"):
+            parse_url(wrong)
+    with pytest.raises(InvalidValueError, match="is not known"):
+        run(receive_udp(Address("no-such-host.invalid", 1), ReceiverOptions()))
