@@ -28,7 +28,7 @@ class Serve:
     """Address to listen on; 0.0.0.0 for all of this machine's."""
     rate: float | None = None
     """Megabits per second to each client, fixed; without it the rate adapts to the path."""
-    side_repair: float = 0.5
+    side_repair: float = 0.35
     """Repair symbols for each symbol of the side information."""
     side_lead: float = 0.4
     """Share of the packets that the side information is sent between."""

@@ -64,7 +64,7 @@ class Protection:
         InvalidValueError: If a number is out of range.
     """
 
-    side_repair: float = 0.5
+    side_repair: float = 0.35
     side_lead: float = 0.4
     tiers: tuple[Tier, ...] = ()
 

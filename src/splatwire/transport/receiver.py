@@ -40,6 +40,8 @@ REORDER = 48
 """Packets this far behind the furthest one that arrived are taken for lost."""
 AGAIN_S = 0.12
 """A packet is not asked for again within this time."""
+MOST_AHEAD = 1 << 17
+"""A sequence number further than this beyond the largest one so far is not the server's."""
 GRACE_S = 0.15
 """Time after the end of the sending that late packets get."""
 BYES = 3
@@ -189,9 +191,11 @@ class Receiver:
         return [], []
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
-        if self._welcome is None or frame.session != self._welcome.session or self._collector is None:
+        known = self._welcome is not None and frame.session == self._welcome.session
+        if not known or self._collector is None or frame.sequence > self._largest + MOST_AHEAD:
             self.num_rejected += 1
             return [], []
+        assert self._welcome is not None
         self._heard_at = now
         self.num_datagrams += 1
         self._received += 1

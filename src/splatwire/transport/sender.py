@@ -114,15 +114,14 @@ class Transfer:
         return self._leave(self._datagram(*item), now)
 
     def feedback(self, frame: Feedback, now: float) -> None:
-        """Takes what the client says arrived; numbers that cannot be true are ignored as a whole."""
+        """Takes what the client says arrived; counts that cannot be true do not move the rate."""
         last = self._last
         believable = frame.received <= frame.largest + 1 and frame.largest < max(self._sequence, 1)
         if last is not None:
             believable = believable and frame.largest >= last.largest and frame.received >= last.received
-        if not believable:
-            return
         self.heard_at, self._heard = now, True
-        self._measure(frame, now)
+        if believable:
+            self._measure(frame, now)
         self._ask_again(frame, now)
 
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
