@@ -86,9 +86,10 @@ def test_calibration_helps_where_there_is_something_to_learn(data) -> None:
         CONFIG,
         settings=trusting,
         losses=losses,
-        iterations=75,
-        train_masks=8,
-        validation_interval=25,
+        iterations=120,
+        train_masks=12,
+        validation_masks=3,
+        validation_interval=40,
         learning_rate=0.01,
     )
     result = calibrate(easy, config)
