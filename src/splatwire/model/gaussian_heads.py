@@ -90,7 +90,9 @@ def spawn_gaussians(
 
     shape = heads.covariance(inputs).view(-1, num_offsets, 7)[row, offset_index]
     color = torch.sigmoid(heads.color(inputs).view(-1, num_offsets, 3)[row, offset_index])
-    scalings = anchors.scalings[anchor_index]
+    # an anchor stands here once for each of its offsets: the gradient of index_select adds them up in a fixed order,
+    # that of an index in brackets does not
+    scalings = anchors.scalings.index_select(0, anchor_index)
     means = anchors.positions[anchor_index] + anchors.offsets[anchor_index, offset_index] * scalings[:, :3]
     scales = scalings[:, 3:6] * torch.sigmoid(shape[:, :3])
     opacity = opacities[row, offset_index]
