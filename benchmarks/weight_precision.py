@@ -1,0 +1,55 @@
+"""Total bytes and fidelity of a stream by the noise that the context networks' weights may add (`splatwire.codec.fit`).
+
+    python benchmarks/weight_precision.py [--data ../shared/data] [--models ...] [--output FILE]
+
+`default` is the noise that the encoder chooses by itself. `error` is the root mean square of what re-quantisation
+changes, over the spread of the attribute.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+from splatwire.codec import decode_stream, encode_scene, side_info_parts
+from splatwire.codec.encoder import scene_in_order
+from splatwire.importers.hacpp import import_hacpp
+from splatwire.model import AnchorScene
+
+NOISES = (None, 0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1)
+
+
+def measure(scene: AnchorScene, noise: float | None) -> dict[str, object]:
+    stream = encode_scene(scene, noise=noise)
+    original, decoded = scene_in_order(scene, "morton").anchors, decode_stream(stream).scene.anchors
+    parts, error = side_info_parts(stream.side_info), {}
+    for name in ("features", "scalings", "offsets"):
+        before, after = getattr(original, name), getattr(decoded, name)
+        error[name] = round(float((before - after).square().mean().sqrt() / before.std()), 5)
+    return {
+        "noise": "default" if noise is None else noise,
+        "num_bytes": stream.num_bytes,
+        "network_bytes": parts["prior_network"] + parts["channel_networks"],
+        "packet_bytes": stream.parts()["packet_payloads"],
+        "error": error,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--models", nargs="+", default=["snowmiku_small_2400", "snowmiku_15k", "bonsai_30k"])
+    parser.add_argument("--output", type=Path)
+    arguments = parser.parse_args()
+    result = {}
+    for name in arguments.models:
+        scene = import_hacpp(arguments.data / "hacpp" / name)
+        result[name] = [measure(scene, noise) for noise in NOISES]
+    text = json.dumps(result, indent=1)
+    print(text)
+    if arguments.output:
+        arguments.output.parent.mkdir(parents=True, exist_ok=True)
+        arguments.output.write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()
