@@ -10,6 +10,7 @@ from splatwire.codec.fixed_point import ACTIVATION_BITS, CELL_BITS, UNIT_BITS
 PRIME_Y = 2654435761
 PRIME_Z = 805459861
 SHIFT = UNIT_BITS - CELL_BITS
+ONE = 1 << UNIT_BITS
 HALF = 1 << (UNIT_BITS - 1)
 CELL = 1 << CELL_BITS
 
@@ -45,6 +46,30 @@ def corner_weight(corner, bit, fraction, resolution):
     return fraction if bit else CELL - fraction
 
 
+@njit(cache=True, nogil=True, inline="always")
+@no_type_check
+def inside_box(units, n, axes, level, dims):
+    """Tells whether an anchor lies in the box on every axis of a level."""
+    inside = True
+    for a in range(dims):
+        unit = units[n, axes[level, a]]
+        if unit < 0 or unit > ONE:
+            inside = False
+    return inside
+
+
+@njit(cache=True, nogil=True, inline="always")
+@no_type_check
+def cell_of(units, n, axes, level, dims, resolution):
+    """Lower corner and fractions of an anchor's cell in a level; zero on the axis that a plane does not have."""
+    x, fx = locate(units[n, axes[level, 0]], resolution)
+    y, fy = locate(units[n, axes[level, 1]], resolution)
+    z, fz = np.int64(0), np.int64(0)
+    if dims == 3:
+        z, fz = locate(units[n, axes[level, 2]], resolution)
+    return x, fx, y, fy, z, fz
+
+
 @njit(cache=True, nogil=True)
 @no_type_check
 def lookup(units, signs, starts, resolutions, rows, axes, out):
@@ -60,26 +85,16 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
         out: float64 (N, levels * D), written with whole numbers, `ACTIVATION_BITS` fractional bits.
     """
     depth = signs.shape[1]
-    one = np.int64(1) << UNIT_BITS
     total = np.zeros(8, np.int64)
     for n in range(units.shape[0]):
         for level in range(len(starts)):
             dims = 2 if axes[level, 2] < 0 else 3
-            inside = True
-            for a in range(dims):
-                unit = units[n, axes[level, a]]
-                if unit < 0 or unit > one:
-                    inside = False
-            if not inside:
+            if not inside_box(units, n, axes, level, dims):
                 for d in range(depth):
                     out[n, level * depth + d] = 0.0
                 continue
             resolution, count, start = resolutions[level], rows[level], starts[level]
-            x, fx = locate(units[n, axes[level, 0]], resolution)
-            y, fy = locate(units[n, axes[level, 1]], resolution)
-            z, fz = np.int64(0), np.int64(0)
-            if dims == 3:
-                z, fz = locate(units[n, axes[level, 2]], resolution)
+            x, fx, y, fy, z, fz = cell_of(units, n, axes, level, dims, resolution)
             total[:depth] = 0
             weight_sum = np.int64(0)
             for corner in range(1 << dims):
@@ -102,23 +117,13 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
 @no_type_check
 def touch(units, starts, resolutions, rows, axes, touched):
     """Marks every table row that some anchor's interpolation reads with a weight above zero."""
-    one = np.int64(1) << UNIT_BITS
     for n in range(units.shape[0]):
         for level in range(len(starts)):
             dims = 2 if axes[level, 2] < 0 else 3
-            inside = True
-            for a in range(dims):
-                unit = units[n, axes[level, a]]
-                if unit < 0 or unit > one:
-                    inside = False
-            if not inside:
+            if not inside_box(units, n, axes, level, dims):
                 continue
             resolution, count, start = resolutions[level], rows[level], starts[level]
-            x, fx = locate(units[n, axes[level, 0]], resolution)
-            y, fy = locate(units[n, axes[level, 1]], resolution)
-            z, fz = np.int64(0), np.int64(0)
-            if dims == 3:
-                z, fz = locate(units[n, axes[level, 2]], resolution)
+            x, fx, y, fy, z, fz = cell_of(units, n, axes, level, dims, resolution)
             for corner in range(1 << dims):
                 bx, by, bz = corner & 1, (corner >> 1) & 1, corner >> 2
                 weight = corner_weight(x, bx, fx, resolution) * corner_weight(y, by, fy, resolution)
