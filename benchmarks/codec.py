@@ -32,7 +32,7 @@ GOALS = {"total_ratio": 1.0, "packet_overhead_percent": 0.5, "decode_us_per_anch
 def single_streams(scene: AnchorScene, stream: SceneStream) -> dict[str, int]:
     """Bytes of the same symbols under the same distributions, coded as one stream for each attribute."""
     from splatwire.codec import _packet_kernels as kernels
-    from splatwire.codec.atomic import _mixture
+    from splatwire.codec.atomic import predict_group
 
     info = read_side_info(stream.side_info, stream.manifest.num_anchors, stream.manifest.packetization.order)
     context, source = info.coding_context(), SymbolSource(scene)
@@ -45,7 +45,7 @@ def single_streams(scene: AnchorScene, stream: SceneStream) -> dict[str, int]:
         predicted = predict_packets(context, outputs)
         symbols = source.symbols(ranks, predicted.factors, context)
         masks.append(symbols.mask)
-        mixture = _feature_mixture(context, symbols.feature, predicted, outputs, _mixture)
+        mixture = _feature_mixture(context, symbols.feature, predicted, outputs, predict_group)
         keep = np.repeat(symbols.mask.astype(bool), 3, axis=1)
         for name, values, dist in (
             ("feature", symbols.feature, (*predicted.feature, *mixture)),

@@ -3,13 +3,18 @@
     python benchmarks/transport.py [--stream SCENE.swz] [--quick]
 
 Prints one JSON object: fixed cost of datagram packets, what it takes for side information to arrive, blocks lost whole,
-throughput of both ends, 50 receivers at once.
+throughput of both ends in one process and in two (UDP and QUIC), 50 receivers at once from one server process.
 """
 
 import argparse
 import asyncio
+import contextlib
 import json
+import os
 import random
+import subprocess
+import sys
+import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -27,16 +32,20 @@ from splatwire.packets import (
     SceneStream,
     make_stream,
     read_stream,
+    write_stream,
 )
 from splatwire.transport import Protection, Receiver, ReceiverOptions, Server, ServerLimits, make_program
+from splatwire.transport.address import Address
 from splatwire.transport.fec import recover
 from splatwire.transport.layout import Segments
 from splatwire.transport.program import Program
-from splatwire.transport.udp import Address, UdpServer, receive_udp
-from splatwire.transport.wire import DATA, SIDE
+from splatwire.transport.udp import UdpServer, receive_udp
+from splatwire.transport.wire import DATA, SIDE, SIDE_OVERHEAD
 
 BUNDLED = Path(splatwire.__file__).parent / "assets" / "snowmiku.swz"
 LOSSES = {"random 20 %": Bernoulli(0.2), "bursts of 20, 20 %": parse_loss("gilbert:0.2,20")}
+UDP_IP_BYTES = 28
+FINE_SYMBOL_BYTES = 128
 SPARE = 1
 """Symbols beyond K that a simulated decoder needs; the real one rarely needs any."""
 
@@ -93,15 +102,20 @@ def block_of(packet: bytes) -> int:
     return int.from_bytes(packet[7:10], "little")
 
 
-def side_protection(stream: SceneStream, trials: int) -> dict:
-    """The least redundancy with which 999 of 1000 transfers get the side information, and what that costs."""
+def side_protection(stream: SceneStream, trials: int, symbol_bytes: int | None = None) -> dict:
+    """The least redundancy with which 999 of 1000 transfers get the side information, and what that costs.
+
+    With and without the 28 bytes of UDP and IP (version 4) of every datagram.
+    """
     out = {}
     for name, loss in LOSSES.items():
-        low, high = 0.2, 2.0
+        low, high = 0.2, 1.2
         found = None
-        for _ in range(7):
+        for _ in range(8):
             middle = (low + high) / 2
-            program = make_program(stream, Protection(side_repair=middle, side_lead=1.0))
+            program = make_program(
+                stream, Protection(side_repair=middle, side_lead=1.0, side_symbol_bytes=symbol_bytes)
+            )
             good, wiped = arrivals(program, loss, trials, 1000)
             if good >= 0.999 * trials:
                 high, found = middle, (middle, program, good, wiped)
@@ -112,11 +126,20 @@ def side_protection(stream: SceneStream, trials: int) -> dict:
             continue
         repair, program, good, wiped = found
         sizes = program.sizes()
+        total, datagrams = sum(sizes.values()), len(program.schedule)
+        repairs = sizes["side_protection"] // (program.symbol_bytes + SIDE_OVERHEAD)
+        with_headers = total + UDP_IP_BYTES * datagrams
         out[name] = {
+            "symbol_bytes": program.symbol_bytes,
             "side_repair": round(repair, 3),
             "arrived": f"{good} of {trials}",
-            "percent_of_all_bytes": round(100 * sizes["side_protection"] / sum(sizes.values()), 2),
-            "percent_side_information": round(100 * sizes["side"] / sum(sizes.values()), 2),
+            "percent_of_all_bytes": round(100 * sizes["side_protection"] / total, 2),
+            "percent_with_udp_and_ip": round(
+                100 * (sizes["side_protection"] + UDP_IP_BYTES * repairs) / with_headers, 2
+            ),
+            "bytes_of_a_pass_with_udp_and_ip": with_headers,
+            "datagrams": datagrams,
+            "percent_side_information": round(100 * sizes["side"] / total, 2),
             "blocks_lost_whole": wiped,
             "real_raptorq_needed_more_than_k": validate(program, loss, 20),
         }
@@ -181,25 +204,107 @@ async def loopback(program: Program, clients: int, rate: float | None) -> dict:
     }
 
 
+@contextlib.contextmanager
+def serving(stream: SceneStream, *words: str):
+    """A server process; gives its address, what it says of itself, and a function that tells its processor time."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_stream(stream, Path(folder) / "scene.swz")
+        command = [sys.executable, "-m", "splatwire", "serve", str(Path(folder) / "scene.swz"), "--port", "0", "--json"]
+        server = subprocess.Popen([*command, *words], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        try:
+            facts = json.loads(server.stdout.readline())
+            stat = Path(f"/proc/{server.pid}/stat")
+            ticks = os.sysconf("SC_CLK_TCK")
+            spent = lambda: sum(map(int, stat.read_text().rsplit(")", 1)[1].split()[11:13])) / ticks  # noqa: E731
+            yield facts, spent
+        finally:
+            server.terminate()
+            server.wait(20)
+            server.stdout.close()
+
+
+def two_processes(stream: SceneStream, *words: str) -> dict:
+    """One server process, one receiver process, the whole stream at whatever rate the rate control finds."""
+    with serving(stream, *words) as (facts, spent):
+        before = spent()
+        asked = ["--receive", str(facts["port"]), facts.get("fingerprint", "")]
+        done = subprocess.run([sys.executable, __file__, *asked], capture_output=True, text=True, check=True)
+        told, sending = json.loads(done.stdout), spent() - before
+    megabits = told["bytes"] * 8e-6
+    return {
+        "megabits": round(megabits),
+        "finished": told["finished"],
+        "mbit_s_wall": round(megabits / told["seconds"]),
+        "sender_mbit_per_processor_second": round(megabits / sending),
+        "receiver_mbit_per_processor_second": round(megabits / told["processor_seconds"]),
+    }
+
+
+async def receive_once(port: int, fingerprint: str) -> dict:
+    """The receiver process of `two_processes`."""
+    address, began, spent = Address("127.0.0.1", port), time.perf_counter(), time.process_time()
+    if fingerprint:
+        from splatwire.transport.quic_client import Trust, receive_quic
+
+        receiver = await receive_quic(address, ReceiverOptions(), Trust(fingerprint=fingerprint))
+    else:
+        receiver = await receive_udp(address, ReceiverOptions())
+    return {
+        "bytes": receiver.num_bytes,
+        "finished": receiver.finished.reason,
+        "seconds": time.perf_counter() - began,
+        "processor_seconds": time.process_time() - spent,
+    }
+
+
+def many_receivers(stream: SceneStream, clients: int, megabits: float) -> dict:
+    """One server process, some receivers at once in another, nothing asked for again."""
+
+    async def work(port: int) -> list[Receiver]:
+        address, options = Address("127.0.0.1", port), ReceiverOptions(nack=False, silence_s=20.0)
+        return await asyncio.gather(*(receive_udp(address, options) for _ in range(clients)))
+
+    with serving(stream, "--rate", str(megabits), "--idle", "20") as (facts, spent):
+        before, began = spent(), time.perf_counter()
+        receivers = asyncio.run(work(facts["port"]))
+        seconds, sending = time.perf_counter() - began, spent() - before
+    return {
+        "clients": clients,
+        "megabits_per_second_each": megabits,
+        "finished_ok": sum(bool(r.finished and r.finished.ok) for r in receivers),
+        "packets_lost": sum(stream.manifest.num_packets - r.collector.num_packets for r in receivers if r.collector),
+        "seconds": round(seconds, 2),
+        "server_processor_seconds": round(sending, 2),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
+    parser.add_argument("--receive", nargs=2, metavar=("PORT", "FINGERPRINT"), help=argparse.SUPPRESS)
     parser.add_argument("--stream", type=Path, default=BUNDLED)
     parser.add_argument("--trials", type=int, default=1000)
     parser.add_argument("--quick", action="store_true")
     arguments = parser.parse_args()
+    if arguments.receive:
+        print(json.dumps(asyncio.run(receive_once(int(arguments.receive[0]), arguments.receive[1]))))
+        return
     trials = 200 if arguments.quick else arguments.trials
     stream, cost = fixed_cost(read_stream(arguments.stream)[0])
     large = stand_in(370_000, 1_000_000, 52)  # 8 MB, 11 % of it side information: a scene of the paper
-    program = make_program(stream)
+    huge = stand_in(1_500_000, 2_000_000, 52)
     big = make_program(large)
     one = replace(ServerLimits(), fixed_rate=None)
     result = {
         "fixed_cost": cost,
         "side_information": side_protection(stream, trials),
+        "side_information_in_fine_symbols": side_protection(stream, trials, FINE_SYMBOL_BYTES),
         "side_information_of_a_scene_of_8_MB": side_protection(large, trials),
         "core": core_throughput(big),
         "loopback_1": asyncio.run(loopback(big, 1, one.fixed_rate)),
-        "loopback_50": asyncio.run(loopback(program, 50, 2.5e5)),
+        "two_processes_udp": two_processes(huge, "--side-repair", "0.05"),
+        "two_processes_quic": two_processes(large, "--side-repair", "0.05", "--quic"),
+        "receivers_50": many_receivers(stream, 50, 2.0),
+        "load_average": os.getloadavg(),
     }
     print(json.dumps(result, indent=1))
 

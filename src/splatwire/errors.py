@@ -82,15 +82,16 @@ class BackendUnavailableError(SplatwireError):
 
 
 class DivergedError(SplatwireError):
-    """A training run's loss is not finite any more.
+    """A training run's loss is not finite any more, or nothing of its scene is left.
 
     Args:
         iteration: The iteration that found out.
+        what: What was found.
     """
 
-    def __init__(self, iteration: int) -> None:
+    def __init__(self, iteration: int, what: str = "the loss is not finite") -> None:
         super().__init__(
-            f"training diverged: the loss of iteration {iteration} is not finite; go on from an earlier checkpoint, "
+            f"training diverged in iteration {iteration}: {what}; go on from an earlier checkpoint, "
             "or check the poses and the scale of the scene"
         )
         self.iteration = iteration

@@ -5,12 +5,12 @@ import pytest
 
 from splatwire.channel import Bernoulli, GilbertElliott, Nothing, parse_loss, send_sequence, transmit
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets import Packet, Packetization, PacketPlan, SceneStream, make_stream
+from splatwire.packets import Packet, Packetization, PacketPlan, SceneStream, TierShape, make_stream
 
 
-def build(num_anchors: int = 2400, seed: int = 0, **packetization) -> SceneStream:
+def build(num_anchors: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] = (), **packetization) -> SceneStream:
     p = Packetization(**{"block_size": 100, "lanes": 8, **packetization})
-    plan, rng = PacketPlan(p, num_anchors), np.random.default_rng(seed)
+    plan, rng = PacketPlan(p, num_anchors, tiers, feature_groups=1 if p.separated else 0), np.random.default_rng(seed)
     return make_stream(
         packetization=p,
         num_anchors=num_anchors,
@@ -21,6 +21,7 @@ def build(num_anchors: int = 2400, seed: int = 0, **packetization) -> SceneStrea
         packets=[Packet(i, plan.count(i), rng.bytes(9)) for i in plan.ids],
         symbols_digest="0" * 64,
         writer="test",
+        tiers=tiers,
     )
 
 
@@ -99,7 +100,19 @@ def test_interleaving_protects_against_bursts():
 def test_separated_anchors_are_counted_once():
     stream = build(packaging="separated")
     _, record = transmit(stream, Bernoulli(1.0), seed=0)
-    assert (record.num_sent, record.num_lost_anchors) == (3 * 24 * 8, 2400)
+    assert (record.num_sent, record.num_lost_anchors) == (3 * 24 * 8, 2400)  # scalings, offsets and one feature group
+
+
+def test_tiers_are_sent_one_after_another():
+    tiers = (TierShape(300, 4), TierShape(2100, 8))
+    stream = build(tiers=tiers)
+    tier_of = stream.manifest.plan.tier_of
+    sent = send_sequence(stream, "tiers")
+    assert set(sent) == set(stream.packets)
+    assert [tier_of(packet.id.block) for packet in sent] == [0] * 12 + [1] * 168
+    assert [packet.id.block for packet in sent[:4]] == [0, 1, 2, 0]
+    assert [tier_of(packet.id.block) for packet in send_sequence(stream, "interleaved")[:24]] == [0] * 3 + [1] * 21
+    assert send_sequence(build(), "tiers") == send_sequence(build(), "interleaved")
 
 
 def test_sending_twice_loses_more(stream):

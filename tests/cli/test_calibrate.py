@@ -1,3 +1,6 @@
+from splatwire.packets import read_stream
+
+
 def test_calibrate_then_conceal_with_the_weights(run, journey, tmp_path):
     weights = tmp_path / "w.safetensors"
     words = ("--preset", "compact", "--iterations", 2, "--json")
@@ -10,6 +13,36 @@ def test_calibrate_then_conceal_with_the_weights(run, journey, tmp_path):
     assert outcome.json["num_lost"] > 0
 
 
+def test_calibrate_into_a_stream(run, journey, tmp_path, monkeypatch):
+    """An interpolation made useless on purpose is improved by anything."""
+    from splatwire.conceal import PriorMean
+
+    monkeypatch.setattr("splatwire.conceal.gnn.graph.Kriging", PriorMean)
+    target = tmp_path / "calibrated.swz"
+    words = ("--preset", "compact", "--iterations", 20, "--json")
+    content = run("calibrate", journey / "tiny.swz", "-o", target, *words).json
+    inspected = run("inspect", target, "--json").json
+    plain = run("inspect", journey / "tiny.swz", "--json").json
+    assert content["embedded"]
+    assert content["attributes_taken"] == ["feature"]
+    assert 0 <= content["num_bytes"] - inspected["side_info_parts"]["gnn"] < 10  # the manifest states a larger size
+    assert "gnn" not in plain["side_info_parts"]
+    assert target.stat().st_size == content["stream_bytes"] == inspected["num_bytes"]
+    assert read_stream(target)[0].packets == read_stream(journey / "tiny.swz")[0].packets
+    run("transmit", target, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.4", "--seed", 1)
+    for name, conceal in (("a", "gnn"), ("b", "kriging")):
+        run("decode", tmp_path / "lossy.swz", "-o", tmp_path / name, "--conceal", conceal)
+    assert (tmp_path / "a").read_bytes() != (tmp_path / "b").read_bytes()
+
+
+def test_what_does_not_pay_is_not_put_into_a_stream(run, journey, tmp_path, monkeypatch):
+    monkeypatch.setattr("splatwire.conceal.gnn.weights.GnnWeights.improves", property(lambda _: False))
+    outcome = run("calibrate", journey / "tiny.swz", "-o", tmp_path / "c.swz", "--preset", "compact", "--iterations", 2)
+    assert outcome.status == 2
+    assert "nothing improves" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_mistakes(run, journey, tmp_path):
     for words, told in (
         ((journey / "lossy.swz", "-o", tmp_path / "w"), "complete"),
@@ -17,6 +50,7 @@ def test_mistakes(run, journey, tmp_path):
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--render-weight", 1), "cameras"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--precision", "int1"), "int1"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--resume"), "no such file"),
+        ((journey / "tiny.swz", "-o", tmp_path / "w.swz", "--bits", 9), "from 2 to 6"),
     ):
         outcome = run("calibrate", *words)
         assert outcome.status == 2
@@ -25,3 +59,27 @@ def test_mistakes(run, journey, tmp_path):
         outcome = run("decode", journey / "lossy.swz", "-o", tmp_path / "a", "--conceal", f"gnn:{weights}")
         assert outcome.status == 2
         assert weights.name in outcome.err
+
+
+def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
+    target = tmp_path / "sketched.swz"
+    words = ("--method", "sketch", "--share", 0.1, "--json")
+    content = run("calibrate", journey / "tiny.swz", "-o", target, *words).json
+    inspected = run("inspect", target, "--json").json
+    assert content["views"] == "against the complete scene on a sphere of views"
+    assert inspected["num_bytes"] == content["stream_bytes"] == target.stat().st_size
+    assert 0 <= content["num_bytes"] - inspected["side_info_parts"]["sketch"] < 10
+    assert set(content["psnr_held_out"]) == {"no loss", "drop", "grow", "sketch"}
+    run("transmit", target, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.4", "--seed", 1)
+    for name, conceal in (("a", "sketch"), ("b", "drop")):
+        run("decode", tmp_path / "lossy.swz", "-o", tmp_path / name, "--conceal", conceal)
+    assert (tmp_path / "a").read_bytes() != (tmp_path / "b").read_bytes()
+    for words, told in (
+        (("calibrate", journey / "tiny.swz", "-o", tmp_path / "w", "--method", "sketch"), "must end in .swz"),
+        (("calibrate", journey / "tiny.swz", "-o", target, "--method", "sketch", "--share", 0.9), "share=0.9"),
+        (("calibrate", journey / "tiny.swz", "-o", target, "--method", "magic"), "magic"),
+        (("decode", journey / "lossy.swz", "-o", tmp_path / "c", "--conceal", "sketch"), "--method sketch"),
+    ):
+        outcome = run(*words)
+        assert outcome.status == 2
+        assert told in outcome.err

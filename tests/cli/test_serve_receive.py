@@ -6,6 +6,8 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
 
 import pytest
 
@@ -26,15 +28,14 @@ def stream_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def url(stream_file: Path) -> Iterator[str]:
-    command = [sys.executable, "-m", "splatwire", "serve", str(stream_file), "--port", "0", "--json"]
+@contextlib.contextmanager
+def serving(*words: str) -> Iterator[dict[str, Any]]:
+    """A server process; gives what it says of itself."""
+    command = [sys.executable, "-m", "splatwire", "serve", *words, "--port", "0", "--json"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert server.stdout is not None
     try:
-        facts = json.loads(server.stdout.readline())
-        assert list(facts["streams"]) == ["tiny"]
-        yield f"udp://127.0.0.1:{facts['port']}"
+        yield json.loads(server.stdout.readline())
     finally:
         server.terminate()
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -44,6 +45,13 @@ def url(stream_file: Path) -> Iterator[str]:
             server.wait(10)
         server.stdout.close()
     assert server.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def url(stream_file: Path) -> Iterator[str]:
+    with serving(str(stream_file)) as facts:
+        assert list(facts["streams"]) == ["tiny"]
+        yield f"udp://127.0.0.1:{facts['port']}"
 
 
 def call(*words: str) -> int:
@@ -78,6 +86,11 @@ def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.
         (("serve", str(paper)), "--preset datagram"),
         (("serve", str(paper), "--port", "70000"), "a port is a number"),
         (("serve", str(paper), "--parity", "much"), "is not a tier of parity"),
+        (("serve", str(paper), "--protect", "tier9=1"), "is not parity for a tier"),
+        (("serve", str(paper), "--protect", "tier0=1", "tier0=1"), "is not parity for a tier"),
+        (("serve", str(paper), "--page", "0"), "are for --quic"),
+        (("serve", str(paper), "--idle", "0"), "--idle is from"),
+        (("receive", url, "-o", str(tmp_path / "a.swz"), "--insecure"), "are for quic://"),
     ):
         assert call(*words) == 2
         error = capsys.readouterr().err.strip().splitlines()
@@ -100,3 +113,40 @@ def test_a_folder_of_packets_is_served_under_its_name(stream_file: Path, tmp_pat
     write_stream(read_stream(stream_file)[0], folder)
     assert stream_name(str(folder)) == "scene"
     assert load_program(str(folder), Protection()).packets == load_program(str(stream_file), Protection()).packets
+
+
+def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A certificate made on the spot and one from files; fingerprint, page, capture."""
+    pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+    from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+
+    from splatwire.transport.certificate import self_signed
+
+    with serving(str(stream_file), "--quic", "--page", "0") as facts:
+        url, target = f"quic://127.0.0.1:{facts['port']}/tiny", str(tmp_path / "got.swz")
+        capture = tmp_path / "transfer.pcap"
+        words = ("--fingerprint", facts["fingerprint"], "--pcap", str(capture), "--json")
+        assert call("receive", url, "-o", target, *words) == 0
+        assert json.loads(capsys.readouterr().out)["finished"] == "complete"
+        assert Path(target).read_bytes() == stream_file.read_bytes()
+        assert capture.stat().st_size > stream_file.stat().st_size
+        assert call("receive", url, "-o", target) == 2
+        assert "self-signed" in capsys.readouterr().err
+        with urlopen(facts["page"].split("#")[0], timeout=10) as page:
+            assert b"splatwire receiver" in page.read()
+    identity = self_signed()
+    certificate, key = tmp_path / "server.pem", tmp_path / "key.pem"
+    certificate.write_bytes(identity.certificate.public_bytes(Encoding.PEM))
+    key.write_bytes(identity.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    with serving(str(stream_file), "--quic", "--certificate", str(certificate), "--key", str(key)) as facts:
+        assert facts["fingerprint"] == identity.fingerprint
+        url = f"quic://127.0.0.1:{facts['port']}"
+        assert call("receive", url, "-o", target, "--authority", str(certificate)) == 0
+
+
+def test_tiers_on_the_command_line():
+    from splatwire.cli.serve import Serve, parse_tiers
+
+    assert parse_tiers(["tier2=0.5", "tier0=1"]) == (1.0, 0.0, 0.5)
+    protection = Serve(["x.swz"], protect=("tier0=0.4",), side_symbol=128, parity_until=0.5).protection()
+    assert (protection.tier_repair, protection.side_symbol_bytes, protection.parity_until) == ((0.4,), 128, 0.5)

@@ -36,6 +36,30 @@ def test_encode_takes_a_packetization(run, journey, tmp_path):
     assert asked.items() <= packetization.items()
 
 
+@pytest.mark.parametrize("preset", ["paper", "datagram"])
+def test_encode_gives_important_anchors_packets_of_their_own(run, journey, tmp_path, preset):
+    words = ("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--preset", preset, "--tiers", 0.1, 0.2)
+    content = run(*words, "--json").json
+    assert [tier["num_anchors"] for tier in content["tiers"].values()] == [24, 48, 168]
+    inspected = run("inspect", tmp_path / "a.swz", "--json").json
+    assert inspected["tiers"] == content["tiers"]
+    assert inspected["side_info_parts"]["tiers"] > 0
+    assert sum(tier["num_packets"] for tier in content["tiers"].values()) == content["num_packets"]
+    for name in ("a.swz", "plain.swz"):
+        source = tmp_path / name if name == "a.swz" else journey / "tiny.swz"
+        assert run("decode", source, "-o", tmp_path / f"{name}.scene").status == 0
+    digests = [scene_digest(load_partial(tmp_path / f"{name}.scene").scene.anchors) for name in ("a.swz", "plain.swz")]
+    assert digests[0] == digests[1]
+
+
+@pytest.mark.parametrize("words", [("--tiers", 0), ("--tiers", 0.6, 0.5), ("--data", "photos"), ("--tiers", 0.001)])
+def test_impossible_tiers_are_said(run, journey, tmp_path, words):
+    outcome = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", *words)
+    assert outcome.status == 2
+    assert "tier" in outcome.err
+    assert not (tmp_path / "a.swz").exists()
+
+
 def test_inspect_stream(run, journey):
     content = run("inspect", journey / "tiny.swz", "--json").json
     assert content["kind"] == "stream"

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from splatwire.codec import coding_params_reference as reference
-from splatwire.codec.atomic import _mixture, predict_packets
+from splatwire.codec.atomic import predict_group, predict_packets
 from splatwire.codec.coding_params import dequantise, factor_table, quantise, step_indices
 from splatwire.codec.grid_lookup import grid_levels, lookup, lookup_reference, touched_rows
 from splatwire.codec.side_info import SideInfo
@@ -52,7 +52,7 @@ def test_channel_context_equals_plain_torch(everything, scene: AnchorScene) -> N
     plain_outputs, features = torch.from_numpy(outputs).long(), context.config.layout.feature_dim
     factors = torch.from_numpy(predicted.factors[:, 0])
     for group, shared in enumerate(context.shared_sums(outputs)):
-        means, scales, weights = _mixture(context, group, shared, activations[:, : edges[group]], outputs)
+        means, scales, weights = predict_group(context, group, shared, activations[:, : edges[group]], outputs)
         before = torch.from_numpy(symbols[:, : edges[group]]).long()
         plain = reference.group_outputs(context, group, plain_outputs, before, factors)
         size = edges[group + 1] - edges[group]

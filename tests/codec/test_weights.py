@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from splatwire.codec.byte_io import ByteReader, ByteWriter
 from splatwire.codec.integer_network import IntegerLinear
 from splatwire.codec.weight_bytes import read_mlp, write_mlp
 from splatwire.codec.weights import QuantisedMlp, quantise_mlp
+from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError
 
 

@@ -18,7 +18,7 @@ from splatwire.model import (
 )
 from splatwire.scene import Attribute, Erasures
 
-NAMES = ("drop", "prior", "idw", "cari", "grow")
+NAMES = ("drop", "prior", "idw", "cari", "grow", "scene_free")
 FIELDS = {
     Attribute.FEATURE: "features",
     Attribute.SCALING: "scalings",
@@ -112,7 +112,12 @@ def test_bad_proposals_are_refused() -> None:
             proposal = Concealed.filled(context.anchors)
             return dataclasses.replace(proposal, size_gain=proposal.size_gain / 0)
 
-    for concealer in (Short(), Explodes()):
+    class Negative(Vandal):
+        def __call__(self, context: AnchorContext) -> Concealed:
+            proposal = Concealed.filled(context.anchors)
+            return dataclasses.replace(proposal, opacity_gain=-proposal.size_gain)
+
+    for concealer in (Short(), Explodes(), Negative()):
         with pytest.raises(InvalidValueError, match="concealer 'vandal' returned"):
             conceal(partial_scene(context), concealer)
 
@@ -134,7 +139,7 @@ def test_everything_lost_leaves_the_prior_or_nothing(name: str) -> None:
     scene = conceal(partial_scene(context), name)
     assert_drawable(scene)
     assert scene.hints is not None
-    if name in ("drop", "grow"):
+    if name in ("drop", "grow", "scene_free"):
         assert bool(scene.hints.left_out.all())
         return
     assert not bool(scene.hints.left_out.any())
@@ -187,7 +192,8 @@ def test_permuting_the_anchors_permutes_the_scene(name: str) -> None:
 
 def test_a_context_shows_the_anchors_and_not_the_model() -> None:
     context = context_of(partial_scene(random_context(10, 0)))
-    assert {field.name for field in dataclasses.fields(context)} == {"anchors", "erasures", "prior", "layout"}
+    names = {field.name for field in dataclasses.fields(context)}
+    assert names == {"anchors", "erasures", "prior", "layout", "concealment"}
     assert context.layout == LAYOUT
 
 

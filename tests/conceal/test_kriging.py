@@ -5,7 +5,7 @@ import torch
 
 from conceal.gaps import random_context
 from splatwire.conceal import Idw, Kriging, PriorMean
-from splatwire.conceal.kriging import Correlogram, kriging_weights
+from splatwire.conceal.kriging import TARGETS, Correlogram, kriging_weights, regress
 from splatwire.errors import InvalidValueError
 from splatwire.scene import Erasures
 
@@ -51,7 +51,7 @@ def test_beats_the_mean_and_inverse_distances_on_its_own_field() -> None:
     covariance.fill_diagonal_(1.0)
     best = covariance[lost][:, ~lost] @ torch.linalg.solve(covariance[~lost][:, ~lost], truth[~lost].double())
     best_error = float(((best - truth[lost]) ** 2).mean())  # all neighbours, the true covariance
-    kriged = error(Kriging()(context).anchors.features)
+    kriged = error(Kriging(target="absolute")(context).anchors.features)
     assert best_error < kriged < 1.05 * best_error
     assert kriged < error(Idw()(context).anchors.features)
 
@@ -64,7 +64,7 @@ def test_where_neighbours_say_nothing_the_mean_is_left() -> None:
     assert float((residual.features - context.prior.feature.mean)[lost].abs().mean()) < 0.3 * float(spread)
 
 
-@pytest.mark.parametrize("target", ["absolute", "residual"])
+@pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("received", [0, 1, 2])
 def test_hardly_anything_received(target: str, received: int) -> None:
     context = random_context(20, 3, loss=0)
@@ -104,3 +104,31 @@ def test_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_senseless_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         Kriging(**options)
+
+
+def test_regression_is_least_squares_where_values_exist() -> None:
+    rng = torch.Generator().manual_seed(4)
+    inputs = torch.randn(4000, 7, generator=rng, dtype=torch.float64)
+    truth = torch.randn(7, 3, generator=rng, dtype=torch.float64)
+    exists = torch.rand(4000, 3, generator=rng) < torch.tensor([0.5, 0.8, 1.0])
+    values = (inputs @ truth + 0.1 * torch.randn(4000, 3, generator=rng, dtype=torch.float64)).float() * exists
+    fit = regress(inputs, values, exists)
+    for column in range(3):
+        rows = exists[:, column]
+        plain = torch.linalg.lstsq(inputs[rows], values[rows, column].double()).solution
+        assert float((fit[:, column] - inputs @ plain).abs().mean()) < 0.02 * float(values[rows, column].std())
+    assert bool((regress(inputs, values, torch.zeros_like(exists)) == 0).all())
+
+
+def test_regression_finds_what_priors_say_about_other_channels() -> None:
+    context = random_context(2000, 6)
+    lost = ~context.erasures.known
+    truth = context.prior.feature.mean.flip(1) - 0.5 * context.prior.scaling.mean.sum(dim=1, keepdim=True)
+    context = dataclasses.replace(
+        context, anchors=dataclasses.replace(context.anchors, features=truth * ~lost[:, None])
+    )
+
+    def error(target: str) -> float:
+        return float(((Kriging(target=target)(context).anchors.features - truth)[lost] ** 2).mean())
+
+    assert error("regression") < 0.02 * min(error("residual"), error("absolute"))

@@ -117,6 +117,18 @@ class Capture:
         (self.root / "transforms.json").write_text(json.dumps({**content, **extra}))
         return self.root
 
+    def write_bungee(self, **extra: object) -> Path:
+        self.write_images()
+        rows = []
+        for i in self.sorted_views:
+            table = np.zeros((3, 5))
+            table[:, :4] = np.array(self.c2w_opengl(i))[:3]
+            table[:, 4] = self.height, self.width, self.focal[0]
+            rows.append([*table.flatten().tolist(), 0.1, 9.0])
+        content = {"poses": rows, "scene_scale": 0.01, "scene_origin": [0.0, 0.0, -6371011.0], "scale_split": [8, 4, 0]}
+        (self.root / "poses_enu.json").write_text(json.dumps({**content, **extra}))
+        return self.root
+
 
 @pytest.fixture
 def capture(tmp_path) -> Capture:

@@ -1,5 +1,7 @@
 """Laws of packets: what holds for every packetization, stream and loss."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -10,12 +12,16 @@ from splatwire.packets import (
     Packetization,
     PacketPlan,
     SceneStream,
+    TierShape,
     make_stream,
     manifest_from_bytes,
     manifest_to_bytes,
+    measure_sizes,
     read_stream,
+    shape_tiers,
     stream_from_bytes,
     stream_to_bytes,
+    tier_order,
     write_stream,
 )
 from splatwire.packets.splitmix64 import splitmix64_reference
@@ -30,13 +36,46 @@ packetizations = st.builds(
     grouping=st.sampled_from(["stratified", "contiguous"]),
     packaging=st.sampled_from(["atomic", "separated"]),
 )
-plans = st.builds(PacketPlan, packetizations, st.integers(0, 1500))
+sizes, seeds = st.integers(0, 200), st.integers(0, 99)
+losses = st.sampled_from(["none", "bernoulli:0", "bernoulli:0.2", "bernoulli:1", "gilbert:0.2,3", "gilbert:20/20"])
+cuts = st.lists(st.integers(0, 1500), max_size=3)
+plans = st.tuples(packetizations, st.integers(0, 1500), cuts)
+
+
+def plan_of(packetization: Packetization, num_anchors: int, cuts: list[int] | tuple[()] = ()) -> PacketPlan:
+    """A plan with tiers that end where the cuts are; inside the tests because the type checks draw from `random`."""
+    inner = {cut for cut in cuts if 0 < cut < num_anchors}
+    if not inner or packetization.packaging != "atomic":
+        return PacketPlan(packetization, num_anchors, feature_groups=2 if packetization.separated else 0)
+    tiers = np.searchsorted(sorted(inner), np.arange(num_anchors), side="right")
+    return PacketPlan(packetization, num_anchors, shape_tiers(tiers, packetization))
+
+
+def build(packetization: Packetization, num_anchors: int, seed: int, tiers: tuple[TierShape, ...] = ()) -> SceneStream:
+    """A stream of random bytes; built inside the tests because the type checks draw from `random`."""
+    plan, rng = (
+        PacketPlan(packetization, num_anchors, tiers, 2 if packetization.separated else 0),
+        np.random.default_rng(seed),
+    )
+    return make_stream(
+        packetization=plan.packetization,
+        num_anchors=plan.num_anchors,
+        feature_dim=7,
+        num_offsets=3,
+        feature_groups=(2, 5),
+        side_info=rng.bytes(int(rng.integers(30))),
+        packets=[Packet(i, plan.count(i), rng.bytes(int(rng.integers(9)))) for i in plan.ids],
+        symbols_digest="ab" * 32,
+        writer="law",
+        tiers=tiers,
+    )
 
 
 @laws
 @given(plans)
-def test_each_rank_is_in_exactly_one_group(plan):
-    num_parts = len(plan.packetization.parts)
+def test_each_rank_is_in_exactly_one_group(args):
+    plan = plan_of(*args)
+    num_parts = len(plan.parts)
     firsts = plan.ids[::num_parts]
     members = [plan.members(packet_id) for packet_id in firsts]
     assert sorted(np.concatenate([np.empty(0, np.int64), *members]).tolist()) == list(range(plan.num_anchors))
@@ -51,7 +90,8 @@ def test_each_rank_is_in_exactly_one_group(plan):
 
 @laws
 @given(plans)
-def test_all_views_of_a_plan_agree(plan):
+def test_all_views_of_a_plan_agree(args):
+    plan = plan_of(*args)
     p, index = plan.packetization, plan.packet_index_of()
     assert index.dtype == np.int32
     assert list(plan.ids) == sorted(set(plan.ids))
@@ -65,7 +105,44 @@ def test_all_views_of_a_plan_agree(plan):
 
 @laws
 @given(plans)
-def test_the_papers_equations(plan):
+def test_a_packet_holds_anchors_of_one_tier(args):
+    plan = plan_of(*args)
+    bounds = np.cumsum([0, *(tier.num_anchors for tier in plan.tiers or ())])
+    for packet_id in plan.ids if plan.tiers else ():
+        tier = plan.tier_of(packet_id.block)
+        members = plan.members(packet_id)
+        assert bounds[tier] <= members[0]
+        assert members[-1] < bounds[tier + 1]
+        assert packet_id.lane < plan.tiers[tier].lanes
+
+
+@laws
+@given(st.lists(st.integers(0, 3), max_size=300), packetizations, losses, seeds)
+def test_tiers_round_trip(numbers, packetization, loss, seed):
+    """Manifest, bytes and channel with tiers; places are a permutation of ranks that keeps each tier's order."""
+    tiers = np.unique(numbers, return_inverse=True)[1].astype(np.uint8)
+    order = tier_order(tiers)
+    assert sorted(order.tolist()) == list(range(len(tiers)))
+    assert sorted(zip(tiers[order].tolist(), order.tolist(), strict=True)) == list(
+        zip(tiers[order].tolist(), order.tolist(), strict=True)
+    )
+    packetization = replace(packetization, packaging="atomic")
+    stream = build(packetization, len(tiers), seed, shape_tiers(tiers, packetization) if len(tiers) else ())
+    assert stream.manifest.tiers == stream.manifest.plan.tiers
+    arrived, _ = transmit(stream, parse_loss(loss), seed=seed)
+    again, report = stream_from_bytes(stream_to_bytes(arrived))
+    assert again == arrived
+    assert report.num_received == len(arrived.packets)
+    sizes = measure_sizes(arrived)
+    assert sum(tier["num_anchors"] for tier in sizes.tiers.values()) == (len(tiers) if sizes.tiers else 0)
+    if sizes.tiers:
+        assert sum(tier["packet_bytes"] for tier in sizes.tiers.values()) == sum(p.num_bytes for p in arrived.packets)
+
+
+@laws
+@given(plans)
+def test_the_papers_equations(args):
+    plan = plan_of(*args[:2])
     p = plan.packetization
     for rank, j in enumerate(plan.packet_index_of().tolist()):
         block, lane = divmod(j, p.lanes)
@@ -76,7 +153,8 @@ def test_the_papers_equations(plan):
 
 @laws
 @given(plans)
-def test_contiguous_runs(plan):
+def test_contiguous_runs(args):
+    plan = plan_of(*args[:2])
     p = plan.packetization
     plan = PacketPlan(Packetization(p.block_size, p.lanes, grouping="contiguous"), plan.num_anchors)
     index = plan.packet_index_of()
@@ -86,26 +164,6 @@ def test_contiguous_runs(plan):
         counts = np.bincount(index, minlength=plan.num_blocks * p.lanes)[block * p.lanes : (block + 1) * p.lanes]
         assert counts.sum() == size
         assert counts.max() - counts.min() <= 1
-
-
-def build(packetization: Packetization, num_anchors: int, seed: int) -> SceneStream:
-    """A stream of random bytes; built inside the tests because the type checks draw from `random`."""
-    plan, rng = PacketPlan(packetization, num_anchors), np.random.default_rng(seed)
-    return make_stream(
-        packetization=plan.packetization,
-        num_anchors=plan.num_anchors,
-        feature_dim=7,
-        num_offsets=3,
-        feature_groups=(2, 5),
-        side_info=rng.bytes(int(rng.integers(30))),
-        packets=[Packet(i, plan.count(i), rng.bytes(int(rng.integers(9)))) for i in plan.ids],
-        symbols_digest="ab" * 32,
-        writer="law",
-    )
-
-
-sizes, seeds = st.integers(0, 200), st.integers(0, 99)
-losses = st.sampled_from(["none", "bernoulli:0", "bernoulli:0.2", "bernoulli:1", "gilbert:0.2,3", "gilbert:20/20"])
 
 
 @laws

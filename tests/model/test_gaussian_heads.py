@@ -136,6 +136,20 @@ def test_size_gain_scales_gaussians_and_nothing_else() -> None:
         assert torch.equal(getattr(hinted, name), getattr(plain, name))
 
 
+def test_opacity_gain_scales_opacities_up_to_1_and_nothing_else() -> None:
+    gain = 3 * rand(42, N).abs()
+    plain = generate_gaussians(make_scene(), make_cameras(), 0)
+    hints = RenderHints(torch.ones(N), torch.zeros(N, dtype=torch.bool), gain)
+    hinted = generate_gaussians(make_scene(hints), make_cameras(), 0)
+    visible = visible_anchors(make_anchors(), make_cameras(), 0)
+    index = spawn_gaussians(make_anchors(), make_heads(), torch.zeros(3), visible).anchor_index
+    wanted = plain.opacities * gain[index]
+    assert bool((wanted > 1).any())
+    assert torch.equal(hinted.opacities, wanted.clamp(max=1))
+    for name in ("means", "quats", "scales", "colors"):
+        assert torch.equal(getattr(hinted, name), getattr(plain, name))
+
+
 def test_indices_say_where_a_gaussian_comes_from() -> None:
     anchors = make_anchors()
     visible = torch.ones(N, dtype=torch.bool)

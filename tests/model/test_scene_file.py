@@ -53,9 +53,13 @@ def test_a_scene_survives_bit_for_bit(tiny_scene, tmp_path):
 
 
 def test_hints_survive(tiny_scene, tiny_hints, tmp_path):
-    scene = dataclasses.replace(tiny_scene, hints=tiny_hints)
-    save_scene(scene, tmp_path / "a.scene")
-    assert_same(load_scene(tmp_path / "a.scene"), scene)
+    for opacity_gain in (None, torch.linspace(0, 1, 7)):
+        hints = dataclasses.replace(tiny_hints, opacity_gain=opacity_gain)
+        scene = dataclasses.replace(tiny_scene, hints=hints)
+        save_scene(scene, tmp_path / "a.scene")
+        loaded = load_scene(tmp_path / "a.scene")
+        assert_same(loaded, scene)
+        assert (loaded.hints.opacity_gain is None) == (opacity_gain is None)
 
 
 def test_a_partial_scene_survives_bit_for_bit(tiny_partial, tmp_path):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatwire.errors import InvalidValueError, UnknownNameError
@@ -47,6 +47,7 @@ def hashed_stream(num_anchors: int, rng: np.random.Generator, packetization: Pac
     )
 
 
+@settings(deadline=None)
 @given(st.integers(1, 230), st.integers(0, 2**32), st.floats(0, 1))
 def test_arrived_and_missing_are_all_anchors(num_anchors, seed, loss):
     rng = np.random.default_rng(seed)

@@ -1,6 +1,8 @@
+import zlib
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatwire.errors import (
@@ -17,12 +19,14 @@ PACKET = Packet(PacketId(70_000, 5), 375, bytes(range(100)))
 
 packets = st.builds(
     Packet,
-    st.builds(PacketId, st.integers(0, (1 << 24) - 1), st.integers(0, (1 << 14) - 1), st.integers(0, 3)),
+    st.builds(PacketId, st.integers(0, (1 << 24) - 1), st.integers(0, (1 << 14) - 1))
+    | st.builds(PacketId, st.integers(0, (1 << 24) - 1), st.integers(0, 255), st.integers(1, 66)),
     st.integers(1, 65535),
     st.binary(max_size=60),
 )
 
 
+@settings(deadline=None)
 @given(packets, st.integers(0, (1 << 32) - 1))
 def test_round_trip(packet, stream_id):
     data = packet_to_bytes(packet, stream_id)
@@ -106,3 +110,29 @@ def damage(data: bytes, rng: np.random.Generator) -> bytes:
         case 5:
             del out[at : at + 1 + int(rng.integers(8))]
     return bytes(out)
+
+
+def test_every_part_reads_back():
+    bytes_of_parts = set()
+    for part in range(67):
+        lane = 255 if part else (1 << 14) - 1
+        packet = Packet(PacketId(5, lane, part), 3, b"x")
+        data = packet_to_bytes(packet, 9)
+        assert packet_from_bytes(data, 9) == packet
+        bytes_of_parts.add(data[5] & 3 if part == 0 else data[5])
+    assert len(bytes_of_parts) == 67
+    for bad in (PacketId(0, 256, 1), PacketId(0, 0, 67)):
+        with pytest.raises(InvalidValueError):
+            Packet(bad, 1, b"")
+
+
+def test_an_unknown_part_is_damage():
+    data = bytearray(packet_to_bytes(Packet(PacketId(0, 0, 66), 1, b"x"), 9))
+    for byte in range(256):
+        data[5] = byte
+        data[12:16] = zlib.crc32(data[16:], zlib.crc32(data[:12])).to_bytes(4, "little")
+        if byte & 3 == 0 or byte <= 87:
+            assert packet_from_bytes(bytes(data), 9).id.part < 67
+        else:
+            with pytest.raises(CorruptPacketError, match="makes no sense"):
+                packet_from_bytes(bytes(data), 9)

@@ -41,10 +41,10 @@ def test_contiguous_runs_are_as_equal_as_possible():
     }
 
 
-def test_separated_packaging_has_three_packets_per_group():
-    plan = PacketPlan(Packetization(block_size=10, lanes=1, packaging="separated"), 11)
+def test_separated_packaging_has_a_packet_for_each_file_of_hacpp():
+    plan = PacketPlan(Packetization(block_size=10, lanes=1, packaging="separated"), 11, feature_groups=2)
     assert [i.filename for i in plan.ids] == [
-        f"pak_lane0_s{block}_{part}.pak" for block in (0, 1) for part in ("feature", "scaling", "offset")
+        f"pak_lane0_s{block}_{part}.pak" for block in (0, 1) for part in ("scaling", "offset", "feature0", "feature1")
     ]
     assert plan.groups().starts.tolist() == [0, 10, 11]
 
@@ -55,7 +55,9 @@ def test_empty_scene():
     assert plan.groups().starts.tolist() == [0]
 
 
-@pytest.mark.parametrize("packet_id", [PacketId(0, 0), PacketId(16_777_215, 255), PacketId(7, 3, 2)])
+@pytest.mark.parametrize(
+    "packet_id", [PacketId(0, 0), PacketId(16_777_215, 255), PacketId(7, 3, 2), PacketId(7, 3, 66)]
+)
 def test_filename_round_trip(packet_id):
     assert PacketId.from_filename(packet_id.filename) == packet_id
 
@@ -69,6 +71,8 @@ def test_filename_round_trip(packet_id):
         "pak_lane0_s0.pak\n",
         "pak_lane-1_s0.pak",
         "pak_lane0_s0_anchor.pak",
+        "pak_lane0_s0_feature64.pak",
+        "pak_lane0_s0_feature01.pak",
         "pak_lane٣_s0.pak",
     ],
 )
@@ -104,6 +108,10 @@ def test_plan_refuses_what_the_format_cannot_hold():
         PacketPlan(Packetization(), (1 << 28) + 1)
     with pytest.raises(InvalidValueError, match="number of blocks"):
         PacketPlan(Packetization(block_size=1), 1 << 28)
+    with pytest.raises(InvalidValueError, match="feature groups"):
+        PacketPlan(PRESETS["hacpp"], 10)
+    with pytest.raises(InvalidValueError, match="feature groups"):
+        PacketPlan(Packetization(), 10, feature_groups=5)
     with pytest.raises(InvalidValueError, match="block"):
         PacketPlan(Packetization(), 10).members(PacketId(1, 0))
 

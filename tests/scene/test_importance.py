@@ -20,6 +20,18 @@ def test_shares_and_the_top() -> None:
     assert importance.top(1.0).all()
 
 
+def test_tiers_are_shares_of_what_is_counted() -> None:
+    importance = Importance.of_footprints(torch.tensor([1.0, 5.0, 0.0, 5.0, 9.0]))
+    assert importance.tiers((0.2, 0.4)).tolist() == [2, 1, 2, 1, 0]
+    assert torch.equal(importance.tiers((0.4,)) == 0, importance.top(0.4))
+    seen = torch.tensor([True, True, True, True, False])
+    assert importance.tiers((0.25,), seen).tolist() == [1, 0, 1, 1, 1]
+    assert importance.tiers(()).tolist() == [0, 0, 0, 0, 0]
+    for bad in ((0.7, 0.4), (-0.1,), (math.nan,)):
+        with pytest.raises(ValueError, match="shares of tiers"):
+            importance.tiers(bad)
+
+
 def test_nothing_seen_is_no_division_by_zero() -> None:
     assert Importance.of_footprints(torch.zeros(3)).share.tolist() == [0, 0, 0]
     assert Importance.of_footprints(torch.zeros(0)).top(0.5).shape == (0,)

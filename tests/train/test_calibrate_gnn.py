@@ -13,8 +13,9 @@ from splatwire.conceal.gnn.graph import build_graph, prior_rows
 from splatwire.conceal.gnn.network import RawResiduals
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import Packetization
-from splatwire.train.calibrate_gnn import CalibrationConfig, _Run, calibrate, calibration_data, pseudo_loss, without
+from splatwire.train.calibrate_gnn import CalibrationConfig, calibrate, calibration_data, pseudo_loss, without
 from splatwire.train.gnn_losses import LossWeights, channel_spread, normalized_errors, parameter_losses
+from splatwire.train.gnn_run import CalibrationRun
 
 SETTINGS = GnnSettings(neighbors=6, pool=12, hidden=16, baseline="interpolation")
 CONFIG = CalibrationConfig(
@@ -119,7 +120,7 @@ def test_the_rendering_loss_reaches_the_network(data) -> None:
     gradients = []
     for render in (0.0, 1.0):
         config = dataclasses.replace(CONFIG, losses=dataclasses.replace(losses, render=render))
-        run = _Run(data, config)
+        run = CalibrationRun(data, config)
         run.step()
         gradients.append(float(run.network.regressors[0][3].weight.grad.abs().max()))
     assert gradients[0] < 1e-20 < 1e-9 < gradients[1]

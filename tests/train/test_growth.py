@@ -5,6 +5,7 @@ import torch
 
 from scenes import tiny_cameras
 from splatwire.data import Dataset
+from splatwire.errors import DivergedError
 from splatwire.scene import Gaussians
 from splatwire.train.config import GrowthRules, TrainConfig
 from splatwire.train.growth import _cells, _keys, adjust_anchors, gather_statistics, on_image
@@ -135,3 +136,18 @@ def test_statistics_of_one_view(state: TrainState) -> None:
     assert statistics.opacity_sum[[2, 5, 7]].tolist() == [0.5, 0.25, 0]
     assert float(statistics.gradient_count.sum()) == 1
     assert float(statistics.gradient_sum[2, 1]) == pytest.approx((1.5**2 + 1.0**2) ** 0.5)  # per half image size
+
+
+def test_nothing_goes_before_the_first_pruning(state: TrainState, config: TrainConfig) -> None:
+    _seen(state, config, gradient=0.0, opacity=0.0)
+    state.iteration = 99
+    before = state.num_anchors
+    assert adjust_anchors(state, _rules(config, first_pruning=100)) == (0, 0)
+    assert state.num_anchors == before
+
+
+def test_a_scene_of_nothing_is_an_error(state: TrainState, config: TrainConfig) -> None:
+    _seen(state, config, gradient=0.0, opacity=0.0)
+    state.iteration = 100
+    with pytest.raises(DivergedError, match=r"iteration 100: every anchor has become transparent"):
+        adjust_anchors(state, _rules(config, first_pruning=100))

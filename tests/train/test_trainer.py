@@ -100,7 +100,7 @@ def test_a_run_that_diverges_says_so(dataset: Dataset, config: TrainConfig) -> N
     state = initial_state(dataset, config)
     with torch.no_grad():
         state.parameters["heads.color.output.bias"].fill_(torch.nan)
-    with pytest.raises(DivergedError, match="iteration 1 ") as caught:
+    with pytest.raises(DivergedError, match="iteration 1: the loss is not finite") as caught:
         train_scene(dataset, None, config, state=state)
     assert caught.value.iteration == 1
 

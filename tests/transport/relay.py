@@ -1,5 +1,9 @@
-"""A lossy relay on loopback: what netem does, where netem is not to be had."""
+"""A lossy relay on loopback: what netem does, where netem is not to be had.
 
+python tests/transport/relay.py --server 4840 --port 4841 --loss 0.2 --burst 20 --delay 0.01 --duplicate 0.01
+"""
+
+import argparse
 import asyncio
 import random
 import socket
@@ -13,7 +17,9 @@ class Relay:
         server_port: Where the server is, on 127.0.0.1.
         down: Called for each datagram to a client; true loses it.
         up: The same for the other direction.
-        delay_s: One-way delay, seconds.
+        delay_s: One-way delay, seconds; each datagram takes up to `jitter` times as much longer, so that many overtake.
+        duplicate: Share of the datagrams that pass twice.
+        port: Where clients find it; 0 lets the system choose.
         seed: Seed of the jitter.
     """
 
@@ -24,13 +30,17 @@ class Relay:
         up: Callable[[], bool] = lambda: False,
         delay_s: float = 0.0,
         seed: int = 0,
+        jitter: float = 0.2,
+        duplicate: float = 0.0,
+        port: int = 0,
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._down, self._up, self._delay = down, up, delay_s
+        self._jitter, self._duplicate = jitter, duplicate
         self._rng = random.Random(seed)
         self._target = ("127.0.0.1", server_port)
         self._front = self._open()
-        self._front.bind(("127.0.0.1", 0))
+        self._front.bind(("127.0.0.1", port))
         self._back: dict[tuple[str, int], socket.socket] = {}
         self.num_lost = self.num_passed = 0
         self._loop.add_reader(self._front, self._from_clients)
@@ -75,13 +85,49 @@ class Relay:
             self.num_lost += 1
             return
         self.num_passed += 1
+        if self._duplicate and self._rng.random() < self._duplicate:
+            self._later(send, data)
+        self._later(send, data)
+
+    def _later(self, send: Callable[[bytes], int], data: bytes) -> None:
         if not self._delay:
             self._send(send, data)
             return
-        self._loop.call_later(self._delay * self._rng.uniform(1.0, 1.2), self._send, send, data)
+        self._loop.call_later(self._delay * self._rng.uniform(1.0, 1.0 + self._jitter), self._send, send, data)
 
     def _send(self, send: Callable[[bytes], int], data: bytes) -> None:
         try:
             send(data)
         except OSError:  # full or closed: lost
             self.num_lost += 1
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="loses, delays, reorders and repeats datagrams of a server")
+    parser.add_argument("--server", type=int, required=True, help="port of the server on 127.0.0.1")
+    parser.add_argument("--port", type=int, default=0)
+    parser.add_argument("--loss", type=float, default=0.2)
+    parser.add_argument("--burst", type=float, default=1.0, help="mean datagrams of a loss")
+    parser.add_argument("--back", type=float, default=0.0, help="loss on the way to the server")
+    parser.add_argument("--delay", type=float, default=0.0, help="seconds each way")
+    parser.add_argument("--jitter", type=float, default=0.2, help="times the delay")
+    parser.add_argument("--duplicate", type=float, default=0.0)
+    parser.add_argument("--seed", type=int, default=0)
+    words = parser.parse_args()
+    from network import bernoulli, bursts  # beside this file
+
+    async def run() -> None:
+        rng = random.Random(words.seed)
+        down = bernoulli(words.loss, rng) if words.burst <= 1 else bursts(words.loss, words.burst, rng)
+        relay = Relay(
+            words.server, down, bernoulli(words.back, rng), words.delay, words.seed, words.jitter, words.duplicate,
+            words.port,
+        )  # fmt: skip
+        print(relay.port, flush=True)
+        await asyncio.Event().wait()
+
+    asyncio.run(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -5,21 +5,23 @@ import random
 import pytest
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets import Packet, Packetization, PacketPlan, make_stream
+from splatwire.packets import Packet, Packetization, PacketPlan, make_stream, packet_from_bytes
 from splatwire.transport import (
     Finished,
     PacketArrived,
     Protection,
+    Receiver,
     ReceiverLimits,
     ReceiverOptions,
+    Server,
     ServerLimits,
     SideInfoArrived,
     Tier,
     Welcomed,
     make_program,
 )
-from splatwire.transport.wire import DATA, SIDE
-from transport.network import Link, bernoulli, bursts, datagram_stream, transfer
+from splatwire.transport.wire import DATA, PARITY, SIDE, Refuse, Request, Welcome, decode, encode
+from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 STREAM = datagram_stream()
@@ -167,3 +169,67 @@ def test_what_cannot_be_served_is_said():
     for wrong in ({"side_repair": 3.0}, {"tiers": (Tier(0.6, 0.1), Tier(0.6, 0.1))}, {"tiers": (Tier(0.5, 3.0),)}):
         with pytest.raises(InvalidValueError):
             Protection(**wrong)
+
+
+def test_the_streams_own_tiers_travel_in_order_and_tier_0_survives():
+    """Parity for tier 0 alone brings all of it back at 20 % loss; the rest loses its fifth."""
+    stream = tiered_stream()
+    program = make_program(stream, Protection(tier_repair=(0.9,), parity_until=0.6))
+    assert [(tier.num_packets, tier.groups > 0) for tier in program.tiers] == [(23, True), (204, False)]
+    tier_of = {p.id: stream.manifest.plan.tier_of(p.id.block) for p in stream.packets}
+    kinds = [kind for kind, _, _ in program.schedule]
+    sent = [program.packets[n] for kind, _, n in program.schedule if kind == DATA]
+    order = [tier_of[packet_from_bytes(data, None).id] for data in sent]
+    assert order == [0] * 23 + [1] * 204
+    last = max(n for n, kind in enumerate(kinds) if kind == PARITY)
+    assert sum(kind == DATA for kind in kinds[:last]) == pytest.approx(0.6 * 227, abs=5)
+    for seed in range(3):
+        rng = random.Random(seed)
+        result = transfer(program, down=Link(bernoulli(0.2, rng)), seed=seed, options=ReceiverOptions(nack=False))
+        arrived = [tier_of[packet.id] for packet in result.receiver.stream().packets]
+        assert arrived.count(0) == 23
+        assert 130 < arrived.count(1) < 190
+
+
+def test_parity_for_tiers_that_are_not_there_is_refused():
+    with pytest.raises(InvalidValueError, match="encode with --tiers"):
+        make_program(STREAM, Protection(tier_repair=(0.4, 0.1)))
+    with pytest.raises(InvalidValueError, match="not by both"):
+        Protection(tiers=(Tier(0.1, 0.2),), tier_repair=(0.1,))
+    stream = tiered_stream()
+    with pytest.raises(InvalidValueError, match="mixes tiers"):
+        make_program(stream, Protection(tier_repair=(0.4,)), order=stream.packets[::-1])
+
+
+def test_fine_symbols_cross_too():
+    program = make_program(STREAM, Protection(side_symbol_bytes=128, side_lead=1.0))
+    assert program.symbol_bytes == 128
+    complete(transfer(program, down=Link(bursts(0.2, 20, random.Random(3)))))
+    for size in (60, 100, 2000):
+        with pytest.raises(InvalidValueError, match="symbols of side information"):
+            Protection(side_symbol_bytes=size)
+
+
+def test_a_client_that_falls_silent_is_sent_no_more_for_a_while():
+    server = Server({"scene": PROGRAM}, secret=SECRET, random=random.Random(0).randbytes)
+    receiver = Receiver(7, 0.0)
+    pending = receiver.poll(0.0)[0]
+    while pending:
+        answers = [server.receive("client", data, 0.0) for data in pending]
+        pending = [reply for answer in answers if answer for reply in receiver.receive(answer, 0.0)[0]]
+    assert server.poll(0.5)
+    while server.poll(0.9):
+        pass
+    assert server.poll(2.0) == []
+    server.receive("client", receiver.poll(2.0)[0][0], 2.0)
+    assert server.poll(2.0)
+
+
+def test_one_address_cannot_take_all_places():
+    server = Server({"scene": PROGRAM}, secret=SECRET, random=random.Random(0).randbytes)
+    requests = [encode(Request(n, bytes(16), "")) for n in range(6)]
+    answers = [decode(server.receive("greedy", request, 0.0, reliable=True)) for request in requests]
+    assert [type(answer) for answer in answers] == [Welcome] * 4 + [Refuse] * 2
+    assert server.num_transfers == 4
+    server.forget("greedy")
+    assert server.num_transfers == 0

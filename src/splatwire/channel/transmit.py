@@ -9,7 +9,7 @@ from splatwire.channel.loss_models import LossModel
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.packets import Packet, SceneStream
 
-SEND_ORDERS = ("interleaved", "block")
+SEND_ORDERS = ("interleaved", "block", "tiers")
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class TransmitRecord:
         loss: The loss model, as `parse_loss` reads it.
         unit: What was lost as one: `pak`, or `datagram` where packets are cut to fit one.
         seed: Seed of the mask.
-        send_order: `interleaved` or `block`.
+        send_order: One of `SEND_ORDERS`.
         num_sent: Packets sent.
         num_lost: Packets lost.
         num_lost_anchors: Anchors that lost at least one packet.
@@ -62,7 +62,8 @@ def transmit(
         loss: Which packets are lost.
         seed: Seed of the mask.
         send_order: `interleaved`: lane 0 of all blocks, then lane 1, ..., so that a burst takes packets of different
-            blocks; `block`: all lanes of block 0, then block 1, ..., where a burst can wipe out a block.
+            blocks; `block`: all lanes of block 0, then block 1, ..., where a burst can wipe out a block; `tiers`: as
+            `interleaved`, but all of the more important tier before the next one.
 
     Returns:
         The stream with the packets that arrived, and what happened.
@@ -105,7 +106,9 @@ def send_sequence(stream: SceneStream, send_order: str) -> list[Packet]:
         raise UnknownNameError("send order", send_order, SEND_ORDERS)
     if send_order == "block":
         return list(stream.packets)
-    return sorted(stream.packets, key=lambda packet: (packet.id.lane, packet.id.part, packet.id.block))
+    plan = stream.manifest.plan
+    tier_of = [plan.tier_of(block) if send_order == "tiers" else 0 for block in range(plan.num_blocks)]
+    return sorted(stream.packets, key=lambda p: (tier_of[p.id.block], p.id.lane, p.id.part, p.id.block))
 
 
 def _num_anchors(packets: list[Packet]) -> int:

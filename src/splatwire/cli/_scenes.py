@@ -7,6 +7,20 @@ from splatwire.cli._files import is_stream
 
 if TYPE_CHECKING:
     from splatwire.model import AnchorScene
+    from splatwire.scene.splats import Splats
+
+
+def load_picturable(path: Path, concealer: str) -> "tuple[AnchorScene | Splats, int]":
+    """Reads whatever can be drawn: what `load_drawable` reads, or explicit Gaussians (3DGS PLY, `.splat`).
+
+    Raises:
+        UnknownNameError: If there is no such concealer.
+        DatasetError: If a file of explicit Gaussians is damaged.
+        BitstreamError: If the file is none of these.
+    """
+    from splatwire.importers.splats import import_splats, splats_kind
+
+    return load_drawable(path, concealer) if splats_kind(path) is None else (import_splats(path), 0)
 
 
 def load_drawable(path: Path, concealer: str) -> "tuple[AnchorScene, int]":

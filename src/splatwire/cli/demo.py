@@ -82,18 +82,19 @@ class Demo:
         from splatwire.channel import parse_loss
         from splatwire.cli.evaluate import encode_contiguous
         from splatwire.codec import decode_stream
+        from splatwire.codec.sections import split_sections
         from splatwire.conceal import concealer_names
         from splatwire.evaluate import Protocol, concealment_methods, evaluate_streams, rendered_views
         from splatwire.evaluate.views import spread
         from splatwire.metrics import find_lpips
         from splatwire.packets import read_stream
 
-        methods = concealment_methods(concealer_names(), contiguous=True)
-        protocol = Protocol(methods, parse_loss(self.loss), (self.seed,), lpips_views=_LPIPS_VIEWS)
-        lpips = find_lpips()
+        loss, lpips = parse_loss(self.loss), find_lpips()
         stream_path, cameras = self._input()
         cameras = cameras.select(spread(cameras.num_views, self.views))
         stream, _ = read_stream(stream_path)
+        methods = concealment_methods(concealer_names(split_sections(stream.side_info)[1]), contiguous=True)
+        protocol = Protocol(methods, loss, (self.seed,), lpips_views=_LPIPS_VIEWS)
         scene = decode_stream(stream, progress=lambda share: show("decoding the complete scene", share)).scene
         contiguous = encode_contiguous(scene, stream, lambda share: show("encoding contiguous packets", share))
         views = rendered_views(

@@ -2,14 +2,19 @@
 
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from splatwire.cli._files import input_path, output_path
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
+from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
+    from splatwire.model import AnchorScene
     from splatwire.packets import Packetization
 
 
@@ -33,6 +38,10 @@ class Encode:
     """Ranking of anchors: morton or raster."""
     grouping: str | None = None
     """Anchors of a lane: stratified (hashed) or contiguous."""
+    tiers: tuple[float, ...] = ()
+    """Shares of the anchors, most important first, that get packets of their own: 0.05, or 0.05 0.15."""
+    data: Path | None = None
+    """Photos whose training cameras say what is important; cameras around the scene if not given."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -41,13 +50,14 @@ class Encode:
         packetization = self.packetization()
         from splatwire.codec import encode_scene
         from splatwire.model.scene_file import load_scene
-        from splatwire.packets import write_stream
+        from splatwire.packets import measure_sizes, write_stream
 
         with input_path(self.scene) as source:
             scene = load_scene(source)
+        tiers = self._tiers(scene)
         started = time.perf_counter()
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
-            stream = encode_scene(scene, packetization, progress=lambda share: report("encoding", share))
+            stream = encode_scene(scene, packetization, tiers=tiers, progress=lambda share: report("encoding", share))
             seconds = time.perf_counter() - started
             write_stream(stream, path)
         if self.json:
@@ -58,12 +68,30 @@ class Encode:
                     "parts": stream.parts(),
                     "num_packets": len(stream.packets),
                     "num_anchors": stream.manifest.num_anchors,
+                    "tiers": measure_sizes(stream).tiers,
                     "seconds": seconds,
                 }
             )
         else:
             text = f"{stream.manifest.num_anchors:,} anchors in {len(stream.packets):,} packets"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)
+
+    def _tiers(self, scene: "AnchorScene") -> "Tensor | None":
+        """Tier of every anchor; None if there is one."""
+        if not self.tiers:
+            if self.data is not None:
+                raise InvalidValueError("--data says which anchors are important, which means nothing without --tiers")
+            return None
+        if not all(0 < share < 1 for share in self.tiers) or sum(self.tiers) >= 1:
+            raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
+        from splatwire.data import open_dataset
+        from splatwire.render.importance import footprint_importance, surrounding_cameras
+
+        if self.data is None:
+            cameras = surrounding_cameras(scene.anchors)
+        else:
+            cameras = open_dataset(self.data, split="train").cameras
+        return footprint_importance(scene, cameras).tiers(self.tiers, scene.anchors.mask.any(dim=1))
 
     def packetization(self) -> "Packetization":
         """The preset with what the user changed.

@@ -1,4 +1,4 @@
-"""`splatwire evaluate`: a stream or scene is scored against photos or against another scene."""
+"""`splatwire evaluate`: a stream or scene is scored, or a protocol file runs."""
 
 import tempfile
 import time
@@ -20,22 +20,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Score a stream or scene: lose packets, conceal, draw the test views and compare."""
+    """Score a stream or scene: lose packets, conceal, draw the test views and compare; or run a protocol file."""
 
     source: tyro.conf.Positional[str]
-    """Stream (complete or with losses) or scene file (as it is; with --loss it is encoded first); - for standard
-    input."""
+    """Stream (complete or with losses) or scene file (as it is; with --loss it is encoded first), - for standard
+    input; or a protocol file (.toml), as in benchmarks/paper."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder: its test photos are the references."""
     reference: Path | None = None
-    """Scene file or stream whose renders are the references, instead of photos."""
+    """Scene file, stream, 3DGS PLY or .splat file whose renders are the references, instead of photos."""
     cameras: Path | None = None
     """Cameras file for --reference; without it those of --data."""
     loss: str | None = None
     """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak.
     Without it the source is scored as it is."""
-    seeds: tuple[int, ...] = (0,)
-    """One transmission per seed; all methods meet the same losses."""
+    seeds: tuple[int, ...] = ()
+    """One transmission per seed; all methods meet the same losses. Without it seed 0, or the protocol's."""
     conceal: tuple[str, ...] = ()
     """Concealers to compare; all where absent."""
     contiguous: bool = False
@@ -49,12 +49,33 @@ class Evaluate:
     lpips_views: int | None = None
     """Most views that LPIPS is computed on (slow on a CPU); all where absent."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Folder for an HTML report with pictures."""
+    """Folder for an HTML report with pictures, and for everything else that a protocol writes."""
+    engine: str = "local"
+    """Protocols: local (processes), ray (RAY_ADDRESS or a local cluster) or slurm."""
+    workers: int | None = None
+    """Protocols: workers at a time; one per processor where absent."""
+    store: Path | None = None
+    """Protocols: folder of finished work, OUTPUT/store where absent; what is there is not computed again."""
+    data_root: Path | None = None
+    """Protocols: value of ${SPLATWIRE_DATA} in their paths."""
+    scene: str | None = None
+    """Protocols: a stream, scene file, HAC++ folder, or the word bundled, instead of the protocol's scenes."""
+    photos: Path | None = None
+    """Protocols: dataset folder of --scene; without it --cameras, and the scene's own renders as references."""
+    weights: Path | None = None
+    """Protocols: calibrated GNN weights of --scene."""
+    scene_name: str | None = None
+    """Protocols: what --scene is called."""
     json: JsonFlag = False
     """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""
+        if self.source.endswith(".toml"):
+            from splatwire.cli._study import run_protocol
+
+            run_protocol(self)
+            return
         from splatwire.evaluate import write_report
 
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
@@ -77,6 +98,7 @@ class Evaluate:
             folder: For temporary files.
             show: Progress.
         """
+        from splatwire.codec.sections import split_sections
         from splatwire.evaluate import evaluate_streams
         from splatwire.metrics import find_lpips
 
@@ -88,7 +110,8 @@ class Evaluate:
                 return self._scene_as_it_is(path, views, lpips, show)
             streams, seconds = self._streams(path, show)
         stream = streams["stream"]
-        protocol = self._protocol(complete=len(stream.packets) == stream.manifest.num_packets)
+        _, sections = split_sections(stream.side_info)
+        protocol = self._protocol(complete=len(stream.packets) == stream.manifest.num_packets, sections=tuple(sections))
         result = evaluate_streams(protocol, streams, views, lpips=lpips, progress=show)
         return with_encode_seconds(result, seconds)
 
@@ -99,19 +122,20 @@ class Evaluate:
         from splatwire.model.scene_file import load_scene_file
 
         scene, erasures = load_scene_file(path)
-        protocol = self._protocol(complete=erasures is None or erasures.num_lost == 0)
+        sections = tuple(scene.concealment) if isinstance(scene, PartialScene) else ()
+        protocol = self._protocol(complete=erasures is None or erasures.num_lost == 0, sections=sections)
         if not isinstance(scene, PartialScene):
             lost = erasures is not None and erasures.num_lost > 0
             protocol = replace(protocol, methods=(Method("as it is" if lost else "no loss", lossless=not lost),))
         return evaluate_scene(protocol, scene, erasures, tensor_bytes(path), views, lpips=lpips, progress=show)
 
-    def _protocol(self, *, complete: bool) -> "Protocol":
+    def _protocol(self, *, complete: bool, sections: tuple[str, ...] = ()) -> "Protocol":
         from splatwire.channel import parse_loss
         from splatwire.conceal import concealer_names, create_concealer
         from splatwire.evaluate import Method, Protocol, concealment_methods
         from splatwire.render import create_renderer
 
-        concealers = self.conceal or concealer_names()
+        concealers = self.conceal or concealer_names(sections)
         for name in concealers:
             create_concealer(name)
         create_renderer(self.renderer)
@@ -122,7 +146,12 @@ class Evaluate:
             contiguous = self.contiguous and self.loss is not None
             methods = concealment_methods(tuple(concealers), complete=complete, contiguous=contiguous)
         return Protocol(
-            methods, loss, self.seeds, send_order=self.send_order, renderer=self.renderer, lpips_views=self.lpips_views
+            methods,
+            loss,
+            self.seeds or (0,),
+            send_order=self.send_order,
+            renderer=self.renderer,
+            lpips_views=self.lpips_views,
         )
 
     def _views(self, folder: Path, show: Reporter) -> "ReferenceViews":
@@ -133,13 +162,13 @@ class Evaluate:
             if self.data is None or self.cameras is not None:
                 raise InvalidValueError("give --data FOLDER, or --reference SCENE with --cameras FILE or --data FOLDER")
             return photo_views(open_dataset(self.data, split="test"))
-        from splatwire.cli._scenes import load_drawable
+        from splatwire.cli._scenes import load_picturable
         from splatwire.cli.render import find_cameras
         from splatwire.evaluate.views import spread
 
         cameras = find_cameras(self.cameras, self.data)
         cameras = cameras.select(spread(cameras.num_views, self.views))
-        scene, _ = load_drawable(self.reference, "drop")
+        scene, _ = load_picturable(self.reference, "drop")
         return rendered_views(
             scene, cameras, folder, renderer=self.renderer, progress=lambda share: show("drawing references", share)
         )

@@ -1,4 +1,4 @@
-"""`splatwire import`: a model that other software trained becomes a scene file."""
+"""`splatwire import`: a model that other software trained becomes a file of ours, or a checked one."""
 
 import time
 from dataclasses import dataclass
@@ -9,41 +9,59 @@ import tyro
 
 from splatwire.cli._files import output_path
 from splatwire.cli._output import JsonFlag, print_json, print_summary
+from splatwire.errors import InvalidValueError
 
 
 @dataclass(frozen=True)
 class Import:
-    """Import a model of other software as a scene file."""
+    """Import a model of other software: neural scenes as a scene file, explicit Gaussians as a standard PLY."""
 
-    kind: tyro.conf.Positional[Literal["hacpp"]]
-    """What wrote it: hacpp is the official HAC++ code."""
+    kind: tyro.conf.Positional[Literal["hacpp", "scaffold", "ply", "splat"]]
+    """What it is: hacpp and scaffold are model folders of the official HAC++ and Scaffold-GS code and become a scene
+    file; ply (3DGS) and splat (32 bytes per Gaussian) are explicit Gaussians, which are checked and written as a 3DGS
+    PLY. Explicit Gaussians can be drawn (render), compared with (evaluate --reference) and started from (train
+    --init)."""
     model_dir: tyro.conf.Positional[Path]
-    """Its model folder."""
+    """Its model folder, or the file."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Scene file to write."""
+    """Scene file or PLY to write."""
+    appearance: int | None = None
+    """Scaffold-GS with an appearance embedding: the number of the training camera whose colours are kept."""
     json: JsonFlag = False
     """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""
+        if self.appearance is not None and self.kind != "scaffold":
+            raise InvalidValueError("--appearance is for scaffold models")
+        started = time.perf_counter()
+        with output_path(self.output, json=self.json) as path:
+            result = self._explicit(path) if self.kind in ("ply", "splat") else self._neural(path)
+            num_bytes = path.stat().st_size
+        if self.json:
+            seconds = time.perf_counter() - started
+            print_json({"output": self.output, **result, "num_bytes": num_bytes, "seconds": seconds})
+        else:
+            count, what = (result.get(key) for key in ("num_anchors", "num_gaussians"))
+            text = f"{count:,} anchors" if count is not None else f"{what:,} Gaussians"
+            print_summary(f"{text}, {num_bytes:,} bytes -> {self.output}", self.output)
+
+    def _neural(self, path: Path) -> dict[str, object]:
         from splatwire.importers.hacpp import import_hacpp
+        from splatwire.importers.scaffold import import_scaffold
         from splatwire.model.scene_digest import scene_digest
         from splatwire.model.scene_file import save_scene
 
-        started = time.perf_counter()
-        with output_path(self.output, json=self.json) as path:
-            scene = import_hacpp(self.model_dir)
-            save_scene(scene, path)
-            num_bytes = path.stat().st_size
-        if self.json:
-            print_json(
-                {
-                    "output": self.output,
-                    "num_anchors": scene.anchors.num_anchors,
-                    "num_bytes": num_bytes,
-                    "digest": scene_digest(scene.anchors),
-                    "seconds": time.perf_counter() - started,
-                }
-            )
+        if self.kind == "scaffold":
+            scene = import_scaffold(self.model_dir, appearance=self.appearance)
         else:
-            print_summary(f"{scene.anchors.num_anchors:,} anchors, {num_bytes:,} bytes -> {self.output}", self.output)
+            scene = import_hacpp(self.model_dir)
+        save_scene(scene, path)
+        return {"num_anchors": scene.anchors.num_anchors, "digest": scene_digest(scene.anchors)}
+
+    def _explicit(self, path: Path) -> dict[str, object]:
+        from splatwire.exporters import write_ply
+        from splatwire.importers.splats import import_ply, import_splat
+
+        splats = import_ply(self.model_dir) if self.kind == "ply" else import_splat(self.model_dir)
+        return {"num_gaussians": write_ply([splats], path), "degree": splats.degree}

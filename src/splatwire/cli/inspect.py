@@ -47,7 +47,7 @@ def describe(path: Path) -> dict[str, Any]:
 
 
 def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, Any]:
-    from splatwire.codec.side_info import side_info_parts
+    from splatwire.codec import side_info_parts
     from splatwire.packets import measure_sizes
 
     manifest, sizes = stream.manifest, measure_sizes(stream)
@@ -130,4 +130,6 @@ def _text(value: Any) -> str:
         return f"{value:,}"
     if isinstance(value, float):
         return f"{value:,.3f}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
     return "-" if value is None else str(value)

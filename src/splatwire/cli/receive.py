@@ -1,9 +1,12 @@
 """`splatwire receive`: a stream comes over the network."""
 
 import asyncio
+import contextlib
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
@@ -12,18 +15,17 @@ from splatwire.cli._files import output_path, read_report_json
 from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from splatwire.packets import SceneStream
-    from splatwire.transport import Event, Receiver
+    from splatwire.transport import Event, Receiver, ReceiverOptions
+    from splatwire.transport.address import Address
 
 
 @dataclass(frozen=True)
 class Receive:
-    """Receive a stream over UDP; what arrived by the deadline is enough for a scene."""
+    """Receive a stream over UDP or QUIC; what arrived by the deadline is enough for a scene."""
 
     url: tyro.conf.Positional[str]
-    """udp://HOST[:PORT][/NAME]."""
+    """udp://HOST[:PORT][/NAME] or quic://HOST[:PORT][/NAME]."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; with --conceal a scene."""
     deadline: str | None = None
@@ -32,6 +34,14 @@ class Receive:
     """Ask for lost packets again."""
     conceal: str | None = None
     """Decode, fill what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file."""
+    fingerprint: str | None = None
+    """With quic://: SHA-256 of the server's certificate, as the server tells it; nothing else about it matters then."""
+    authority: Path | None = None
+    """With quic://: PEM file of certificates that vouch for the server's, or its own; else those the system knows."""
+    insecure: bool = False
+    """With quic://: take any certificate; somebody on the path can pose as the server."""
+    pcap: Path | None = None
+    """Write all datagrams, sent and received, to this file in the format of tcpdump."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -40,7 +50,7 @@ class Receive:
         from splatwire.errors import MissingSideInfoError
         from splatwire.packets import write_stream
         from splatwire.transport import ReceiverOptions
-        from splatwire.transport.udp import parse_url, receive_udp
+        from splatwire.transport.address import parse_url
 
         address = parse_url(self.url)
         deadline = None if self.deadline is None else parse_seconds(self.deadline)
@@ -48,7 +58,7 @@ class Receive:
         concealer = self._concealer()
         moments = Moments()
         with progress_bars() as show, output_path(self.output, suffix=".swz", json=self.json) as path:
-            receiver = asyncio.run(receive_udp(address, options, lambda event: moments.note(event, show)))
+            receiver = self._transfer(address, options, lambda event: moments.note(event, show))
             stream, over = receiver.stream(), receiver.finished
             reason = over.reason if over else "stopped"
             if stream is None:
@@ -58,6 +68,31 @@ class Receive:
             else:
                 _write_scene(stream, concealer, path)
         self._tell(receiver, stream, reason, moments)
+
+    def _transfer(self, address: "Address", options: "ReceiverOptions", note: Callable[["Event"], None]) -> "Receiver":
+        """Runs the transfer, with the capture that was asked for."""
+        from splatwire.errors import InvalidValueError
+        from splatwire.transport.pcap import Capture
+
+        if address.scheme != "quic" and (self.fingerprint or self.authority or self.insecure):
+            raise InvalidValueError("--fingerprint, --authority and --insecure are for quic://")
+        with contextlib.ExitStack() as stack:
+            tap = None
+            if self.pcap is not None:
+                capture = Capture(stack.enter_context(self.pcap.open("wb")).write)
+                tap = lambda source, target, data: capture.add(source, target, data, time.time())  # noqa: E731
+            if address.scheme == "udp":
+                from splatwire.transport.udp import receive_udp
+
+                return asyncio.run(receive_udp(address, options, note, tap))
+            from splatwire.transport.quic import need_aioquic
+
+            need_aioquic()
+            from splatwire.transport.quic_client import Trust, receive_quic
+
+            authority = None if self.authority is None else self.authority.read_bytes()
+            trust = Trust(authority, self.fingerprint, self.insecure)
+            return asyncio.run(receive_quic(address, options, trust, note, tap))
 
     def _concealer(self) -> Any:
         if self.conceal is None:
@@ -135,7 +170,7 @@ def parse_seconds(text: str) -> float:
     return float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)
 
 
-def _write_scene(stream: "SceneStream", concealer: Any, path: "Path") -> None:
+def _write_scene(stream: "SceneStream", concealer: Any, path: Path) -> None:
     from splatwire.codec import decode_stream
     from splatwire.conceal import conceal
     from splatwire.model.scene_file import save_scene

@@ -20,7 +20,7 @@ class Render:
     """Draw a scene from every camera and save the pictures as PNG files."""
 
     scene: tyro.conf.Positional[str]
-    """Scene file, decoded scene with gaps, or stream; - for standard input."""
+    """Scene file, decoded scene with gaps, stream, 3DGS PLY or .splat file; - for standard input."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the pictures and a cameras.json."""
     cameras: Path | None = None
@@ -42,12 +42,13 @@ class Render:
         if not 0 < self.scale <= 16:
             raise InvalidValueError(f"--scale must be above 0 and at most 16, not {self.scale:g}")
         cameras = cameras if self.scale == 1 else cameras.scaled(self.scale)
-        from splatwire.cli._scenes import load_drawable
+        from splatwire.cli._scenes import load_picturable
         from splatwire.data import save_cameras
         from splatwire.render import iterate_views
+        from splatwire.scene.splats import Splats
 
         with input_path(self.scene) as source:
-            scene, num_lost = load_drawable(source, self.conceal)
+            scene, num_lost = load_picturable(source, self.conceal)
         self.output.mkdir(parents=True, exist_ok=True)
         started, files = time.perf_counter(), []
         with progress_bars() as show:
@@ -64,7 +65,11 @@ class Render:
                     "num_views": cameras.num_views,
                     "width": cameras.width,
                     "height": cameras.height,
-                    "num_anchors": scene.anchors.num_anchors,
+                    **(
+                        {"num_gaussians": scene.num_gaussians}
+                        if isinstance(scene, Splats)
+                        else {"num_anchors": scene.anchors.num_anchors}
+                    ),
                     "num_lost": num_lost,
                     "seconds": seconds,
                 }

@@ -1,11 +1,15 @@
 """`splatwire serve`: a stream is sent to whoever asks for it."""
 
 import asyncio
+import contextlib
+import re
 import signal
+import socket
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import tyro
 
@@ -13,11 +17,12 @@ from splatwire.cli._output import JsonFlag, print_json
 
 if TYPE_CHECKING:
     from splatwire.transport import Program, Protection, ServerLimits
+    from splatwire.transport.certificate import Identity
 
 
 @dataclass(frozen=True)
 class Serve:
-    """Serve streams over UDP to many clients at once; stop with Ctrl-C."""
+    """Serve streams over UDP or QUIC to many clients at once; stop with Ctrl-C."""
 
     streams: tyro.conf.Positional[list[str]]
     """Streams of the preset datagram: .swz files or folders. A client names one by its file name without the ending;
@@ -28,12 +33,31 @@ class Serve:
     """Address to listen on; 0.0.0.0 for all of this machine's."""
     rate: float | None = None
     """Megabits per second to each client, fixed; without it the rate adapts to the path."""
+    quic: bool = False
+    """Serve over QUIC: encrypted, side information on a reliable stream; browsers may come by WebTransport."""
+    certificate: Path | None = None
+    """With --quic: certificate and its chain (PEM); without it one is made on the spot and its fingerprint told."""
+    key: Path | None = None
+    """Private key of the certificate (PEM, not encrypted)."""
+    page: int | None = None
+    """With --quic: serve a page that receives in a browser on this TCP port of 127.0.0.1; 0 lets the system choose."""
+    origins: tuple[str, ...] = ()
+    """With --quic: web pages that may open sessions, e.g. https://example.org; none named lets all."""
+    idle: float = 5.0
+    """A client that says nothing for so many seconds is forgotten."""
     side_repair: float = 0.35
     """Repair symbols for each symbol of the side information."""
+    side_symbol: int | None = None
+    """Bytes of a symbol of the side information, a multiple of 8; without it chosen by its size."""
     side_lead: float = 0.4
     """Share of the packets that the side information is sent between."""
     parity: tuple[str, ...] = ()
     """Parity over packets, tier by tier in sending order: SHARE:REPAIR, e.g. 0.2:0.5."""
+    protect: tuple[str, ...] = ()
+    """Parity over the tiers of a stream that was encoded with --tiers: tierN=REPAIR, e.g. tier0=0.4 (instead of
+    --parity); tier 0 travels first."""
+    parity_until: float = 1.0
+    """Parity of a tier leaves between its middle and this share of the packets."""
     clients: int = 256
     """Most clients at once."""
     json: JsonFlag = False
@@ -47,7 +71,11 @@ class Serve:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.port} is not")
         if not self.streams:
             raise InvalidValueError("name at least one stream to serve")
-        protection = self.protection()
+        if not self.quic and (self.certificate or self.key or self.page is not None or self.origins):
+            raise InvalidValueError("--certificate, --key, --page and --origins are for --quic")
+        if self.page is not None and not 0 <= self.page < 1 << 16:
+            raise InvalidValueError(f"a port is a number from 0 to 65535, {self.page} is not")
+        protection, _ = self.protection(), self.limits()  # mistakes are told before streams are read
         programs = {stream_name(path): load_program(path, protection) for path in self.streams}
         asyncio.run(self._serve(programs))
 
@@ -67,7 +95,10 @@ class Serve:
             except ValueError:
                 raise InvalidValueError(f"'{text}' is not a tier of parity such as 0.2:0.5") from None
             tiers.append(Tier(share, repair))
-        return Protection(self.side_repair, self.side_lead, tuple(tiers))
+        return Protection(
+            side_repair=self.side_repair, side_lead=self.side_lead, side_symbol_bytes=self.side_symbol,
+            tiers=tuple(tiers), tier_repair=parse_tiers(self.protect), parity_until=self.parity_until,
+        )  # fmt: skip
 
     def limits(self) -> "ServerLimits":
         """What is spent on clients.
@@ -80,30 +111,94 @@ class Serve:
 
         if self.rate is not None and not 0 < self.rate <= 100_000:
             raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
-        return ServerLimits(sessions=self.clients, fixed_rate=None if self.rate is None else self.rate * 1e6 / 8)
+        if not 0.1 <= self.idle <= 3600:
+            raise InvalidValueError(f"--idle is from 0.1 to 3600 seconds, {self.idle} is not")
+        rate = None if self.rate is None else self.rate * 1e6 / 8
+        return ServerLimits(sessions=self.clients, silence_s=self.idle, fixed_rate=rate)
+
+    def identity(self) -> "Identity":
+        """Certificate and key of a QUIC server.
+
+        Raises:
+            InvalidValueError: If only one of them was given, or they are something else.
+        """
+        from splatwire.errors import InvalidValueError
+        from splatwire.transport.certificate import from_pem, self_signed
+
+        if (self.certificate is None) != (self.key is None):
+            raise InvalidValueError("--certificate and --key belong together")
+        if self.certificate is None or self.key is None:
+            return self_signed(("localhost", "127.0.0.1", "::1", socket.gethostname(), self.host))
+        return from_pem(self.certificate.read_bytes(), self.key.read_bytes())
 
     async def _serve(self, programs: "dict[str, Program]") -> None:
-        from splatwire.transport.udp import UdpServer
-
         stop = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stop.set)
-        server = UdpServer(programs, self.host, self.port, limits=self.limits())
-        try:
+        async with contextlib.AsyncExitStack() as stack:
+            server, facts = await self._open(programs, stack)
             sizes = {name: program.sizes() for name, program in programs.items()}
             if self.json:
-                print_json({"host": self.host, "port": server.port, "streams": sizes})
+                print_json({"host": self.host, "port": server.port, "streams": sizes, **facts})
             else:
                 for name, parts in sizes.items():
                     print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
                           f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
-                print(f"serving on udp://{self.host}:{server.port}")
+                print(f"serving on {'quic' if self.quic else 'udp'}://{self.host}:{server.port}")
+                for name, value in facts.items():
+                    print(f"{name}: {value}")
             sys.stdout.flush()
             await stop.wait()
-        finally:
-            server.close()
         print(f"served {server.core.num_served} clients, {server.bytes_sent:,} bytes", file=sys.stderr)
+
+    async def _open(
+        self, programs: "dict[str, Program]", stack: contextlib.AsyncExitStack
+    ) -> tuple[Any, dict[str, str]]:
+        """A server, and what its clients have to know of it."""
+        if not self.quic:
+            from splatwire.transport.udp import UdpServer
+
+            plain = UdpServer(programs, self.host, self.port, limits=self.limits())
+            stack.callback(plain.close)
+            return plain, {}
+        from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits, need_aioquic
+
+        need_aioquic()
+        from splatwire.transport.page import PageServer
+        from splatwire.transport.quic_server import QuicServer
+
+        identity = self.identity()
+        server = QuicServer(
+            programs, self.host, self.port, identity=identity, limits=self.limits(),
+            quic_limits=QuicLimits(connections=2 * self.clients, origins=self.origins or None),
+        )  # fmt: skip
+        stack.callback(server.close)
+        await server.start()
+        facts = {"fingerprint": identity.fingerprint}
+        if self.page is not None:
+            page = await stack.enter_async_context(PageServer(self.page))
+            host = "127.0.0.1" if self.host in ("0.0.0.0", "::") else self.host
+            session = f"https://{f'[{host}]' if ':' in host else host}:{server.port}{WEBTRANSPORT_PATH}"
+            facts["page"] = page.url(url=session, fingerprint=identity.fingerprint)
+        return server, facts
+
+
+def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
+    """Reads tierN=REPAIR, in any order; tiers between that are not named have no parity.
+
+    Raises:
+        InvalidValueError: If it is something else, or a tier is named twice.
+    """
+    from splatwire.errors import InvalidValueError
+
+    found: dict[int, float] = {}
+    for text in texts:
+        match = re.fullmatch(r"tier([0-7])=([0-9]*\.?[0-9]+)", text.strip())
+        if match is None or int(match[1]) in found:
+            raise InvalidValueError(f"'{text}' is not parity for a tier such as tier0=0.4, or names one again")
+        found[int(match[1])] = float(match[2])
+    return tuple(found.get(tier, 0.0) for tier in range(max(found, default=-1) + 1))
 
 
 def stream_name(path: str) -> str:

@@ -20,24 +20,28 @@ if TYPE_CHECKING:
     from splatwire.train import Listener, Progress, QualityReport, TrainConfig, TrainResult
 
 _DEVICES = ("auto", "cpu", "cuda")
+_PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
+CPU_ITERATIONS = 2400
+"""Length of a run on a CPU unless the user says otherwise: minutes, not days."""
 _PLAIN_INTERVAL_S = 30.0
 """Without a terminal, a line this often."""
 
 
 @dataclass(frozen=True)
 class Train:
-    """Train a scene from a folder of posed photos (COLMAP, Blender or nerfstudio layout)."""
+    """Train a scene from a folder of posed photos (COLMAP, BungeeNeRF, Blender or nerfstudio layout)."""
 
     data: tyro.conf.Positional[str]
     """Folder of the dataset."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Scene file to write; checkpoints go to the same name with .checkpoint added."""
-    preset: str = "mipnerf360"
-    """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf."""
+    preset: str = "auto"
+    """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf; auto chooses by the layout of
+    the data."""
     lmbda: float | None = None
     """Weight of the rate (lambda): larger makes smaller scenes. The recipe's own if absent."""
-    iterations: int = 30_000
-    """Length of the run; all phases keep their proportions."""
+    iterations: int | None = None
+    """Length of the run; all phases keep their proportions. 2,400 if absent (the published schedules have 30,000)."""
     voxel_size: float | None = None
     """Spacing of anchors in world units, 0 to derive it from the points. The recipe's own if absent."""
     images: str | None = None
@@ -48,6 +52,8 @@ class Train:
     """White instead of black where photos are transparent and behind the scene."""
     device: str = "auto"
     """auto, cpu or cuda."""
+    init: Path | None = None
+    """3DGS PLY or .splat file whose Gaussians' centres are the first anchors, instead of the data's points."""
     seed: int = 0
     """Seed of everything random."""
     resume: bool = False
@@ -78,7 +84,16 @@ class Train:
             train, test = self._datasets(config)
         else:
             config = self._config()
+            print(
+                f"recipe {config.preset}{' (chosen by the data)' if self.preset == 'auto' else ''}, "
+                f"{config.marks.iterations:,} iterations on the CPU",
+                file=sys.stderr,
+            )
             train, test = self._datasets(config)
+            if self.init is not None:
+                from splatwire.importers.splats import import_points
+
+                train = dataclasses.replace(train, points=import_points(self.init))
             state = initial_state(train, config)
             output.parent.mkdir(parents=True, exist_ok=True)
             save_checkpoint(
@@ -104,22 +119,25 @@ class Train:
         self._report(result, config)
 
     def _check(self) -> None:
-        if self.device not in _DEVICES:
-            raise UnknownNameError("device", self.device, _DEVICES)
-        if self.device == "cuda":
-            raise BackendUnavailableError("cuda training", "this release trains on the CPU: use --device auto")
+        check_device(self.device)
+        if self.init is not None and self.resume:
+            raise InvalidValueError("--init is for the start of a run: the checkpoint of --resume has its anchors")
         if self.output == "-":
             raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
         if self.checkpoint_interval < 1 or self.test_interval < 0:
             raise InvalidValueError("--checkpoint-interval must be 1 or more, --test-interval 0 or more")
 
     def _config(self) -> "TrainConfig":
+        from splatwire.data import dataset_layout
         from splatwire.train import create_config
 
+        preset = self.preset
+        if preset == "auto":
+            preset = _PRESET_OF_LAYOUT.get(dataset_layout(Path(self.data)) or "", "mipnerf360")
         return create_config(
-            self.preset,
+            preset,
             lmbda=self.lmbda,
-            iterations=self.iterations,
+            iterations=CPU_ITERATIONS if self.iterations is None else self.iterations,
             voxel_size=self.voxel_size,
             background=(1.0, 1.0, 1.0) if self.white_background else (0.0, 0.0, 0.0),
             seed=self.seed,
@@ -164,6 +182,29 @@ class Train:
             return
         quality = f", test PSNR {test.psnr:.2f} dB, SSIM {test.ssim:.4f}" if test else ""
         print_summary(f"{scene.anchors.num_anchors:,} anchors{quality}, {result.seconds:,.0f} s -> {self.output}")
+
+
+def check_device(name: str) -> None:
+    """Checks that a run can have the device that it asks for; `auto` is the CPU, which this release trains on.
+
+    Raises:
+        UnknownNameError: There is no such device.
+        BackendUnavailableError: It is a GPU. The message names what is missing, first of all on this machine.
+    """
+    if name not in _DEVICES:
+        raise UnknownNameError("device", name, _DEVICES)
+    if name != "cuda":
+        return
+    import importlib.util
+
+    import torch
+
+    instead = "train on the CPU with --device auto"
+    if not torch.cuda.is_available():
+        raise BackendUnavailableError("cuda", f"torch finds no CUDA device; install its CUDA build, or {instead}")
+    if importlib.util.find_spec("gsplat") is None:
+        raise BackendUnavailableError("cuda", f"gsplat is missing; pip install 'splatwire[gpu]', or {instead}")
+    raise BackendUnavailableError("cuda", f"this release does not train on a GPU yet; {instead}")
 
 
 @contextmanager

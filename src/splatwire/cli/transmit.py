@@ -22,7 +22,7 @@ class Transmit:
     seed: int = 0
     """Seed of the losses."""
     send_order: str = "interleaved"
-    """interleaved: lane by lane, so that a burst hits many blocks; block: block by block."""
+    """interleaved: lane by lane, so that a burst hits many blocks; block: block by block; tiers: tier by tier."""
     json: JsonFlag = False
     """Print one JSON object."""
 

@@ -121,7 +121,7 @@ def predict_mixture(context: CodingContext, predicted: Predictions, feature: np.
     activations = context.feature_activations(feature, predicted.factors[:, 0])
     for group, shared in enumerate(context.shared_sums(predicted.outputs)):
         columns = slice(edges[group], edges[group + 1])
-        parts = _mixture(context, group, shared, activations[:, : edges[group]], predicted.outputs)
+        parts = predict_group(context, group, shared, activations[:, : edges[group]], predicted.outputs)
         mean1[:, columns], scale1[:, columns], weight[:, columns] = parts
     return Mixture(mean1, scale1, weight)
 
@@ -236,7 +236,7 @@ def decode_packets(
     kernels.decode_masks(data, ends, starts, mask_models, states, mask)
     for group, shared in enumerate(context.shared_sums(outputs)):
         before = context.feature_activations(feature[:, : edges[group]], predicted.factors[:, 0])
-        mean1, scale1, weight = _mixture(context, group, shared, before, outputs)
+        mean1, scale1, weight = predict_group(context, group, shared, before, outputs)
         kernels.decode_group(
             data, ends, starts, states, edges[group], *predicted.feature, mean1, scale1, weight,
             weight_table(), *tables(), feature,
@@ -262,9 +262,21 @@ def _indices(
     return means, scales
 
 
-def _mixture(
+def predict_group(
     context: CodingContext, group: int, shared: np.ndarray, activations: np.ndarray, outputs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Evaluates the channel context of one feature group.
+
+    Args:
+        context: What both ends predict from.
+        group: The group.
+        shared: Its entry of `CodingContext.shared_sums`.
+        activations: float64 (n, channels of the groups before), from `CodingContext.feature_activations`.
+        outputs: int32 (n, prior outputs).
+
+    Returns:
+        Mean, scale and weight of the group's channels, as in `Mixture`.
+    """
     from splatwire.codec import _packet_kernels as kernels
 
     columns, size = prior_columns(context.config), context.config.layout.feature_groups[group]

@@ -11,8 +11,12 @@ from splatwire.codec.atomic import Symbols, chunks, decode_packets
 from splatwire.codec.coding_params import CodingContext, dequantise, factor_table, prior_columns, step_indices
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
+from splatwire.codec.separated import SECTION as MASKS
+from splatwire.codec.separated import decode_masks, decode_parts
 from splatwire.codec.side_info import SideInfo, read_side_info
 from splatwire.codec.threads import ordered_map
+from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.codec.tiers import read_tiers
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.model import (
@@ -27,8 +31,8 @@ from splatwire.model import (
     Prior,
 )
 from splatwire.model.prior_field import MIN_SCALE
-from splatwire.packets import SceneStream, arrange
-from splatwire.scene import Anchors, Erasures
+from splatwire.packets import Manifest, SceneStream, arrange, tier_order
+from splatwire.scene import Anchors, Attribute, Erasures
 
 
 def decode_stream(
@@ -43,6 +47,8 @@ def decode_stream(
 
     Returns:
         The scene with anchors by rank; attributes that were not received are zero. The prior is that of every anchor.
+        Of a feature whose groups arrived in part, the channels before the first missing group are there, the others
+        are zero, and the erasures say that it was not received.
 
     Raises:
         MissingSideInfoError: If there is no side information.
@@ -50,24 +56,63 @@ def decode_stream(
         DesyncError: If nothing was lost and yet the decoded integers are not those that were encoded.
     """
     manifest = stream.manifest
-    if not stream.side_info:
+    info = open_side_info(manifest, stream.side_info, atomic=False)
+    decode = _decode_separated if manifest.packetization.separated else _decode_arrays
+    arrays, digest = decode(info, stream, threads, progress)
+    if len(stream.packets) == manifest.num_packets and digest != manifest.symbols_digest:
+        raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")
+    return assemble_scene(info, arrays)
+
+
+def open_side_info(manifest: Manifest, side_info: bytes, *, atomic: bool = True) -> SideInfo:
+    """Reads the side information of a stream and compares it with the manifest.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: The bytes.
+        atomic: Whether only a stream whose packets hold whole anchors will do.
+
+    Raises:
+        MissingSideInfoError: If there are none.
+        BitstreamError: If they are damaged, contradict the manifest, or tell of packets that cannot be decoded.
+    """
+    if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
-    if manifest.packetization.packaging != "atomic":
-        raise BitstreamError(f"packaging '{manifest.packetization.packaging}' is not implemented by the decoder")
-    info = read_side_info(stream.side_info, manifest.num_anchors, manifest.packetization.order)
+    if atomic and manifest.packetization.separated:
+        raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
+    info = read_side_info(side_info, manifest.num_anchors, manifest.packetization.order)
     layout = info.config.layout
     stated = (manifest.feature_dim, manifest.num_offsets, manifest.feature_groups)
     if stated != (layout.feature_dim, layout.num_offsets, layout.feature_groups):
         raise BitstreamError(f"manifest and side information disagree on the layout of an anchor: {stated}, {layout}")
-    arrays, digest = _decode_arrays(info, stream, threads, progress)
-    if len(stream.packets) == manifest.num_packets and digest != manifest.symbols_digest:
-        raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")
-    return _assemble(info, arrays)
+    return info
+
+
+def ranks_in_order(info: SideInfo, manifest: Manifest) -> np.ndarray | None:
+    """Rank at each place of the manifest's plan, int64 (N); None if they are the same because there is one tier.
+
+    Args:
+        info: The stream's side information.
+        manifest: Its manifest.
+
+    Raises:
+        BitstreamError: If they contradict each other.
+    """
+    tiers = read_tiers(info.sections, manifest)
+    return tier_order(tiers) if manifest.tiers else None
 
 
 @dataclass(frozen=True, eq=False)
-class _Arrays:
-    """Attributes and prior of all anchors by rank, filled chunk by chunk."""
+class DecodedArrays:
+    """Attributes and prior of N anchors by rank, filled packet by packet; zero where nothing was received.
+
+    Attributes:
+        received: bool (N, 4), one column per `Attribute`.
+        mask: bool (N, K).
+        values: Feature (N, F), scaling (N, 6) and offset (N, 3 K), float32.
+        outputs: Prior outputs, int32 (N, prior outputs).
+        context: Hash-grid feature, float32 (N, H), whole numbers with `ACTIVATION_BITS` fractional bits.
+    """
 
     received: np.ndarray
     mask: np.ndarray
@@ -76,11 +121,12 @@ class _Arrays:
     context: np.ndarray
 
     @staticmethod
-    def empty(info: SideInfo) -> "_Arrays":
+    def empty(info: SideInfo) -> "DecodedArrays":
+        """Arrays for a stream of which no packet has been decoded; prior and context hold nothing yet."""
         num, layout, config = len(info.voxels), info.config.layout, info.config
         widths = (layout.feature_dim, 6, 3 * layout.num_offsets)
-        return _Arrays(
-            np.zeros(num, dtype=np.bool_),
+        return DecodedArrays(
+            np.zeros((num, len(Attribute)), dtype=np.bool_),
             np.zeros((num, layout.num_offsets), dtype=np.bool_),
             (
                 np.zeros((num, widths[0]), dtype=np.float32),
@@ -94,13 +140,15 @@ class _Arrays:
 
 def _decode_arrays(
     info: SideInfo, stream: SceneStream, threads: int | None, progress: Callable[[float], None] | None
-) -> tuple[_Arrays, str]:
+) -> tuple[DecodedArrays, str]:
     groups, packets = arrange(stream.manifest.plan, stream.packets)
-    arrays, context, models = _Arrays.empty(info), info.coding_context(), info.mask_models()
+    order = ranks_in_order(info, stream.manifest)
+    rank_at = groups.ranks if order is None else order[groups.ranks]
+    arrays, context, models = DecodedArrays.empty(info), info.coding_context(), info.mask_models()
     counts, digest = np.diff(groups.starts), hashlib.sha256()
 
     def decode_run(run: slice) -> tuple[slice, Symbols | None]:
-        ranks = groups.ranks[groups.starts[run.start] : groups.starts[run.stop]]
+        ranks = rank_at[groups.starts[run.start] : groups.starts[run.stop]]
         features, outputs = context.predict(info.voxels[ranks])
         arrays.outputs[ranks], arrays.context[ranks] = outputs, features
         here = packets[run]
@@ -110,7 +158,7 @@ def _decode_arrays(
         of_anchor = np.repeat(there, counts[run])
         payloads = [packet.payload for packet in here if packet is not None]
         symbols, factors = decode_packets(context, outputs[of_anchor], counts[run][there], payloads, models)
-        _store(arrays, ranks[of_anchor], symbols, factors, context)
+        store_symbols(arrays, ranks[of_anchor], symbols, factors, context)
         return run, symbols
 
     for run, symbols in ordered_map(decode_run, chunks(counts), threads):
@@ -121,15 +169,64 @@ def _decode_arrays(
     return arrays, digest.hexdigest()
 
 
-def _store(arrays: _Arrays, ranks: np.ndarray, symbols: Symbols, factors: np.ndarray, context: CodingContext) -> None:
-    arrays.received[ranks] = True
+def _decode_separated(
+    info: SideInfo, stream: SceneStream, threads: int | None, progress: Callable[[float], None] | None
+) -> tuple[DecodedArrays, str]:
+    """Decodes each group of anchors as far as its parts arrived."""
+    plan, context, masks = stream.manifest.plan, info.coding_context(), decode_masks(info)
+    groups, packets = arrange(plan, stream.packets)
+    arrays, digest, num_parts = DecodedArrays.empty(info), hashlib.sha256(), len(plan.parts)
+    num_groups = len(groups.starts) - 1
+
+    def decode_group(group: int) -> tuple[int, Symbols]:
+        ranks = groups.ranks[groups.starts[group] : groups.starts[group + 1]]
+        features, outputs = context.predict(info.voxels[ranks])
+        arrays.outputs[ranks], arrays.context[ranks] = outputs, features
+        here = packets[group * num_parts : (group + 1) * num_parts]
+        payloads = {packet.id.part: packet.payload for packet in here if packet is not None}
+        decoded = decode_parts(context, outputs, masks[ranks], payloads)
+        store_symbols(arrays, ranks, decoded.symbols, decoded.factors, context, decoded.received)
+        return group, decoded.symbols
+
+    for group, symbols in ordered_map(decode_group, range(num_groups), threads):
+        update_digest(digest, symbols)
+        if progress:
+            progress((group + 1) / num_groups)
+    return arrays, digest.hexdigest()
+
+
+def store_symbols(
+    arrays: DecodedArrays,
+    ranks: np.ndarray,
+    symbols: Symbols,
+    factors: np.ndarray,
+    context: CodingContext,
+    received: np.ndarray | bool = True,
+) -> None:
+    """Writes the attributes of some anchors.
+
+    Args:
+        arrays: Where to.
+        ranks: The anchors, int64 (n).
+        symbols: Their symbols.
+        factors: Their step factors, int64 (n, 3).
+        context: What they were decoded with.
+        received: Which of their attributes arrived, bool (n, 4); True for all.
+    """
+    arrays.received[ranks] = received
     arrays.mask[ranks] = symbols.mask
     coded = (symbols.feature, symbols.scaling, symbols.offset)
     for a, (values, part) in enumerate(zip(arrays.values, coded, strict=True)):
         values[ranks] = dequantise(part, factors[:, a], context.config.base_steps[a])
 
 
-def _assemble(info: SideInfo, arrays: _Arrays) -> PartialScene:
+def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> PartialScene:
+    """Makes a scene of arrays; its anchors share their memory.
+
+    Args:
+        info: The stream's side information.
+        arrays: Filled as far as packets arrived, the prior for all anchors.
+    """
     num, layout = len(info.voxels), info.config.layout
     positions = (info.voxels.astype(np.float64) * info.voxel_size).astype(np.float32)
     features, scalings, offsets = (torch.from_numpy(v) for v in arrays.values)
@@ -140,10 +237,12 @@ def _assemble(info: SideInfo, arrays: _Arrays) -> PartialScene:
     heads = GaussianHeads(*(_network(head) for head in info.heads))
     model = ContextModel(_grid(info), _network(info.prior), tuple(_network(mlp) for mlp in info.channel))
     scene = AnchorScene(anchors, heads, model, info.voxel_size, info.config)
-    return PartialScene(scene, Erasures.of_anchors(torch.from_numpy(arrays.received)), _prior(info, arrays))
+    erasures = Erasures(torch.from_numpy(arrays.received))
+    concealment = {name: data for name, data in info.sections.items() if name not in (TIERS, MASKS)}
+    return PartialScene(scene, erasures, _prior(info, arrays), concealment)
 
 
-def _prior(info: SideInfo, arrays: _Arrays) -> Prior:
+def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
     """The prior in floats: exactly the numbers that the coding path used."""
     columns, layout = prior_columns(info.config), info.config.layout
     factors = factor_table()[step_indices(arrays.outputs, info.config)]

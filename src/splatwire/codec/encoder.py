@@ -2,16 +2,23 @@
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Int64, UInt8
+from torch import Tensor
 
 from splatwire.codec.atomic import Symbols, chunks, cut_packets, encode_packets, predict_mixture, predict_packets
 from splatwire.codec.coding_params import CodingContext, quantise
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fit import fit_side_info
 from splatwire.codec.geometry import anchor_order
-from splatwire.codec.side_info import read_side_info, write_side_info
+from splatwire.codec.separated import SECTION as MASKS
+from splatwire.codec.separated import encode_masks, encode_parts
+from splatwire.codec.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.codec.threads import ordered_map
+from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.codec.tiers import encode_tiers
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.voxels import voxel_indices
@@ -24,6 +31,8 @@ from splatwire.packets import (
     PacketPlan,
     SceneStream,
     make_stream,
+    shape_tiers,
+    tier_order,
 )
 from splatwire.version import __version__
 
@@ -34,6 +43,7 @@ def encode_scene(
     scene: AnchorScene,
     packetization: Packetization | None = None,
     *,
+    tiers: UInt8[Tensor, "N"] | None = None,
     noise: float | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -45,6 +55,8 @@ def encode_scene(
     Args:
         scene: The scene; its render hints are not coded.
         packetization: How anchors are split; None for preset `paper`.
+        tiers: Tier of each of the scene's anchors, 0 for the most important (`Importance.tiers`): each tier gets
+            packets of its own, so that it can be protected on its own. None for one tier. Decoded values stay the same.
         noise: Tolerated noise of the context networks (`splatwire.codec.fit`); None for the measured rule.
         threads: Threads to use, which changes no bit; None for one for each processor.
         progress: Called with the share of the work that is done, 0 to 1.
@@ -53,25 +65,27 @@ def encode_scene(
         The complete stream.
 
     Raises:
-        InvalidValueError: If there is nothing to encode, or values are not finite or too large.
+        InvalidValueError: If there is nothing to encode, values are not finite or too large, or a tier is empty.
     """
     packetization = packetization or PRESETS["paper"]
-    if packetization.packaging != "atomic":
-        raise InvalidValueError(f"packaging '{packetization.packaging}' is not implemented by the encoder")
-    scene = scene_in_order(scene, packetization.order)
+    index = coding_order(scene, packetization.order)
+    scene, tier_of = _select(scene, index), _tiers(tiers, scene, index)
     source = SymbolSource(scene)
-    side_info = write_side_info(fit_side_info(scene, _voxels(scene), noise=noise))
+    plan = _plan(scene, packetization, tier_of)
+    side_info = write_side_info(_side_info(scene, plan, tier_of, noise))
     # Predict from what a decoder will read, not from what was meant.
     info = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
-    plan = PacketPlan(packetization, scene.anchors.num_anchors)
     context, groups, digest = info.coding_context(), plan.groups(), hashlib.sha256()
-    counts = np.diff(groups.starts)
+    counts, rank_at = np.diff(groups.starts), tier_order(tier_of)[groups.ranks]
 
     def encode_run(run: slice) -> tuple[slice, np.ndarray, list[bytes], Symbols]:
-        ranks = groups.ranks[groups.starts[run.start] : groups.starts[run.stop]]
+        ranks = rank_at[groups.starts[run.start] : groups.starts[run.stop]]
         predicted = predict_packets(context, context.predict(info.voxels[ranks])[1])
         symbols = source.symbols(ranks, predicted.factors, context)
         mixture, models, sizes = predict_mixture(context, predicted, symbols.feature), info.mask_models(), counts[run]
+        if packetization.separated:
+            coded = encode_parts(context, predicted, mixture, sizes, symbols)
+            return run, np.repeat(sizes, len(plan.parts)), coded, symbols
         if packetization.hashed:
             most = packetization.packet_bytes - HEADER_BYTES
             sizes = cut_packets(predicted, mixture, sizes, symbols, models, most)
@@ -92,15 +106,13 @@ def encode_scene(
     return make_stream(
         packetization=packetization, num_anchors=plan.num_anchors, feature_dim=layout.feature_dim,
         num_offsets=layout.num_offsets, feature_groups=layout.feature_groups, side_info=side_info, packets=packets,
-        symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}",
+        symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}", tiers=plan.tiers,
     )  # fmt: skip
 
 
 def _hashed_ids(plan: PacketPlan, counts: list[int]) -> list[PacketId]:
     """Names of packets that were cut by their size: each by the first rank that it holds."""
-    firsts = np.cumsum([0, *counts[:-1]])
-    size = plan.packetization.block_size
-    return [PacketId(first // size, first % size) for first in firsts.tolist()]
+    return [plan.name_hashed(first) for first in np.cumsum([0, *counts[:-1]]).tolist()]
 
 
 def _check_sizes(packetization: Packetization, packets: list[Packet]) -> None:
@@ -126,13 +138,52 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
     Raises:
         InvalidValueError: If no anchor is left.
     """
+    return _select(scene, coding_order(scene, order))
+
+
+def coding_order(scene: AnchorScene, order: str) -> Int64[Tensor, "n"]:
+    """Indices of the scene's drawable anchors, sorted by rank.
+
+    Args:
+        scene: The scene, N anchors of which n have at least one offset.
+        order: As in `Packetization.order`.
+
+    Raises:
+        InvalidValueError: If no anchor is left.
+    """
     drawable = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
     if not len(drawable):
         raise InvalidValueError("the scene has no anchor that draws anything: there is nothing to encode")
-    anchors = scene.anchors.select(drawable)
-    index = anchor_order(voxel_indices(anchors.positions, scene.voxel_size).numpy(), order)
-    anchors = anchors.select(drawable.new_tensor(index))
-    return AnchorScene(anchors, scene.heads, scene.context, scene.voxel_size, scene.config)
+    voxels = voxel_indices(scene.anchors.positions[drawable], scene.voxel_size)
+    return drawable[drawable.new_tensor(anchor_order(voxels.numpy(), order))]
+
+
+def _select(scene: AnchorScene, index: Int64[Tensor, "n"]) -> AnchorScene:
+    return AnchorScene(scene.anchors.select(index), scene.heads, scene.context, scene.voxel_size, scene.config)
+
+
+def _tiers(tiers: UInt8[Tensor, "N"] | None, scene: AnchorScene, index: Int64[Tensor, "n"]) -> np.ndarray:
+    """Tier of each coded anchor, by rank."""
+    if tiers is None:
+        return np.zeros(len(index), dtype=np.uint8)
+    if len(tiers) != scene.anchors.num_anchors:
+        raise InvalidValueError(f"{len(tiers)} tiers for a scene of {scene.anchors.num_anchors} anchors")
+    return tiers[index].numpy()
+
+
+def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray) -> PacketPlan:
+    groups = len(scene.config.layout.feature_groups) if packetization.separated else 0
+    return PacketPlan(packetization, scene.anchors.num_anchors, shape_tiers(tier_of, packetization), groups)
+
+
+def _side_info(scene: AnchorScene, plan: PacketPlan, tier_of: np.ndarray, noise: float | None) -> SideInfo:
+    """Side information of a scene whose anchors are sorted by rank."""
+    info, sections = fit_side_info(scene, _voxels(scene), noise=noise), dict[str, bytes]()
+    if plan.tiers:
+        sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
+    if plan.packetization.separated:
+        sections[MASKS] = encode_masks(scene.anchors.mask.numpy(), info.mask_models())
+    return replace(info, sections=sections)
 
 
 class SymbolSource:

@@ -3,17 +3,19 @@
 A decoder needs these bytes and packets, nothing else; an encoder predicts from what it reads back out of them.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from splatwire.codec.byte_io import ByteReader, ByteWriter
 from splatwire.codec.coding_params import CodingContext
 from splatwire.codec.geometry import decode_positions, encode_positions
 from splatwire.codec.grid_lookup import grid_levels, touched_rows, unit_coordinates
 from splatwire.codec.grid_signs import decode_signs, encode_signs
+from splatwire.codec.sections import FIXED_SECTIONS, read_sections, write_sections
 from splatwire.codec.weight_bytes import read_mlp, write_mlp
 from splatwire.codec.weights import QuantisedMlp
+from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model import HashGridConfig, ModelConfig
 from splatwire.scene import AnchorLayout
@@ -43,6 +45,7 @@ class SideInfo:
         channel: Channel-context networks, one per feature group.
         heads: Rendering networks: opacity, covariance, colour.
         mask_zero: int64 (contexts), initial P(0) of the mask models out of 2**8.
+        sections: Named sections that only some streams have, content by name.
     """
 
     config: ModelConfig
@@ -55,6 +58,7 @@ class SideInfo:
     channel: tuple[QuantisedMlp, ...]
     heads: tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]
     mask_zero: np.ndarray
+    sections: Mapping[str, bytes] = field(default_factory=dict)
 
     def coding_context(self) -> CodingContext:
         """The part that packets are predicted from, in integers."""
@@ -78,37 +82,20 @@ def write_side_info(info: SideInfo) -> bytes:
         The bytes.
 
     Raises:
-        InvalidValueError: If the model is larger than the format holds.
+        InvalidValueError: If the model is larger than the format holds, or a named section is not possible.
     """
-    return b"".join(data for _, data in _sections(info))
-
-
-def _sections(info: SideInfo) -> list[tuple[str, bytes]]:
     _check_config(info.config, InvalidValueError)
     units = unit_coordinates(info.voxels, info.voxel_size, info.bounds_min, info.bounds_max)
-    parts = [
-        ("header", _header(info)),
-        ("positions", encode_positions(info.voxels)),
-        ("grid", encode_signs(info.signs, touched_rows(units, info.config.grid), info.config.grid)),
-        ("prior_network", _networks([info.prior])),
-        ("channel_networks", _networks(info.channel)),
-        ("render_networks", _networks(info.heads)),
-        ("mask_models", bytes(info.mask_zero.astype(np.uint8))),
-    ]
-    return [(name, _framed(data)) for name, data in parts]
-
-
-def side_info_parts(data: bytes) -> dict[str, int]:
-    """Bytes of each section of side information, without decoding it.
-
-    Raises:
-        BitstreamError: If the bytes are not side information.
-    """
-    names = ("header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models")
-    reader = ByteReader(data, "side information")
-    sizes = {name: len(_framed(reader.blob())) for name in names}
-    reader.finish()
-    return sizes
+    parts = {
+        "header": _header(info),
+        "positions": encode_positions(info.voxels),
+        "grid": encode_signs(info.signs, touched_rows(units, info.config.grid), info.config.grid),
+        "prior_network": _networks([info.prior]),
+        "channel_networks": _networks(info.channel),
+        "render_networks": _networks(info.heads),
+        "mask_models": bytes(info.mask_zero.astype(np.uint8)),
+    }
+    return b"".join(_framed(parts[name]) for name in FIXED_SECTIONS) + write_sections(info.sections)
 
 
 def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
@@ -127,8 +114,8 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
         BitstreamError: If the bytes are damaged or something else.
     """
     reader = ByteReader(data, "side information")
-    blobs = [reader.blob() for _ in range(7)]
-    reader.finish()
+    blobs = [reader.blob() for _ in FIXED_SECTIONS]
+    sections = read_sections(reader.rest())
     config, voxel_size, bounds = _read_header(blobs[0])
     voxels = decode_positions(blobs[1], num_anchors, order)
     touched = touched_rows(unit_coordinates(voxels, voxel_size, *bounds), config.grid)
@@ -143,7 +130,7 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
     return SideInfo(
         config, voxel_size, *bounds, voxels, decode_signs(blobs[2], touched, config.grid),
         prior[0], tuple(_read_networks(blobs[4], shapes)), (heads[0], heads[1], heads[2]),
-        np.clip(np.frombuffer(blobs[6], dtype=np.uint8).astype(np.int64), 1, 255),
+        np.clip(np.frombuffer(blobs[6], dtype=np.uint8).astype(np.int64), 1, 255), sections,
     )  # fmt: skip
 
 

@@ -1,44 +1,16 @@
 """Quantised networks as bytes: every array under a normal distribution fitted to it, every matrix row with its own."""
 
 import numpy as np
-import numpy.typing as npt
 
-from splatwire.codec.byte_io import ByteReader, ByteWriter
 from splatwire.codec.weights import MAX_SHIFT, MAX_STEP, QuantisedLinear, QuantisedMlp
-from splatwire.entropy.coder import Mixtures, decode_symbols, encode_symbols
-from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES, SCALE_MIN_EXPONENT, SCALE_STEPS
+from splatwire.entropy.byte_io import ByteReader, ByteWriter
+from splatwire.entropy.coder import decode_symbols, encode_symbols
+from splatwire.entropy.integers import MAX_SYMBOL, read_integers, scale_index, write_integers, zero_mean_rows
+from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError
 
 MAX_WIDTH = 4096
 MAX_WEIGHTS = 1 << 20
-MAX_SYMBOL = 1 << 24
-
-
-def scale_index(scale: npt.ArrayLike) -> np.ndarray:
-    """Entry of the scale table nearest to standard deviations, int64."""
-    octaves = np.log2(np.maximum(np.asarray(scale, dtype=np.float64), 1e-9)) - SCALE_MIN_EXPONENT
-    return np.asarray(np.clip(np.rint(octaves * SCALE_STEPS - 0.5), 0, NUM_SCALES - 1)).astype(np.int64)
-
-
-def write_integers(writer: ByteWriter, values: np.ndarray) -> None:
-    """Appends integers of which the reader knows the number, under one fitted normal."""
-    mean = round(float(values.mean())) if len(values) else 0
-    scale = int(scale_index(np.sqrt(((values - mean) ** 2).mean() + 0.05))) if len(values) else 0
-    writer.signed(mean)
-    writer.unsigned(scale)
-    writer.blob(encode_symbols(values.astype(np.int64), _normal(mean, scale, len(values))))
-
-
-def read_integers(reader: ByteReader, count: int) -> np.ndarray:
-    """Inverse of `write_integers`, int64 (count).
-
-    Raises:
-        BitstreamError: If the parameters are impossible.
-    """
-    mean, scale = reader.signed(), reader.unsigned()
-    if abs(mean) > MAX_SYMBOL or scale >= NUM_SCALES:
-        raise BitstreamError(f"side information: impossible distribution (mean {mean}, scale {scale})")
-    return decode_symbols(reader.blob(), _normal(mean, scale, count))
 
 
 def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
@@ -79,7 +51,7 @@ def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
     scales = scale_index(np.sqrt((layer.symbols.astype(np.float64) ** 2).mean(axis=1)))
     for values in (layer.row_steps, layer.column_shifts, layer.bias, scales):
         write_integers(writer, values)
-    writer.blob(encode_symbols(layer.symbols.ravel().astype(np.int64), _rows(scales, layer.symbols.shape[1])))
+    writer.blob(encode_symbols(layer.symbols.ravel().astype(np.int64), zero_mean_rows(scales, layer.symbols.shape[1])))
 
 
 def _read_linear(reader: ByteReader, what: str, inputs: int, outputs: int) -> QuantisedLinear:
@@ -93,15 +65,7 @@ def _read_linear(reader: ByteReader, what: str, inputs: int, outputs: int) -> Qu
     ):
         if values.min() < low or values.max() > high:
             raise BitstreamError(f"{what} network: a {name} is not between {low} and {high}")
-    symbols = decode_symbols(reader.blob(), _rows(scales, inputs))
+    symbols = decode_symbols(reader.blob(), zero_mean_rows(scales, inputs))
     if np.abs(symbols).max() > MAX_SYMBOL:
         raise BitstreamError(f"{what} network: a weight is beyond the range of the format")
     return QuantisedLinear(symbols.reshape(outputs, inputs).astype(np.int32), steps, shifts, bias.astype(np.int32))
-
-
-def _normal(mean: int, scale: int, count: int) -> Mixtures:
-    return Mixtures.normals(np.full(count, mean << MEAN_BITS), np.full(count, scale))
-
-
-def _rows(scales: np.ndarray, width: int) -> Mixtures:
-    return Mixtures.normals(np.zeros(len(scales) * width), np.repeat(scales, width))

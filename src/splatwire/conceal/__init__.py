@@ -20,3 +20,6 @@ from splatwire.conceal.grow import Grow as Grow
 from splatwire.conceal.idw import Idw as Idw
 from splatwire.conceal.idw import PriorMean as PriorMean
 from splatwire.conceal.kriging import Kriging as Kriging
+from splatwire.conceal.scene_free import SceneFree as SceneFree
+from splatwire.conceal.sketch import Sketch as Sketch
+from splatwire.conceal.zero import Zero as Zero

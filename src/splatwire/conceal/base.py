@@ -1,6 +1,6 @@
 """What a concealer is, and the registry of concealers by name."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -21,11 +21,13 @@ class Concealed:
         anchors: All anchors with the gaps filled. Only attributes that were not received are taken from here.
         size_gain: Factor on the size of each anchor's Gaussians at render time, 1 for none.
         left_out: True where an anchor is not to be drawn.
+        opacity_gain: Factor on the opacity of each anchor's Gaussians, which stays at most 1; None for none anywhere.
     """
 
     anchors: Anchors
     size_gain: Float[Tensor, "N"]
     left_out: Bool[Tensor, "N"]
+    opacity_gain: Float[Tensor, "N"] | None = None
 
     @staticmethod
     def filled(anchors: Anchors) -> "Concealed":
@@ -50,28 +52,51 @@ Factory = TypeVar("Factory", bound=Callable[..., Concealer])
 _FACTORIES: dict[str, Callable[..., Concealer]] = {}
 _NEEDS: dict[str, str] = {}
 """The option without which a concealer cannot be made, by concealer."""
+_SECTIONS: dict[str, str] = {}
+"""The section of the side information without which a concealer cannot work, by concealer."""
+_UNLISTED: set[str] = set()
+"""Concealers that are there for comparison only."""
 
 
-def register_concealer(name: str, *, needs: str | None = None) -> Callable[[Factory], Factory]:
+def register_concealer(
+    name: str, *, needs: str | None = None, section: str | None = None, listed: bool = True
+) -> Callable[[Factory], Factory]:
     """Registers a class or function that makes concealers from keyword options; used as a decorator.
 
     Args:
         name: Its name.
         needs: An option that it cannot do without, such as a file of weights; `name:VALUE` gives it.
+        section: A section of the side information that it cannot do without.
+        listed: Whether `concealer_names` lists it.
     """
 
     def register(factory: Factory) -> Factory:
         _FACTORIES[name] = factory
         if needs is not None:
             _NEEDS[name] = needs
+        if section is not None:
+            _SECTIONS[name] = section
+        if not listed:
+            _UNLISTED.add(name)
         return factory
 
     return register
 
 
-def concealer_names() -> tuple[str, ...]:
-    """Names of all registered concealers that work as they are, in order of registration."""
-    return tuple(name for name in _FACTORIES if name not in _NEEDS)
+def concealer_names(sections: Iterable[str] = ()) -> tuple[str, ...]:
+    """Names of all registered concealers that work as they are, in order of registration.
+
+    Args:
+        sections: Named sections that the stream has; concealers that read another one are not listed.
+    """
+    there = {None, *sections}
+    return tuple(
+        name
+        for name in _FACTORIES
+        if name not in _UNLISTED
+        and _SECTIONS.get(name) in there
+        and (name not in _NEEDS or name in _SECTIONS)  # a section does for the option
+    )
 
 
 def create_concealer(name: str, **options: Any) -> Concealer:

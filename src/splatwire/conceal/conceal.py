@@ -37,7 +37,8 @@ def conceal(partial: PartialScene, concealer: Concealer | str) -> AnchorScene:
         proposal = method(context.to_cpu())
     _check(proposal, context, method.name)
     device = context.anchors.positions.device
-    hints = RenderHints(proposal.size_gain.to(device), proposal.left_out.to(device))
+    opacity_gain = None if proposal.opacity_gain is None else proposal.opacity_gain.to(device)
+    hints = RenderHints(proposal.size_gain.to(device), proposal.left_out.to(device), opacity_gain)
     return dataclasses.replace(partial.scene, anchors=keep_received(context, proposal.anchors.to(device)), hints=hints)
 
 
@@ -62,8 +63,11 @@ def keep_received(context: AnchorContext, proposed: Anchors) -> Anchors:
 
 def _check(proposal: Concealed, context: AnchorContext, name: str) -> None:
     num_anchors = context.anchors.num_anchors
-    sizes = {proposal.anchors.num_anchors, len(proposal.size_gain), len(proposal.left_out)}
+    opacity_gain = proposal.size_gain if proposal.opacity_gain is None else proposal.opacity_gain
+    sizes = {proposal.anchors.num_anchors, len(proposal.size_gain), len(proposal.left_out), len(opacity_gain)}
     if sizes != {num_anchors} or not proposal.anchors.matches(context.layout):
         raise InvalidValueError(f"concealer '{name}' returned {sorted(sizes)} rows for {num_anchors} anchors")
     if not bool((proposal.size_gain.isfinite() & (proposal.size_gain > 0)).all()):
         raise InvalidValueError(f"concealer '{name}' returned a size gain that is not positive and finite")
+    if not bool((opacity_gain.isfinite() & (opacity_gain >= 0)).all()):
+        raise InvalidValueError(f"concealer '{name}' returned an opacity gain that is negative or not finite")

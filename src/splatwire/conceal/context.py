@@ -1,6 +1,7 @@
 """All that a concealer may see."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from splatwire.model import PartialScene, Prior
 from splatwire.scene import AnchorLayout, Anchors, Erasures
@@ -8,19 +9,21 @@ from splatwire.scene import AnchorLayout, Anchors, Erasures
 
 @dataclass(frozen=True, eq=False)
 class AnchorContext:
-    """What arrived, where the gaps are and what the hash grid predicts; no model, no bytes.
+    """What arrived, where the gaps are and what the hash grid predicts; no model, no packets.
 
     Attributes:
         anchors: All anchors; attributes that were not received are zero (mask False), positions are always known.
         erasures: What was received.
         prior: The hash-grid prior of every anchor.
         layout: Sizes of an anchor.
+        concealment: What the sender left for concealers in the side information, content by name.
     """
 
     anchors: Anchors
     erasures: Erasures
     prior: Prior
     layout: AnchorLayout
+    concealment: Mapping[str, bytes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         rows = {self.anchors.num_anchors, len(self.erasures.received), len(self.prior.context)}
@@ -39,9 +42,11 @@ class AnchorContext:
             Erasures(self.erasures.received.cpu()),
             Prior(**moved, context=prior.context.cpu()),
             self.layout,
+            self.concealment,
         )
 
 
 def context_of(partial: PartialScene) -> AnchorContext:
     """Takes from a partial scene what a concealer may see."""
-    return AnchorContext(partial.scene.anchors, partial.erasures, partial.prior, partial.scene.config.layout)
+    layout = partial.scene.config.layout
+    return AnchorContext(partial.scene.anchors, partial.erasures, partial.prior, layout, partial.concealment)

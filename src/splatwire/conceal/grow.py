@@ -51,13 +51,21 @@ class Grow:
         """See `Concealer`."""
         known = context.erasures.known
         left = 1 - lost_share(context.anchors.positions, known, self.neighbors)
+        gain, dropped = self.gain(left, known), Drop()(context)
+        return Concealed(dropped.anchors, torch.where(known, gain, torch.ones_like(gain)), dropped.left_out)
+
+    def gain(self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"]) -> Float[Tensor, "M"]:
+        """Gains where some share of the neighbours is left.
+
+        Args:
+            left: Share of the neighbours that were received.
+            known: What was received of the whole scene, which limits the gain.
+        """
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(float(known.double().mean()), 1e-9) if len(known) else 1.0
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
-        gain = left.clamp(min=least) ** -self.exponent
-        dropped = Drop()(context)
-        return Concealed(dropped.anchors, torch.where(known, gain, torch.ones_like(gain)), dropped.left_out)
+        return left.clamp(min=least) ** -self.exponent
 
 
 def lost_share(positions: Float[Tensor, "N 3"], known: Bool[Tensor, "N"], neighbors: int) -> Float[Tensor, "N"]:

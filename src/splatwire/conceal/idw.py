@@ -58,7 +58,7 @@ class Idw:
         filled = prior_anchors(context)
         for received, attributes in attributes_by_gap(context):
             for queries, index, weight in self.neighborhoods(context, received):
-                _fill(context.anchors, filled, attributes, queries, index, weight, self.vote)
+                fill_from_neighbors(context.anchors, filled, attributes, queries, index, weight, self.vote)
         return Concealed.filled(filled)
 
     def neighborhoods(self, context: AnchorContext, received: Bool[Tensor, "N"]) -> Iterator[tuple[Tensor, ...]]:
@@ -101,7 +101,7 @@ class _Metric:
         return torch.linalg.vector_norm(offset, dim=2)
 
 
-def _fill(
+def fill_from_neighbors(
     anchors: Anchors,
     filled: Anchors,
     attributes: tuple[Attribute, ...],
@@ -110,7 +110,17 @@ def _fill(
     weight: Float[Tensor, "Q k"],
     vote: MaskVote,
 ) -> None:
-    """Writes the neighbours' means of `attributes` into the rows `queries` of `filled`."""
+    """Writes the neighbours' means of `attributes` into the rows `queries` of `filled`.
+
+    Args:
+        anchors: What was received.
+        filled: What is written to; where no neighbour has an offset, it stays as it is.
+        attributes: What to fill.
+        queries: Rows to fill.
+        index: Their neighbours.
+        weight: The neighbours' weights, which sum to 1.
+        vote: How the mask is chosen.
+    """
     if Attribute.FEATURE in attributes:
         filled.features[queries] = weighted_mean(anchors.features, index, weight)
     if Attribute.SCALING in attributes:
@@ -153,5 +163,5 @@ class PriorMean:
         filled = prior_anchors(context)
         received = context.erasures.column(Attribute.MASK)
         for queries, index, weight in Idw(neighbors=self.neighbors).neighborhoods(context, received):
-            _fill(context.anchors, filled, (Attribute.MASK,), queries, index, weight, self.vote)
+            fill_from_neighbors(context.anchors, filled, (Attribute.MASK,), queries, index, weight, self.vote)
         return Concealed.filled(filled)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float, Float64, Int64
 from torch import Tensor
 
 from splatwire.conceal.base import Concealed, check_at_least, register_concealer
@@ -17,7 +17,9 @@ from splatwire.scene import Anchors, Attribute
 _CHUNK = 1 << 12
 _CORRELATIONS = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 _RANGES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-TARGETS = ("absolute", "residual")
+TARGETS = ("residual", "absolute", "regression")
+_RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+"""Strengths of the regression's ridge, relative to the number of anchors; generalised cross-validation chooses."""
 
 
 @dataclass(frozen=True)
@@ -49,14 +51,17 @@ class Kriging:
 
     Attributes:
         neighbors: Received neighbours of a query.
-        target: `absolute`: the mean is that of all received anchors. `residual`: it is the prior's mean of the anchor.
+        target: What is expected of an anchor before its neighbours are seen. `residual`: its prior's mean.
+            `absolute`: the mean of all received anchors. `regression`: a linear function of its prior means of all
+            attributes, fitted to the received anchors; the least error in every attribute, but not the best picture
+            (docs/concealment.md). Masks are always `absolute`.
         sample: Received anchors on which the correlograms are compared.
         seed: Seed of the sample.
         vote: How the mask is chosen.
     """
 
     neighbors: int = 16
-    target: str = "absolute"
+    target: str = "residual"
     sample: int = 1024
     seed: int = 0
     vote: MaskVote = field(default_factory=MaskVote)
@@ -75,9 +80,10 @@ class Kriging:
     def __call__(self, context: AnchorContext) -> Concealed:
         """See `Concealer`. Where no anchor has an attribute, the prior's mean is left."""
         filled = prior_anchors(context)
+        inputs = regression_inputs(context) if self.target == "regression" else None
         for received, attributes in attributes_by_gap(context):
             if bool(received.any()):
-                fields = [_field(context, attribute, self.target) for attribute in attributes]
+                fields = [_field(context, attribute, self.target, inputs) for attribute in attributes]
                 fits = self._fit(context, received, fields)
                 for queries, index, distance in _neighborhoods(context, received, self.neighbors):
                     for values, fit in zip(fields, fits, strict=True):
@@ -165,7 +171,52 @@ class _Field:
         return float((wrong / self.spread).sum())
 
 
-def _field(context: AnchorContext, attribute: Attribute, target: str) -> _Field:
+def regression_inputs(context: AnchorContext) -> Float64[Tensor, "N P"]:
+    """What an anchor's expectation is regressed on: its prior means, mean 0 and spread 1 over the scene."""
+    prior = context.prior
+    means = torch.cat([prior.feature.mean, prior.scaling.mean, prior.offset.mean], dim=1).double()
+    spread = means.std(dim=0, correction=0)
+    return (means - means.mean(dim=0)) / torch.where(spread > 1e-9, spread, 1.0)
+
+
+def regress(
+    inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
+) -> Float[Tensor, "N D"]:
+    """Fits `values = B inputs` where they exist, by ridge regression; by nothing where that predicts no better.
+
+    Args:
+        inputs: `regression_inputs`.
+        values: Deviations from the mean, 0 where they do not exist.
+        exists: Where they are known; columns that exist in the same rows share one factorisation.
+
+    Returns:
+        The fit, for all anchors.
+    """
+    result = torch.zeros_like(values)
+    patterns, group = exists.unique(dim=1, return_inverse=True)
+    for number in range(patterns.shape[1]):
+        columns, rows = (group == number).nonzero()[:, 0], patterns[:, number]
+        weights = _ridge(inputs[rows], values[rows][:, columns].double())
+        result[:, columns] = (inputs @ weights).to(values.dtype)
+    return result
+
+
+def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Float64[Tensor, "P D"]:
+    """Coefficients under the ridge of least generalised cross-validation error; zero is one of the choices."""
+    count = len(inputs)
+    power, axes = torch.linalg.eigh(inputs.T @ inputs)
+    power, seen, total = power.clamp(min=0), axes.T @ (inputs.T @ values), float((values**2).sum())
+    best, least = torch.zeros_like(seen), total / max(count, 1) ** 2
+    for ridge in _RIDGES:
+        shrunk = seen / (power + ridge * count + 1e-12)[:, None]
+        wrong = total - 2 * float((seen * shrunk).sum()) + float((power[:, None] * shrunk**2).sum())
+        free = count - float((power / (power + ridge * count + 1e-12)).sum())
+        if free > 1 and wrong / free**2 < least:
+            best, least = shrunk, wrong / free**2
+    return axes @ best
+
+
+def _field(context: AnchorContext, attribute: Attribute, target: str, inputs: Float64[Tensor, "N P"] | None) -> _Field:
     anchors, prior = context.anchors, context.prior
     received = context.erasures.column(attribute)
     values, mean = {
@@ -179,8 +230,10 @@ def _field(context: AnchorContext, attribute: Attribute, target: str) -> _Field:
         usable = anchors.mask & context.erasures.column(Attribute.MASK)[:, None]
         exists = exists & usable.repeat_interleave(3, dim=1)
     count = exists.sum(dim=0).clamp(min=1)
-    if target == "absolute" or mean is None:  # the prior says nothing about masks
+    if target != "residual" or mean is None:  # the prior says nothing about masks
         mean = ((values * exists).sum(dim=0) / count).expand_as(values)
+        if inputs is not None and attribute is not Attribute.MASK:
+            mean = mean + regress(inputs, (values - mean) * exists, exists)
     residual = (values - mean) * exists
     spread = (residual**2).sum(dim=0) / count
     spread = torch.where(spread > 0, spread, 1.0)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
+from splatwire.data import bungee
 from splatwire.data._checks import child, make_cameras, view_names
 from splatwire.data.colmap import ColmapView, SparsePoints, find_reconstruction, read_points, read_views
 from splatwire.data.photos import Background, limited_size, load_photo, photo_size
@@ -17,6 +18,7 @@ from splatwire.scene import Cameras
 
 SPLITS = ("test", "train", "all")
 TEST_VIEWS = ("every_8th", "first_31")
+LAYOUTS = ("colmap", "bungeenerf", "blender", "nerfstudio")
 DEFAULT_MAX_WIDTH = 1600
 _MAX_ASPECT_ERROR_PX = 1.5
 
@@ -62,14 +64,16 @@ def open_dataset(
     split: str = "test",
     images: str | None = None,
     max_width: int | None = DEFAULT_MAX_WIDTH,
-    test_views: str = "every_8th",
+    test_views: str | None = None,
     background: Background = (0.0, 0.0, 0.0),
 ) -> Dataset:
     """Opens a folder of posed photos; photos are loaded when they are asked for.
 
-    Three layouts are read. COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in Mip-NeRF 360,
-    Tanks & Temples, Deep Blending and BungeeNeRF. Blender: `transforms_train.json` and `transforms_test.json`, each its
-    own split. nerfstudio: one `transforms.json`. Where one list of views must be split, it is sorted by name first.
+    Four layouts are read (`dataset_layout`). COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in
+    Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`, or that file beside a
+    COLMAP reconstruction, which then gives the cameras. Blender: `transforms_train.json` and `transforms_test.json`,
+    each its own split. nerfstudio: one `transforms.json`. Where one list of views must be split, it is sorted by name
+    first.
 
     Args:
         path: The folder.
@@ -77,7 +81,7 @@ def open_dataset(
         images: Image folder instead of `images` (`images_4`); the intrinsics follow the size of what is in it.
         max_width: Wider photos are reduced to this width (HACPP_SPEC 6); None for no limit.
         test_views: Which views are for testing, one of `TEST_VIEWS`: every eighth, or the first 31 (as for
-            BungeeNeRF).
+            BungeeNeRF). None chooses by the layout: a folder with a `poses_enu.json` is BungeeNeRF.
         background: RGB that shows where a photo's alpha is below 1.
 
     Raises:
@@ -86,26 +90,40 @@ def open_dataset(
         UnknownNameError: If `split` or `test_views` is none of those.
         InvalidValueError: If `max_width` is not positive.
     """
-    for kind, name, known in (("split", split, SPLITS), ("choice of test views", test_views, TEST_VIEWS)):
+    chosen = test_views or "every_8th"
+    for kind, name, known in (("split", split, SPLITS), ("choice of test views", chosen, TEST_VIEWS)):
         if name not in known:
             raise UnknownNameError(kind, name, known)
     if max_width is not None and max_width < 1:
         raise InvalidValueError(f"max_width must be positive, not {max_width}")
     if not path.is_dir():
         raise DatasetError(f"{path}: no such folder")
+    if test_views is None and (path / bungee.FILE).is_file():
+        chosen = "first_31"
     points = None
     views: Sequence[ColmapView | TransformsView]
     if (folder := find_reconstruction(path)) is not None:
         colmap_views = read_views(folder)
-        views = colmap_views = [colmap_views[i] for i in _chosen(len(colmap_views), split, test_views)]
+        views = colmap_views = [colmap_views[i] for i in _chosen(len(colmap_views), split, chosen)]
         image_paths = _find_images(path / (images or "images"), colmap_views)
         points, source = read_points(folder), folder
     else:
-        views, source = _transforms_views(path, split, images, test_views)
+        views, source = _transforms_views(path, split, images, chosen)
         image_paths = [view.image_path for view in views]
     if not views:
         raise DatasetError(f"{source}: has no views in the split '{split}'")
     return Dataset(_cameras(source, views, image_paths, max_width), tuple(image_paths), points, background)
+
+
+def dataset_layout(path: Path) -> str | None:
+    """Tells which of `LAYOUTS` a folder has; None if it has none of them. A file `poses_enu.json` means BungeeNeRF."""
+    if (path / bungee.FILE).is_file():
+        return "bungeenerf"
+    if find_reconstruction(path) is not None:
+        return "colmap"
+    if any((path / f"transforms_{half}.json").is_file() for half in ("train", "test")):
+        return "blender"
+    return "nerfstudio" if (path / "transforms.json").is_file() else None
 
 
 def _chosen(count: int, split: str, test_views: str) -> list[int]:
@@ -114,6 +132,9 @@ def _chosen(count: int, split: str, test_views: str) -> list[int]:
 
 
 def _transforms_views(path: Path, split: str, images: str | None, test_views: str) -> tuple[list[TransformsView], Path]:
+    if (path / bungee.FILE).is_file():
+        views = bungee.read_bungee(path / bungee.FILE, images)
+        return [views[i] for i in _chosen(len(views), split, test_views)], path / bungee.FILE
     halves = {half: path / f"transforms_{half}.json" for half in ("train", "test")}
     if any(file.is_file() for file in halves.values()):
         wanted = [half for half in ("train", "test") if split in (half, "all")]
@@ -124,7 +145,7 @@ def _transforms_views(path: Path, split: str, images: str | None, test_views: st
         return [views[i] for i in _chosen(len(views), split, test_views)], whole
     raise DatasetError(
         f"{path}: not a dataset: it has neither a COLMAP reconstruction (sparse/0/images.bin or .txt) nor "
-        "transforms_train.json, transforms_test.json or transforms.json"
+        "poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
     )
 
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from splatwire.evaluate.results import Evaluation
 
-_PALETTE = ("#3b6ea5", "#c4493d", "#4d8a57", "#8a63a8", "#c08a2e", "#3f9aa3", "#7a7a7a", "#b0567f", "#5a5ad0")
-_STYLE: dict[str, Any] = {
+PALETTE = ("#3b6ea5", "#c4493d", "#4d8a57", "#8a63a8", "#c08a2e", "#3f9aa3", "#7a7a7a", "#b0567f", "#5a5ad0")
+STYLE: dict[str, Any] = {
     "svg.hashsalt": "splatwire",
     "svg.fonttype": "none",
     "font.family": "sans-serif",
@@ -22,7 +22,7 @@ _STYLE: dict[str, Any] = {
 }
 
 
-@rc_context(_STYLE)
+@rc_context(STYLE)
 def psnr_by_view(evaluation: Evaluation) -> str:
     """Draws the PSNR of every view under every lossy method; the band is the range over seeds."""
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
@@ -42,10 +42,10 @@ def psnr_by_view(evaluation: Evaluation) -> str:
     axes.grid(axis="y", alpha=0.25)
     if axes.lines:
         axes.legend(ncols=4, fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(0, 1.22))
-    return _svg(figure)
+    return svg(figure)
 
 
-@rc_context(_STYLE)
+@rc_context(STYLE)
 def bytes_by_part(evaluation: Evaluation) -> str:
     """Draws where the bytes of each stream are."""
     streams = evaluation.stream_parts
@@ -61,14 +61,15 @@ def bytes_by_part(evaluation: Evaluation) -> str:
     axes.invert_yaxis()
     axes.set_xlabel("size (MB, 10⁶ bytes)")
     axes.legend(ncols=5, fontsize=7.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0))
-    return _svg(figure)
+    return svg(figure)
 
 
 def _cycle(count: int) -> Sequence[str]:
-    return [_PALETTE[index % len(_PALETTE)] for index in range(count)]
+    return [PALETTE[index % len(PALETTE)] for index in range(count)]
 
 
-def _svg(figure: Figure) -> str:
+def svg(figure: Figure) -> str:
+    """The drawing as SVG text, the same for the same drawing."""
     buffer = io.StringIO()
     FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()

@@ -19,7 +19,7 @@ from splatwire.evaluate.results import Evaluation, Picture
 
 REPORT_NAME = "report.html"
 RESULTS_NAME = "results.json"
-_ERROR_GAIN = 4
+ERROR_GAIN = 4
 
 
 def write_report(
@@ -62,11 +62,8 @@ def write_report(
 
 def render_report(evaluation: Evaluation, *, title: str, notes: tuple[str, ...] = ()) -> str:
     """Renders the HTML text of a report."""
-    import jinja2
-
-    source = resources.files("splatwire.evaluate").joinpath("report.html.jinja").read_text(encoding="utf-8")
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    return environment.from_string(source).render(
+    return render_template(
+        "report.html.jinja",
         title=title,
         notes=notes,
         version=splatwire.__version__,
@@ -77,26 +74,47 @@ def render_report(evaluation: Evaluation, *, title: str, notes: tuple[str, ...] 
         parts=evaluation.stream_parts,
         views=[_view(evaluation, view) for view in evaluation.references],
         loss_maps=[
-            {"stream": m.stream, "view": evaluation.view_names[m.view], "image": _jpeg(m.pixels)}
+            {"stream": m.stream, "view": evaluation.view_names[m.view], "image": jpeg(m.pixels)}
             for m in evaluation.loss_maps
         ],
         psnr_chart=psnr_by_view(evaluation),
         bytes_chart=bytes_by_part(evaluation),
-        error_gain=_ERROR_GAIN,
+        error_gain=ERROR_GAIN,
     )
+
+
+def render_template(name: str, **values: Any) -> str:
+    """Fills one of the templates of this package; `style` is the style that reports share.
+
+    Args:
+        name: File name of the template.
+        values: What it needs.
+    """
+    import jinja2
+
+    files = resources.files("splatwire.evaluate")
+    style = files.joinpath("report.css").read_text(encoding="utf-8")
+    source = files.joinpath(name).read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    return environment.from_string(source).render(style=style, **values)
 
 
 def _view(evaluation: Evaluation, view: int) -> dict[str, Any]:
     reference = evaluation.references[view]
     shown = [_picture(picture, reference) for picture in evaluation.pictures if picture.view == view]
-    return {"name": evaluation.view_names[view], "reference": _jpeg(reference), "pictures": shown}
+    return {"name": evaluation.view_names[view], "reference": jpeg(reference), "pictures": shown}
 
 
 def _picture(picture: Picture, reference: np.ndarray) -> dict[str, Any]:
-    error = np.abs(picture.pixels.astype(np.int16) - reference.astype(np.int16)).max(axis=2)
-    heat = np.clip(error * _ERROR_GAIN, 0, 255).astype(np.uint8)
+    heat = error_map(picture.pixels, reference)
     text = f"{picture.psnr:.2f} dB" if math.isfinite(picture.psnr) else "equal to the reference"
-    return {"method": picture.method, "psnr": text, "image": _jpeg(picture.pixels), "error": _jpeg(heat, 75)}
+    return {"method": picture.method, "psnr": text, "image": jpeg(picture.pixels), "error": jpeg(heat, 75)}
+
+
+def error_map(pixels: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """The largest channel difference of every pixel, times `ERROR_GAIN`; uint8, H W."""
+    error = np.abs(pixels.astype(np.int16) - reference.astype(np.int16)).max(axis=2)
+    return np.clip(error * ERROR_GAIN, 0, 255).astype(np.uint8)
 
 
 def _best(evaluation: Evaluation) -> str | None:
@@ -106,7 +124,8 @@ def _best(evaluation: Evaluation) -> str | None:
     return max(rows, key=lambda row: row["psnr"])["method"] if rows else None
 
 
-def _jpeg(pixels: np.ndarray, quality: int = 88) -> str:
+def jpeg(pixels: np.ndarray, quality: int = 88) -> str:
+    """RGB or grey, uint8, as the address of a JPEG picture that a page carries in itself."""
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "JPEG", quality=quality)
     return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
+from splatwire.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ def photo_views(dataset: Dataset) -> ReferenceViews:
 
 
 def rendered_views(
-    scene: AnchorScene,
+    scene: AnchorScene | Splats,
     cameras: Cameras,
     folder: Path,
     *,
@@ -75,7 +76,7 @@ def rendered_views(
     """Compares with a scene's own renders, which are drawn now and kept in a file (memory stays bounded).
 
     Args:
-        scene: The scene without losses.
+        scene: The scene without losses, or explicit Gaussians.
         cameras: The cameras.
         folder: Where the file may lie; it must outlive the views.
         renderer: Name of the renderer.
@@ -87,13 +88,15 @@ def rendered_views(
         pictures[view] = image.numpy()
         if progress:
             progress((view + 1) / cameras.num_views)
-    return ReferenceViews(
-        cameras, lambda view: torch.from_numpy(pictures[view].copy()), "renders of the lossless scene"
-    )
+    source = "renders of explicit Gaussians" if isinstance(scene, Splats) else "renders of the lossless scene"
+    return ReferenceViews(cameras, lambda view: torch.from_numpy(pictures[view].copy()), source)
 
 
 def views_of(
-    scene: AnchorScene, cameras: Cameras, renderer: str, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scene: AnchorScene | Splats,
+    cameras: Cameras,
+    renderer: str,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Iterable[Float[Tensor, "H W 3"]]:
     """Draws view after view, on the CPU."""
     for image in iterate_views(scene, cameras, renderer=renderer, background=torch.tensor(background)):

@@ -52,6 +52,10 @@ class SceneReader:
             raise self.error(f"tensor '{name}' is missing")
         return tuple(self._file.get_slice(name).get_shape())
 
+    def has(self, name: str) -> bool:
+        """Tells whether there is such a tensor that was not read yet."""
+        return name in self._left
+
     def length(self, name: str) -> int:
         """Returns the first dimension of a tensor.
 

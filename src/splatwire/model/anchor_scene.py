@@ -1,6 +1,7 @@
 """A whole scene: anchors, the networks that draw them, and the context model that codes them."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from jaxtyping import Bool, Float, Int8
 from torch import Tensor
@@ -68,10 +69,12 @@ class RenderHints:
     Attributes:
         size_gain: Factor on the size of the anchor's Gaussians, 1 for none.
         left_out: True where the anchor is not drawn.
+        opacity_gain: Factor on the opacity of the anchor's Gaussians, which stays at most 1; None for none anywhere.
     """
 
     size_gain: Float[Tensor, "N"]
     left_out: Bool[Tensor, "N"]
+    opacity_gain: Float[Tensor, "N"] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +106,10 @@ class PartialScene:
         scene: The scene; attributes that were not received are zero (mask False).
         erasures: What was received.
         prior: The hash-grid prior of every anchor, received or not.
+        concealment: Named sections of the side information, content by name: what a sender left for concealers.
     """
 
     scene: AnchorScene
     erasures: Erasures
     prior: Prior
+    concealment: Mapping[str, bytes] = field(default_factory=dict)

@@ -30,7 +30,8 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
     """Generates what camera `view` sees of `scene`; a pure, differentiable function.
 
     Args:
-        scene: The scene. Its hints, if any, leave anchors out and change the size of Gaussians, never where they are.
+        scene: The scene. Its hints, if any, leave anchors out and change size and opacity of Gaussians, never where
+            they are.
         cameras: The cameras.
         view: Which of them.
 
@@ -38,11 +39,13 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
         The Gaussians with positive opacity of all anchors in view, anchor by anchor.
     """
     visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
-    size_gain = None
-    if scene.hints is not None:
-        visible, size_gain = visible & ~scene.hints.left_out, scene.hints.size_gain
+    size_gain, opacity_gain, hints = None, None, scene.hints
+    if hints is not None:
+        visible, size_gain, opacity_gain = visible & ~hints.left_out, hints.size_gain, hints.opacity_gain
     center = cameras.centers[view].to(scene.anchors.positions)
-    return spawn_gaussians(scene.anchors, scene.heads, center, visible, size_gain=size_gain).gaussians
+    return spawn_gaussians(
+        scene.anchors, scene.heads, center, visible, size_gain=size_gain, opacity_gain=opacity_gain
+    ).gaussians
 
 
 @torch.no_grad()
@@ -63,6 +66,7 @@ def spawn_gaussians(
     visible: Bool[Tensor, "N"],
     *,
     size_gain: Float[Tensor, "N"] | None = None,
+    opacity_gain: Float[Tensor, "N"] | None = None,
     mask_weight: Float[Tensor, "N K"] | None = None,
 ) -> SpawnedGaussians:
     """Runs the heads on the visible anchors (HACPP_SPEC 2 steps 2 to 5); differentiable.
@@ -73,6 +77,7 @@ def spawn_gaussians(
         camera_center: Where the camera is, world units.
         visible: Which anchors to draw; must lie away from the camera centre.
         size_gain: Factor on the Gaussians' scales per anchor, 1 where absent.
+        opacity_gain: Factor on the Gaussians' opacities per anchor, which stay at most 1; 1 where absent.
         mask_weight: Factor on opacity and scale per offset (a trainer's straight-through mask), 1 where absent.
 
     Returns:
@@ -98,6 +103,8 @@ def spawn_gaussians(
     opacity = opacities[row, offset_index]
     if size_gain is not None:
         scales = scales * size_gain[anchor_index, None]
+    if opacity_gain is not None:
+        opacity = (opacity * opacity_gain[anchor_index]).clamp(max=1)
     if mask_weight is not None:
         weight = mask_weight[anchor_index, offset_index]
         scales, opacity = scales * weight[:, None], opacity * weight

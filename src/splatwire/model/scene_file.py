@@ -96,7 +96,7 @@ def load_scene_file(path: Path) -> tuple[AnchorScene | PartialScene, Erasures | 
 
 
 def save_partial(partial: PartialScene, path: Path) -> None:
-    """Writes a decoded scene with its losses and its prior to `path`, as `save_scene` does.
+    """Writes a decoded scene with its losses, prior and sections for concealers to `path`, as `save_scene` does.
 
     Raises:
         OSError: If the file cannot be written.
@@ -108,7 +108,12 @@ def save_partial(partial: PartialScene, path: Path) -> None:
         attribute: AttributePrior = getattr(partial.prior, name)
         for part in ("mean", "scale", "step"):
             tensors[f"prior.{name}.{part}"] = getattr(attribute, part)
-    _write(path, tensors, _header(partial.scene, PARTIAL))
+    header = _header(partial.scene, PARTIAL)
+    for name, content in partial.concealment.items():
+        tensors[f"concealment.{name}"] = torch.from_numpy(np.frombuffer(content, dtype=np.uint8).copy())
+    if partial.concealment:
+        header["concealment"] = sorted(partial.concealment)
+    _write(path, tensors, header)
 
 
 def load_partial(path: Path) -> PartialScene:
@@ -130,8 +135,17 @@ def load_partial(path: Path) -> PartialScene:
                 step=reader.tensor(f"prior.{name}.step", (count, 1)),
             )
         context = reader.tensor("prior.context", (count, scene.config.grid.context_dim))
+        concealment = _read_concealment(reader)
         reader.finish()
-    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context))
+    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment)
+
+
+def _read_concealment(reader: SceneReader) -> dict[str, bytes]:
+    names = reader.header.get("concealment", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise reader.error("the header's list of what was left for concealers is damaged")
+    sizes = {name: reader.length(f"concealment.{name}") for name in names}
+    return {n: reader.tensor(f"concealment.{n}", (size,), torch.uint8).numpy().tobytes() for n, size in sizes.items()}
 
 
 def _networks(scene: AnchorScene) -> dict[str, Mlp]:
@@ -169,6 +183,8 @@ def _scene_tensors(scene: AnchorScene) -> dict[str, Tensor]:
     tensors["grid.bounds_min"], tensors["grid.bounds_max"] = grid.bounds_min, grid.bounds_max
     if scene.hints is not None:
         tensors["hints.size_gain"], tensors["hints.left_out"] = scene.hints.size_gain, scene.hints.left_out
+        if scene.hints.opacity_gain is not None:
+            tensors["hints.opacity_gain"] = scene.hints.opacity_gain
     return tensors
 
 
@@ -225,7 +241,8 @@ def _read_scene(reader: SceneReader) -> AnchorScene:
     if reader.header.get("hints"):
         count = anchors.num_anchors
         left_out = reader.tensor("hints.left_out", (count,), torch.bool)
-        hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out)
+        opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
+        hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
     return AnchorScene(anchors, heads, context, voxel_size, config, hints)
 
 

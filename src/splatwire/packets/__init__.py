@@ -5,11 +5,14 @@ from splatwire.packets.container import stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet import HEADER_BYTES, Packet, packet_from_bytes, packet_to_bytes
-from splatwire.packets.plan import PARTS, PRESETS, PacketGroups, PacketId, Packetization, PacketPlan
+from splatwire.packets.packet_id import PARTS, PacketId
+from splatwire.packets.packetization import PRESETS, Packetization
+from splatwire.packets.plan import PacketGroups, PacketPlan
 from splatwire.packets.scene_stream import SceneStream, make_stream, make_stream_id
 from splatwire.packets.sizes import StreamSizes, measure_sizes
 from splatwire.packets.splitmix64 import splitmix64
 from splatwire.packets.stream import read_stream, write_stream
+from splatwire.packets.tiers import TierShape, shape_tiers, tier_order
 
 __all__ = [
     "HEADER_BYTES",
@@ -26,6 +29,7 @@ __all__ = [
     "ReadReport",
     "SceneStream",
     "StreamSizes",
+    "TierShape",
     "arrange",
     "make_stream",
     "make_stream_id",
@@ -35,8 +39,10 @@ __all__ = [
     "packet_from_bytes",
     "packet_to_bytes",
     "read_stream",
+    "shape_tiers",
     "splitmix64",
     "stream_from_bytes",
     "stream_to_bytes",
+    "tier_order",
     "write_stream",
 ]

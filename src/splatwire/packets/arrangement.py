@@ -7,7 +7,8 @@ import numpy as np
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets.packet import Packet
-from splatwire.packets.plan import PacketGroups, PacketId, PacketPlan
+from splatwire.packets.packet_id import PacketId
+from splatwire.packets.plan import PacketGroups, PacketPlan
 
 
 class Arrangement(NamedTuple):
@@ -15,8 +16,9 @@ class Arrangement(NamedTuple):
 
     Attributes:
         groups: Every rank once, group after group.
-        packets: The packet of each group; None where it did not arrive. With hashed grouping such a gap may stand for
-            several packets: nobody who did not see them knows how many.
+        packets: The packet of each group (with separated packaging all its packets, one after another); None where it
+            did not arrive. With hashed grouping such a gap may stand for several packets: nobody who did not see them
+            knows how many.
     """
 
     groups: PacketGroups
@@ -28,7 +30,7 @@ def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
 
     Args:
         plan: The stream's plan.
-        packets: What arrived of an atomic stream, in any order.
+        packets: What arrived, in any order.
 
     Returns:
         Groups in the order of the complete stream: by block, then lane or position.

@@ -7,7 +7,7 @@ from typing import Any
 from splatwire.errors import BitstreamError, CorruptPacketError, ForeignPacketError
 from splatwire.packets.manifest import Manifest
 from splatwire.packets.packet import Packet, packet_from_bytes
-from splatwire.packets.plan import PacketId
+from splatwire.packets.packet_id import PacketId
 
 MAX_PROBLEMS = 100
 """Problems that a report spells out; the counts go on."""

@@ -7,7 +7,10 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
-from splatwire.packets.plan import MAX_ANCHORS, MAX_GROUPS, Packetization, PacketPlan
+from splatwire.packets.packet_id import PARTS
+from splatwire.packets.packetization import MAX_ANCHORS, MAX_GROUPS, Packetization
+from splatwire.packets.plan import PacketPlan
+from splatwire.packets.tiers import MAX_TIERS, TierShape
 
 SCHEMA = "splatwire/stream"
 FORMAT_VERSION = 1
@@ -40,6 +43,8 @@ class Manifest:
             order is for the codec to say.
         writer: Program that wrote the stream.
         format_version: Version of the whole stream format.
+        tiers: Sizes of the tiers that anchors are grouped in by importance; empty if there is one. Which anchor is in
+            which tier is side information.
 
     Raises:
         InvalidValueError: If a field is out of range or contradicts another.
@@ -57,6 +62,7 @@ class Manifest:
     symbols_digest: str
     writer: str
     format_version: int = FORMAT_VERSION
+    tiers: tuple[TierShape, ...] = ()
 
     def __post_init__(self) -> None:
         for name, low, high in (
@@ -64,7 +70,7 @@ class Manifest:
             ("num_anchors", 0, MAX_ANCHORS),
             ("feature_dim", 1, MAX_FEATURE_DIM),
             ("num_offsets", 1, MAX_OFFSETS),
-            ("num_packets", 0, 3 * MAX_GROUPS),
+            ("num_packets", 0, len(PARTS) * MAX_GROUPS),
             ("stream_id", 0, (1 << 32) - 1),
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
         ):
@@ -89,12 +95,13 @@ class Manifest:
     @property
     def plan(self) -> PacketPlan:
         """The mapping between anchors and packets."""
-        return PacketPlan(self.packetization, self.num_anchors)
+        groups = len(self.feature_groups) if self.packetization.separated else 0
+        return PacketPlan(self.packetization, self.num_anchors, self.tiers, groups)
 
     def _check_num_packets(self) -> None:
         """Bounds the packet count by arithmetic alone: nothing is allocated on the word of a manifest."""
-        num_parts, num_blocks = len(self.packetization.parts), self.plan.num_blocks
-        most = min(self.num_anchors, num_blocks * self.packetization.lanes) * num_parts
+        num_parts, num_blocks = len(self.plan.parts), self.plan.num_blocks
+        most = num_parts * sum(min(span.num_anchors, span.num_blocks * span.lanes) for span in self.plan.spans)
         if self.packetization.hashed:
             most = self.num_anchors
         if not num_blocks * num_parts <= self.num_packets <= most or self.num_packets % num_parts:
@@ -112,6 +119,7 @@ _JSON_TYPES: dict[str, type] = {
     **dict.fromkeys(("stream_id", "side_info_digest", "symbols_digest", "writer"), str),
     "packetization": dict,
     "feature_groups": list,
+    "tiers": list,
 }
 _PACKETIZATION_TYPES: dict[str, type] = {f.name: type(f.default) for f in fields(Packetization)}
 
@@ -143,13 +151,16 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         )
     digest = content.pop("digest", None)
     content.pop("schema")
-    _check_fields(content, _JSON_TYPES, name)
+    _check_fields(content, {k: kind for k, kind in _JSON_TYPES.items() if k in content or k != "tiers"}, name)
     types = dict(_PACKETIZATION_TYPES)
     if content["packetization"].get("grouping") != "hashed":
         del types["packet_bytes"]
     _check_fields(content["packetization"], types, f"{name}: packetization")
     if not all(type(size) is int for size in content["feature_groups"]):
         raise BitstreamError(f"{name}: feature_groups does not hold integers only")
+    tiers = content.get("tiers", [])
+    if len(tiers) > MAX_TIERS or not all(_is_pair(tier) for tier in tiers):
+        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, at most {MAX_TIERS}")
     # The content is flat from here on: a digest of arbitrarily nested lists could exhaust the stack.
     if digest != _digest({**content, "schema": SCHEMA}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
@@ -160,6 +171,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
                 "packetization": Packetization(**content["packetization"]),
                 "feature_groups": tuple(content["feature_groups"]),
                 "stream_id": _stream_id(content["stream_id"]),
+                "tiers": tuple(TierShape(*tier) for tier in tiers),
             }
         )
     except (InvalidValueError, UnknownNameError) as error:
@@ -180,12 +192,20 @@ def _packetization_content(packetization: Packetization) -> dict[str, Any]:
 
 
 def _content(manifest: Manifest) -> dict[str, Any]:
-    return {
+    content = {
         **asdict(manifest),
         "packetization": _packetization_content(manifest.packetization),
         "schema": SCHEMA,
         "stream_id": f"{manifest.stream_id:08x}",
+        "tiers": [[tier.num_anchors, tier.lanes] for tier in manifest.tiers],
     }
+    if not manifest.tiers:
+        del content["tiers"]
+    return content
+
+
+def _is_pair(value: object) -> bool:
+    return type(value) is list and len(value) == 2 and all(type(number) is int for number in value)
 
 
 def _dump(content: dict[str, Any]) -> bytes:

@@ -6,7 +6,7 @@ A packet is a 16-byte header and its payload; its length is that of the file or 
 |---|---|
 | 0 | format version, 1 |
 | 1-4 | id of the stream (`Manifest.stream_id`) |
-| 5 | low 2 bits: part (`PacketId.part`); high 6 bits: bits 8 to 13 of the lane |
+| 5 | low 2 bits 0: whole anchors, high 6 bits are bits 8 to 13 of the lane; else one part of them, `part_byte` |
 | 6 | bits 0 to 7 of the lane (`PacketId.lane`; with hashed grouping a position) |
 | 7-9 | block |
 | 10-11 | number of anchors |
@@ -26,7 +26,8 @@ from splatwire.errors import (
     TruncatedStreamError,
     UnsupportedVersionError,
 )
-from splatwire.packets.plan import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_HASHED_BLOCK, PARTS, PacketId
+from splatwire.packets.packet_id import PARTS, PacketId
+from splatwire.packets.packetization import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_HASHED_BLOCK, MAX_LANES
 
 PACKET_VERSION = 1
 HEADER_BYTES = 16
@@ -57,7 +58,7 @@ class Packet:
     def __post_init__(self) -> None:
         fits = (
             0 <= self.id.block < MAX_BLOCKS
-            and 0 <= self.id.lane < MAX_HASHED_BLOCK
+            and 0 <= self.id.lane < (MAX_LANES if self.id.part else MAX_HASHED_BLOCK)
             and 0 <= self.id.part < len(PARTS)
             and 1 <= self.num_anchors <= MAX_BLOCK_SIZE
             and HEADER_BYTES + len(self.payload) <= MAX_PACKET_BYTES
@@ -73,6 +74,11 @@ class Packet:
         return HEADER_BYTES + len(self.payload)
 
 
+def part_byte(part: int) -> int:
+    """Byte of a part but the whole anchor in the header: 1, 2, 3, 5, 6, 7, 9, ...; the low 2 bits are never 0."""
+    return (part - 1) // 3 * 4 + (part - 1) % 3 + 1
+
+
 def packet_to_bytes(packet: Packet, stream_id: int) -> bytes:
     """Writes a packet.
 
@@ -85,7 +91,7 @@ def packet_to_bytes(packet: Packet, stream_id: int) -> bytes:
     """
     block_high, block_low = divmod(packet.id.block, 1 << 16)
     lane_high, lane_low = divmod(packet.id.lane, 1 << 8)
-    part = lane_high << 2 | packet.id.part
+    part = part_byte(packet.id.part) if packet.id.part else lane_high << 2
     fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, packet.num_anchors)
     checksum = zlib.crc32(packet.payload, zlib.crc32(fields))
     return b"".join((fields, _CHECKSUM.pack(checksum), packet.payload))
@@ -112,7 +118,12 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
         raise UnsupportedVersionError(
             f"the packet has format version {version}, this release reads up to {PACKET_VERSION}"
         )
-    packet_id = PacketId(block_high << 16 | block_low, part >> 2 << 8 | lane_low, part & 3)
+    part_number = 3 * (part >> 2) + (part & 3)
+    whole = part & 3 == 0
+    if not whole and part_number >= len(PARTS):
+        raise CorruptPacketError("a packet", f"its header makes no sense (part {part_number})")
+    lane = (part >> 2 << 8 if whole else 0) | lane_low
+    packet_id = PacketId(block_high << 16 | block_low, lane, 0 if whole else part_number)
     name = packet_id.filename
     if len(view) > MAX_PACKET_BYTES:
         raise CorruptPacketError(name, f"it has {len(view)} bytes, more than {MAX_PACKET_BYTES}")

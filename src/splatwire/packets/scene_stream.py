@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 from splatwire.errors import InvalidValueError
 from splatwire.packets.manifest import Manifest, manifest_to_bytes, packetization_to_json
 from splatwire.packets.packet import HEADER_BYTES, Packet
-from splatwire.packets.plan import PacketId, Packetization, PacketPlan
+from splatwire.packets.packet_id import PacketId
+from splatwire.packets.packetization import Packetization
+from splatwire.packets.plan import PacketPlan
+from splatwire.packets.tiers import TierShape
 
 FILE_MAGIC = b"\x93SWZ"
 FILE_VERSION = 1
@@ -91,6 +94,7 @@ def make_stream(
     packets: Iterable[Packet],
     symbols_digest: str,
     writer: str,
+    tiers: tuple[TierShape, ...] = (),
 ) -> SceneStream:
     """Puts a complete stream together: sorts packets, makes its id and its manifest.
 
@@ -104,6 +108,7 @@ def make_stream(
         packets: All packets of the plan.
         symbols_digest: SHA-256 of all decoded integers, hexadecimal.
         writer: Name and version of the program.
+        tiers: Sizes of the tiers; empty if there is one.
 
     Raises:
         InvalidValueError: If the packets are not exactly those of the plan.
@@ -121,6 +126,7 @@ def make_stream(
         side_info_digest=hashlib.sha256(side_info).hexdigest(),
         symbols_digest=symbols_digest,
         writer=writer,
+        tiers=tiers,
     )
     if not _complete(manifest.plan, ordered):
         raise InvalidValueError("the packets of a new stream must be exactly those of its plan")

@@ -1,7 +1,7 @@
 """Where the bytes of a stream are."""
 
 import statistics
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from splatwire.packets.scene_stream import SceneStream
@@ -20,6 +20,7 @@ class StreamSizes:
         packet_median: Median packet.
         packet_max: Largest packet.
         bytes_per_anchor: `num_bytes` over `num_anchors`; 0 for an empty scene.
+        tiers: For each tier, if there are several: its anchors and lanes, and number and bytes of its packets.
     """
 
     num_bytes: int
@@ -30,6 +31,7 @@ class StreamSizes:
     packet_median: float
     packet_max: int
     bytes_per_anchor: float
+    tiers: dict[str, dict[str, int]] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers and strings only."""
@@ -49,4 +51,18 @@ def measure_sizes(stream: SceneStream) -> StreamSizes:
         packet_median=float(statistics.median(sizes)),
         packet_max=max(sizes),
         bytes_per_anchor=stream.num_bytes / num_anchors if num_anchors else 0.0,
+        tiers=_by_tier(stream),
     )
+
+
+def _by_tier(stream: SceneStream) -> dict[str, dict[str, int]]:
+    plan = stream.manifest.plan
+    tiers = [
+        {"num_anchors": shape.num_anchors, "lanes": shape.lanes, "num_packets": 0, "packet_bytes": 0}
+        for shape in plan.tiers
+    ]
+    for packet in stream.packets if tiers else ():
+        tier = tiers[plan.tier_of(packet.id.block)]
+        tier["num_packets"] += 1
+        tier["packet_bytes"] += packet.num_bytes
+    return {str(number): tier for number, tier in enumerate(tiers)}

@@ -23,7 +23,7 @@ from splatwire.packets.container import check_side_info, stream_from_bytes, stre
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import MAX_MANIFEST_BYTES, manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet import MAX_PACKET_BYTES, packet_to_bytes
-from splatwire.packets.plan import PacketId
+from splatwire.packets.packet_id import PacketId
 from splatwire.packets.scene_stream import FILE_MAGIC, SceneStream
 
 FILE_SUFFIX = ".swz"

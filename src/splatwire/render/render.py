@@ -9,14 +9,15 @@ from torch import Tensor
 from splatwire.model import AnchorScene
 from splatwire.model.gaussian_heads import generate_gaussians
 from splatwire.render.base import Renderer, create_renderer
-from splatwire.scene import Cameras
+from splatwire.scene import Cameras, Gaussians
+from splatwire.scene.splats import Splats
 
 Progress = Callable[[int, int], None]
 """Called with the number of views done and the number of views in all."""
 
 
 def iterate_views(
-    scene: AnchorScene,
+    scene: AnchorScene | Splats,
     cameras: Cameras,
     *,
     renderer: str | Renderer = "cpu",
@@ -25,7 +26,7 @@ def iterate_views(
     """Draws one view after another, so that a caller need not hold all pictures.
 
     Args:
-        scene: What to draw.
+        scene: What to draw: a scene, or explicit Gaussians.
         cameras: Where from.
         renderer: A renderer or its name (`splatwire.render.base.create_renderer`).
         background: RGB behind everything; black where absent.
@@ -42,17 +43,23 @@ def iterate_views(
 
 
 def _views(
-    scene: AnchorScene, cameras: Cameras, draw: Renderer, background: Float[Tensor, "3"]
+    scene: AnchorScene | Splats, cameras: Cameras, draw: Renderer, background: Float[Tensor, "3"]
 ) -> Iterator[Float[Tensor, "H W 3"]]:
     for view in range(cameras.num_views):
         with torch.no_grad():  # inside the loop: a generator must not hold the mode while its caller works
-            gaussians = generate_gaussians(scene, cameras, view)
+            gaussians = _gaussians(scene, cameras, view)
             image = draw(gaussians, cameras.select([view]), background=background.to(gaussians.means))[0].clamp(0, 1)
         yield image
 
 
+def _gaussians(scene: AnchorScene | Splats, cameras: Cameras, view: int) -> Gaussians:
+    if isinstance(scene, Splats):
+        return scene.seen_from(cameras.centers[view].to(scene.means))
+    return generate_gaussians(scene, cameras, view)
+
+
 def render_scene(
-    scene: AnchorScene,
+    scene: AnchorScene | Splats,
     cameras: Cameras,
     *,
     renderer: str | Renderer = "cpu",

@@ -1,9 +1,10 @@
 """How much of the picture each anchor is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
 
@@ -40,6 +41,27 @@ class Importance:
         order = self.share.argsort(descending=True, stable=True)
         chosen[order[: round(fraction * len(order))]] = True
         return chosen
+
+    def tiers(self, fractions: Sequence[float], among: Bool[Tensor, "N"] | None = None) -> UInt8[Tensor, "N"]:
+        """Groups anchors by importance: tier 0 is the top share, tier 1 the next one, the last what is left.
+
+        Args:
+            fractions: Share of the anchors in each tier but the last, 0 to 1; (0.05, 0.15) makes three tiers.
+            among: The anchors that are counted, for example those that are coded; the others are in the last tier.
+
+        Raises:
+            ValueError: If a fraction is not in [0, 1], they add up to more than 1, or there are more than 255.
+        """
+        if sum(fractions) > 1 + 1e-9 or len(fractions) > 255 or not all(0 <= f <= 1 for f in fractions):
+            raise ValueError(f"shares of tiers must be in [0, 1] and add up to at most 1, not {list(fractions)}")
+        counted = torch.ones_like(self.share, dtype=torch.bool) if among is None else among
+        order = torch.where(counted, self.share, -1.0).argsort(descending=True, stable=True)
+        tiers = torch.full(self.share.shape, len(fractions), dtype=torch.uint8, device=self.share.device)
+        ends, number = [0], int(counted.sum())
+        for tier, fraction in enumerate(fractions):
+            ends.append(round(min(sum(fractions[:tier]) + fraction, 1) * number))
+            tiers[order[ends[-2] : ends[-1]]] = tier
+        return tiers
 
     def held_by(self, chosen: Bool[Tensor, "N"]) -> float:
         """Share of the footprint that some anchors hold together."""

@@ -105,6 +105,9 @@ class GrowthRules:
         cell_ratio: Each next cell is this many times smaller; a level whose cell is under a voxel is left out.
         max_log_size: Cap on the logarithm of an anchor's base size, world units.
         max_anchors: No anchor is added beyond this number.
+        first_pruning: Nothing is removed before this iteration, however short the run. Points drawn at random start as
+            a fog that the networks must learn to light: on 200x200 views of Lego, iteration 150 still had 19 of 20
+            anchors transparent, and a denser fog lost all of them.
     """
 
     gradient_threshold: float = 0.0002
@@ -115,6 +118,7 @@ class GrowthRules:
     cell_ratio: int = 4
     max_log_size: float = 0.05
     max_anchors: int = 4_000_000
+    first_pruning: int = 0
 
 
 @dataclass(frozen=True)
@@ -148,7 +152,7 @@ class TrainConfig:
         growth: Which anchors are added and removed.
         weights: Weights of the loss.
         mask_threshold: A mask is 1 where the sigmoid of its logit is above this.
-        random_points: Points drawn in a box when the data has none.
+        random_points: Points drawn in a box when the data has none, at most one for every four pixels of a view.
         background: RGB behind the scene.
         test_views: Which views are left out for testing.
         seed: Of everything random.
@@ -179,6 +183,7 @@ class Preset:
         coarsest_cell: As in `GrowthRules`.
         mask_rate_per_lambda: Final learning rate of the masks per lambda.
         mask_rate_cap: Its upper bound.
+        first_pruning: As in `GrowthRules`.
         test_views: As in `TrainConfig`.
     """
 
@@ -187,6 +192,7 @@ class Preset:
     coarsest_cell: int
     mask_rate_per_lambda: float
     mask_rate_cap: float = math.inf
+    first_pruning: int = 0
     test_views: str = "every_8th"
 
 
@@ -195,7 +201,7 @@ PRESETS = {
     "tanks_and_temples": Preset(0.004, 0.01, 16, 0.1),
     "deep_blending": Preset(0.004, 0.005, 16, 0.08),
     "bungeenerf": Preset(0.004, 0.0, 128, 0.1, test_views="first_31"),
-    "synthetic_nerf": Preset(0.001, 0.001, 4, 0.08),
+    "synthetic_nerf": Preset(0.001, 0.001, 4, 0.08, first_pruning=300),
 }
 
 
@@ -239,7 +245,7 @@ def create_config(
         voxel_size=voxel,
         marks=Marks().scaled(iterations),
         rates=LearningRates(mask_logits=LearningRate(0.01, mask_rate)),
-        growth=GrowthRules(coarsest_cell=chosen.coarsest_cell),
+        growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=rate),
         background=background,
         test_views=chosen.test_views,

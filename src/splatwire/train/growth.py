@@ -4,6 +4,7 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
+from splatwire.errors import DivergedError
 from splatwire.model.projection import DILATION, NEAR_DEPTH
 from splatwire.scene import Cameras, Gaussians
 from splatwire.train.config import TrainConfig
@@ -65,6 +66,9 @@ def adjust_anchors(state: TrainState, config: TrainConfig) -> tuple[int, int]:
 
     Returns:
         How many were added and removed.
+
+    Raises:
+        DivergedError: If no anchor would be left: a scene of nothing cannot recover.
     """
     statistics, rules = state.statistics, config.growth
     wanted = config.marks.growth_interval * rules.seen_share
@@ -78,11 +82,13 @@ def adjust_anchors(state: TrainState, config: TrainConfig) -> tuple[int, int]:
     statistics.gradient_count[old][judged] = 0
     visited = statistics.visits > wanted
     keep = ~(visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits))
+    if state.iteration < rules.first_pruning:
+        keep[:] = True
     statistics.opacity_sum[visited] = 0
     statistics.visits[visited] = 0
     added = state.num_anchors - before
     if not bool(keep.any()):
-        keep[0] = True  # a scene of nothing cannot recover; the loss will say that something is wrong
+        raise DivergedError(state.iteration, "every anchor has become transparent")
     keep_anchors(state, keep)
     state.parameters["log_scalings"][:, 3:].clamp_(max=rules.max_log_size)
     return added, int((~keep).sum())

@@ -23,6 +23,9 @@ from splatwire.train.state import (
 
 _BOX_SHARE = 1.3 / 4.03
 """Half side of the box of random points per distance of the cameras: NeRF-synthetic's +-1.3 seen from 4.03."""
+_PIXELS_PER_POINT = 4
+"""Small views cannot place more random points than this: 100,000 in front of 200x200 pixels only cost time."""
+_FEWEST_POINTS = 500
 _MIN_SQUARED_DISTANCE = 1e-7
 _BOUNDS_MARGIN = 0.2
 
@@ -105,7 +108,9 @@ def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -
             raise DatasetError(f"the reconstruction has {len(points)} usable points; at least 4 are needed")
         return points
     center, distance = _looked_at(dataset.cameras)
-    unit = torch.rand(config.random_points, 3, generator=generator, dtype=torch.float64)
+    pixels = dataset.cameras.width * dataset.cameras.height
+    count = min(config.random_points, max(pixels // _PIXELS_PER_POINT, _FEWEST_POINTS))
+    unit = torch.rand(count, 3, generator=generator, dtype=torch.float64)
     return center + (2 * unit - 1) * distance * _BOX_SHARE
 
 

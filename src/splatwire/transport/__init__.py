@@ -4,7 +4,8 @@ from splatwire.transport.collect import ReceiverLimits
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
 from splatwire.transport.program import Program, Protection, Tier, make_program
 from splatwire.transport.receiver import Receiver, ReceiverOptions
-from splatwire.transport.sender import Server, ServerLimits, Transfer
+from splatwire.transport.sender import Server
+from splatwire.transport.transfer import ServerLimits, Transfer
 
 __all__ = [
     "Event",

@@ -16,6 +16,7 @@ from splatwire.transport.wire import (
     MAX_NACKS,
     MAX_NAME,
     REFUSALS,
+    TOKEN_BYTES,
     Bye,
     Challenge,
     Data,
@@ -81,9 +82,13 @@ class Receiver:
         nonce: 64 random bits that name this attempt.
         now: Time, seconds.
         options: What is wanted.
+        reliable: Whether the path carries greetings and side information reliably and has shown the client's address to
+            the server (QUIC): one request is enough, and symbols of the head object do not count as datagrams.
     """
 
-    def __init__(self, nonce: int, now: float, options: ReceiverOptions | None = None) -> None:
+    def __init__(
+        self, nonce: int, now: float, options: ReceiverOptions | None = None, *, reliable: bool = False
+    ) -> None:
         self.options = options or ReceiverOptions()
         self.finished: Finished | None = None
         self.num_datagrams = 0
@@ -92,7 +97,8 @@ class Receiver:
         self._nonce = nonce
         self._began = self._heard_at = now
         self._retry_at = now
-        self._token: bytes | None = None
+        self._reliable = reliable
+        self._token: bytes | None = bytes(TOKEN_BYTES) if reliable else None
         self._welcome: Welcome | None = None
         self._head: HeadCollector | None = None
         self._collector: PacketCollector | None = None
@@ -144,7 +150,7 @@ class Receiver:
         if self._welcome is None:
             if now < self._retry_at:
                 return [], []
-            self._retry_at = now + RETRY_S
+            self._retry_at = now + (RETRY_S if not self._reliable else RETRY_S + CONNECT_S)
             return [self._greeting()], []
         if now < self._feedback_at:
             return [], []
@@ -197,10 +203,11 @@ class Receiver:
             return [], []
         assert self._welcome is not None
         self._heard_at = now
-        self.num_datagrams += 1
-        self._received += 1
-        if frame.sequence > self._largest:
-            self._largest, self._largest_at = frame.sequence, now
+        if not (self._reliable and isinstance(frame, Side)):
+            self.num_datagrams += 1
+            self._received += 1
+            if frame.sequence > self._largest:
+                self._largest, self._largest_at = frame.sequence, now
         events: list[Event] = []
         match frame:
             case Data():

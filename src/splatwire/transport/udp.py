@@ -6,53 +6,24 @@ import socket
 from collections import deque
 from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
-from urllib.parse import urlsplit
 
 from splatwire.errors import InvalidValueError
+from splatwire.transport.address import Address
 from splatwire.transport.events import Event
+from splatwire.transport.pcap import Endpoint
 from splatwire.transport.program import Program
 from splatwire.transport.receiver import Receiver, ReceiverOptions
-from splatwire.transport.sender import Server, ServerLimits
+from splatwire.transport.sender import Server
+from splatwire.transport.transfer import ServerLimits
 
-DEFAULT_PORT = 4840
 SOCKET_BUFFER = 4 << 20
 BATCH = 256
 """Datagrams that are read or written before timers get their turn."""
 LARGEST_READ = 2048
 
-
-@dataclass(frozen=True)
-class Address:
-    """Where a server is.
-
-    Attributes:
-        host: Name or number.
-        port: UDP port.
-        name: Stream that is wanted; empty for the server's first.
-    """
-
-    host: str
-    port: int
-    name: str = ""
-
-
-def parse_url(url: str) -> Address:
-    """Reads `udp://HOST[:PORT][/NAME]`.
-
-    Raises:
-        InvalidValueError: If it is something else.
-    """
-    wrong = InvalidValueError(f"'{url}' is not an address such as udp://localhost:{DEFAULT_PORT}")
-    try:
-        parts = urlsplit(url)
-        port = parts.port
-    except ValueError:
-        raise wrong from None
-    if parts.scheme != "udp" or not parts.hostname or parts.query or parts.fragment or parts.username:
-        raise wrong
-    return Address(parts.hostname, DEFAULT_PORT if port is None else port, parts.path.strip("/"))
+Tap = Callable[[Endpoint, Endpoint, bytes], None]
+"""Told every datagram: where it is from, where it goes, its content."""
 
 
 class UdpServer:
@@ -72,7 +43,7 @@ class UdpServer:
         self, programs: Mapping[str, Program], host: str, port: int, *, limits: ServerLimits | None = None
     ) -> None:
         self.core = Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits)
-        self._socket = _bound(host, port)
+        self._socket = bound_socket(host, port)
         self._loop = asyncio.get_running_loop()
         self._backlog: deque[tuple[Hashable, bytes]] = deque()
         self._timer: asyncio.TimerHandle | None = None
@@ -143,15 +114,39 @@ class UdpServer:
         self._pump()
 
 
+async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
+    """Family and numeric address of a server.
+
+    Raises:
+        InvalidValueError: If the host has none.
+    """
+    try:
+        found = await asyncio.get_running_loop().getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+    except OSError as error:
+        raise InvalidValueError(f"the host '{address.host}' is not known: {error.strerror}") from error
+    return found[0][0], found[0][4]
+
+
+def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
+    """A UDP socket that hears one server only: the system drops what is from anywhere else."""
+    connection = socket.socket(family, socket.SOCK_DGRAM)
+    connection.setblocking(False)
+    with suppress(OSError):
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER)
+    connection.connect(target)
+    return connection
+
+
 async def receive_udp(
-    address: Address, options: ReceiverOptions, on_event: Callable[[Event], Any] | None = None
+    address: Address, options: ReceiverOptions, on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None
 ) -> Receiver:
     """Receives one stream.
 
     Args:
-        address: Where from; its name goes before that of the options.
+        address: Where from; which stream, the options say.
         options: What is wanted.
         on_event: Called with everything that happens, in the event loop.
+        tap: Is told every datagram.
 
     Returns:
         The receiver, finished; what it has is up to `Receiver.finished`.
@@ -159,25 +154,20 @@ async def receive_udp(
     Raises:
         InvalidValueError: If the host has no address.
     """
-    loop = asyncio.get_running_loop()
-    try:
-        found = await loop.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
-    except OSError as error:
-        raise InvalidValueError(f"the host '{address.host}' is not known: {error.strerror}") from error
-    family, kind, protocol, _, target = found[0]
-    with socket.socket(family, kind, protocol) as connection:
-        connection.setblocking(False)
-        with suppress(OSError):
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER)
-        connection.connect(target)  # the system drops what is from anywhere else
-        return await _Client(connection, Receiver(_nonce(), loop.time(), options), on_event).run()
+    family, target = await resolve(address)
+    with connected_socket(family, target) as connection:
+        receiver = Receiver(new_nonce(), asyncio.get_running_loop().time(), options)
+        return await _Client(connection, receiver, on_event, tap).run()
 
 
 class _Client:
     """Drives a receiver with a connected socket."""
 
-    def __init__(self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None) -> None:
-        self._socket, self._receiver, self._on_event = connection, receiver, on_event
+    def __init__(
+        self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None, tap: Tap | None
+    ) -> None:
+        self._socket, self._receiver, self._on_event, self._tap = connection, receiver, on_event, tap
+        self._here, self._there = connection.getsockname()[:2], connection.getpeername()[:2]
         self._loop = asyncio.get_running_loop()
         self._over = self._loop.create_future()
         self._timer: asyncio.TimerHandle | None = None
@@ -207,6 +197,8 @@ class _Client:
                     break
                 except OSError:
                     break
+                if self._tap:
+                    self._tap(self._there, self._here, data)
                 self._act(*self._receiver.receive(data, self._loop.time()))
             self._tick()
         except Exception as error:  # raised by the owner's callback: it belongs to whoever waits
@@ -236,6 +228,8 @@ class _Client:
 
     def _act(self, datagrams: list[bytes], events: list[Event]) -> None:
         for data in datagrams:
+            if self._tap:
+                self._tap(self._here, self._there, data)
             with suppress(OSError):  # lost, as any datagram may be
                 self._socket.send(data)
         if self._on_event:
@@ -243,11 +237,17 @@ class _Client:
                 self._on_event(event)
 
 
-def _nonce() -> int:
+def new_nonce() -> int:
+    """A random name of an attempt."""
     return int.from_bytes(os.urandom(8), "little")
 
 
-def _bound(host: str, port: int) -> socket.socket:
+def bound_socket(host: str, port: int) -> socket.socket:
+    """A UDP socket that listens, with large buffers.
+
+    Raises:
+        OSError: If the address cannot be listened on.
+    """
     family, kind, protocol, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)[
         0
     ]

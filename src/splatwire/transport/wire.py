@@ -26,6 +26,8 @@ DIGEST_BYTES = 32
 HELLO, CHALLENGE, REQUEST, WELCOME, SIDE, DATA, PARITY, FEEDBACK, BYE, REFUSE, END = range(1, 12)
 KINDS = ("", "hello", "challenge", "request", "welcome", "side", "data", "parity", "feedback", "bye", "refuse", "end")
 TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE))
+ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, SIDE))
+"""What travels on the reliable stream where there is one (QUIC), each behind its size (u16)."""
 
 REFUSALS = ("", "no such stream", "the server is full", "the server stopped")
 

@@ -199,8 +199,10 @@ def test_bad_weights_are_refused(tmp_path: Path) -> None:
 
 def test_without_weights_it_is_not_listed() -> None:
     assert "gnn" not in concealer_names()
-    with pytest.raises(InvalidValueError, match="needs weights"):
-        create_concealer("gnn")
+    assert "gnn" not in concealer_names(("hints",))
+    assert "gnn" in concealer_names(("gnn",))
+    with pytest.raises(InvalidValueError, match="carries none"):
+        create_concealer("gnn")(random_context(50, 1))
 
 
 @pytest.mark.parametrize(

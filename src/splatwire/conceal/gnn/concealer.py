@@ -11,6 +11,7 @@ from splatwire.conceal.fill import plausible_scalings
 from splatwire.conceal.gnn.fusion import branches, fuse
 from splatwire.conceal.gnn.graph import RepairGraph, build_graph, interpolator, prior_rows, query_inputs, source_inputs
 from splatwire.conceal.gnn.network import InpaintingNetwork
+from splatwire.conceal.gnn.section import SECTION, read_section
 from splatwire.conceal.gnn.weights import GnnWeights, check_fits, load_weights
 from splatwire.errors import InvalidValueError
 from splatwire.scene import Anchors
@@ -20,7 +21,7 @@ _CHUNK = 768
 _SOURCE_CHUNK = 1 << 13
 
 
-@register_concealer("gnn", needs="weights")
+@register_concealer("gnn", needs="weights", section=SECTION)
 @dataclass(frozen=True)
 class Gnn:
     """The paper's prior-aware GNN residual inpainting, with weights that were calibrated on the scene.
@@ -30,16 +31,14 @@ class Gnn:
     finite, the interpolation is taken.
 
     Attributes:
-        weights: A file that `splatwire calibrate` wrote, or its content.
+        weights: A file that `splatwire calibrate` wrote, or its content; None for those that the stream carries.
     """
 
     weights: str | Path | GnnWeights | None = None
-    loaded: GnnWeights = field(init=False, repr=False)
+    loaded: GnnWeights | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.weights is None:
-            raise InvalidValueError("concealer 'gnn' needs weights: name it gnn:FILE (splatwire calibrate writes one)")
-        known = isinstance(self.weights, GnnWeights)
+        known = self.weights is None or isinstance(self.weights, GnnWeights)
         object.__setattr__(self, "loaded", self.weights if known else load_weights(Path(str(self.weights))))
 
     @property
@@ -51,15 +50,32 @@ class Gnn:
         """See `Concealer`.
 
         Raises:
-            InvalidValueError: If the weights are of another scene.
+            InvalidValueError: If the weights are of another scene, or there are none.
+            BitstreamError: If those that the stream carries are damaged.
         """
-        check_fits(self.loaded, context)
-        filled = interpolator(self.loaded.settings)(context).anchors
-        graph = build_graph(context, self.loaded.settings, filled)
+        weights = self.loaded or carried_weights(context)
+        check_fits(weights, context)
+        filled = interpolator(weights.settings)(context).anchors
+        graph = build_graph(context, weights.settings, filled)
         if graph.index.numel() == 0:
             return Concealed.filled(filled)
-        repaired = repair(context, graph, self.loaded.network)
+        repaired = repair(context, graph, weights.network)
         return Concealed.filled(_put(filled, graph, repaired))
+
+
+def carried_weights(context: AnchorContext) -> GnnWeights:
+    """Reads the weights that the stream carries.
+
+    Raises:
+        InvalidValueError: If it carries none, or those of another scene.
+        BitstreamError: If they are damaged.
+    """
+    if SECTION not in context.concealment:
+        raise InvalidValueError(
+            "concealer 'gnn' needs weights, and this stream carries none: name a file (gnn:FILE), or put them into the "
+            "stream with `splatwire calibrate SCENE -o SCENE.swz`"
+        )
+    return read_section(context.concealment[SECTION], context)
 
 
 @torch.no_grad()
@@ -77,15 +93,17 @@ def repair(context: AnchorContext, graph: RepairGraph, network: InpaintingNetwor
     used = graph.index.unique()
     place = torch.full((context.anchors.num_anchors,), -1, dtype=torch.int64)
     place[used] = torch.arange(len(used))
-    sources = torch.cat([network.encode_sources(source_inputs(context, rows)) for rows in used.split(_SOURCE_CHUNK)])
+    encoded = [network.encode_sources(source_inputs(context, rows)) for rows in used.split(_SOURCE_CHUNK)]
+    sources = tuple(torch.cat(layer) for layer in zip(*encoded, strict=True))
     pieces = []
     for rows in torch.arange(len(graph.queries)).split(_CHUNK):
         part = graph.select(rows)
         raw = network(query_inputs(context, part), sources, place[part.index])
         fused = branches(raw, prior_rows(context.prior, part.queries), part.interpolated, network.settings)
-        pieces.append(_finite(context, fuse(fused, part.interpolated, network.settings), part.interpolated))
+        pieces.append(fuse(fused, part.interpolated, network.settings))
     names = ("positions", "features", "scalings", "offsets", "mask")
-    return Anchors(**{name: torch.cat([getattr(piece, name) for piece in pieces]) for name in names})
+    whole = Anchors(**{name: torch.cat([getattr(piece, name) for piece in pieces]) for name in names})
+    return _finite(context, whole, graph.interpolated)
 
 
 def _finite(context: AnchorContext, anchors: Anchors, interpolated: Anchors) -> Anchors:

@@ -11,6 +11,7 @@ from splatwire.conceal.cari import Cari
 from splatwire.conceal.context import AnchorContext
 from splatwire.conceal.gnn.settings import GnnSettings
 from splatwire.conceal.idw import Idw
+from splatwire.conceal.kriging import Kriging
 from splatwire.model import Prior
 from splatwire.scene import Anchors
 
@@ -36,7 +37,9 @@ class RepairGraph:
 
 def interpolator(settings: GnnSettings) -> Concealer:
     """The interpolation that the network is measured against and falls back to."""
-    return Cari() if settings.interpolation == "cari" else _graph_idw(settings)
+    if settings.interpolation == "idw":
+        return _graph_idw(settings)
+    return Cari() if settings.interpolation == "cari" else Kriging()
 
 
 def build_graph(context: AnchorContext, settings: GnnSettings, filled: Anchors | None = None) -> RepairGraph:

@@ -80,10 +80,14 @@ def edge_conv(
         edge: Weight of the difference.
         bias: Bias.
     """
-    mine = own @ (center - edge).T + bias
-    if index.shape[1] == 0:
-        return functional.leaky_relu(mine, _SLOPE)
-    strongest = (others @ edge.T)[index].amax(dim=1)
+    return strongest_edge(own @ (center - edge).T + bias, others @ edge.T, index)
+
+
+def strongest_edge(
+    mine: Float[Tensor, "Q H"], theirs: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
+) -> Float[Tensor, "Q H"]:
+    """The part of `edge_conv` that is per edge, given what each node says on its own."""
+    strongest = theirs[index].amax(dim=1) if index.shape[1] else 0.0
     return functional.leaky_relu(mine + strongest, _SLOPE)
 
 
@@ -97,11 +101,13 @@ class _EdgeLayer(nn.Module):
         self.edge = nn.Linear(hidden, hidden, bias=False)
         self.output = nn.Linear(hidden, hidden)
 
-    def forward(self, own: Tensor, others: Tensor, index: Tensor) -> Tensor:
-        message = edge_conv(
-            self.norm(own), self.norm(others), index, self.center.weight, self.edge.weight, self.center.bias
-        )
-        return own + self.output(message)
+    def project(self, others: Tensor) -> Tensor:
+        """What known anchors say on their own: the same for all queries."""
+        return self.edge(self.norm(others))
+
+    def forward(self, own: Tensor, projected: Tensor, index: Tensor) -> Tensor:
+        mine = functional.linear(self.norm(own), self.center.weight - self.edge.weight, self.center.bias)
+        return own + self.output(strongest_edge(mine, projected, index))
 
 
 class _CrossAttention(nn.Module):
@@ -157,24 +163,30 @@ class InpaintingNetwork(nn.Module):
             self.register_buffer(f"{name}_mean", torch.zeros(width))
             self.register_buffer(f"{name}_spread", torch.ones(width))
 
-    def encode_sources(self, inputs: Float[Tensor, "S D"]) -> Float[Tensor, "S H"]:
-        """Embeds known anchors; the result serves all their queries."""
-        return self.source((inputs - self.get_buffer("source_mean")) / self.get_buffer("source_spread"))
+    def encode_sources(self, inputs: Float[Tensor, "S D"]) -> tuple[Float[Tensor, "S H"], ...]:
+        """Embeds known anchors, once per EdgeConv layer; the result serves all their queries."""
+        hidden = self.source((inputs - self.get_buffer("source_mean")) / self.get_buffer("source_spread"))
+        return tuple(layer.project(hidden) for layer in self.edge_layers)
+
+    @property
+    def edge_layers(self) -> list[_EdgeLayer]:
+        """The EdgeConv layers."""
+        return [layer for layer in self.layers if isinstance(layer, _EdgeLayer)]
 
     def forward(
-        self, inputs: Float[Tensor, "Q D"], sources: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
+        self, inputs: Float[Tensor, "Q D"], sources: tuple[Float[Tensor, "S H"], ...], index: Int64[Tensor, "Q k"]
     ) -> RawResiduals:
         """Runs the network on some queries.
 
         Args:
             inputs: `query_inputs`.
-            sources: Embedded known anchors.
+            sources: Embedded known anchors (`encode_sources`).
             index: Neighbours, rows of `sources`.
         """
         scaled = (inputs - self.get_buffer("query_mean")) / self.get_buffer("query_spread")
         hidden = self.query(scaled)
-        for layer in self.layers:
-            hidden = layer(hidden, sources, index)
+        for layer, projected in zip(self.edge_layers, sources, strict=True):
+            hidden = layer(hidden, projected, index)
         if self.attention is not None:
             start, widths = 3, (self.sizes.context_dim, self.sizes.layout.feature_dim, 6)
             tokens = scaled[:, start : start + sum(widths)].split(widths, dim=1)

@@ -6,7 +6,7 @@ from splatwire.conceal.base import check_at_least
 from splatwire.errors import InvalidValueError
 
 BASELINES = ("prior", "interpolation")
-INTERPOLATIONS = ("cari", "idw")
+INTERPOLATIONS = ("cari", "idw", "kriging")
 METRICS = ("mahalanobis", "euclidean")
 
 
@@ -23,7 +23,7 @@ class GnnSettings:
         heads: Heads of the cross-attention; divide `hidden`.
         cross_attention: Whether there is one (for the ablation).
         interpolation: The interpolation that the query input holds, and that is blended with and fallen back to:
-            `cari`, or `idw` over the graph's neighbours.
+            `cari`, `kriging`, or `idw` over the graph's neighbours.
         baseline: What a residual is added to: `prior`, or `interpolation`.
         clip: Largest residual in prior standard deviations, tau.
         sharpness: alpha of the confidence `exp(-alpha z)`; 0 trusts every residual (for the ablation).
@@ -72,7 +72,7 @@ class GnnSettings:
 GNN_PRESETS = {
     "paper": GnnSettings(),
     "full": GnnSettings(baseline="interpolation", scaling_threshold=0.10, offset_threshold=0.10),
-    "compact": GnnSettings(hidden=16, baseline="interpolation"),
+    "compact": GnnSettings(hidden=16, baseline="interpolation", interpolation="kriging"),
 }
 """`paper`: the paper's constants. `full`: all attributes are predicted, on top of the interpolation. `compact`: few
 weights."""

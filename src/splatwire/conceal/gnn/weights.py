@@ -21,6 +21,7 @@ from splatwire.scene import AnchorLayout
 
 FORMAT = "splatwire-gnn"
 VERSION = 1
+FINGERPRINT_DIGITS = 16
 PRECISIONS = {"float32": torch.float32, "float16": torch.float16}
 
 
@@ -30,7 +31,7 @@ class GnnWeights:
 
     Attributes:
         network: The network, in evaluation.
-        fingerprint: `scene_fingerprint` of its scene.
+        fingerprint: `scene_fingerprint` of its scene, or at least the first 16 digits of it.
         validation: What calibration measured on held-out losses, for the record.
     """
 
@@ -42,6 +43,12 @@ class GnnWeights:
     def settings(self) -> GnnSettings:
         """How it is built and used."""
         return self.network.settings
+
+    @property
+    def improves(self) -> bool:
+        """Whether any attribute is ever taken from the network."""
+        settings = self.settings
+        return min(settings.feature_threshold, settings.scaling_threshold, settings.offset_threshold) <= 1
 
 
 def scene_fingerprint(context: AnchorContext) -> str:
@@ -64,7 +71,7 @@ def check_fits(weights: GnnWeights, context: AnchorContext) -> None:
             f"these GNN weights are for anchors of {sizes.layout} with {sizes.context_dim} hash features, "
             f"not {context.layout} with {context.prior.context.shape[1]}"
         )
-    if weights.fingerprint != scene_fingerprint(context):
+    if not scene_fingerprint(context).startswith(weights.fingerprint):
         raise InvalidValueError("these GNN weights were calibrated on another scene; calibrate this one")
 
 
@@ -152,6 +159,8 @@ def load_weights(path: Path) -> GnnWeights:
         network = InpaintingNetwork(sizes, GnnSettings(**header["settings"]))
         validation = {str(name): float(value) for name, value in header["validation"].items()}
         fingerprint = str(header["fingerprint"])
+        if len(fingerprint) < FINGERPRINT_DIGITS:
+            raise ValueError(f"fingerprint {fingerprint!r}")
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BitstreamError(f"{path}: the header of the GNN weights is damaged: {error}") from error
     load_tensors(network, tensors, f"{path}: ")

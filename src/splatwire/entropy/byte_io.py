@@ -1,4 +1,4 @@
-"""Little-endian byte writer and bounds-checked reader of the side information."""
+"""Little-endian byte writer and bounds-checked reader."""
 
 import struct
 
@@ -104,6 +104,11 @@ class ByteReader:
     def rest(self) -> bytes:
         """Reads everything that is left."""
         return self.take(len(self._data) - self._at)
+
+    @property
+    def left(self) -> int:
+        """Bytes that were not read yet."""
+        return len(self._data) - self._at
 
     def finish(self) -> None:
         """Checks that nothing is left.

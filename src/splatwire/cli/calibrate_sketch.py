@@ -1,0 +1,128 @@
+"""`splatwire calibrate --method sketch`: coarse copies of important anchors, chosen on pictures, in the stream."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+from splatwire.cli._files import is_stream
+from splatwire.cli._output import Reporter, print_json, progress_bars
+from splatwire.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.packets import SceneStream
+    from splatwire.train.calibrate_render import SketchViews
+    from splatwire.train.gnn_data import CalibrationData
+
+
+@runtime_checkable
+class SketchOptions(Protocol):
+    """The options of `splatwire calibrate` that a sketch heeds; properties, so that a frozen class will do."""
+
+    @property
+    def source(self) -> Path:
+        """Complete stream, or scene file."""
+
+    @property
+    def output(self) -> Path:
+        """Stream to write."""
+
+    @property
+    def data(self) -> Path | None:
+        """Folder of posed photos."""
+
+    @property
+    def cameras(self) -> Path | None:
+        """Cameras file, where there are no photos."""
+
+    @property
+    def share(self) -> float:
+        """Bytes of the sketch over those of the stream."""
+
+    @property
+    def drop_rate(self) -> float:
+        """Share of packets that a pseudo-loss takes."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of everything random."""
+
+    @property
+    def json(self) -> bool:
+        """Whether to print JSON."""
+
+
+def calibrate_sketch(options: SketchOptions) -> None:
+    """Makes a sketch, writes the stream with it, and prints what it costs and brings.
+
+    Raises:
+        InvalidValueError: If the output is no stream, or the options make no sense.
+    """
+    from splatwire.codec import add_concealment, without_concealment
+    from splatwire.conceal.sketch import SECTION
+    from splatwire.packets import write_stream
+    from splatwire.train.calibrate_render import SketchConfig, sketch_for_stream
+
+    if options.output.suffix != ".swz":
+        raise InvalidValueError(f"a sketch travels in the stream: the output must end in .swz, not {options.output}")
+    config = SketchConfig(share=options.share, drop_rate=options.drop_rate, seed=options.seed)
+    with progress_bars() as show:
+        stream, data = _complete(options.source, show)
+        views, source = _views(data, options)
+        bare = without_concealment(stream, SECTION)
+        result = sketch_for_stream(data, views, bare.num_bytes, config, progress=show)
+    richer = add_concealment(bare, SECTION, result.section)
+    options.output.parent.mkdir(parents=True, exist_ok=True)
+    write_stream(richer, options.output)
+    report = {
+        "output": str(options.output),
+        "method": "sketch",
+        "views": source,
+        "num_bytes": richer.num_bytes - bare.num_bytes,
+        "stream_bytes": richer.num_bytes,
+        "share_of_stream": (richer.num_bytes - bare.num_bytes) / richer.num_bytes,
+        "num_anchors": bare.manifest.num_anchors,
+        "num_sketched": result.num_sketched,
+        "growth_exponent": result.exponent,
+        "psnr_held_out": result.psnr,
+        "seconds": result.seconds,
+    }
+    _print(report, as_json=options.json)
+
+
+def _print(report: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        print_json(report)
+        return
+    print(f"PSNR on held-out losses, {report['views']}")
+    for name, value in report["psnr_held_out"].items():
+        print(f"  {name:<8} {value:6.2f} dB")
+    print(f"{report['num_sketched']:,} of {report['num_anchors']:,} anchors sketched, {report['seconds']:,.0f} s")
+    size, total, share = report["num_bytes"], report["stream_bytes"], 100 * report["share_of_stream"]
+    print(f"{size:,} bytes in a stream of {total:,} ({share:.2f} %) -> {report['output']}")
+
+
+def _complete(source: Path, show: Reporter) -> "tuple[SceneStream, CalibrationData]":
+    from splatwire.codec import decode_stream, encode_scene
+    from splatwire.model.scene_file import load_scene
+    from splatwire.packets import PRESETS, read_stream
+    from splatwire.train.gnn_data import calibration_data
+
+    if is_stream(source):
+        stream, _ = read_stream(source)
+    else:
+        stream = encode_scene(load_scene(source), PRESETS["paper"], progress=lambda share: show("encoding", share))
+    return stream, calibration_data(stream, decode_stream(stream, progress=lambda share: show("decoding", share)))
+
+
+def _views(data: "CalibrationData", options: SketchOptions) -> "tuple[SketchViews, str]":
+    from splatwire.data import load_cameras, open_dataset
+    from splatwire.render.importance import surrounding_cameras
+    from splatwire.train.calibrate_render import SketchViews
+
+    if options.data is not None and options.cameras is not None:
+        raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
+    if options.data is not None:
+        photos = open_dataset(options.data, split="train")
+        return SketchViews(photos.cameras, photos.image, photos.background), "against training photos"
+    if options.cameras is not None:
+        return SketchViews(load_cameras(options.cameras)), "against the complete scene in the cameras given"
+    return SketchViews(surrounding_cameras(data.context.anchors)), "against the complete scene on a sphere of views"

@@ -1,0 +1,189 @@
+"""Packet by packet: what arrives is decoded into arrays that are a scene at every moment."""
+
+import hashlib
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from splatwire.codec.atomic import CHUNK_ANCHORS, Symbols, chunks, decode_packets
+from splatwire.codec.decoder import DecodedArrays, assemble_scene, open_side_info, ranks_in_order, store_symbols
+from splatwire.codec.digest import update_digest
+from splatwire.codec.threads import ordered_map
+from splatwire.errors import DesyncError
+from splatwire.model import PartialScene
+from splatwire.packets import Manifest, Packet, PacketIntake, ReadReport, SceneStream
+from splatwire.scene import Anchors, Erasures
+
+
+@dataclass(frozen=True, eq=False)
+class _Decoded:
+    """Some packets' anchors, not yet written anywhere."""
+
+    ranks: np.ndarray
+    symbols: Symbols
+    factors: np.ndarray
+
+
+class ProgressiveDecoder:
+    """Decodes a stream while it arrives: the same integers as `decode_stream`, in any order of packets.
+
+    Side information is read once, and the prior of every anchor evaluated; from then on a packet costs what its own
+    anchors cost. Packets may come from several threads, twice, damaged or from elsewhere: `report` counts them.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: Its side information.
+        threads: Threads for the prior of all anchors; None for one for each processor.
+        progress: Called with the share of the prior that is done, 0 to 1.
+
+    Attributes:
+        lock: Held while rows are written. Hold it to read several of them as of one moment.
+
+    Raises:
+        MissingSideInfoError: If there is no side information.
+        BitstreamError: If it contradicts the manifest.
+    """
+
+    def __init__(
+        self,
+        manifest: Manifest,
+        side_info: bytes,
+        *,
+        threads: int | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        self.manifest = manifest
+        self.lock = threading.RLock()
+        self._side_info = side_info
+        self._info = open_side_info(manifest, side_info)
+        self._context, self._models = self._info.coding_context(), self._info.mask_models()
+        self._arrays = DecodedArrays.empty(self._info)
+        self._intake = PacketIntake(manifest)
+        self._order = ranks_in_order(self._info, manifest)
+        self._predict(threads, progress)
+        layout, num = self._info.config.layout, manifest.num_anchors
+        width = layout.feature_dim + 6 + 4 * layout.num_offsets
+        self._symbols: np.ndarray | None = np.zeros((num, width), dtype=np.int32)
+        self._received = np.zeros((num, 4), dtype=np.bool_)
+        self._num_known = 0
+        filled = assemble_scene(self._info, self._arrays)
+        erasures = Erasures(torch.from_numpy(self._received))
+        self._partial = PartialScene(filled.scene, erasures, filled.prior, filled.concealment)
+
+    @property
+    def partial(self) -> PartialScene:
+        """The scene as it is now and as it will be: its tensors are filled in place (see `lock`)."""
+        return self._partial
+
+    @property
+    def num_known(self) -> int:
+        """Anchors that have arrived."""
+        return self._num_known
+
+    @property
+    def complete(self) -> bool:
+        """Whether every anchor has arrived."""
+        return self._num_known == self.manifest.num_anchors
+
+    @property
+    def report(self) -> ReadReport:
+        """Counts of good, missing, damaged, foreign and duplicate packets."""
+        with self.lock:
+            return self._intake.report()
+
+    @property
+    def stream(self) -> SceneStream:
+        """What has arrived."""
+        with self.lock:
+            return SceneStream(self.manifest, self._side_info, self._intake.packets)
+
+    def members(self, packet: Packet) -> np.ndarray:
+        """Ranks of a packet's anchors, int64, in the order in which it holds them.
+
+        Raises:
+            InvalidValueError: If the stream has no such packet.
+        """
+        places = self.manifest.plan.members(packet.id, packet.num_anchors)
+        return places if self._order is None else self._order[places]
+
+    def snapshot(self) -> PartialScene:
+        """The scene as it is now, in tensors of its own that never change."""
+        with self.lock:
+            live = self._partial
+            scene, erasures = live.scene, Erasures(live.erasures.received.clone())
+            a = scene.anchors
+            anchors = Anchors(a.positions, a.features.clone(), a.scalings.clone(), a.offsets.clone(), a.mask.clone())
+        fixed = type(scene)(anchors, scene.heads, scene.context, scene.voxel_size, scene.config)
+        return PartialScene(fixed, erasures, live.prior, live.concealment)
+
+    def add(self, packets: Iterable[Packet]) -> np.ndarray:
+        """Decodes packets; several at once cost less than one by one.
+
+        Args:
+            packets: What arrived, in any order. What the plan has no place for, or is there already, is counted.
+
+        Returns:
+            Ranks of the anchors that are new, int64, in the order of the packets.
+
+        Raises:
+            DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
+        """
+        with self.lock:
+            taken = [packet for packet in packets if self._intake.take(packet, "transfer") is not None]
+        new = [np.empty(0, dtype=np.int64)]
+        for run in chunks(np.array([packet.num_anchors for packet in taken])):
+            decoded = self._decode(taken[run])
+            with self.lock:
+                self._store(decoded)
+            new.append(decoded.ranks)
+        if taken and self.complete:
+            self._check()
+        return np.concatenate(new)
+
+    def _predict(self, threads: int | None, progress: Callable[[float], None] | None) -> None:
+        """Evaluates grid and prior network for every anchor."""
+        info, arrays, num = self._info, self._arrays, self.manifest.num_anchors
+        starts = range(0, num, CHUNK_ANCHORS)
+
+        def predict(start: int) -> int:
+            rows = slice(start, min(start + CHUNK_ANCHORS, num))
+            arrays.context[rows], arrays.outputs[rows] = self._context.predict(info.voxels[rows])
+            return rows.stop
+
+        for done in ordered_map(predict, starts, threads):
+            if progress:
+                progress(done / num)
+
+    def _decode(self, packets: list[Packet]) -> _Decoded:
+        members = [self.members(packet) for packet in packets]
+        ranks, counts = np.concatenate(members), np.array([len(m) for m in members])
+        payloads = [packet.payload for packet in packets]
+        symbols, factors = decode_packets(self._context, self._arrays.outputs[ranks], counts, payloads, self._models)
+        return _Decoded(ranks, symbols, factors)
+
+    def _store(self, decoded: _Decoded) -> None:
+        store_symbols(self._arrays, decoded.ranks, decoded.symbols, decoded.factors, self._context)
+        self._received[decoded.ranks] = True
+        self._num_known += len(decoded.ranks)
+        if self._symbols is not None:
+            s = decoded.symbols
+            self._symbols[decoded.ranks] = np.concatenate([s.mask, s.feature, s.scaling, s.offset], axis=1)
+
+    def _check(self) -> None:
+        """Compares all decoded integers with the manifest's digest, once; their copy is not needed after that."""
+        with self.lock:
+            symbols, self._symbols = self._symbols, None
+            if symbols is None or len(self._intake.packets) != self.manifest.num_packets:
+                return
+        ranks = self.manifest.plan.groups().ranks
+        ranks = ranks if self._order is None else self._order[ranks]
+        digest, layout = hashlib.sha256(), self._info.config.layout
+        edges = np.cumsum([layout.num_offsets, layout.feature_dim, 6])
+        for start in range(0, len(ranks), CHUNK_ANCHORS):
+            rows = symbols[ranks[start : start + CHUNK_ANCHORS]]
+            update_digest(digest, Symbols(*np.split(rows, edges, axis=1)))
+        if digest.hexdigest() != self.manifest.symbols_digest:
+            raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")

@@ -1,0 +1,79 @@
+"""Which anchor is in which tier: a named section of the side information that only streams with tiers have."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from splatwire.codec.sections import split_sections
+from splatwire.entropy.coder import fresh_models
+from splatwire.errors import BitstreamError
+from splatwire.packets import Arrangement, Manifest, PacketGroups, SceneStream, arrange, tier_order
+
+SECTION = "tiers"
+"""Name of the section."""
+
+
+def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
+    """Codes tiers, each in the context of how important the anchors just before it are.
+
+    Args:
+        tiers: Tier of each anchor by rank, N.
+        num_tiers: Number of tiers.
+    """
+    from splatwire.codec import _tier_kernels as kernels
+
+    models = fresh_models((num_tiers - 1) * kernels.STATES)
+    buffer = np.empty(2 * (num_tiers - 1) * len(tiers) + 64, dtype=np.uint8)
+    length = kernels.encode_tiers(np.ascontiguousarray(tiers, dtype=np.int64), num_tiers, models, buffer)
+    return buffer[:length].tobytes()
+
+
+def decode_tiers(data: bytes, num_anchors: int, num_tiers: int) -> np.ndarray:
+    """Inverse of `encode_tiers`; any bytes give tiers.
+
+    Returns:
+        uint8 (N).
+    """
+    from splatwire.codec import _tier_kernels as kernels
+
+    models, tiers = fresh_models((num_tiers - 1) * kernels.STATES), np.empty(num_anchors, dtype=np.int64)
+    kernels.decode_tiers(np.frombuffer(data, dtype=np.uint8), num_tiers, models, tiers)
+    return tiers.astype(np.uint8)
+
+
+def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
+    """Tier of each anchor of a stream, by rank.
+
+    Args:
+        sections: Named sections of its side information.
+        manifest: Its manifest.
+
+    Returns:
+        uint8 (N).
+
+    Raises:
+        BitstreamError: If manifest and side information contradict each other.
+    """
+    shapes = manifest.tiers
+    if bool(shapes) != (SECTION in sections):
+        raise BitstreamError("manifest and side information disagree on whether there are tiers")
+    if not shapes:
+        return np.zeros(manifest.num_anchors, dtype=np.uint8)
+    tiers = decode_tiers(sections[SECTION], manifest.num_anchors, len(shapes))
+    found = np.bincount(tiers, minlength=len(shapes)).tolist()
+    if found != [shape.num_anchors for shape in shapes]:
+        raise BitstreamError(f"the side information has tiers of {found} anchors, which the manifest denies")
+    return tiers
+
+
+def arrange_stream(stream: SceneStream) -> Arrangement:
+    """Which anchors, by rank, share a packet of a stream, and which packets are there.
+
+    Raises:
+        BitstreamError: If its side information is damaged.
+    """
+    groups, packets = arrange(stream.manifest.plan, stream.packets)
+    if not stream.manifest.tiers:
+        return Arrangement(groups, packets)
+    order = tier_order(read_tiers(split_sections(stream.side_info)[1], stream.manifest))
+    return Arrangement(PacketGroups(order[groups.ranks], groups.starts), packets)

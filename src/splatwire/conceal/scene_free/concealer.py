@@ -1,0 +1,52 @@
+"""The concealer: shipped weights, any scene, no bytes."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+
+from splatwire.conceal.base import Concealed, check_at_least, register_concealer
+from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.drop import Drop
+from splatwire.conceal.scene_free.network import GainNetwork, gain_inputs
+from splatwire.conceal.scene_free.surroundings import surroundings_of
+from splatwire.conceal.scene_free.weights import default_weights, load_gain_network
+
+
+@register_concealer("scene_free")
+@dataclass(frozen=True)
+class SceneFree:
+    """Leaves lost anchors out; grows and brightens received ones by what a network learned on the pictures of scenes.
+
+    The network never sees a feature, a colour or a unit of length: only shares, ratios and counts (`signatures`). So
+    it works on scenes, layouts and units that it was not trained on.
+
+    Attributes:
+        weights: File with other weights; those of the package where absent.
+        trust: How much of the network's correction is taken: 0 is `grow`, 1 all of it. On photos that the training had
+            left out, half of it cost at most 0.02 dB against `grow` where it did not help; all of it cost 0.24 dB once.
+    """
+
+    weights: Path | None = None
+    trust: float = 0.5
+    _network: GainNetwork = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        check_at_least("trust in the network", self.trust, 0)
+        network = default_weights() if self.weights is None else load_gain_network(Path(self.weights))
+        object.__setattr__(self, "_network", network)
+
+    @property
+    def name(self) -> str:
+        """`scene_free`."""
+        return "scene_free"
+
+    @torch.no_grad()
+    def __call__(self, context: AnchorContext) -> Concealed:
+        """See `Concealer`."""
+        dropped, rows = Drop()(context), context.erasures.known.nonzero()[:, 0]
+        size = opacity = torch.ones_like(dropped.size_gain)
+        if len(rows):
+            gains = self._network(gain_inputs(context, surroundings_of(context, rows)), self.trust)
+            size, opacity = (size.index_put((rows,), gain) for gain in gains)
+        return Concealed(dropped.anchors, size, dropped.left_out, opacity)

@@ -1,0 +1,82 @@
+"""The network of the scene-free concealer: from signatures to gains."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor, nn
+
+from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.grow import Grow
+from splatwire.conceal.scene_free.signature import SIGNATURE, near_losses, signatures
+from splatwire.conceal.scene_free.surroundings import Surroundings
+
+HIDDEN = 24
+_MOST_UNUSUAL = 3.0
+"""Signatures are cut at this many standard deviations: no scene is so odd that the network runs away."""
+_MOST_CHANGE = 0.3
+"""Largest change of the logarithm of a gain."""
+
+
+@dataclass(frozen=True, eq=False)
+class GainInputs:
+    """All that the network needs of one loss of one scene; costs the time, the network itself next to none.
+
+    Attributes:
+        rows: The received anchors.
+        signature: Their `signatures`.
+        grown: Their size gain by the rule of `grow`, from which the network starts.
+    """
+
+    rows: Int64[Tensor, "M"]
+    signature: Float[Tensor, "M D"]
+    grown: Float[Tensor, "M"]
+
+
+def gain_inputs(context: AnchorContext, around: Surroundings) -> GainInputs:
+    """Computes the inputs.
+
+    Args:
+        context: What arrived, in main memory.
+        around: Surroundings of the received anchors.
+    """
+    grown = Grow().gain(1 - near_losses(context, around), context.erasures.known)
+    return GainInputs(around.rows, signatures(context, around), grown)
+
+
+class GainNetwork(nn.Module):
+    """A small perceptron that corrects the gains of `grow`. Untrained it corrects nothing."""
+
+    mean: Tensor
+    spread: Tensor
+
+    def __init__(self, hidden: int = HIDDEN, *, seed: int = 0) -> None:
+        super().__init__()
+        first, last = nn.Linear(SIGNATURE, hidden), nn.Linear(hidden, 2)
+        rng = torch.Generator().manual_seed(seed)
+        bound = 1 / math.sqrt(SIGNATURE)
+        with torch.no_grad():
+            for parameter in first.parameters():
+                parameter.copy_((2 * torch.rand(parameter.shape, generator=rng) - 1) * bound)
+            for parameter in last.parameters():
+                parameter.zero_()
+        self.layers = nn.Sequential(first, nn.SiLU(), last)
+        self.register_buffer("mean", torch.zeros(SIGNATURE))
+        self.register_buffer("spread", torch.ones(SIGNATURE))
+
+    def standardise(self, signature: Float[Tensor, "M D"]) -> None:
+        """Fixes the constants that bring inputs to mean 0 and spread 1."""
+        self.mean.copy_(signature.mean(dim=0))
+        self.spread.copy_(signature.std(dim=0, correction=0).clamp(min=1e-3))
+
+    def forward(self, inputs: GainInputs, trust: float | int = 1.0) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
+        """Computes the gains of size and opacity, positive.
+
+        Args:
+            inputs: What is known.
+            trust: How much of the network's correction is taken, 0 for none.
+        """
+        x = ((inputs.signature - self.mean) / self.spread).clamp(-_MOST_UNUSUAL, _MOST_UNUSUAL)
+        change = trust * self.layers(x).clamp(-_MOST_CHANGE, _MOST_CHANGE)
+        return inputs.grown * change[:, 0].exp(), change[:, 1].exp()

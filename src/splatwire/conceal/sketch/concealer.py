@@ -1,0 +1,122 @@
+"""The sketch: anchors that matter most are drawn from a coarse copy in the side information, others are grown over."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from splatwire.conceal.base import Concealed, register_concealer
+from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.grow import Grow
+from splatwire.conceal.sketch.section import (
+    SCALING_COLUMNS,
+    SECTION,
+    SketchSection,
+    SketchSizes,
+    read_sketch,
+    size_buckets,
+)
+from splatwire.errors import InvalidValueError
+from splatwire.model import Prior
+from splatwire.scene import Anchors, Attribute, Erasures
+
+MAX_LOG_SIZE = 6.0
+"""Scalings are kept within a factor of `exp(6)` of the expected ones, whatever a section says."""
+_LEAST_SHARE = 0.05
+
+
+@register_concealer("sketch", section=SECTION)
+@dataclass(frozen=True)
+class Sketch:
+    """Reads coarse copies of important anchors from the stream, leaves other lost anchors out, and grows what is there.
+
+    `splatwire calibrate --method sketch` puts the section into a stream. What was received is never replaced by its
+    copy. The growth is that of `Grow`, around holes that really are holes: a sketched anchor counts as present.
+    """
+
+    @property
+    def name(self) -> str:
+        """`sketch`."""
+        return "sketch"
+
+    def __call__(self, context: AnchorContext) -> Concealed:
+        """See `Concealer`.
+
+        Raises:
+            InvalidValueError: If the stream has no such section.
+            BitstreamError: If the section is damaged or of another scene.
+        """
+        if SECTION not in context.concealment:
+            raise InvalidValueError(
+                f"concealer 'sketch' needs the section '{SECTION}', which this stream does not have: add it with "
+                "`splatwire calibrate --method sketch`, or use 'grow'"
+            )
+        section = read_sketch(context.concealment[SECTION], sizes_of(context), buckets_of(context))
+        return conceal_with(context, section)
+
+
+def conceal_with(context: AnchorContext, section: SketchSection) -> Concealed:
+    """Conceals with a sketch that was read already."""
+    filled = with_sketch(context, section)
+    grown = Grow(exponent=section.exponent, max_excess=section.max_excess)(filled)
+    # the gaps of what is drawn hold the sketch, the others what `drop` puts there
+    return replace(grown, left_out=~filled.erasures.known)
+
+
+def with_sketch(context: AnchorContext, section: SketchSection) -> AnchorContext:
+    """The context in which sketched anchors are known as well; what was received stays."""
+    anchors, received = context.anchors, context.erasures.received
+    drawn = torch.from_numpy(section.levels > 0)
+    rows = drawn.nonzero()[:, 0]
+    features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(context.prior)[rows])
+
+    def fill(attribute: Attribute, decoded: Tensor, sketched: Tensor) -> Tensor:
+        column = received[rows, int(attribute)].view(-1, *[1] * (decoded.dim() - 1))
+        return decoded.index_put((rows,), torch.where(column, decoded[rows], sketched.to(decoded.dtype)))
+
+    filled = Anchors(
+        anchors.positions,
+        fill(Attribute.FEATURE, anchors.features, features),
+        fill(Attribute.SCALING, anchors.scalings, scalings),
+        fill(Attribute.OFFSET, anchors.offsets, offsets),
+        fill(Attribute.MASK, anchors.mask, mask),
+    )
+    return replace(context, anchors=filled, erasures=Erasures(received | drawn[:, None]))
+
+
+def expected_scalings(prior: Prior) -> Float[Tensor, "N 6"]:
+    """The prior's mean, where that is very small (or not positive) a share of its median."""
+    mean = prior.scaling.mean
+    floor = _LEAST_SHARE * mean.median(dim=0).values if len(mean) else mean.new_zeros(6)
+    return torch.maximum(mean, floor).clamp(min=1e-9)
+
+
+def sketched_attributes(
+    section: SketchSection, expected: Float[Tensor, "M 6"]
+) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 6"], Float[Tensor, "M K 3"], Bool[Tensor, "M K"]]:
+    """Features, scalings, offsets and masks of the sketched anchors, always finite.
+
+    Args:
+        section: The sketch.
+        expected: `expected_scalings` of these anchors.
+    """
+    levels = section.levels[section.levels > 0]
+    channels = torch.from_numpy(section.basis.channels(levels, section.values))
+    limit = torch.finfo(channels.dtype).max
+    features = channels[:, :-SCALING_COLUMNS].nan_to_num(0, limit, -limit)
+    scalings = channels[:, -SCALING_COLUMNS:].nan_to_num(0).clamp(-MAX_LOG_SIZE, MAX_LOG_SIZE).exp() * expected
+    offsets = torch.from_numpy(section.basis.offsets(levels, section.offsets))
+    return features, scalings, offsets.view(*section.masks.shape, 3), torch.from_numpy(section.masks.astype(np.bool_))
+
+
+def sizes_of(context: AnchorContext) -> SketchSizes:
+    """Sizes of the scene."""
+    return SketchSizes(context.anchors.num_anchors, context.layout.feature_dim, context.layout.num_offsets)
+
+
+def buckets_of(context: AnchorContext) -> np.ndarray:
+    """Anchors by the size that the prior expects, int64 (N): integers on both ends, from numbers that are alike."""
+    size = context.prior.scaling.mean[:, 3:6].double().clamp(min=0).numpy()
+    return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

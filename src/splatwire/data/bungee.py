@@ -1,0 +1,73 @@
+"""Reads `poses_enu.json`, the layout that BungeeNeRF's city scenes were published in."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatwire.data._checks import check_rigid, pinhole, read_json
+from splatwire.data.photos import photo_size
+from splatwire.data.transforms_json import TransformsView
+from splatwire.errors import DatasetError
+
+FILE = "poses_enu.json"
+_ROW = 17
+_SUFFIXES = (".jpg", ".jpeg", ".png")
+_OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
+    """Reads the views of a `poses_enu.json`, in the order of the sorted photo names, which is that of the poses.
+
+    Each pose is a row of 17 numbers: five columns of three (camera-to-world rotation with OpenGL axes, place, and
+    height, width and focal length in pixels), row by row, then two distances that are not used.
+
+    Args:
+        path: The file; photos lie in `images` beside it.
+        images: Folder to take instead (`images_2`); the focal length follows the size of what is in it.
+
+    Raises:
+        DatasetError: If the file is damaged, a pose is not rigid, or poses and photos do not fit each other.
+    """
+    content = read_json(path)
+    rows = _rows(path, content)
+    folder = path.parent / (images or "images")
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: the image folder is missing")
+    photos = _photos(folder)
+    if len(photos) != len(rows):
+        raise DatasetError(f"{folder}: holds {len(photos)} photos, {path} has {len(rows)} poses")
+    # the focal length is that of the full photos; the sizes in the file are not used where those are there
+    full = _photos(path.parent / "images") if images else photos
+    full_width = float(photo_size(full[0])[0] if full else rows[0, 9])
+    return [_view(path, row, photo, full_width) for row, photo in zip(rows, photos, strict=True)]
+
+
+def _photos(folder: Path) -> list[Path]:
+    found = folder.iterdir() if folder.is_dir() else iter(())
+    return sorted(file for file in found if file.suffix.lower() in _SUFFIXES)
+
+
+def _rows(path: Path, content: Any) -> np.ndarray:
+    try:
+        rows = np.array(content["poses"], dtype=np.float64)
+    except (TypeError, KeyError, ValueError, OverflowError) as error:
+        raise DatasetError(f"{path}: has no 'poses' of {_ROW} numbers each") from error
+    if rows.ndim != 2 or rows.shape[1] != _ROW or not len(rows):
+        raise DatasetError(f"{path}: 'poses' has the shape {rows.shape}, expected rows of {_ROW} numbers")
+    return rows
+
+
+def _view(path: Path, row: np.ndarray, photo: Path, full_width: float) -> TransformsView:
+    table = row[:15].reshape(3, 5)
+    pose = np.eye(4)
+    pose[:3] = table[:, :4]
+    check_rigid(path, photo.stem, pose)
+    height, width, focal = table[:, 4]
+    if not (np.isfinite(table[:, 4]).all() and min(height, width, focal) >= 1):
+        raise DatasetError(f"{path}: view '{photo.stem}' has height, width and focal length {table[:, 4].tolist()}")
+    actual_width, actual_height = photo_size(photo)
+    focal *= actual_width / full_width
+    K = pinhole(focal, focal, actual_width / 2, actual_height / 2)
+    viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
+    return TransformsView(photo.stem, photo, viewmat, K, actual_width, actual_height)

@@ -1,0 +1,126 @@
+"""The charts of a protocol's report, as SVG text."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
+from splatwire.evaluate.charts import PALETTE, STYLE, svg
+from splatwire.evaluate.study.definition import Loss
+from splatwire.evaluate.study.summary import Summary
+
+
+@rc_context(STYLE)
+def seeds_chart(shown: Sequence[Summary]) -> str | None:
+    """Draws the PSNR of every row: a dot per seed, the mean and its interval; None if no row has a finite one."""
+    rows = [s for s in shown if s.figures.get("psnr") is not None]
+    if not rows:
+        return None
+    figure = Figure(figsize=(8.6, 0.8 + 0.34 * len(rows)), layout="constrained")
+    axes = figure.add_subplot()
+    for i, s in enumerate(rows):
+        estimate = s.figures["psnr"]
+        assert estimate is not None
+        color = PALETTE[i % len(PALETTE)]
+        axes.plot(s.by_seed["psnr"], [i] * len(s.by_seed["psnr"]), "o", color=color, ms=4, alpha=0.45, mec="none")
+        axes.errorbar(estimate.mean, i, xerr=estimate.half_width or 0, fmt="|", color=color, ms=13, mew=2.2, capsize=4)
+        axes.annotate(
+            f"{estimate.mean:.2f}", (estimate.mean, i), (0, 7), textcoords="offset points", ha="center", size=8
+        )
+    axes.set_yticks(range(len(rows)), [s.row.label for s in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.7)
+    axes.set_xlabel("PSNR (dB): a dot per seed, mean, 95 % interval")
+    axes.grid(axis="x", alpha=0.25)
+    return svg(figure)
+
+
+@rc_context(STYLE)
+def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
+    """Draws the PSNR of every view under every row, mean over seeds."""
+    rows = [s for s in shown if s.figures.get("psnr") is not None and s.by_view]
+    if not rows:
+        return None
+    figure = Figure(figsize=(8.6, 3.4), layout="constrained")
+    axes = figure.add_subplot()
+    for i, s in enumerate(rows):
+        axes.plot(s.by_view["psnr"], "o-", color=PALETTE[i % len(PALETTE)], ms=3, lw=1.2, label=s.row.label)
+    axes.set_xticks(range(len(views)), [name[-14:] for name in views], rotation=60, ha="right", fontsize=7)
+    axes.set_ylabel("PSNR (dB), mean over seeds")
+    axes.grid(axis="y", alpha=0.25)
+    _legend_above(axes)
+    return svg(figure)
+
+
+@rc_context(STYLE)
+def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None:
+    """Draws PSNR against the loss, one line per row, one panel per unit; None where there is one loss only."""
+    units = [unit for unit in ("pak", "datagram") if sum(loss.unit == unit for loss in losses) > 1]
+    if not units:
+        return None
+    figure = Figure(figsize=(8.6, 3.8), layout="constrained")
+    panels = figure.subplots(1, len(units), squeeze=False, sharey=True)[0]
+    for axes, unit in zip(panels, units, strict=True):
+        own = [loss for loss in losses if loss.unit == unit]
+        places, labels = _places(own)
+        for i, key in enumerate(dict.fromkeys(s.row.key for s in shown if s.loss is not None)):
+            points = [(p, s) for p, loss in zip(places, own, strict=True) for s in shown
+                      if s.row.key == key and s.loss == loss and s.figures.get("psnr") is not None]  # fmt: skip
+            means = [s.figures["psnr"].mean for _, s in points]  # type: ignore[union-attr]
+            halves = [s.figures["psnr"].half_width or 0 for _, s in points]  # type: ignore[union-attr]
+            label = points[0][1].row.label if points else key
+            axes.errorbar([p for p, _ in points], means, yerr=halves, fmt="o-", ms=3, lw=1.2, capsize=2,
+                          color=PALETTE[i % len(PALETTE)], label=label)  # fmt: skip
+        axes.set_xticks(places, labels, rotation=60 if len(own) > 5 else 0, fontsize=7)
+        axes.set_xlabel(f"loss per {unit}")
+        axes.grid(alpha=0.25)
+    panels[0].set_ylabel("PSNR (dB)")
+    _legend_above(panels[0])
+    return svg(figure)
+
+
+@rc_context(STYLE)
+def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
+    """Draws the difference to the baseline against the size of the scene; None with fewer than three scenes."""
+    own = [s for s in summaries if s.loss == loss and s.delta.get("psnr") is not None and s.by_view]
+    if len({s.scene for s in own}) < 3:
+        return None
+    figure = Figure(figsize=(8.6, 3.4), layout="constrained")
+    axes = figure.add_subplot()
+    for i, key in enumerate(dict.fromkeys(s.row.key for s in own)):
+        line = _by_size(own, key)
+        axes.errorbar([s.num_anchors for s in line], [s.delta["psnr"].mean for s in line],  # type: ignore[union-attr]
+                      yerr=[s.delta["psnr"].half_width or 0 for s in line], fmt="o-", ms=4, lw=1.2, capsize=2,  # type: ignore[union-attr]
+                      color=PALETTE[i % len(PALETTE)], label=line[0].row.label)  # fmt: skip
+    axes.axhline(0, color="#888", lw=0.8)
+    axes.set_xscale("log")
+    axes.set_xlabel("anchors of the scene")
+    axes.set_ylabel("PSNR against the baseline (dB)")
+    axes.grid(alpha=0.25)
+    _legend_above(axes)
+    return svg(figure)
+
+
+def _by_size(summaries: Sequence[Summary], key: str) -> list[Summary]:
+    return sorted((s for s in summaries if s.row.key == key), key=lambda s: s.num_anchors)
+
+
+def _places(losses: Sequence[Loss]) -> tuple[list[float], list[str]]:
+    """Where losses stand on an axis: at their rate where all are independent, side by side otherwise."""
+    models = [parse_loss(loss.model) for loss in losses]
+    if all(isinstance(model, Bernoulli) for model in models):
+        rates = [100 * float(model.rate) for model in models if isinstance(model, Bernoulli)]
+        return rates, [f"{rate:g} %" for rate in rates]
+    return [float(i) for i in range(len(losses))], [_short(m, loss) for m, loss in zip(models, losses, strict=True)]
+
+
+def _short(model: Any, loss: Loss) -> str:
+    name = (
+        f"{100 * model.rate:g} %, bursts of {model.mean_burst:g}" if isinstance(model, GilbertElliott) else loss.model
+    )
+    return name if loss.send_order == "interleaved" else f"{name}, {loss.send_order}"
+
+
+def _legend_above(axes: Any) -> None:
+    axes.legend(ncols=3, fontsize=7.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), labelspacing=0.3)

@@ -1,0 +1,123 @@
+"""Where units of work run: what every engine promises, and the engines by name."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from splatwire.errors import InvalidValueError, SplatwireError, UnknownNameError
+from splatwire.evaluate.study.store import Store
+from splatwire.evaluate.study.units import Unit
+
+MAX_ATTEMPTS = 3
+"""How often a unit is tried when its worker dies."""
+ENGINES = ("local", "ray", "slurm")
+
+
+@dataclass(frozen=True)
+class Event:
+    """What an engine tells while it works.
+
+    Attributes:
+        unit: The unit.
+        lost_worker: True if its worker died and the unit is tried again; False if it is finished.
+    """
+
+    unit: Unit
+    lost_worker: bool = False
+
+
+Listener = Callable[[Event], None]
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """Runs units until each of them is in the store.
+
+    A worker that dies costs the unit that it worked on, which is tried again; an error of a unit itself ends the run,
+    because it would come again. What is finished stays.
+    """
+
+    def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
+        """Runs units.
+
+        Args:
+            store: Where records go; every worker must see this folder.
+            units: The units, each once.
+            listener: Told about every finished unit and every lost worker.
+
+        Raises:
+            SplatwireError: If a unit fails, or its worker dies `MAX_ATTEMPTS` times.
+        """
+
+
+def create_engine(name: str, workers: int | None = None) -> Engine:
+    """Makes an engine.
+
+    Args:
+        name: One of `ENGINES`.
+        workers: Workers at a time; None for one per processor (or for what the cluster has).
+
+    Raises:
+        UnknownNameError: If there is no such engine.
+        BackendUnavailableError: If it is not installed, or cannot run here.
+    """
+    if workers is not None and workers < 1:
+        raise InvalidValueError(f"there must be at least one worker, not {workers}")
+    if name == "local":
+        from splatwire.evaluate.study.local_engine import LocalEngine
+
+        return LocalEngine(workers or default_workers())
+    if name == "ray":
+        from splatwire.evaluate.study.ray_engine import RayEngine
+
+        return RayEngine(workers)
+    if name == "slurm":
+        from splatwire.evaluate.study.slurm_engine import SlurmEngine
+
+        return SlurmEngine(workers)
+    raise UnknownNameError("engine", name, ENGINES)
+
+
+def default_workers() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(eq=False)
+class Attempts:
+    """Counts how often the workers of units died.
+
+    Attributes:
+        listener: Told about every one of them.
+    """
+
+    listener: Listener
+
+    def __post_init__(self) -> None:
+        self._count: dict[str, int] = {}
+
+    def lost(self, unit: Unit, reason: str) -> None:
+        """Notes that the worker of a unit died.
+
+        Raises:
+            SplatwireError: If that happened too often.
+        """
+        self._count[unit.key] = self._count.get(unit.key, 0) + 1
+        self.listener(Event(unit, lost_worker=True))
+        if self._count[unit.key] >= MAX_ATTEMPTS:
+            raise SplatwireError(
+                f"{describe(unit)}: its worker died {MAX_ATTEMPTS} times ({reason}); finished units are kept"
+            )
+
+
+def describe(unit: Unit) -> str:
+    """A unit in one line."""
+    loss = "without loss" if unit.loss is None else f"{unit.loss.label}, seed {unit.seed}"
+    return f"scene {unit.scene}, {Path(unit.stream).stem}, {unit.conceal}, {loss}"
+
+
+def failed(unit: Unit, message: str) -> SplatwireError:
+    """The error of a unit that fails by itself."""
+    return SplatwireError(f"{describe(unit)}: {message}")

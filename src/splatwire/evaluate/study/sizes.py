@@ -1,0 +1,165 @@
+"""Bytes of the official HAC++ files against ours, part by part, on the same anchors; no picture is drawn."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from splatwire.errors import InvalidValueError
+from splatwire.evaluate.study.definition import Row, SceneEntry, Study
+from splatwire.evaluate.study.inputs import PreparedStream, prepare_streams, read_scene
+from splatwire.evaluate.study.store import Store
+from splatwire.evaluate.study.tables import Table
+from splatwire.evaluate.study.units import code_digest
+from splatwire.model import AnchorScene, Mlp
+
+NATIVE = "HAC++ files"
+_BYTES_OF_FLOAT32 = 4
+_GEOMETRY, _GRID, _ATTRIBUTES, _NETWORKS, _REST = (
+    "positions and bounds",
+    "hash grid",
+    "attributes and masks",
+    "networks",
+    "headers and bookkeeping",
+)
+_OURS = {
+    "side_positions": _GEOMETRY,
+    "side_grid": _GRID,
+    "side_prior_network": _NETWORKS,
+    "side_channel_networks": _NETWORKS,
+    "side_render_networks": _NETWORKS,
+    "packet_payloads": _ATTRIBUTES,
+    "side_masks": _ATTRIBUTES,
+}
+"""Where the parts of our streams belong; packet headers and all others are bookkeeping."""
+
+
+@dataclass(frozen=True)
+class SceneSizes:
+    """Sizes of one scene.
+
+    Attributes:
+        scene: Its name.
+        num_anchors: Anchors, the same for all.
+        columns: Bytes by part for the official files (if there are any) and for every packetization.
+    """
+
+    scene: str
+    num_anchors: int
+    columns: Mapping[str, Mapping[str, int]]
+
+    def growth(self, column: str, parts: Sequence[str] | None = None) -> float | None:
+        """Percent by which a column is larger than the official files; without networks, or in some parts only."""
+        if NATIVE not in self.columns:
+            return None
+        wanted = parts or [part for part in _ORDER if part != _NETWORKS]
+        ours, native = (sum(self.columns[c].get(part, 0) for part in wanted) for c in (column, NATIVE))
+        return 100 * (ours / native - 1)
+
+
+_NATIVE_FILES = {
+    "feat_": _ATTRIBUTES,
+    "scaling_": _ATTRIBUTES,
+    "offsets_": _ATTRIBUTES,
+    "masks": _ATTRIBUTES,
+    "hash": _GRID,
+    "xyz_gpcc": _GEOMETRY,
+    "x_bound_": _GEOMETRY,
+}
+"""Where the official files belong, by how their names begin."""
+_ORDER = (_GEOMETRY, _GRID, _ATTRIBUTES, _REST, _NETWORKS)
+
+
+def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, float], None]) -> list[SceneSizes]:
+    """Encodes every scene for every row and counts bytes.
+
+    Args:
+        study: A protocol of kind `sizes`.
+        store: Where encoded streams are kept.
+        progress: Called with what is being done and the share of it that is done.
+
+    Raises:
+        SplatwireError: If a scene cannot be read or encoded.
+    """
+    with store.locked():
+        found = []
+        for entry in study.scenes:
+            streams = prepare_streams(study, entry, store, code_digest(), progress)
+            columns: dict[str, Mapping[str, int]] = {}
+            if (native := native_parts(entry)) is not None:
+                columns[NATIVE] = native
+            columns |= {row.label: our_parts(streams[row.variant]) for row in study.rows}
+            found.append(SceneSizes(entry.name, streams[study.rows[0].variant].num_anchors, columns))
+        return found
+
+
+def our_parts(stream: PreparedStream) -> dict[str, int]:
+    """Bytes of one of our streams, in the parts that both codecs have."""
+    parts = dict.fromkeys(_ORDER, 0)
+    for name, size in stream.parts.items():
+        parts[_OURS.get(name, _REST)] += size
+    return parts
+
+
+def native_parts(entry: SceneEntry) -> dict[str, int] | None:
+    """Bytes of the files that the official code wrote, in the same parts; None where there are none.
+
+    Its networks are never in its bitstream, although its decoder needs them; they are counted as float32, as its own
+    total does.
+    """
+    folder = entry.source / "bitstreams"
+    if entry.kind != "model" or not folder.is_dir():
+        return None
+    parts = dict.fromkeys(_ORDER, 0)
+    for file in sorted(folder.iterdir()):
+        parts[_native_part(file)] += file.stat().st_size
+    parts[_NETWORKS] = _BYTES_OF_FLOAT32 * num_network_parameters(read_scene(entry))
+    return parts
+
+
+def _native_part(file: Path) -> str:
+    for start, part in _NATIVE_FILES.items():
+        if file.name.startswith(start):
+            return part
+    raise InvalidValueError(f"{file} is not a file of the official HAC++ code")
+
+
+def num_network_parameters(scene: AnchorScene) -> int:
+    """Weights and biases of all networks of a scene."""
+    networks: list[Mlp] = [scene.heads.opacity, scene.heads.covariance, scene.heads.color, scene.context.prior]
+    layers = [layer for network in (*networks, *scene.context.channel) for layer in (network.hidden, network.output)]
+    return sum(layer.weight.numel() + layer.bias.numel() for layer in layers)
+
+
+def size_tables(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
+    """One table per scene, and one with what the publication says."""
+    return [_scene_table(sizes) for sizes in found] + _published_table(study, found)
+
+
+def _scene_table(sizes: SceneSizes) -> Table:
+    names = list(sizes.columns)
+    rows = [(part, *(f"{sizes.columns[name][part]:,}" for name in names)) for part in _ORDER[:-1]]
+    weightless = {name: sum(sizes.columns[name][part] for part in _ORDER[:-1]) for name in names}
+    total = {name: weightless[name] + sizes.columns[name][_NETWORKS] for name in names}
+    rows.append(("sum, weights out", *(f"{weightless[name]:,}" for name in names)))
+    rows.append((_NETWORKS, *(f"{sizes.columns[name][_NETWORKS]:,}" for name in names)))
+    rows.append(("sum, weights in", *(f"{total[name]:,}" for name in names)))
+    if NATIVE in sizes.columns:
+        for label, sums in (("weights out, against HAC++", weightless), ("weights in, against HAC++", total)):
+            rows.append((label, *(f"{100 * (sums[name] / sums[NATIVE] - 1):+.2f} %" for name in names)))
+    return Table(f"{sizes.scene}: bytes of {sizes.num_anchors:,} anchors", ("part", *names), tuple(rows))
+
+
+def _published_table(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
+    lines = []
+    for entry in study.published:
+        row: Row = study.row(entry.row)
+        for metric, what, parts in (
+            ("growth_percent", "everything but weights", None),
+            ("attribute_growth_percent", "attributes and masks", (_ATTRIBUTES,)),
+        ):
+            if metric in entry.values:
+                ours = [sizes.growth(row.label, parts) for sizes in found]
+                cells = ["no native files" if value is None else f"{value:+.2f} %" for value in ours]
+                lines.append((f"{row.label}: {what}", f"{entry.values[metric]:+.2f} % ({entry.dataset})", *cells))
+    columns = ("growth over HAC++ files", "paper", *(sizes.scene for sizes in found))
+    return [Table("Growth of the bitstream", columns, tuple(lines))] if lines else []

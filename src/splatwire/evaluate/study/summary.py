@@ -1,0 +1,268 @@
+"""From records to the figures of tables: means, spreads, intervals, paired differences, bytes."""
+
+import itertools
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from scipy.stats import t as student
+
+from splatwire.evaluate.study.definition import Loss, Row
+from splatwire.evaluate.study.run import StudyResult
+
+CONFIDENCE = 0.95
+INTERVALS = (
+    "Figures are means over views, then over seeds. The interval after ± is the half width of the 95 % confidence "
+    "interval of that mean: Student's t over the seeds, each seed one draw of losses on the same views. Differences "
+    "are paired: seed by seed on the same mask where two rows share a stream, and on the same seed otherwise."
+)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure that was measured once per seed.
+
+    Attributes:
+        mean: Mean over seeds.
+        spread: Standard deviation over seeds; None for one seed.
+        half_width: Half width of the 95 % confidence interval of the mean (Student's t); None for one seed.
+    """
+
+    mean: float
+    spread: float | None
+    half_width: float | None
+
+    @staticmethod
+    def of(values: Sequence[float]) -> "Estimate | None":
+        """Summarises one value per seed; None if one is not finite."""
+        if not values or not all(map(math.isfinite, values)):
+            return None
+        if len(values) == 1:
+            return Estimate(values[0], None, None)
+        spread = statistics.stdev(values)
+        quantile = float(student.ppf((1 + CONFIDENCE) / 2, len(values) - 1))
+        return Estimate(statistics.fmean(values), spread, quantile * spread / math.sqrt(len(values)))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One row of a table.
+
+    Attributes:
+        scene: Name of the scene, or what it is the mean of.
+        dataset: Group of scenes.
+        row: The row.
+        loss: The loss; None for a row without.
+        figures: Estimate by metric; None where pictures equal their references.
+        delta: Paired difference to the baseline, by metric; empty for the baseline itself.
+        by_seed: Mean over views by metric, one per seed.
+        by_view: Mean over seeds by metric, one per view.
+        num_bytes: Size of the stream and of the weights that travel with it.
+        parts: Bytes by part.
+        num_packets: Packets of the stream.
+        num_anchors: Anchors.
+        num_gaussians: Gaussians.
+        lost_packets: Share of packets lost, mean over seeds.
+        lost_anchors: Share of anchors that lost something, mean over seeds.
+        lost_datagrams: Share of datagrams lost, mean over seeds; None without loss.
+        seconds: Seconds by phase, mean over seeds; all views together.
+    """
+
+    scene: str
+    dataset: str
+    row: Row
+    loss: Loss | None
+    figures: Mapping[str, Estimate | None]
+    delta: Mapping[str, Estimate | None]
+    by_seed: Mapping[str, tuple[float, ...]]
+    by_view: Mapping[str, tuple[float, ...]]
+    num_bytes: int
+    parts: Mapping[str, int]
+    num_packets: int
+    num_anchors: int
+    num_gaussians: int
+    lost_packets: float
+    lost_anchors: float
+    lost_datagrams: float | None
+    seconds: Mapping[str, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers only; infinite ones become null where they are printed."""
+        content = asdict(self)
+        content["row"], content["label"] = self.row.key, self.row.label
+        content["loss"] = None if self.loss is None else self.loss.label
+        return content
+
+
+def summarize(result: StudyResult) -> list[Summary]:
+    """Summarises every scene, row and loss, in the order of the protocol."""
+    groups: dict[tuple[str, str, Loss | None], list[list[dict[str, Any]]]] = {}
+    for cell in result.cells:
+        groups.setdefault((cell.scene, cell.row.key, cell.loss), []).append(result.records[cell.unit.key])
+    summaries = []
+    for (scene, key, loss), runs in groups.items():
+        baseline = groups.get((scene, result.study.baseline or "", loss))
+        base = None if baseline is None or key == result.study.baseline else baseline
+        summaries.append(_summary(result, scene, result.study.row(key), loss, runs, base))
+    return summaries
+
+
+def _summary(
+    result: StudyResult, scene: str, row: Row, loss: Loss | None, runs: list[list[dict[str, Any]]],
+    baseline: list[list[dict[str, Any]]] | None,
+) -> Summary:  # fmt: skip
+    prepared = result.scenes[scene]
+    stream = prepared.streams[row.variant]
+    metrics = [m for m in result.study.metrics if any(record[m] is not None for record in runs[0])]
+    by_seed = {metric: tuple(_over_views(run, metric) for run in runs) for metric in metrics}
+    by_view = {metric: _over_seeds(runs, metric) for metric in metrics}
+    delta: dict[str, Estimate | None] = {}
+    if baseline is not None and len(baseline) == len(runs):
+        base = {metric: [_over_views(run, metric) for run in baseline] for metric in metrics}
+        delta = {m: Estimate.of([a - b for a, b in zip(by_seed[m], base[m], strict=True)]) for m in metrics}
+    weights = prepared.weights_bytes if row.needs_weights else 0
+    parts = {**stream.parts, **({"gnn_weights": weights} if weights else {})}
+    return Summary(
+        scene=scene,
+        dataset=prepared.dataset,
+        row=row,
+        loss=loss,
+        figures={metric: Estimate.of(values) for metric, values in by_seed.items()},
+        delta=delta,
+        by_seed=by_seed,
+        by_view=by_view,
+        num_bytes=sum(parts.values()),
+        parts=parts,
+        num_packets=stream.num_packets,
+        num_anchors=stream.num_anchors,
+        num_gaussians=stream.num_gaussians,
+        lost_packets=_share(runs, "num_lost_packets", "num_packets") or 0.0,
+        lost_anchors=_share(runs, "num_lost_anchors", "num_anchors") or 0.0,
+        lost_datagrams=_share(runs, "num_lost_datagrams", "num_datagrams"),
+        seconds=_seconds(runs),
+    )
+
+
+def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Summary]:
+    """Means over the scenes of a dataset, for datasets with more than one scene; scenes weigh equally."""
+    names = list(dict.fromkeys(s.dataset for s in summaries))
+    means = []
+    for name in names:
+        scenes = list(dict.fromkeys(s.scene for s in summaries if s.dataset == name))
+        keys = list(dict.fromkeys((s.row.key, s.loss) for s in summaries if s.dataset == name))
+        for key, loss in keys if len(scenes) > 1 else ():
+            group = [s for s in summaries if (s.dataset, s.row.key, s.loss) == (name, key, loss)]
+            if len(group) == len(scenes):
+                means.append(_mean_of(group, name, summaries, result.study.baseline))
+    return means
+
+
+def _mean_of(group: Sequence[Summary], name: str, summaries: Sequence[Summary], baseline: str | None) -> Summary:
+    first = group[0]
+    by_seed = {metric: _mean_columns([s.by_seed[metric] for s in group]) for metric in first.by_seed}
+    delta: dict[str, Estimate | None] = {}
+    if baseline is not None and baseline != first.row.key:
+        scenes = {s.scene for s in group}
+        base = [s for s in summaries if s.scene in scenes and (s.row.key, s.loss) == (baseline, first.loss)]
+        for metric in by_seed if len(base) == len(group) else ():
+            others = _mean_columns([s.by_seed[metric] for s in base])
+            if len(others) == len(by_seed[metric]):
+                delta[metric] = Estimate.of([a - b for a, b in zip(by_seed[metric], others, strict=True)])
+    return Summary(
+        scene=f"mean of {len(group)} scenes" + (f" of {name}" if name else ""),
+        dataset=name,
+        row=first.row,
+        loss=first.loss,
+        figures={metric: Estimate.of(values) for metric, values in by_seed.items()},
+        delta=delta,
+        by_seed=by_seed,
+        by_view={},
+        num_bytes=round(statistics.fmean(s.num_bytes for s in group)),
+        parts={},
+        num_packets=round(statistics.fmean(s.num_packets for s in group)),
+        num_anchors=round(statistics.fmean(s.num_anchors for s in group)),
+        num_gaussians=round(statistics.fmean(s.num_gaussians for s in group)),
+        lost_packets=statistics.fmean(s.lost_packets for s in group),
+        lost_anchors=statistics.fmean(s.lost_anchors for s in group),
+        lost_datagrams=None,
+        seconds={},
+    )
+
+
+@dataclass(frozen=True)
+class Ordering:
+    """Two rows in the order that a publication reports, and in ours.
+
+    Attributes:
+        scene: The scene.
+        loss: The loss.
+        better: Label of the row that the publication has above.
+        worse: Label of the row that it has below.
+        dataset: Its group of scenes.
+        published: Its difference, dB.
+        ours: Our paired difference, dB.
+    """
+
+    scene: str
+    loss: Loss | None
+    better: str
+    worse: str
+    dataset: str
+    published: float
+    ours: Estimate
+
+    @property
+    def verdict(self) -> str:
+        """`holds`, `opposite`, or `undecided` where our interval includes zero."""
+        margin = self.ours.half_width
+        if margin is None or abs(self.ours.mean) <= margin:
+            return "undecided"
+        return "holds" if self.ours.mean > 0 else "opposite"
+
+
+def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Ordering]:
+    """Compares neighbouring published rows (PSNR) with ours, scene by scene."""
+    found = []
+    for dataset in dict.fromkeys(entry.dataset for entry in result.study.published):
+        values = {
+            p.row: p.values["psnr"] for p in result.study.published if p.dataset == dataset and "psnr" in p.values
+        }
+        rows = [row for row in result.study.lossy_rows if row.key in values]
+        for one, two in itertools.pairwise(rows):
+            better, worse = (two, one) if values[two.key] >= values[one.key] else (one, two)
+            for a in summaries:
+                if a.row.key != better.key or "psnr" not in a.by_seed:
+                    continue
+                b = next((s for s in summaries if (s.scene, s.loss, s.row.key) == (a.scene, a.loss, worse.key)), None)
+                pairs = () if b is None else tuple(zip(a.by_seed["psnr"], b.by_seed["psnr"], strict=True))
+                if (ours := Estimate.of([x - y for x, y in pairs])) is not None:
+                    published = values[better.key] - values[worse.key]
+                    found.append(Ordering(a.scene, a.loss, better.label, worse.label, dataset, published, ours))
+    return found
+
+
+def _over_views(run: list[dict[str, Any]], metric: str) -> float:
+    return statistics.fmean(record[metric] for record in run if record[metric] is not None)
+
+
+def _over_seeds(runs: list[list[dict[str, Any]]], metric: str) -> tuple[float, ...]:
+    views = [view for view, record in enumerate(runs[0]) if record[metric] is not None]
+    return tuple(statistics.fmean(run[view][metric] for run in runs) for view in views)
+
+
+def _mean_columns(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    return tuple(statistics.fmean(column) for column in zip(*rows, strict=True))
+
+
+def _share(runs: list[list[dict[str, Any]]], part: str, whole: str) -> float | None:
+    if any(run[0][part] is None for run in runs):
+        return None
+    return statistics.fmean(run[0][part] / max(1, run[0][whole]) for run in runs)
+
+
+def _seconds(runs: list[list[dict[str, Any]]]) -> dict[str, float]:
+    once = {name: statistics.fmean(run[0][f"seconds_{name}"] for run in runs) for name in ("decode", "conceal")}
+    each = ("render", "score")
+    return once | {n: statistics.fmean(sum(record[f"seconds_{n}"] for record in run) for run in runs) for n in each}

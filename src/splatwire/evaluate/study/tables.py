@@ -1,0 +1,217 @@
+"""Results as tables: one form for Markdown, LaTeX, HTML and CSV."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from splatwire.evaluate.study.definition import Loss, Published
+from splatwire.evaluate.study.masks import Equivalence
+from splatwire.evaluate.study.run import StudyResult
+from splatwire.evaluate.study.summary import Estimate, Ordering, Summary
+
+_METRICS = {"psnr": ("PSNR", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}
+_LEADERBOARD = ("Submethod", "PSNR", "SSIM", "LPIPS", "Size [Bytes]", "#Gaussians")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text.
+
+    Attributes:
+        title: Headline.
+        columns: Heads of the columns; the first one is left aligned.
+        rows: Their content.
+        best: Index of the row whose name and first figure stand out; None for none.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    best: int | None = None
+
+    def markdown(self) -> str:
+        """The table as Markdown."""
+        lines = [f"### {self.title}", "", "| " + " | ".join(self.columns) + " |"]
+        lines.append("|" + "|".join(["---", *["---:"] * (len(self.columns) - 1)]) + "|")
+        for index, row in enumerate(self.rows):
+            cells = [f"**{cell}**" if index == self.best and i <= 1 else cell for i, cell in enumerate(row)]
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        return "\n".join(lines) + "\n"
+
+    def latex(self) -> str:
+        """The table as LaTeX (package booktabs)."""
+        head = " & ".join(_tex(name) for name in self.columns)
+        lines = [r"\begin{table}", r"\centering", rf"\caption{{{_tex(self.title)}}}"]
+        lines += [rf"\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}", r"\toprule", rf"{head} \\", r"\midrule"]
+        for index, row in enumerate(self.rows):
+            cells = [_tex(cell) for cell in row]
+            if index == self.best:
+                cells[:2] = [rf"\textbf{{{cell}}}" for cell in cells[:2]]
+            lines.append(" & ".join(cells) + r" \\")
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
+
+
+def result_tables(result: StudyResult, summaries: Sequence[Summary]) -> list[Table]:
+    """One table per scene and loss; rows without loss stand in each of them."""
+    study, tables = result.study, []
+    for scene in dict.fromkeys(s.scene for s in summaries):
+        for loss in study.losses:
+            shown = [s for s in summaries if s.scene == scene and (s.loss in (None, loss))]
+            shown.sort(key=lambda s: [row.key for row in study.rows].index(s.row.key))
+            if shown:
+                tables.append(_result_table(f"{scene}, {loss.label}", shown, study.published, study.baseline))
+    return tables
+
+
+def _result_table(title: str, shown: Sequence[Summary], published: Sequence[Published], baseline: str | None) -> Table:
+    metrics = [metric for metric in _METRICS if any(metric in s.figures for s in shown)]
+    datasets = list(dict.fromkeys(p.dataset for p in published))
+    paper = {(p.row, p.dataset): p.values for p in published}
+    columns = ["row", *(_METRICS[m][0] for m in metrics)]
+    if baseline:
+        columns.append(f"PSNR against {baseline}")
+    columns += ["packets lost", "anchors hit", "bytes", *(f"paper: {name}" for name in datasets)]
+    rows = []
+    for s in shown:
+        cells = [s.row.label, *(_figure(s, metric) for metric in metrics)]
+        if baseline:
+            cells.append(signed(s.delta.get("psnr")))
+        cells += [_percent(s, s.lost_packets), _percent(s, s.lost_anchors), f"{s.num_bytes:,}"]
+        cells += [_paper(paper.get((s.row.key, name))) for name in datasets]
+        rows.append(tuple(cells))
+    return Table(title, tuple(columns), tuple(rows), _best(shown))
+
+
+def _best(shown: Sequence[Summary]) -> int | None:
+    """The row with the highest PSNR among those with losses."""
+    scores = {i: e.mean for i, s in enumerate(shown) if s.loss is not None and (e := s.figures.get("psnr")) is not None}
+    return max(scores, key=lambda i: scores[i]) if len(scores) > 1 else None
+
+
+def _figure(summary: Summary, metric: str) -> str:
+    if metric not in summary.figures:
+        return ""
+    return number(summary.figures[metric], _METRICS[metric][1]) or "= reference"
+
+
+def number(estimate: Estimate | None, digits: int) -> str:
+    """A figure with the half width of its interval, where it has one."""
+    if estimate is None:
+        return ""
+    half = "" if estimate.half_width is None else f" ± {estimate.half_width:.{digits}f}"
+    return f"{estimate.mean:.{digits}f}{half}"
+
+
+def signed(estimate: Estimate | None) -> str:
+    """A difference in decibels."""
+    if estimate is None:
+        return ""
+    half = "" if estimate.half_width is None else f" ± {estimate.half_width:.2f}"
+    return f"{estimate.mean:+.2f}{half}"
+
+
+def _percent(summary: Summary, share: float) -> str:
+    return "" if summary.loss is None else f"{100 * share:.1f} %"
+
+
+def _paper(values: Mapping[str, float] | None) -> str:
+    if not values:
+        return ""
+    return " / ".join(f"{values[m]:.{2 if m == 'psnr' else 3}f}" for m in _METRICS if m in values)
+
+
+def ordering_table(found: Sequence[Ordering]) -> Table | None:
+    """Whether the order of a publication's rows holds here."""
+    if not found:
+        return None
+    columns = ("the paper has above", "the paper has below", "scene", "paper (dB)", "here (dB)", "order")
+    steps: dict[tuple[str, str, str], list[Ordering]] = {}
+    for o in found:
+        steps.setdefault((o.better, o.worse, _where(o.scene, o.loss)), []).append(o)
+    rows = [
+        (*step, ", ".join(f"{o.published:+.2f} ({o.dataset})" for o in same), signed(same[0].ours), same[0].verdict)
+        for step, same in steps.items()
+    ]
+    return Table("Orderings of the paper", columns, tuple(rows))
+
+
+def _where(scene: str, loss: Loss | None) -> str:
+    return scene if loss is None else f"{scene}, {loss.label}"
+
+
+def equivalence_table(scene: str, by_variant: Mapping[str, Sequence[Equivalence]]) -> Table | None:
+    """What losing datagrams means for the packets of each stream."""
+    if not by_variant:
+        return None
+    models = [e.model for e in next(iter(by_variant.values()))]
+    rows = []
+    for i, model in enumerate(models):
+        column = [entries[i] for entries in by_variant.values()]
+        rows.append((model, f"{100 * column[0].datagram_rate:.1f} %", *(f"{100 * e.pak_rate:.1f} %" for e in column)))
+    columns = ("process over datagrams of 1200 bytes", "datagrams lost", *(f"packets lost: {v}" for v in by_variant))
+    return Table(f"{scene}: what lost datagrams mean in lost packets", columns, tuple(rows))
+
+
+def bytes_table(scene: str, summaries: Sequence[Summary]) -> Table | None:
+    """Bytes of each stream by part."""
+    own = {s.row.variant + (" + weights" if s.row.needs_weights else ""): s for s in summaries if s.scene == scene}
+    names = list(dict.fromkeys(part for s in own.values() for part in s.parts))
+    if not names:
+        return None
+    rows = [(n.replace("_", " "), *(f"{s.parts[n]:,}" if n in s.parts else "" for s in own.values())) for n in names]
+    rows.append(("total", *(f"{s.num_bytes:,}" for s in own.values())))
+    rows.append(("packets", *(f"{s.num_packets:,}" for s in own.values())))
+    return Table(f"{scene}: bytes by part", ("part", *own), tuple(rows))
+
+
+def summary_csv(summaries: Sequence[Summary]) -> str:
+    """Every summary, one line each."""
+    lines: list[dict[str, Any]] = []
+    for s in summaries:
+        line: dict[str, Any] = {"scene": s.scene, "dataset": s.dataset, "row": s.row.key, "label": s.row.label}
+        line |= {"loss": "none" if s.loss is None else s.loss.model, "unit": None if s.loss is None else s.loss.unit}
+        line |= {"send_order": None if s.loss is None else s.loss.send_order}
+        for metric in _METRICS:
+            e, d = s.figures.get(metric), s.delta.get(metric)
+            line |= {
+                metric: e and e.mean,
+                f"{metric}_spread": e and e.spread,
+                f"{metric}_half_width": e and e.half_width,
+            }
+            line |= {f"{metric}_delta": d and d.mean, f"{metric}_delta_half_width": d and d.half_width}
+        line |= {"lost_packets": s.lost_packets, "lost_anchors": s.lost_anchors, "lost_datagrams": s.lost_datagrams}
+        line |= {"num_bytes": s.num_bytes, "num_packets": s.num_packets, "num_anchors": s.num_anchors}
+        lines.append(line | {"num_gaussians": s.num_gaussians})
+    return to_csv(lines)
+
+
+def leaderboard_csv(summaries: Sequence[Summary]) -> str:
+    """A scene in the format of the field's leaderboard: one line per row and loss."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(_LEADERBOARD)
+    for s in summaries:
+        figures = [s.figures.get(metric) for metric in _METRICS]
+        cells = ["" if e is None else f"{e.mean:.6f}" for e in figures]
+        name = s.row.label if s.loss is None else f"{s.row.label} [{s.loss.label}]"
+        writer.writerow([f"splatwire: {name}", *cells, s.num_bytes, s.num_gaussians])
+    return buffer.getvalue()
+
+
+def to_csv(lines: Sequence[Mapping[str, Any]]) -> str:
+    """Mappings with the same keys as CSV."""
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, list(lines[0]) if lines else [], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return buffer.getvalue()
+
+
+_TEX = {"&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "±": r"$\pm$",
+        "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "\\": r"\textbackslash{}"}  # fmt: skip
+
+
+def _tex(text: str) -> str:
+    return "".join(_TEX.get(character, character) for character in text)

@@ -1,0 +1,223 @@
+"""Protocol files: TOML in, a `Study` out, and one clear error for whatever is wrong with them."""
+
+import dataclasses
+import difflib
+import os
+import re
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from splatwire.errors import DatasetError, InvalidValueError, SplatwireError
+from splatwire.evaluate.study.definition import (
+    METRICS,
+    SIZE_METRICS,
+    Loss,
+    Published,
+    Row,
+    SceneEntry,
+    Study,
+    canonical,
+)
+from splatwire.packets import PRESETS, Packetization
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+MAX_FILE_BYTES = 1 << 20
+_ARRAYS = ("scene", "loss", "row", "published")
+_SOURCES = ("stream", "scene", "model")
+_VARIABLE = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
+_STUDY = {
+    "name": str, "title": str, "kind": str, "notes": list, "baseline": str, "seeds": list, "metrics": list,
+    "views": int, "lpips_views": int, "renderer": str, "picture_views": int,
+}  # fmt: skip
+_SCENE = {
+    "name": str, "stream": str, "scene": str, "model": str, "photos": str, "cameras": str, "dataset": str,
+    "images": str, "split": str, "test_views": str, "max_width": int, "weights": str, "sections": str,
+    "background": list,
+}  # fmt: skip
+_ROW = {"key": str, "label": str, "conceal": str, "options": dict, "erode": str, "lossless": bool, "sections": list}
+_PACKETIZATION = {field.name: type(field.default) for field in dataclasses.fields(Packetization)}
+_LOSS = {"model": str, "unit": str, "send_order": str}
+_TYPES = {str: "text", int: "an integer", list: "a list", dict: "a table", bool: "true or false", float: "a number"}
+
+
+def load_study(path: Path, *, data_root: Path | None = None, replaced: SceneEntry | None = None) -> Study:
+    """Reads and checks a protocol file; nothing is computed.
+
+    Args:
+        path: The file.
+        data_root: Value of the variable `SPLATWIRE_DATA` in its paths, before the environment's.
+        replaced: A scene to take instead of the file's.
+
+    Returns:
+        The protocol. Relative paths are taken from the folder of the file.
+
+    Raises:
+        InvalidValueError: If the file is not TOML, a key is unknown, missing or of the wrong type, or a value makes no
+            sense; the message names the file and the place.
+        DatasetError: If a scene's file or folder is not there.
+    """
+    content = _read(path)
+    try:
+        _check_keys("the file", content, {"protocol": dict, **dict.fromkeys(_ARRAYS, list)})
+        header = dict(content.get("protocol", {}))
+        _check_keys("[protocol]", header, _STUDY)
+        expand = _Expander(path.parent, data_root)
+        scenes = (
+            (replaced,)
+            if replaced
+            else tuple(_scene(place, table, expand) for place, table in _tables(content, "scene"))
+        )
+        return Study(
+            name=header.pop("name", path.stem),
+            title=header.pop("title", path.stem),
+            scenes=scenes,
+            rows=tuple(_row(place, table) for place, table in _tables(content, "row")),
+            losses=tuple(_loss(place, table) for place, table in _tables(content, "loss")),
+            published=tuple(_published(place, table) for place, table in _tables(content, "published")),
+            **_header(header),
+        )
+    except DatasetError as error:
+        raise DatasetError(f"{path}: {error}") from error
+    except SplatwireError as error:
+        raise InvalidValueError(f"{path}: {error}") from error
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+        if len(data) > MAX_FILE_BYTES:
+            raise InvalidValueError(f"{path} is no protocol: it is larger than {MAX_FILE_BYTES} bytes")
+        return tomllib.loads(data.decode("utf-8"))
+    except OSError as error:
+        raise DatasetError(f"protocol {path} cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidValueError(f"{path} is not valid TOML: {error}") from error
+
+
+def _tables(content: Mapping[str, Any], name: str) -> list[tuple[str, dict[str, Any]]]:
+    """The tables of an array, each with its place for messages."""
+    tables = content.get(name, [])
+    for number, table in enumerate(tables, 1):
+        if not isinstance(table, dict):
+            raise InvalidValueError(f"{name} {number} is not a table: write [[{name}]]")
+    return [(f"[[{name}]] {number}", dict(table)) for number, table in enumerate(tables, 1)]
+
+
+def _check_keys(place: str, table: Mapping[str, Any], types: Mapping[str, type], needed: tuple[str, ...] = ()) -> None:
+    for key, value in table.items():
+        if key not in types:
+            raise InvalidValueError(f"{place} has an unknown key '{key}'{_hint(key, types)}")
+        wanted = types[key]
+        number = wanted is float and type(value) is int
+        if type(value) is not wanted and not number:
+            raise InvalidValueError(f"{place}: {key} must be {_TYPES[wanted]}, not {value!r:.60}")
+    for key in needed:
+        if key not in table:
+            raise InvalidValueError(f"{place} lacks '{key}'")
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    known = list(known)
+    near = difflib.get_close_matches(name, known, 1)
+    return f"; did you mean '{near[0]}'?" if near else f": known are {', '.join(known)}"
+
+
+def _header(header: Mapping[str, Any]) -> dict[str, Any]:
+    kinds = {"seeds": int, "metrics": str, "notes": str}
+    for name, kind in kinds.items():
+        for value in header.get(name, []):
+            if type(value) is not kind:
+                raise InvalidValueError(f"[protocol]: {name} must hold {_TYPES[kind]} only, not {value!r:.60}")
+    return {name: tuple(value) if name in kinds else value for name, value in header.items()}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Expander:
+    """Turns the text of a path into a path that is there."""
+
+    folder: Path
+    data_root: Path | None
+
+    def __call__(self, place: str, text: str) -> Path:
+        def value(match: re.Match[str]) -> str:
+            name = match[1] or match[2]
+            if name == "SPLATWIRE_DATA" and self.data_root is not None:
+                return str(self.data_root.resolve())
+            if name not in os.environ:
+                raise InvalidValueError(
+                    f"{place}: the variable {name} in '{text}' is not set (for SPLATWIRE_DATA, --data-root sets it)"
+                )
+            return os.environ[name]
+
+        path = self.folder / Path(_VARIABLE.sub(value, text)).expanduser()
+        if not path.exists():
+            raise DatasetError(f"{place}: {path} does not exist")
+        return path.resolve()
+
+
+def _scene(place: str, table: dict[str, Any], expand: _Expander) -> SceneEntry:
+    _check_keys(place, table, _SCENE, ("name",))
+    place = f"{place} ({table['name']})"
+    kinds = [kind for kind in _SOURCES if kind in table]
+    if len(kinds) != 1:
+        raise InvalidValueError(f"{place} needs one of {', '.join(_SOURCES)}; it has {' and '.join(kinds) or 'none'}")
+    source = expand(place, table.pop(kinds[0]))
+    for key in ("photos", "cameras", "weights", "sections"):
+        if key in table:
+            table[key] = expand(place, table[key])
+    if "background" in table:
+        table["background"] = _color(place, table["background"])
+    return SceneEntry(source=source, kind=kinds[0], **table)
+
+
+def _color(place: str, values: list[Any]) -> tuple[float, float, float]:
+    if len(values) != 3 or not all(type(v) in (int, float) and 0 <= v <= 1 for v in values):
+        raise InvalidValueError(f"{place}: background must be three numbers from 0 to 1, not {values!r:.60}")
+    red, green, blue = map(float, values)
+    return red, green, blue
+
+
+def _row(place: str, table: dict[str, Any]) -> Row:
+    _check_keys(place, table, {**_ROW, "preset": str, **_PACKETIZATION}, ("key", "label"))
+    place = f"{place} ({table['key']})"
+    try:
+        preset = table.pop("preset", "paper")
+        if preset not in PRESETS:
+            raise InvalidValueError(f"unknown preset '{preset}'{_hint(preset, PRESETS)}")
+        changes = {key: table.pop(key) for key in list(table) if key in _PACKETIZATION}
+        packetization = dataclasses.replace(PRESETS[preset], **changes)
+        table["sections"] = tuple(_texts(place, "sections", table.pop("sections", [])))
+        return Row(packetization=packetization, options=canonical(table.pop("options", {})), **table)
+    except SplatwireError as error:
+        raise InvalidValueError(f"{place}: {error}") from error
+
+
+def _texts(place: str, key: str, values: list[Any]) -> list[str]:
+    for value in values:
+        if type(value) is not str:
+            raise InvalidValueError(f"{place}: {key} must hold text only, not {value!r:.60}")
+    return values
+
+
+def _loss(place: str, table: dict[str, Any]) -> Loss:
+    _check_keys(place, table, _LOSS, ("model",))
+    try:
+        return Loss(**table)
+    except SplatwireError as error:
+        raise InvalidValueError(f"{place}: {error}") from error
+
+
+def _published(place: str, table: dict[str, Any]) -> Published:
+    figures = METRICS + SIZE_METRICS
+    _check_keys(place, table, {"row": str, "dataset": str, **dict.fromkeys(figures, float)}, ("row", "dataset"))
+    values = {metric: float(table[metric]) for metric in figures if metric in table}
+    if not values:
+        raise InvalidValueError(f"{place} has no figure: give {', '.join(figures)}")
+    return Published(table["row"], table["dataset"], values)

@@ -1,0 +1,187 @@
+"""Explicit Gaussians that look like a neural scene: each is fitted alone, to what the heads say in many views."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.errors import InvalidValueError
+from splatwire.exporters.neural import Slots, SlotView, slot_view, slots_of
+from splatwire.exporters.visibility import MIN_ALPHA, Draw, visible_areas
+from splatwire.model import AnchorScene
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_basis
+from splatwire.scene import Cameras
+from splatwire.scene.splats import Splats
+
+MAX_VIEWS = 128
+"""More views than this are thinned out evenly: two bytes are kept per view and Gaussian."""
+RIDGE = 3e-4
+"""Pull of a coefficient of degree l towards 0: this times l squared, relative to the weight of all views together."""
+_CONSTANT_RIDGE = 1e-6
+_CHUNK = 2048
+_SMALLEST_SCALE = 1e-9
+
+
+@dataclass
+class FitCounts:
+    """What became of a scene's Gaussians; filled while the fit runs.
+
+    Attributes:
+        possible: Gaussians that the scene can have.
+        unseen: Left out because no view sees them.
+        faint: Left out because their mean opacity is below 1/255.
+        written: Fitted.
+    """
+
+    possible: int = 0
+    unseen: int = 0
+    faint: int = 0
+    written: int = 0
+
+
+def fit_splats(
+    scene: AnchorScene,
+    cameras: Cameras,
+    draw: Draw,
+    *,
+    degree: int = MAX_DEGREE,
+    counts: FitCounts | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Iterator[Splats]:
+    """Fits explicit Gaussians to a scene, a few thousand at a time.
+
+    A Gaussian's centre is the same in all views; colour, opacity and shape are what the heads make of the viewing
+    direction and distance. The weight of a view is the area that reaches the eye there (`visible_areas`).
+    Opacity is the mean over the views, 0 where it is not drawn. Shape is the mean of the logarithms of the covariances
+    and colour the least-squares fit of spherical harmonics, both weighted with opacity times area.
+
+    Args:
+        scene: The scene.
+        cameras: Views to fit to; best the training cameras.
+        draw: A differentiable renderer.
+        degree: Of the spherical harmonics, 0 to 3.
+        counts: Is filled, if given.
+        progress: Called with what is being done and its share.
+
+    Yields:
+        Gaussians in the order of anchors and offsets; those that no view sees, or hardly, are left out.
+
+    Raises:
+        InvalidValueError: If the degree is not supported, or no view sees anything.
+    """
+    num_functions(degree)
+    if cameras.num_views < 1:
+        raise InvalidValueError("a fit needs at least one view")
+    if cameras.num_views > MAX_VIEWS:
+        cameras = cameras.select([i * cameras.num_views // MAX_VIEWS for i in range(MAX_VIEWS)])
+    counts = FitCounts() if counts is None else counts
+    report = progress or (lambda what, share: None)
+    slots = slots_of(scene)
+    counts.possible = slots.num_slots
+    areas = visible_areas(scene, slots, cameras, draw, lambda share: report("measuring visibility", share))
+    centers = cameras.centers.to(slots.means)
+    for first in range(0, slots.num_slots, _CHUNK):
+        last = min(first + _CHUNK, slots.num_slots)
+        yield _fit_part(scene, slots.part(first, last), areas[:, first:last].float(), centers, degree, counts)
+        report("fitting Gaussians", last / slots.num_slots)
+
+
+def _fit_part(
+    scene: AnchorScene,
+    slots: Slots,
+    areas: Float[Tensor, "C S"],
+    centers: Float[Tensor, "C 3"],
+    degree: int,
+    counts: FitCounts,
+) -> Splats:
+    """Fits some Gaussians; views that see none of them are not looked at."""
+    views = (areas > 0).any(dim=1).nonzero()[:, 0]
+    seen = [slot_view(scene, slots, centers[view]) for view in views.tolist()]
+    if not seen:
+        counts.unseen += slots.num_slots
+        empty = slots.means[:0]
+        return Splats(empty, empty.new_zeros(0, 4), empty, empty.new_zeros(0), empty.new_zeros(0, (degree + 1) ** 2, 3))
+    areas = areas[views].T
+    strength = torch.stack([view.opacities for view in seen], dim=1).clamp(min=0)
+    weights = areas * strength
+    total = weights.sum(dim=1)
+    opacities = total / areas.sum(dim=1).clamp(min=1e-12)
+    drawn, clear = total > 0, opacities > MIN_ALPHA
+    kept = (drawn & clear).nonzero()[:, 0]
+    counts.unseen += int((~drawn).sum())
+    counts.faint += int((drawn & ~clear).sum())
+    counts.written += len(kept)
+    shares = weights[kept] / total[kept, None]
+    means = slots.means[kept]
+    directions = torch.nn.functional.normalize(means[:, None] - centers[views], dim=2)
+    colors = torch.stack([view.colors[kept] for view in seen], dim=1)
+    quats, scales = _mean_shape(seen, kept, shares)
+    return Splats(means, quats, scales, opacities[kept], fit_sh(directions, colors, shares, degree))
+
+
+def fit_sh(
+    directions: Float[Tensor, "S V 3"], colors: Float[Tensor, "S V 3"], shares: Float[Tensor, "S V"], degree: int
+) -> Float[Tensor, "S D 3"]:
+    """Fits spherical harmonics to colours by weighted least squares with a ridge that grows with the degree.
+
+    Args:
+        directions: Unit vectors from the camera to the Gaussian.
+        colors: RGB seen from there.
+        shares: Weights, which sum to 1 over the views.
+        degree: 0 to 3.
+
+    Returns:
+        Coefficients whose sum plus 0.5 is the colour.
+    """
+    basis = sh_basis(directions.double(), degree)
+    weighted = (basis * shares[:, :, None].double()).transpose(1, 2)
+    degrees = torch.tensor([l for l in range(degree + 1) for _ in range(2 * l + 1)], dtype=torch.float64)  # noqa: E741
+    gram = weighted @ basis + torch.diag(RIDGE * degrees.square() + _CONSTANT_RIDGE)
+    return torch.cholesky_solve(weighted @ (colors.double() - 0.5), torch.linalg.cholesky(gram)).float()
+
+
+def _mean_shape(
+    seen: list[SlotView], kept: Tensor, shares: Float[Tensor, "S V"]
+) -> tuple[Float[Tensor, "S 4"], Float[Tensor, "S 3"]]:
+    """Mean over the views in the logarithm of the covariance: one view in which a Gaussian is huge does not rule.
+
+    Returns:
+        Quaternions and scales.
+    """
+    total = torch.zeros(len(kept), 3, 3, dtype=torch.float64)
+    for view, now in enumerate(seen):
+        axes = rotation_matrices(now.quats[kept].double())
+        logs = now.scales[kept].double().clamp(min=_SMALLEST_SCALE).log()
+        total += shares[:, view, None, None] * ((axes * logs[:, None, :]) @ axes.transpose(1, 2))
+    logs, axes = torch.linalg.eigh(total)
+    axes[:, :, 0] *= torch.linalg.det(axes).sign()[:, None]  # a rotation, not a mirror
+    return quaternions(axes).float(), logs.exp().float()
+
+
+def rotation_matrices(quats: Float[Tensor, "S 4"]) -> Float[Tensor, "S 3 3"]:
+    """Turns unit quaternions (w, x, y, z) into matrices: (w^2 - v.v) I + 2 v v^T + 2 w [v]x."""
+    w, v = quats[:, :1, None], quats[:, 1:]
+    x, y, z = v.unbind(dim=1)
+    zero = torch.zeros_like(x)
+    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=1).view(-1, 3, 3)
+    outer = v[:, :, None] * v[:, None, :]
+    eye = torch.eye(3, dtype=quats.dtype)
+    return (w * w - (v * v).sum(dim=1)[:, None, None]) * eye + 2 * outer + 2 * w * cross
+
+
+def quaternions(rotations: Float[Tensor, "S 3 3"]) -> Float[Tensor, "S 4"]:
+    """Turns rotation matrices into unit quaternions (w, x, y, z) with w >= 0.
+
+    The quaternion is the eigenvector of Bar-Itzhack's symmetric 4 x 4 matrix with the largest eigenvalue.
+    """
+    r = rotations
+    trace = r.diagonal(dim1=1, dim2=2).sum(dim=1)
+    matrix = r.new_zeros(len(r), 4, 4)
+    matrix[:, 0, 0] = trace
+    matrix[:, 0, 1:] = torch.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], dim=1)
+    matrix[:, 1:, 0] = matrix[:, 0, 1:]
+    matrix[:, 1:, 1:] = r + r.transpose(1, 2) - trace[:, None, None] * torch.eye(3, dtype=r.dtype)
+    quats = torch.linalg.eigh(matrix)[1][:, :, 3]
+    return torch.where(quats[:, :1] < 0, -quats, quats)

@@ -1,0 +1,57 @@
+"""Writes `.splat` files: 32 bytes per Gaussian, one colour for all directions."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import InvalidValueError
+from splatwire.exporters._files import complete_file
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.scene.splats import Splats
+
+RECORD = np.dtype([("position", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
+
+
+def write_splat(parts: Iterable[Splats], path: Path) -> int:
+    """Writes Gaussians part by part as records of position, scale (both float32), RGBA and rotation (bytes).
+
+    Of the spherical harmonics only the constant is kept. The rotation is the quaternion (w, x, y, z), times 128 plus
+    128.
+
+    Args:
+        parts: The Gaussians; may be a generator.
+        path: The file; it appears under its name when it is complete.
+
+    Returns:
+        How many Gaussians were written.
+
+    Raises:
+        InvalidValueError: If there is none, or a number is not finite.
+        OSError: If the file cannot be written.
+    """
+    count = 0
+    with complete_file(path) as file:
+        for part in parts:
+            file.write(_records(part).tobytes())
+            count += part.num_gaussians
+        if not count:
+            raise InvalidValueError(f"{path}: there is no Gaussian to write")
+    return count
+
+
+def _records(part: Splats) -> np.ndarray:
+    tensors = (part.means, part.scales, part.sh[:, 0], part.opacities, part.quats)
+    means, scales, constant, opacities, quats = (t.detach().cpu().numpy() for t in tensors)
+    if not all(np.isfinite(values).all() for values in (means, scales, constant, opacities, quats)):
+        raise InvalidValueError("a Gaussian has a number that is not finite")
+    records = np.empty(part.num_gaussians, dtype=RECORD)
+    records["position"], records["scale"] = means, scales
+    records["color"][:, :3] = _byte(255 * (0.5 + DC * constant))
+    records["color"][:, 3] = _byte(255 * opacities)
+    records["rotation"] = _byte(128 * quats + 128)
+    return records
+
+
+def _byte(values: np.ndarray) -> np.ndarray:
+    return np.rint(values).clip(0, 255).astype(np.uint8)

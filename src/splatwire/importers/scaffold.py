@@ -1,0 +1,158 @@
+"""Imports what the official Scaffold-GS code writes: anchors in a PLY, three networks beside it."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.importers._hacpp_files import (
+    infer_voxel_size,
+    is_plain,
+    load_torch_file,
+    load_voxel_size,
+    newest_iteration,
+)
+from splatwire.importers._hacpp_networks import two_layer_network
+from splatwire.importers._plain_context import plain_context
+from splatwire.importers._ply import PlyVertices, read_ply
+from splatwire.importers._torchscript import is_torchscript, read_torchscript_weights
+from splatwire.model import AnchorScene, GaussianHeads, Linear, Mlp
+from splatwire.model.voxels import voxel_indices, voxel_positions
+from splatwire.scene import AnchorLayout, Anchors
+
+_FILES = {"opacity_mlp": 1, "cov_mlp": 7, "color_mlp": 3}
+"""Networks and their outputs per offset."""
+_GROUPS = 5
+
+
+def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> AnchorScene:
+    """Reads an official Scaffold-GS model folder.
+
+    Used are the newest `point_cloud/iteration_*` (`point_cloud.ply`, `opacity_mlp.pt`, `cov_mlp.pt`, `color_mlp.pt` or
+    all in `checkpoints.pth`) and the voxel size of `cfg_args` (otherwise inferred from the positions). The networks may
+    be TorchScript, as the official code saves them, or plain state dictionaries; nothing in the files is executed.
+
+    Scaffold-GS has no context model: the scene gets one that predicts the same for every anchor (`_plain_context`).
+
+    Args:
+        model_dir: The folder that Scaffold-GS calls its model path.
+        appearance: For models with an appearance embedding: the number of the training camera whose colours are kept.
+
+    Returns:
+        The scene, on the CPU.
+
+    Raises:
+        DatasetError: If a file is missing, damaged, of the wrong shape or not finite, the model has an appearance
+            embedding and `appearance` does not choose from it, or uses the feature bank.
+    """
+    iteration = newest_iteration(model_dir)
+    vertices = read_ply(iteration / "point_cloud.ply")
+    if any(name.startswith("f_mask_") for name in vertices.names):
+        raise DatasetError(f"{vertices.path}: has masks, so it is a model of HAC++: use `splatwire import hacpp`")
+    states = _states(iteration)
+    num_offsets = vertices.columns("f_offset_").shape[1] // 3
+    feature_dim = vertices.columns("f_anchor_feat_").shape[1]
+    heads = GaussianHeads(*(_head(iteration, states, key, feature_dim, num_offsets, appearance) for key in _FILES))
+    anchors, voxel_size = _anchors(vertices, feature_dim, num_offsets, model_dir)
+    groups = tuple(len(part) for part in np.array_split(np.arange(feature_dim), min(_GROUPS, feature_dim)))
+    context, config = plain_context(anchors, AnchorLayout(feature_dim, num_offsets, groups))
+    return AnchorScene(anchors, heads, context, voxel_size, config)
+
+
+def _states(iteration: Path) -> dict[str, Mapping[str, Tensor]]:
+    """The weights of each network, and of the appearance embedding if there is one."""
+    if (iteration / "feature_bank_mlp.pt").exists():
+        raise DatasetError(f"{iteration}: the model uses the feature bank (--use_feat_bank), which is not supported")
+    together = iteration / "checkpoints.pth"
+    if together.is_file():
+        content = load_torch_file(together)
+        if not isinstance(content, Mapping) or "feature_bank_mlp" in content:
+            raise DatasetError(f"{together}: not the networks of a model without feature bank")
+        states = {key: content[key] for key in (*_FILES, "appearance") if isinstance(content.get(key), Mapping)}
+        if "appearance" in states:
+            states["embedding_appearance"] = states.pop("appearance")
+    else:
+        names = [*_FILES, *(["embedding_appearance"] if (iteration / "embedding_appearance.pt").exists() else [])]
+        states = {name: _state(iteration / f"{name}.pt") for name in names}
+    for key, state in states.items():
+        for name, value in state.items():
+            if not is_plain(value):
+                raise DatasetError(f"{iteration}: '{key}' / '{name}' is not a tensor of finite numbers")
+    return states
+
+
+def _state(path: Path) -> Mapping[str, Tensor]:
+    if is_torchscript(path):
+        return read_torchscript_weights(path)
+    content: Any = load_torch_file(path)
+    if not isinstance(content, Mapping):
+        raise DatasetError(f"{path}: neither TorchScript nor a state dictionary")
+    return content
+
+
+def _head(
+    iteration: Path,
+    states: Mapping[str, Mapping[str, Tensor]],
+    key: str,
+    feature_dim: int,
+    num_offsets: int,
+    appearance: int | None,
+) -> Mlp:
+    """One network, with the inputs of ours: feature, direction, distance (Scaffold-GS leaves the distance out)."""
+    if key not in states:
+        raise DatasetError(f"{iteration}: the network {key} is missing")
+    state = states[key]
+    embedding = states.get("embedding_appearance") if key == "color_mlp" else None
+    table = None
+    if embedding:
+        table = next(iter(embedding.values())).detach().float()
+        if appearance is None or not 0 <= appearance < len(table):
+            raise DatasetError(
+                f"{iteration}: the model's colours depend on the training camera (appearance embedding): choose one "
+                f"from 0 to {len(table) - 1} with --appearance"
+            )
+    width = state["0.weight"].shape[1] if "0.weight" in state and state["0.weight"].dim() == 2 else 0
+    extra = 0 if table is None else table.shape[1]
+    has_distance = width == feature_dim + 4 + extra
+    try:
+        network = two_layer_network(
+            state, "", feature_dim + 3 + has_distance + extra, _FILES[key] * num_offsets, where=key
+        )
+    except ValueError as error:
+        raise DatasetError(f"{iteration}: {error}") from error
+    weight, bias = network.hidden.weight, network.hidden.bias
+    if table is not None:
+        weight, bias = weight[:, :-extra], bias + weight[:, -extra:] @ table[appearance]
+    if not has_distance:
+        weight = torch.cat([weight, weight.new_zeros(len(weight), 1)], dim=1)
+    return Mlp(Linear(weight, bias), network.output)
+
+
+def _anchors(vertices: PlyVertices, feature_dim: int, num_offsets: int, model_dir: Path) -> tuple[Anchors, float]:
+    with np.errstate(over="ignore"):
+        scalings = np.exp(vertices.columns("scale_", 6))
+    if not np.isfinite(scalings).all():
+        raise DatasetError(f"{vertices.path}: logarithmic scalings overflow")
+    if not len(scalings):
+        raise DatasetError(f"{vertices.path}: has no anchors")
+    # stored coordinate-major: all x, all y, all z
+    offsets = vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
+    positions = torch.from_numpy(vertices.select(["x", "y", "z"]))
+    found = load_voxel_size(model_dir)
+    voxel_size, source = found or (infer_voxel_size(positions.numpy()), vertices.path)
+    try:
+        positions = voxel_positions(voxel_indices(positions, voxel_size), voxel_size)
+    except InvalidValueError as error:
+        raise DatasetError(f"{vertices.path}: {error} (the voxel size comes from {source})") from error
+    anchors = Anchors(
+        positions=positions,
+        features=torch.from_numpy(vertices.columns("f_anchor_feat_", feature_dim)),
+        scalings=torch.from_numpy(scalings),
+        offsets=torch.from_numpy(np.ascontiguousarray(offsets)),
+        mask=torch.ones(len(positions), num_offsets, dtype=torch.bool),
+    )
+    return anchors, voxel_size

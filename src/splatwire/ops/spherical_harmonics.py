@@ -1,0 +1,69 @@
+"""Real spherical harmonics up to degree 3, in the order and with the signs of the 3DGS file format."""
+
+import math
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.errors import InvalidValueError
+
+MAX_DEGREE = 3
+DC = 0.5 / math.sqrt(math.pi)
+"""The constant basis function."""
+
+
+def num_functions(degree: int) -> int:
+    """Returns how many basis functions there are up to `degree`.
+
+    Raises:
+        InvalidValueError: If the degree is not 0 to 3.
+    """
+    if not 0 <= degree <= MAX_DEGREE:
+        raise InvalidValueError(f"spherical harmonics of degree 0 to {MAX_DEGREE} are supported, not {degree}")
+    return (degree + 1) ** 2
+
+
+def degree_of(functions: int) -> int:
+    """Returns the degree that has so many basis functions.
+
+    Raises:
+        InvalidValueError: If no supported degree has.
+    """
+    degree = math.isqrt(max(functions, 0)) - 1
+    if not 0 <= degree <= MAX_DEGREE or (degree + 1) ** 2 != functions:
+        raise InvalidValueError(f"{functions} coefficients are not those of a degree from 0 to {MAX_DEGREE}")
+    return degree
+
+
+def sh_basis(directions: Float[Tensor, "*batch 3"], degree: int) -> Float[Tensor, "*batch D"]:
+    """Evaluates the basis functions.
+
+    They are sqrt(2) times imaginary part (m < 0) or real part (m > 0) of the complex harmonics with the
+    Condon-Shortley phase, ordered by l, then m from -l to l. Unlike the usual real harmonics they have no factor
+    (-1)^m, so the signs of odd m are reversed.
+
+    Args:
+        directions: Unit vectors; in 3DGS from the camera to the Gaussian, world axes.
+        degree: 0 to 3.
+
+    Raises:
+        InvalidValueError: If the degree is not supported.
+    """
+    num_functions(degree)
+    x, y, z = directions.unbind(dim=-1)
+    parts = [torch.full_like(x, DC)]
+    if degree >= 1:
+        first = math.sqrt(3 / (4 * math.pi))
+        parts += [-first * y, first * z, -first * x]
+    if degree >= 2:
+        cross, polar = math.sqrt(15 / (4 * math.pi)), math.sqrt(5 / (16 * math.pi))
+        parts += [cross * x * y, -cross * y * z, polar * (2 * z * z - x * x - y * y)]
+        parts += [-cross * x * z, cross / 2 * (x * x - y * y)]
+    if degree >= 3:
+        outer, middle = math.sqrt(35 / (32 * math.pi)), math.sqrt(21 / (32 * math.pi))
+        mixed, polar = math.sqrt(105 / (4 * math.pi)), math.sqrt(7 / (16 * math.pi))
+        parts += [-outer * y * (3 * x * x - y * y), mixed * x * y * z, -middle * y * (4 * z * z - x * x - y * y)]
+        parts += [polar * z * (2 * z * z - 3 * x * x - 3 * y * y), -middle * x * (4 * z * z - x * x - y * y)]
+        parts += [mixed / 2 * z * (x * x - y * y), -outer * x * (x * x - 3 * y * y)]
+    return torch.stack(parts, dim=-1)

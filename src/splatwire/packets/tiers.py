@@ -1,0 +1,130 @@
+"""Tiers: anchors grouped by importance, each in blocks and packets of its own, so that they can be protected apart.
+
+With tiers, anchors have *places* beside their ranks: first the anchors of tier 0 by rank, then those of tier 1, and so
+on. A plan is arithmetic on places, blocks are runs of places, and no block holds two tiers: a packet's block names its
+tier. With one tier, place and rank are the same thing.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from splatwire.errors import InvalidValueError
+from splatwire.packets.packetization import MAX_ANCHORS, Packetization, check_range
+
+MAX_TIERS = 8
+LANE_ANCHORS = 64
+"""A tier has fewer lanes than the packetization says rather than packets of fewer anchors than this."""
+
+
+@dataclass(frozen=True)
+class TierShape:
+    """Size of a tier.
+
+    Attributes:
+        num_anchors: Anchors of the tier.
+        lanes: Packets that a block of the tier is split into, at most those of the packetization.
+    """
+
+    num_anchors: int
+    lanes: int
+
+
+class Span(NamedTuple):
+    """Consecutive blocks of equal size but the last: those of one tier.
+
+    Attributes:
+        first: First place.
+        num_anchors: Anchors.
+        block_size: Most anchors of a block.
+        lanes: Packets that a block is split into.
+        first_block: Number of the first block.
+    """
+
+    first: int
+    num_anchors: int
+    block_size: int
+    lanes: int
+    first_block: int
+
+    @property
+    def num_blocks(self) -> int:
+        """Number of blocks."""
+        return -(-self.num_anchors // self.block_size)
+
+    def block_anchors(self, block: int) -> int:
+        """Anchors of one of the blocks."""
+        return min(self.block_size, self.num_anchors - (block - self.first_block) * self.block_size)
+
+    def block_start(self, block: int) -> int:
+        """First place of one of the blocks."""
+        return self.first + (block - self.first_block) * self.block_size
+
+
+def shape_tiers(tiers: np.ndarray, packetization: Packetization) -> tuple[TierShape, ...]:
+    """Shapes of the tiers of some anchors; none if all of them are in one.
+
+    Args:
+        tiers: Tier of each anchor, integers from 0 (most important), N.
+        packetization: How anchors are split.
+
+    Raises:
+        InvalidValueError: If there are too many tiers, or one between others is empty.
+    """
+    counts = np.bincount(tiers.astype(np.int64)).tolist()
+    if len(counts) > MAX_TIERS:
+        raise InvalidValueError(f"{len(counts)} tiers, at most {MAX_TIERS} are possible")
+    for tier, count in enumerate(counts):
+        if not count:
+            raise InvalidValueError(f"tier {tier} of {len(counts)} has no anchor: choose larger shares, or fewer tiers")
+    if len(counts) < 2:
+        return ()
+    return tuple(TierShape(n, _lanes(packetization, n)) for n in counts)
+
+
+def _lanes(packetization: Packetization, num_anchors: int) -> int:
+    return min(packetization.lanes, max(1, min(num_anchors, packetization.block_size) // LANE_ANCHORS))
+
+
+def tier_order(tiers: np.ndarray) -> np.ndarray:
+    """Ranks by place: what turns a plan's places into ranks.
+
+    Args:
+        tiers: Tier of each anchor by rank, N.
+
+    Returns:
+        Rank of the anchor at each place, int64, N.
+    """
+    return np.argsort(tiers, kind="stable").astype(np.int64)
+
+
+def check_tiers(tiers: tuple[TierShape, ...], num_anchors: int, packetization: Packetization) -> None:
+    """Checks tiers by arithmetic alone.
+
+    Raises:
+        InvalidValueError: If they contradict each other or the packetization.
+    """
+    if not tiers:
+        return
+    check_range("number of tiers", len(tiers), 2, MAX_TIERS)
+    for tier in tiers:
+        check_range("number of anchors of a tier", tier.num_anchors, 1, MAX_ANCHORS)
+        check_range("number of lanes of a tier", tier.lanes, 1, packetization.lanes)
+    if sum(tier.num_anchors for tier in tiers) != num_anchors:
+        raise InvalidValueError(f"the tiers' anchors do not add up to {num_anchors}")
+    if packetization.packaging != "atomic":
+        raise InvalidValueError(f"{packetization.packaging} packaging knows no tiers")
+
+
+def spans_of(tiers: tuple[TierShape, ...], num_anchors: int, packetization: Packetization) -> tuple[Span, ...]:
+    """Blocks of each tier; those of a tier are as equal as possible, so that no small one is left at its end."""
+    if not tiers:
+        return (Span(0, num_anchors, packetization.block_size, packetization.lanes, 0),)
+    spans: list[Span] = []
+    for tier in tiers:
+        last = spans[-1] if spans else Span(0, 0, 1, 1, 0)
+        size = -(-tier.num_anchors // -(-tier.num_anchors // packetization.block_size))
+        first, block = last.first + last.num_anchors, last.first_block + last.num_blocks
+        spans.append(Span(first, tier.num_anchors, size, tier.lanes, block))
+    return tuple(spans)

@@ -1,0 +1,233 @@
+"""Calibration for the picture: a sketch of the anchors that matter, and how far the rest grows, chosen on pictures."""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from splatwire.conceal import AnchorContext, Concealed, Concealer, Drop, Grow
+from splatwire.conceal.conceal import keep_received
+from splatwire.conceal.sketch.concealer import buckets_of, conceal_with
+from splatwire.conceal.sketch.section import SketchSection, write_sketch
+from splatwire.errors import InvalidValueError
+from splatwire.metrics import psnr
+from splatwire.model import AnchorScene, RenderHints
+from splatwire.render import iterate_views
+from splatwire.render.sensitivity import render_sensitivity
+from splatwire.scene import Cameras
+from splatwire.train.gnn_data import CalibrationData, pseudo_loss, without
+from splatwire.train.sketch_fit import SketchFit, SketchMaterial, fit_sketch, sketch_material
+
+Progress = Callable[[str, float], None]
+_PRICE_STEPS = 12
+_MAX_WIDTH = 400
+
+
+@dataclass(frozen=True)
+class SketchConfig:
+    """A calibration for the picture.
+
+    Attributes:
+        share: Bytes of the sketch over those of the stream.
+        drop_rate: Share of packets that a pseudo-loss takes.
+        masks: Pseudo-losses that choose the growth.
+        held_out_masks: Pseudo-losses that choose nothing: the gain is reported on them.
+        views: Most views that sensitivities are taken from, and
+        scored_views: most views that pictures are compared in.
+        width: Pictures are drawn at most this wide.
+        probes: Random sign patterns per view (`render_sensitivity`).
+        exponents: Powers of the growth that are tried.
+        fit: How anchors are chosen and rounded.
+        seed: Seed of everything random.
+    """
+
+    share: float = 0.025
+    drop_rate: float = 0.2
+    masks: int = 2
+    held_out_masks: int = 2
+    views: int = 24
+    scored_views: int = 6
+    width: int = _MAX_WIDTH
+    probes: int = 2
+    exponents: tuple[float, ...] = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+    fit: SketchFit = field(default_factory=SketchFit)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        counts = ("masks", "held_out_masks", "views", "scored_views", "width", "probes")
+        bad = [name for name in counts if getattr(self, name) < 1]
+        bad += [] if 0 < self.drop_rate < 1 else ["drop_rate"]
+        bad += [] if 0 < self.share <= 0.5 else ["share"]
+        bad += [] if self.seed >= 0 else ["seed"]
+        bad += [] if self.exponents and all(0 <= e <= 4 for e in self.exponents) else ["exponents"]
+        if bad:
+            raise InvalidValueError(f"calibration cannot run with {', '.join(f'{n}={getattr(self, n)}' for n in bad)}")
+
+
+@dataclass(frozen=True, eq=False)
+class SketchViews:
+    """Where the scene is looked at from.
+
+    Attributes:
+        cameras: The cameras, training views as a rule.
+        photo: Gives the photo of a view; None where there are none: then the complete scene is the reference.
+        background: RGB behind everything.
+    """
+
+    cameras: Cameras
+    photo: Callable[[int], Tensor] | None = None
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SketchResult:
+    """What came out.
+
+    Attributes:
+        section: Bytes of the section.
+        num_sketched: Anchors that are sketched.
+        exponent: Of the growth.
+        psnr: Decibels on losses that chose nothing: `no loss`, `drop`, `grow` and `sketch`.
+        seconds: Time taken.
+    """
+
+    section: bytes
+    num_sketched: int
+    exponent: float
+    psnr: dict[str, float]
+    seconds: float
+
+
+def sketch_for_stream(
+    data: CalibrationData,
+    views: SketchViews,
+    stream_bytes: int,
+    config: SketchConfig,
+    *,
+    progress: Progress | None = None,
+) -> SketchResult:
+    """Makes the section `sketch` for a stream.
+
+    Args:
+        data: The complete scene and its packets.
+        views: Where it is looked at from.
+        stream_bytes: Size of the stream, of which the sketch may be a share.
+        config: The run.
+        progress: Called with what is done and the share of it that is done.
+
+    Raises:
+        InvalidValueError: If a sketch of that size holds nothing, or no view shows anything.
+    """
+    started, show = time.perf_counter(), progress or (lambda task, share: None)
+    sensitivity_views = _fewer(views, config.views, config.width)
+    sensitivity = render_sensitivity(
+        data.scene, sensitivity_views.cameras, background=torch.tensor(views.background), probes=config.probes,
+        seed=config.seed, progress=lambda share: show("what each anchor is worth", share),
+    )  # fmt: skip
+    if not float(sensitivity.removal.sum()) > 0:
+        raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
+    material = sketch_material(data.context, sensitivity)
+    buckets = buckets_of(data.context)
+    section = _of_size(material, buckets, config, round(config.share * stream_bytes), show)
+    scored = _Scores(data, _fewer(views, config.scored_views, config.width), config)
+    section = replace(section, exponent=_best_exponent(scored, section, config, show))
+    show("held-out losses", 0.0)
+    quality = {"no loss": scored.mean(None, scored.held_out)}
+    rows: dict[str, Concealer | SketchSection] = {"drop": Drop(), "grow": Grow(), "sketch": section}
+    for number, (name, method) in enumerate(rows.items()):
+        quality[name] = scored.mean(method, scored.held_out)
+        show("held-out losses", (number + 1) / len(rows))
+    coded = write_sketch(section, buckets)
+    return SketchResult(coded, len(section.values), section.exponent, quality, time.perf_counter() - started)
+
+
+def _of_size(
+    material: SketchMaterial, buckets: np.ndarray, config: SketchConfig, most: int, show: Progress
+) -> SketchSection:
+    """The sketch with the lowest price that takes at most so many bytes."""
+    low, high = -40.0, 0.0  # logarithms of the price: too many bytes, few enough
+    best: SketchSection | None = None
+    for step in range(2 * _PRICE_STEPS):
+        middle = 0.5 * (low + high)
+        section = fit_sketch(material, 2.0**middle, config.fit)
+        size = len(write_sketch(section, buckets)) if len(section.values) else 0
+        if size > most:
+            low = middle
+        else:
+            high, best = middle, section if size else best
+            if size > 0.98 * most:
+                break
+        show("choosing anchors and steps", (step + 1) / (2 * _PRICE_STEPS))
+    show("choosing anchors and steps", 1.0)
+    if best is None:
+        raise InvalidValueError(f"no sketch fits into {most:,} bytes: give it a larger share of the stream")
+    return best
+
+
+def _best_exponent(scored: "_Scores", section: SketchSection, config: SketchConfig, show: Progress) -> float:
+    best, chosen = -math.inf, config.exponents[0]
+    for number, exponent in enumerate(config.exponents):
+        quality = scored.mean(replace(section, exponent=exponent), scored.chosen_on)
+        if quality > best:
+            best, chosen = quality, exponent
+        show("choosing the growth", (number + 1) / len(config.exponents))
+    return chosen
+
+
+def _fewer(views: SketchViews, count: int, width: int) -> SketchViews:
+    """At most `count` views, spread evenly, at most `width` wide."""
+    total = views.cameras.num_views
+    chosen = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int)).tolist()
+    cameras = views.cameras.select(chosen)
+    cameras = cameras.scaled(min(1.0, width / cameras.width))
+    photo = views.photo
+    if photo is None:
+        return SketchViews(cameras, None, views.background)
+    size = (cameras.height, cameras.width)
+    return SketchViews(cameras, lambda view: _resized(photo(chosen[view]), size), views.background)
+
+
+def _resized(image: Float[Tensor, "H W 3"], size: tuple[int, int]) -> Float[Tensor, "H2 W2 3"]:
+    if tuple(image.shape[:2]) == size:
+        return image
+    planes = image.permute(2, 0, 1)[None]
+    return torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)[0].permute(1, 2, 0)
+
+
+class _Scores:
+    """Mean PSNR of concealed pseudo-losses; references are drawn, or loaded, once."""
+
+    def __init__(self, data: CalibrationData, views: SketchViews, config: SketchConfig) -> None:
+        self._scene, self._context, self._views = data.scene, data.context, views
+        seeds = np.random.SeedSequence(config.seed).generate_state(config.masks + config.held_out_masks).tolist()
+        known = [pseudo_loss(data.groups, data.context.anchors.num_anchors, config.drop_rate, seed) for seed in seeds]
+        self.chosen_on, self.held_out = known[: config.masks], known[config.masks :]
+        complete = list(self._draw(data.scene))
+        photo = views.photo
+        self._references = complete if photo is None else [photo(view) for view in range(views.cameras.num_views)]
+
+    def mean(self, method: "Concealer | SketchSection | None", losses: Sequence[Bool[Tensor, "N"]]) -> float:
+        """Decibels over views and losses; of the complete scene for None."""
+        if method is None:
+            return self._quality(self._scene)
+        return sum(self._quality(self._concealed(method, known)) for known in losses) / len(losses)
+
+    def _concealed(self, method: "Concealer | SketchSection", known: Bool[Tensor, "N"]) -> AnchorScene:
+        context: AnchorContext = without(self._context, known)
+        proposal: Concealed
+        proposal = conceal_with(context, method) if isinstance(method, SketchSection) else method(context)
+        hints = RenderHints(proposal.size_gain, proposal.left_out, proposal.opacity_gain)
+        return replace(self._scene, anchors=keep_received(context, proposal.anchors), hints=hints)
+
+    def _quality(self, scene: AnchorScene) -> float:
+        pairs = zip(self._draw(scene), self._references, strict=True)
+        each = [min(float(psnr(image[None], reference[None])[0]), 100.0) for image, reference in pairs]
+        return sum(each) / len(each)
+
+    def _draw(self, scene: AnchorScene) -> "Sequence[Tensor]":
+        return list(iterate_views(scene, self._views.cameras, background=torch.tensor(self._views.background)))

@@ -1,0 +1,188 @@
+"""Trains the scene-free concealer on the pictures of some scenes, for use on all others."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.conceal import AnchorContext, context_of
+from splatwire.conceal.scene_free import GainNetwork
+from splatwire.conceal.scene_free.network import HIDDEN, GainInputs, gain_inputs
+from splatwire.conceal.scene_free.surroundings import Surroundings, surroundings_of
+from splatwire.errors import DivergedError, InvalidValueError
+from splatwire.model import AnchorScene, PartialScene
+from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians, visible_anchors
+from splatwire.packets import PacketGroups, SceneStream, arrange
+from splatwire.render.base import create_renderer
+from splatwire.scene import Cameras, Gaussians
+from splatwire.train.calibrate_gnn import pseudo_loss, without
+
+
+@dataclass(frozen=True)
+class SceneFreeConfig:
+    """A training run.
+
+    Attributes:
+        steps: Steps of Adam; one picture of one loss of one scene each, the scenes in turn.
+        learning_rate: At the start; falls to 0 along a cosine.
+        drop_rates: Share of the packets that each pseudo-loss drops; as many losses per scene.
+        hidden: Width of the networks.
+        floor: Added to the squared error of a picture before the logarithm: about the error of a lossless render
+            against a photo, below which an error does not show.
+        seed: Seed of everything random.
+    """
+
+    steps: int = 240
+    learning_rate: float = 3e-3
+    drop_rates: tuple[float, ...] = (0.2, 0.2, 0.2, 0.1, 0.4)
+    hidden: int = HIDDEN
+    floor: float = 1e-3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.steps < 0 or not self.drop_rates or not all(0 < rate < 1 for rate in self.drop_rates):
+            raise InvalidValueError(f"{self.steps} steps on losses of {self.drop_rates} are no training")
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingScene:
+    """A scene to learn from.
+
+    Attributes:
+        scene: The decoded scene, complete.
+        context: The same as a receiver knows it.
+        groups: Its packets.
+        cameras: Where it is looked at from, at the size at which pictures are compared.
+        background: RGB behind everything.
+    """
+
+    scene: AnchorScene
+    context: AnchorContext
+    groups: PacketGroups
+    cameras: Cameras
+    background: Float[Tensor, "3"]
+
+
+def training_scene(
+    stream: SceneStream,
+    complete: PartialScene,
+    cameras: Cameras,
+    background: tuple[float, float, float],
+) -> TrainingScene:
+    """Takes apart a complete stream and what was decoded from it."""
+    groups, _ = arrange(stream.manifest.plan, stream.packets)
+    context = context_of(complete).to_cpu()
+    return TrainingScene(complete.scene, context, groups, cameras, torch.tensor(background))
+
+
+def train_scene_free(
+    scenes: Sequence[TrainingScene],
+    config: SceneFreeConfig,
+    *,
+    progress: Callable[[int, float], None] | None = None,
+) -> GainNetwork:
+    """Trains a network by the error of lossy, concealed pictures against lossless ones.
+
+    The loss of a picture is `log(mean squared error + floor)`: each decibel counts alike in every scene and view.
+
+    Args:
+        scenes: What to learn from.
+        config: The run.
+        progress: Called after each step with its number and its loss.
+
+    Returns:
+        The network after the last step.
+
+    Raises:
+        InvalidValueError: If there is no scene.
+        DivergedError: If the loss is not finite.
+    """
+    if not scenes:
+        raise InvalidValueError("a concealer cannot be trained on no scene")
+    seeds = np.random.SeedSequence(config.seed).spawn(len(scenes))
+    lessons = [_Lessons(scene, config, seed) for scene, seed in zip(scenes, seeds, strict=True)]
+    network = GainNetwork(config.hidden, seed=config.seed)
+    losses = [inputs for lesson in lessons for inputs in lesson.inputs]
+    network.standardise(torch.cat([inputs.signature for inputs in losses]))
+    optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate, betas=(0.95, 0.99))
+    rng = torch.Generator().manual_seed(config.seed)
+    for step in range(config.steps):
+        lesson = lessons[step % len(lessons)]
+        error = lesson.error(network, rng)
+        loss = (error + config.floor).log()
+        if not bool(loss.isfinite()):
+            raise DivergedError(step + 1)
+        for group in optimiser.param_groups:
+            group["lr"] = config.learning_rate * 0.5 * (1 + math.cos(math.pi * step / config.steps))
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        optimiser.step()
+        if progress is not None:
+            progress(step + 1, float(loss.detach()))
+    return network.eval().requires_grad_(False)
+
+
+@dataclass(eq=False)
+class _Lessons:
+    """Losses and views of one scene, with all that does not change while the network learns."""
+
+    scene: TrainingScene
+    config: SceneFreeConfig
+    seeds: np.random.SeedSequence
+    inputs: list[GainInputs] = field(init=False)
+    _views: dict[int, tuple[SpawnedGaussians, Tensor]] = field(default_factory=dict)
+    _order: list[tuple[int, int]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        rates, count = self.config.drop_rates, self.scene.context.anchors.num_anchors
+        around = surroundings_of(self.scene.context, torch.arange(count))
+        seeds = self.seeds.generate_state(len(rates)).tolist()
+        self.inputs = [self._inputs(around, rate, seed) for rate, seed in zip(rates, seeds, strict=True)]
+
+    def _inputs(self, around: Surroundings, rate: float, seed: int) -> GainInputs:
+        known = pseudo_loss(self.scene.groups, len(around.log_size), rate, seed)
+        with torch.no_grad():
+            return gain_inputs(without(self.scene.context, known), around.select(known))
+
+    def error(self, network: GainNetwork, rng: torch.Generator) -> Float[Tensor, ""]:
+        """Mean squared error of the next picture; every loss meets every view before one comes again."""
+        if not self._order:
+            pairs = [(loss, view) for loss in range(len(self.inputs)) for view in range(self.scene.cameras.num_views)]
+            self._order = [pairs[place] for place in torch.randperm(len(pairs), generator=rng).tolist()]
+        loss, view = self._order.pop()
+        inputs = self.inputs[loss]
+        spawned, reference = self._lossless(view)
+        place = torch.full((self.scene.context.anchors.num_anchors,), -1)
+        place[inputs.rows] = torch.arange(len(inputs.rows))
+        place = place[spawned.anchor_index]
+        arrived = place >= 0
+        size, opacity = (gain.index_select(0, place[arrived]) for gain in network(inputs))
+        drawn = _with_gains(_rows(spawned.gaussians, arrived), size, opacity)
+        return ((self._draw(drawn, view) - reference) ** 2).mean()
+
+    @torch.no_grad()
+    def _lossless(self, view: int) -> tuple[SpawnedGaussians, Tensor]:
+        if view not in self._views:
+            cameras, scene = self.scene.cameras, self.scene.scene
+            visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
+            center = cameras.centers[view].to(scene.anchors.positions)
+            spawned = spawn_gaussians(scene.anchors, scene.heads, center, visible)
+            self._views[view] = spawned, self._draw(spawned.gaussians, view)
+        return self._views[view]
+
+    def _draw(self, gaussians: Gaussians, view: int) -> Float[Tensor, "H W 3"]:
+        draw = create_renderer("cpu")
+        return draw(gaussians, self.scene.cameras.select([view]), background=self.scene.background)[0]
+
+
+def _rows(g: Gaussians, rows: Tensor) -> Gaussians:
+    return Gaussians(g.means[rows], g.quats[rows], g.scales[rows], g.opacities[rows], g.colors[rows])
+
+
+def _with_gains(g: Gaussians, size: Float[Tensor, "G"], opacity: Float[Tensor, "G"]) -> Gaussians:
+    return Gaussians(g.means, g.quats, g.scales * size[:, None], (g.opacities * opacity).clamp(max=1), g.colors)

@@ -1,0 +1,167 @@
+"""A transfer in numbers: what is sent when and how large it is, without the bytes; and what of it arrives.
+
+The planner compares hundreds of protections. Making each one's repair symbols would take minutes, counting takes none.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from splatwire.packets import SceneStream
+from splatwire.transport.fec import MAX_REPAIR, framed_bytes
+from splatwire.transport.layout import Group, Segments, head_object, parity_groups
+from splatwire.transport.program import Protection, interleaved, protected_tiers, side_symbol_bytes, timetable
+from splatwire.transport.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
+
+SPARE_SYMBOLS = 1
+"""Symbols beyond K that a decoder is counted to need; RaptorQ fails with probability 1e-4 then (RFC 6330, 1)."""
+
+
+@runtime_checkable
+class LossProcess(Protocol):
+    """Decides which datagrams arrive, as the loss models of `splatwire.channel` do."""
+
+    def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """True where one of n datagrams, in sending order, arrives, bool (n)."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamLoad:
+    """Sizes of a stream's packets, in sending order.
+
+    Attributes:
+        head_bytes: Manifest and side information.
+        packet_bytes: Bytes of each packet, int64 (P).
+        anchors: Anchors of each packet, int64 (P).
+        tiers: Tier of importance of each packet, int64 (P), ascending.
+    """
+
+    head_bytes: int
+    packet_bytes: np.ndarray
+    anchors: np.ndarray
+    tiers: np.ndarray
+
+    @property
+    def num_tiers(self) -> int:
+        """Tiers of importance."""
+        return int(self.tiers.max(initial=0)) + 1
+
+    @staticmethod
+    def of_stream(stream: SceneStream) -> "StreamLoad":
+        """Sizes of a complete stream."""
+        plan = stream.manifest.plan
+        tier_of = [plan.tier_of(block) for block in range(plan.num_blocks)]
+        ordered = interleaved(stream.packets, tier_of)
+        return StreamLoad(
+            len(head_object(stream.manifest, stream.side_info)),
+            np.array([packet.num_bytes for packet in ordered], dtype=np.int64),
+            np.array([packet.num_anchors for packet in ordered], dtype=np.int64),
+            np.array([tier_of[packet.id.block] for packet in ordered], dtype=np.int64),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """One pass of a transfer, datagram by datagram.
+
+    Attributes:
+        kind: `SIDE`, `DATA` or `PARITY`, int64 (n).
+        group: Segment of the head object or parity group; 0 for a packet, int64 (n).
+        symbol: Number of the symbol in it, or place of the packet, int64 (n).
+        num_bytes: Size of each datagram, headers included, int64 (n).
+        head: Source symbols of each segment of the head object.
+        groups: The parity groups.
+        num_packets: Packets of the stream.
+    """
+
+    kind: np.ndarray
+    group: np.ndarray
+    symbol: np.ndarray
+    num_bytes: np.ndarray
+    head: tuple[int, ...]
+    groups: tuple[Group, ...]
+    num_packets: int
+
+    def bytes_by_kind(self) -> dict[str, int]:
+        """Bytes of one complete pass, as `Program.sizes`."""
+        repair = (self.kind == SIDE) & (self.symbol >= np.array(self.head, dtype=np.int64)[self._segment()])
+        masks = {"side": (self.kind == SIDE) & ~repair, "side_protection": repair, "packets": self.kind == DATA,
+                 "packet_protection": self.kind == PARITY}  # fmt: skip
+        return {name: int(self.num_bytes[mask].sum()) for name, mask in masks.items()}
+
+    def sent_within(self, budget_bytes: float | int) -> int:
+        """Datagrams that leave before a budget is spent."""
+        return int(np.searchsorted(np.cumsum(self.num_bytes), budget_bytes, side="right"))
+
+    def _segment(self) -> np.ndarray:
+        return np.where(self.kind == SIDE, self.group, 0)
+
+
+def outline_transfer(load: StreamLoad, protection: Protection) -> Outline:
+    """Lays out a transfer.
+
+    Args:
+        load: The stream.
+        protection: Where redundancy goes.
+
+    Raises:
+        InvalidValueError: If the protection does not fit the stream.
+    """
+    symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(load.head_bytes)
+    segments = Segments(load.head_bytes, symbol_bytes)
+    head = tuple(segments.size(s) for s in range(segments.num_segments))
+    with_repair = [size + min(round(protection.side_repair * size), MAX_REPAIR) for size in head]
+    tiers = protected_tiers(load.tiers.tolist(), protection)
+    groups = tuple(parity_groups(tiers))
+    items = timetable(with_repair, tiers, [group.repair for group in groups], protection)
+    table = np.array(items, dtype=np.int64).reshape(-1, 3)
+    parity_bytes = framed_bytes(int(load.packet_bytes.max(initial=0))) + PARITY_OVERHEAD
+    size = np.where(table[:, 0] == SIDE, symbol_bytes + SIDE_OVERHEAD, parity_bytes)
+    data = table[:, 0] == DATA
+    size[data] = load.packet_bytes[table[data, 2]] + DATA_OVERHEAD
+    return Outline(table[:, 0], table[:, 1], table[:, 2], size, head, groups, len(load.packet_bytes))
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """What T transfers deliver.
+
+    Attributes:
+        head: Whether manifest and side information can be read, bool (T).
+        packets: Which packets are there, received or recovered, bool (T, P), in sending order.
+    """
+
+    head: np.ndarray
+    packets: np.ndarray
+
+
+def simulate(outline: Outline, received: np.ndarray) -> Arrival:
+    """Counts what arrives and what the codes bring back.
+
+    Args:
+        outline: The transfer.
+        received: Which datagrams arrive in each of T transfers, bool (T, n).
+    """
+    trials = len(received)
+    head = np.ones(trials, dtype=np.bool_)
+    for segment, size in enumerate(outline.head):
+        mine = (outline.kind == SIDE) & (outline.group == segment)
+        here = received[:, mine]
+        all_sources = here[:, outline.symbol[mine] < size].all(axis=1)
+        head &= all_sources | (here.sum(axis=1) >= size + SPARE_SYMBOLS)
+    packets = np.zeros((trials, outline.num_packets), dtype=np.bool_)
+    data = outline.kind == DATA
+    packets[:, outline.symbol[data]] = received[:, data]
+    for number, group in enumerate(outline.groups):
+        members = group.start + group.step * np.arange(group.size)
+        parity = received[:, (outline.kind == PARITY) & (outline.group == number)].sum(axis=1)
+        enough = packets[:, members].sum(axis=1) + parity >= group.size + SPARE_SYMBOLS
+        packets[np.ix_(enough, members)] = True
+    return Arrival(head, packets)
+
+
+def draw_losses(loss: LossProcess, trials: int, num_datagrams: int, seed: int) -> np.ndarray:
+    """Fates of the datagrams of some transfers, True where one arrives, bool (trials, num_datagrams)."""
+    rngs = (np.random.Generator(np.random.PCG64([seed, trial])) for trial in range(trials))
+    return np.stack([loss.received(num_datagrams, rng) for rng in rngs])

@@ -1,0 +1,233 @@
+"""A receiver over QUIC: the same core, in a TLS session."""
+
+import asyncio
+import ssl
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from aioquic.asyncio.protocol import QuicConnectionProtocol
+from aioquic.quic import events
+from aioquic.quic.connection import QuicConnection
+
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.transport.address import Address
+from splatwire.transport.certificate import check_authority, check_fingerprint, fingerprint
+from splatwire.transport.events import Event
+from splatwire.transport.quic import (
+    ALPN,
+    REFUSED,
+    STREAM,
+    FrameReader,
+    configuration,
+    on_stream,
+    stream_frame,
+)
+from splatwire.transport.receiver import Receiver, ReceiverOptions
+from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Which servers a client believes; without any of these, those with a certificate that the system's store knows.
+
+    Attributes:
+        authority: Certificates (PEM) that vouch for the server's (its own, if it signed itself).
+        fingerprint: SHA-256 of the server's certificate; names and dates in it do not matter then.
+        insecure: Whether any certificate will do; somebody on the path can pose as the server.
+
+    Raises:
+        InvalidValueError: If a fingerprint or certificates are none, or more than one of these is given.
+    """
+
+    authority: bytes | None = None
+    fingerprint: str | None = None
+    insecure: bool = False
+
+    def __post_init__(self) -> None:
+        if sum((self.authority is not None, self.fingerprint is not None, self.insecure)) > 1:
+            raise InvalidValueError("trust an authority, a fingerprint, or everybody: more than one was given")
+        if self.authority is not None:
+            check_authority(self.authority)
+        if self.fingerprint is not None:
+            object.__setattr__(self, "fingerprint", check_fingerprint(self.fingerprint))
+
+
+async def receive_quic(
+    address: Address, options: ReceiverOptions, trust: Trust | None = None,
+    on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None,
+) -> Receiver:  # fmt: skip
+    """Receives a stream over QUIC.
+
+    Args:
+        address: Where the server is.
+        options: What is wanted.
+        trust: Which certificates are believed.
+        on_event: Called for every event.
+        tap: Is told every UDP datagram.
+
+    Returns:
+        The receiver when it is over: `Receiver.finished` says how.
+
+    Raises:
+        InvalidValueError: If the host has no address.
+    """
+    loop, trust = asyncio.get_running_loop(), trust or Trust()
+    family, target = await resolve(address)
+    settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
+    settings.server_name = address.host
+    settings.cadata = trust.authority
+    settings.verify_mode = ssl.CERT_NONE if trust.insecure or trust.fingerprint else ssl.CERT_REQUIRED
+    receiver = Receiver(new_nonce(), loop.time(), options, reliable=True)
+    connection = connected_socket(family, target)
+    client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
+    await loop.create_datagram_endpoint(lambda: client, sock=connection)
+    return await client.run(target)
+
+
+class _Client(QuicConnectionProtocol):
+    """Drives a receiver with a QUIC connection."""
+
+    def __init__(
+        self, quic: QuicConnection, receiver: Receiver, trust: Trust, on_event: Callable[[Event], Any] | None,
+        tap: Tap | None, target: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(quic)
+        self._receiver, self._trust, self._on_event, self._tap = receiver, trust, on_event, tap
+        self._target = target
+        self._reader = FrameReader()
+        self._alarm: asyncio.TimerHandle | None = None
+        self._over = self._loop.create_future()
+        self._established = False
+        self._gone = asyncio.Event()
+
+    async def run(self, target: Any) -> Receiver:
+        self.connect(target)
+        try:
+            self._tick()
+            await self._over
+        finally:
+            if self._alarm:
+                self._alarm.cancel()
+            try:
+                self._act(*self._receiver.stop())
+            finally:
+                self.transmit()  # farewells: closing drops what has not left
+                self.close(0, "")
+                self._transport_now.close()
+                await self._gone.wait()
+        return self._receiver
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport_now = transport
+        self._here = transport.get_extra_info("sockname")[:2]
+        super().connection_made(_Connected(transport, self._told))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._gone.set()
+
+    def datagram_received(self, data: bytes | str, addr: Any) -> None:
+        assert isinstance(data, bytes)
+        self._told(False, data)
+        try:
+            super().datagram_received(data, self._target)
+        except Exception as error:  # raised by the owner's callback: it belongs to whoever waits
+            self._fail(error)
+
+    def error_received(self, exc: Exception) -> None:
+        if isinstance(exc, ConnectionRefusedError) and not self._established:
+            self._stop("nothing listens there")
+
+    def quic_event_received(self, event: events.QuicEvent) -> None:
+        now = self._loop.time()
+        match event:
+            case events.HandshakeCompleted():
+                self._check_certificate()
+            case events.StreamDataReceived() if self._established:
+                self._stream_data(event)
+            case events.DatagramFrameReceived() if self._established:
+                self._act(*self._receiver.receive(event.data, now))
+            case events.ConnectionTerminated():
+                self._stop(f"the session ended: {event.reason_phrase or hex(event.error_code)}")
+        self._rearm()
+
+    def _check_certificate(self) -> None:
+        """Goes on if the server is the one that was meant."""
+        shown = self._quic.tls._peer_certificate  # aioquic has no other way to see it
+        if self._trust.fingerprint is not None and (shown is None or fingerprint(shown) != self._trust.fingerprint):
+            found = "none" if shown is None else fingerprint(shown)
+            self._stop(f"the server's certificate has another fingerprint: {found}")
+            self.close(REFUSED, "certificate")
+            return
+        self._established = True
+
+    def _stream_data(self, event: events.StreamDataReceived) -> None:
+        try:
+            frames = self._reader.feed(event.data) if event.stream_id == STREAM else []
+        except BitstreamError as error:
+            self._stop(str(error))
+            return
+        for frame in frames:
+            self._act(*self._receiver.receive(frame, self._loop.time()))
+
+    def _stop(self, reason: str) -> None:
+        self._act(*self._receiver.stop(reason))
+        self._finish()
+
+    def _tick(self) -> None:
+        """Polls, and sets the alarm for the next time."""
+        self._alarm = None
+        try:
+            self._act(*self._receiver.poll(self._loop.time()))
+        except Exception as error:
+            self._fail(error)
+            return
+        self.transmit()
+        self._rearm()
+
+    def _rearm(self) -> None:
+        at = self._receiver.next_at()
+        if at is None:
+            self._finish()
+        elif self._alarm is None:
+            self._alarm = self._loop.call_at(at, self._tick)
+        elif at < self._alarm.when():
+            self._alarm.cancel()
+            self._alarm = self._loop.call_at(at, self._tick)
+
+    def _finish(self) -> None:
+        if not self._over.done():
+            self._over.set_result(None)
+
+    def _fail(self, error: Exception) -> None:
+        if not self._over.done():
+            self._over.set_exception(error)
+
+    def _act(self, frames: list[bytes], told: list[Event]) -> None:
+        for data in frames:
+            if on_stream(data):
+                self._quic.send_stream_data(STREAM, stream_frame(data))
+            elif self._established:
+                self._quic.send_datagram_frame(data)
+        if self._on_event:
+            for event in told:
+                self._on_event(event)
+
+    def _told(self, outgoing: bool, data: bytes) -> None:
+        if self._tap is not None:
+            ends = (self._here, self._target[:2])
+            self._tap(*(ends if outgoing else ends[::-1]), data)
+
+
+class _Connected:
+    """A connected datagram transport whose datagrams are told; aioquic names the target with each."""
+
+    def __init__(self, transport: Any, told: Callable[[bool, bytes], None]) -> None:
+        self._transport, self._told = transport, told
+
+    def sendto(self, data: bytes, addr: Any = None) -> None:
+        self._told(True, data)
+        self._transport.sendto(data)
+
+    def close(self) -> None:
+        self._transport.close()

@@ -1,0 +1,209 @@
+"""A QUIC server around the core: native sessions, and WebTransport sessions that a browser opens."""
+
+import asyncio
+import os
+from collections.abc import Callable, Hashable, Mapping
+from typing import Any
+
+from aioquic.asyncio.protocol import QuicConnectionProtocol
+from aioquic.asyncio.server import QuicServer as AioquicServer
+from aioquic.quic import events
+from aioquic.quic.connection import QuicConnection
+
+from splatwire.transport.certificate import Identity
+from splatwire.transport.program import Program
+from splatwire.transport.quic import ALPN, ALPN_HTTP, FULL, MALFORMED, QuicLimits, configuration
+from splatwire.transport.quic_sessions import NativeSession, Session, WebTransportSessions
+from splatwire.transport.sender import Server
+from splatwire.transport.transfer import ServerLimits
+from splatwire.transport.udp import bound_socket
+
+BATCH = 64
+"""Datagrams that are handed to QUIC before reading gets its turn."""
+SPARE = 16
+"""Connections beyond twice the allowed number that may begin, so that even a server without places can say so."""
+GREETING_S = 10.0
+"""A connection that has asked for nothing after this time is closed."""
+
+
+class QuicServer:
+    """Serves programs on one UDP socket until it is closed; use it inside a running event loop.
+
+    Every address has to return a token (a QUIC Retry) before anything but that token is sent to it.
+
+    Args:
+        programs: Streams by name.
+        host: Address to listen on.
+        port: Port; 0 lets the system choose.
+        identity: Certificate and key.
+        limits: What is spent on clients.
+        quic_limits: What is spent on connections.
+
+    Raises:
+        OSError: If the address cannot be listened on.
+    """
+
+    def __init__(
+        self, programs: Mapping[str, Program], host: str, port: int, *, identity: Identity,
+        limits: ServerLimits | None = None, quic_limits: QuicLimits | None = None,
+    ) -> None:  # fmt: skip
+        limits = limits or ServerLimits()
+        self.core = Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits)
+        self.limits = quic_limits or QuicLimits()
+        self.num_refused = 0
+        self.num_malformed = 0
+        self.bytes_sent = 0
+        self.connections: set[_Connection] = set()
+        self._socket = bound_socket(host, port)
+        self._loop = asyncio.get_running_loop()
+        self._timer: asyncio.TimerHandle | None = None
+        self._configuration = configuration(is_client=False, alpn=[ALPN, ALPN_HTTP], idle_s=limits.silence_s)
+        self._configuration.certificate, chain, self._configuration.private_key = identity
+        self._configuration.certificate_chain = list(chain)
+        self._endpoint: _Endpoint | None = None
+
+    async def start(self) -> "QuicServer":
+        """Begins to listen."""
+        _, self._endpoint = await self._loop.create_datagram_endpoint(
+            lambda: _Endpoint(self, configuration=self._configuration, create_protocol=self._accept, retry=True),
+            sock=self._socket,
+        )
+        return self
+
+    @property
+    def port(self) -> int:
+        """The port that it listens on."""
+        return int(self._socket.getsockname()[1])
+
+    def close(self) -> None:
+        """Closes all connections and stops."""
+        if self._timer:
+            self._timer.cancel()
+        if self._endpoint is not None:
+            self._endpoint.close()
+        else:
+            self._socket.close()
+
+    def sent(self, num_bytes: int) -> None:
+        """Counts a UDP datagram."""
+        self.bytes_sent += num_bytes
+
+    def hear(self, session: Session, data: bytes) -> None:
+        """Takes a frame of a session."""
+        answer = self.core.receive(session, data, self._loop.time(), reliable=True)
+        if answer is not None:
+            session.send(answer)
+        self.pump()
+
+    def gone(self, session: Hashable) -> None:
+        """A session has ended."""
+        self.core.forget(session)
+
+    def pump(self) -> None:
+        """Hands what is due to QUIC, and sets the alarm for the rest."""
+        if self._timer:
+            self._timer.cancel()
+            self._timer = None
+        now = self._loop.time()
+        due = self.core.poll(now, BATCH)
+        touched: set[Any] = set()
+        for session, data in due:
+            session.send(data)  # type: ignore[attr-defined]
+            touched.add(session.connection)  # type: ignore[attr-defined]
+        for connection in touched:
+            connection.transmit()
+        at = self.core.next_at()
+        if at is not None:
+            self._timer = self._loop.call_at(max(at, now), self.pump)
+        elif self.core.num_transfers:
+            self._timer = self._loop.call_at(now + 0.25, self.pump)
+
+    def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
+        connection = _Connection(quic, self)
+        self.connections.add(connection)
+        return connection
+
+
+class _Endpoint(AioquicServer):
+    """aioquic's listening socket, whose bytes are counted."""
+
+    def __init__(self, owner: QuicServer, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self._owner = owner
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(_Watched(transport, self._owner.sent))
+
+    def datagram_received(self, data: bytes | str, addr: Any) -> None:
+        """Begins no connection while twice as many as allowed are there: until then, each is told why it has to go."""
+        owner = self._owner
+        assert isinstance(data, bytes)
+        begins = len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols
+        if begins and len(owner.connections) >= 2 * owner.limits.connections + SPARE:
+            owner.num_refused += 1
+            return
+        super().datagram_received(data, addr)
+
+    def error_received(self, exc: Exception) -> None:
+        """What an earlier datagram met with, e.g. a port that nobody listens on any more."""
+
+
+class _Watched:
+    """A datagram transport whose bytes are counted."""
+
+    def __init__(self, transport: Any, sent: Callable[[int], None]) -> None:
+        self._transport, self._sent = transport, sent
+
+    def sendto(self, data: bytes, addr: Any = None) -> None:
+        self._sent(len(data))
+        self._transport.sendto(data, addr)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+
+class _Connection(QuicConnectionProtocol):
+    """One QUIC connection; the application protocol that its client chose decides what runs over it."""
+
+    def __init__(self, quic: QuicConnection, owner: QuicServer) -> None:
+        super().__init__(quic)
+        self.quic = quic
+        self.owner = owner
+        self._sessions: NativeSession | WebTransportSessions | None = None
+        self._over = False
+        self._patience = self._loop.call_later(GREETING_S, self._impatient)
+
+    def quic_event_received(self, event: events.QuicEvent) -> None:
+        """Takes an event of QUIC; whatever is wrong with it ends this connection and nothing else."""
+        match event:
+            case events.ProtocolNegotiated():
+                self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
+            case events.HandshakeCompleted() if len(self.owner.connections) > self.owner.limits.connections:
+                self.owner.num_refused += 1
+                self.end(FULL, "the server is full")  # not before: the reason would not reach the client
+            case events.ConnectionTerminated():
+                self._ended()
+            case _ if self._sessions is not None and not self._over:
+                self._sessions.event(event)
+
+    def end(self, code: int, reason: str) -> None:
+        """Closes the connection because of what its client did."""
+        if not self._over:
+            self._ended()
+            self.close(code, reason)
+
+    def malformed(self, reason: str) -> None:
+        """Closes the connection because something that came makes no sense."""
+        self.owner.num_malformed += 1
+        self.end(MALFORMED, reason[:200])
+
+    def _ended(self) -> None:
+        self._over = True
+        self._patience.cancel()
+        self.owner.connections.discard(self)
+        if self._sessions is not None:
+            self._sessions.end()
+
+    def _impatient(self) -> None:
+        if self._sessions is None or not self._sessions.asked:
+            self.end(FULL, "nothing was asked for")

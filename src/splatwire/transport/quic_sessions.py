@@ -1,0 +1,159 @@
+"""What runs over a QUIC connection of a server: a native session, or HTTP/3 with a WebTransport session."""
+
+from typing import Any
+
+from aioquic.buffer import encode_uint_var
+from aioquic.h3.connection import H3Connection
+from aioquic.h3.events import DatagramReceived, H3Event, HeadersReceived, WebTransportStreamDataReceived
+from aioquic.quic import events
+
+from splatwire.errors import BitstreamError
+from splatwire.transport.quic import STREAM, WEBTRANSPORT_PATH, FrameReader, on_stream, stream_frame
+from splatwire.transport.wire import MAX_DATAGRAM
+
+
+class Session:
+    """A way to one client; what it is equal to is itself, so that it can stand for the client's address.
+
+    Args:
+        connection: The connection: has `quic`, its `owner` (the server), `transmit`, `end` and `malformed`.
+        stream: Stream that carries frames reliably.
+        prefix: What every DATAGRAM of the session begins with.
+    """
+
+    def __init__(self, connection: Any, stream: int, prefix: bytes = b"") -> None:
+        self.connection = connection
+        self._stream = stream
+        self._prefix = prefix
+        self._reader = FrameReader()
+
+    def send(self, data: bytes) -> None:
+        """Hands a frame to QUIC; `connection.transmit` sends it."""
+        if on_stream(data):
+            self.connection.quic.send_stream_data(self._stream, stream_frame(data))
+        else:
+            self.connection.quic.send_datagram_frame(self._prefix + data)
+
+    def stream_data(self, data: bytes) -> None:
+        """Takes bytes of the reliable stream.
+
+        Raises:
+            BitstreamError: If they are no frames.
+        """
+        for frame in self._reader.feed(data):
+            self.connection.owner.hear(self, frame)
+
+    def datagram(self, data: bytes) -> None:
+        """Takes a DATAGRAM; one that is too large is nobody's and is left lying."""
+        if len(data) <= MAX_DATAGRAM:
+            self.connection.owner.hear(self, data)
+
+
+class NativeSession:
+    """A connection with our own application protocol: one stream, DATAGRAM frames.
+
+    Args:
+        connection: The connection.
+    """
+
+    def __init__(self, connection: Any) -> None:
+        self._connection = connection
+        self._session = Session(connection, STREAM)
+        self.asked = False
+
+    def event(self, event: events.QuicEvent) -> None:
+        """Takes an event of QUIC."""
+        match event:
+            case events.StreamDataReceived():
+                if event.stream_id != STREAM:
+                    self._connection.malformed(f"a stream {event.stream_id}")
+                    return
+                self.asked = True
+                try:
+                    self._session.stream_data(event.data)
+                except BitstreamError as error:
+                    self._connection.malformed(str(error))
+            case events.DatagramFrameReceived():
+                self._session.datagram(event.data)
+            case events.StreamReset() | events.StopSendingReceived():
+                self._connection.malformed("the stream was given up")
+
+    def end(self) -> None:
+        """Hears that the connection has ended."""
+        self._connection.owner.gone(self._session)
+
+
+class WebTransportSessions:
+    """A connection with HTTP/3: one WebTransport session at `WEBTRANSPORT_PATH`, in it one stream and datagrams.
+
+    Args:
+        connection: The connection.
+    """
+
+    def __init__(self, connection: Any) -> None:
+        self._connection = connection
+        self._http = H3Connection(connection.quic, enable_webtransport=True)
+        self._id: int | None = None
+        self._stream: int | None = None
+        self._session: Session | None = None
+        self.asked = False
+
+    def event(self, event: events.QuicEvent) -> None:
+        """Takes an event of QUIC."""
+        for told in self._http.handle_event(event):
+            self._told(told)
+        if isinstance(event, (events.StreamDataReceived, events.StreamReset)) and event.stream_id == self._id:
+            ended = isinstance(event, events.StreamReset) or event.end_stream
+            if ended:
+                self._connection.end(0, "the session was closed")
+
+    def end(self) -> None:
+        """Hears that the connection has ended."""
+        if self._session is not None:
+            self._connection.owner.gone(self._session)
+
+    def _told(self, event: H3Event) -> None:
+        match event:
+            case HeadersReceived():
+                self._answer(event.stream_id, self._status(dict(event.headers)))
+            case WebTransportStreamDataReceived():
+                self._stream_data(event)
+            case DatagramReceived() if self._session is not None and event.stream_id == self._id:
+                self._session.datagram(event.data)
+
+    def _status(self, headers: dict[bytes, bytes]) -> int:
+        """What a request gets for an answer."""
+        wanted = headers.get(b":path", b"").split(b"?")[0]
+        if wanted.decode("ascii", "replace") != WEBTRANSPORT_PATH:
+            return 404
+        if headers.get(b":method") != b"CONNECT" or headers.get(b":protocol") not in (
+            b"webtransport",
+            b"webtransport-h3",
+        ):
+            return 405
+        origins = self._connection.owner.limits.origins
+        if origins is not None and headers.get(b"origin", b"").decode("ascii", "replace") not in origins:
+            return 403
+        return 200 if self._id is None else 429
+
+    def _answer(self, stream_id: int, status: int) -> None:
+        headers = [(b":status", str(status).encode())]
+        if status == 200:
+            self._id = stream_id
+            headers.append((b"sec-webtransport-http3-draft", b"draft02"))
+        self._http.send_headers(stream_id, headers, end_stream=status != 200)
+
+    def _stream_data(self, event: WebTransportStreamDataReceived) -> None:
+        if self._id is None or event.session_id != self._id or event.stream_id % 4:
+            self._connection.malformed(f"a stream {event.stream_id} of no session")
+            return
+        if self._session is None:
+            self._stream, self.asked = event.stream_id, True
+            self._session = Session(self._connection, event.stream_id, encode_uint_var(self._id // 4))
+        if event.stream_id != self._stream:
+            self._connection.malformed("a second stream")
+            return
+        try:
+            self._session.stream_data(event.data)
+        except BitstreamError as error:
+            self._connection.malformed(str(error))

@@ -1,0 +1,179 @@
+"""One client's transfer of a program: what leaves when. Bytes and time in, bytes out; no socket, no clock."""
+
+from collections import deque
+from dataclasses import dataclass
+
+from splatwire.transport.pacing import MAX_RATE, START_RATE, Pacer, RateControl
+from splatwire.transport.program import Program
+from splatwire.transport.wire import DATA, SIDE, End, Feedback, encode, encode_data, encode_symbol
+
+END_INTERVAL_S = 0.1
+RESEND_S = 0.05
+"""A packet is not sent again within this time, or within a round trip if that is longer."""
+RECENT = 8192
+"""Datagrams whose sending time is remembered."""
+QUIET_S = 1.0
+"""Receivers report 50 times a second; one that was not heard for so long is sent nothing until it is heard again."""
+
+
+@dataclass(frozen=True)
+class ServerLimits:
+    """What a server spends on clients.
+
+    Attributes:
+        sessions: Transfers at once.
+        per_address: Transfers at once to one address (or one QUIC session).
+        silence_s: A client that says nothing for so long is forgotten, seconds.
+        rate: Most bytes per second to one client.
+        start_rate: Bytes per second before the first feedback.
+        fixed_rate: Bytes per second to every client, whatever it reports; None adapts.
+        passes: A client gets at most this many times the bytes of one complete pass.
+    """
+
+    sessions: int = 256
+    per_address: int = 4
+    silence_s: float = 5.0
+    rate: float = MAX_RATE
+    start_rate: float = START_RATE
+    fixed_rate: float | None = None
+    passes: float = 4.0
+
+
+class Transfer:
+    """One client's transfer of a program.
+
+    Args:
+        program: What is sent.
+        session: Id of the transfer.
+        limits: What it may spend.
+        now: Time, seconds.
+        reliable_head: Whether manifest and side information travel on a reliable stream (QUIC): each symbol leaves
+            once, in its place of the same order, without redundancy, and does not count as a datagram.
+    """
+
+    def __init__(
+        self, program: Program, session: int, limits: ServerLimits, now: float, *, reliable_head: bool = False
+    ) -> None:
+        self.program = program
+        self.session = session
+        self.heard_at = now
+        self.bytes_sent = 0
+        self.control = RateControl(limits.start_rate, limits.rate)
+        self._limits = limits
+        self._reliable_head = reliable_head
+        self._schedule = program.reliable_schedule if reliable_head else program.schedule
+        self._pacer = Pacer(limits.fixed_rate or self.control.rate)
+        self._next = 0
+        self._sequence = 0
+        self._counted_bytes = 0
+        self._heard = False
+        self._again: deque[tuple[int, int, int]] = deque()
+        self._sent_again: dict[tuple[int, int, int], float] = {}
+        self._sent_times: deque[tuple[int, float]] = deque(maxlen=RECENT)
+        self._last: Feedback | None = None
+        self._head_cursor = 0
+        self._end_at = 0.0
+        self._most_bytes = int(limits.passes * sum(program.sizes().values())) + 100_000
+
+    def next_at(self) -> float | None:
+        """When `poll` has something to send next.
+
+        None before the first feedback, while the client is quiet, and once it had its share.
+        """
+        if self.bytes_sent > self._most_bytes or not self._heard:
+            return None
+        if self._again or self._next < len(self._schedule):
+            return self._pacer.next_at()
+        return max(self._pacer.next_at(), self._end_at)
+
+    def poll(self, now: float) -> bytes | None:
+        """The next datagram, if its time has come."""
+        at = self.next_at()
+        if at is None or at > now:
+            return None
+        if now > self.heard_at + QUIET_S:
+            self._heard = False
+            return None
+        if self._again:
+            item = self._again.popleft()
+        elif self._next < len(self._schedule):
+            item = self._schedule[self._next]
+            self._next += 1
+        else:
+            self._end_at = now + END_INTERVAL_S
+            return self._leave(encode(End(self.session, self._sequence)), now)
+        return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
+
+    def feedback(self, frame: Feedback, now: float) -> None:
+        """Takes what the client says arrived; counts that cannot be true do not move the rate."""
+        last = self._last
+        believable = frame.received <= frame.largest + 1 and frame.largest < max(self._sequence, 1)
+        if last is not None:
+            believable = believable and frame.largest >= last.largest and frame.received >= last.received
+        self.heard_at, self._heard = now, True
+        if believable:
+            self._measure(frame, now)
+        self._ask_again(frame, now)
+
+    def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
+        if kind == DATA:
+            return encode_data(self.session, self._sequence, symbol, self.program.packets[symbol])
+        source = self.program.head if kind == SIDE else self.program.parity
+        return encode_symbol(kind, self.session, self._sequence, group, symbol, source[group][symbol])
+
+    def _leave(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
+        if counted:
+            self._sent_times.append((self._sequence, now))
+            self._sequence += 1
+            self._counted_bytes += len(data)
+        self.bytes_sent += len(data)
+        self._pacer.sent(len(data), now)
+        return data
+
+    def _measure(self, frame: Feedback, now: float) -> None:
+        """Feeds the rate control with what happened since the last feedback."""
+        times, last = self._sent_times, self._last
+        if last is not None and frame.largest == last.largest:
+            return
+        while times and times[0][0] < frame.largest:
+            times.popleft()
+        if not times or times[0][0] != frame.largest:
+            self._last = frame
+            return
+        round_trip = now - times[0][1]
+        if last is not None:
+            sent, arrived = frame.largest - last.largest, frame.received - last.received
+            seconds = ((frame.time_us - last.time_us) & 0xFFFFFFFF) / 1e6
+            mean = self._counted_bytes / max(self._sequence, 1)
+            self.control.on_feedback(now, round_trip, sent, min(arrived, sent), arrived * mean, seconds)
+        self._last = frame
+        if self._limits.fixed_rate is None:
+            self._pacer.rate = self.control.rate
+
+    def _ask_again(self, frame: Feedback, now: float) -> None:
+        """Queues what the client misses, unless it was sent again a moment ago."""
+        wait = max(RESEND_S, 1.25 * (self.control.round_trip or 0.0))
+        for index in frame.nacks:
+            item = (DATA, 0, index)
+            if index < len(self.program.packets) and now - self._sent_again.get(item, -1e9) >= wait:
+                self._sent_again[item] = now
+                self._again.append(item)
+        everything_sent = self._next >= len(self._schedule)
+        if not frame.side_missing or not everything_sent or self._reliable_head:
+            return
+        if now - self._sent_again.get((SIDE, 0, 0), -1e9) < wait:
+            return
+        self._sent_again[(SIDE, 0, 0)] = now
+        self._again.extendleft(self._more_head(frame.side_missing))
+
+    def _more_head(self, missing: int) -> list[tuple[int, int, int]]:
+        """Symbols of all segments in turn, going round, somewhat more of them than are missing."""
+        head = self.program.head
+        longest = max(map(len, head))
+        count = min(missing + missing // 2 + 2, 512)
+        items: list[tuple[int, int, int]] = []
+        while len(items) < count:
+            symbol = self._head_cursor % longest
+            items += [(SIDE, segment, symbol) for segment in range(len(head)) if symbol < len(head[segment])]
+            self._head_cursor += 1
+        return items

@@ -1,0 +1,208 @@
+"""What a viewer shows under which settings: pictures and figures, no browser."""
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import torch
+from jaxtyping import Bool, Float, UInt8
+from torch import Tensor
+
+from splatwire.channel import Bernoulli, GilbertElliott, LossModel
+from splatwire.conceal.grow import lost_share
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene
+from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
+from splatwire.render import render_scene
+from splatwire.render.base import create_renderer
+from splatwire.scene import Anchors, Cameras
+from splatwire.view.looks import heat
+
+LAYERS = ("received", "lossless", "difference", "lost anchors")
+"""What can be shown: the concealed scene, the reference, the error of each pixel, the loss around each anchor."""
+ERROR_AT_FULL_HEAT = 0.1
+LOST_NEIGHBORS = 16
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a person chose.
+
+    Attributes:
+        loss: Share of packets that are lost, 0 to 1.
+        burst: Mean length of a burst, packets; 1 loses each on its own.
+        seed: Seed of the losses.
+        concealer: Name of the concealer.
+        progress: Share of the packets' bytes that has been sent, 0 to 1.
+        layer: One of `LAYERS`.
+    """
+
+    loss: float | int = 0.2
+    burst: float | int = 1.0
+    seed: int = 0
+    concealer: str = "grow"
+    progress: float | int = 1.0
+    layer: str = LAYERS[0]
+
+    def loss_model(self) -> LossModel:
+        """The loss model; a burst too short for the rate becomes the shortest possible one.
+
+        Raises:
+            InvalidValueError: If a number is out of range.
+        """
+        if self.burst <= 1:
+            return Bernoulli(float(self.loss))
+        shortest = self.loss / (1 - self.loss) if self.loss < 1 else 1.0
+        return GilbertElliott(float(self.loss), max(float(self.burst), math.ceil(shortest * 1e6) / 1e6))
+
+
+@dataclass(frozen=True)
+class Status:
+    """What is known about what is shown.
+
+    Attributes:
+        bytes_sent: Manifest, side information and packets sent (live: received) by now.
+        bytes_total: Of the whole transfer; None where that is not known.
+        seconds: Since the beginning of the transfer.
+        packets_received: Packets that are there.
+        packets_total: Packets of the complete stream.
+        anchors_known: Anchors that are exact.
+        anchors_total: Anchors of the complete scene.
+        psnr: Against the lossless render of the same view, dB; None where there is none or it was not asked for.
+        draw_ms: Time for the picture.
+        note: Something that a person should know, or nothing.
+    """
+
+    bytes_sent: int
+    bytes_total: int | None
+    seconds: float
+    packets_received: int
+    packets_total: int
+    anchors_known: int
+    anchors_total: int
+    psnr: float | None = None
+    draw_ms: float = 0.0
+    note: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A picture and what is known about it."""
+
+    image: UInt8[Tensor, "H W 3"]
+    status: Status
+
+
+@runtime_checkable
+class Source(Protocol):
+    """Where the scene comes from: a file whose transfer is played, or a server that sends it now."""
+
+    @property
+    def live(self) -> bool:
+        """Whether losses are real, so that nobody may choose them."""
+
+    @property
+    def anchors(self) -> Anchors:
+        """Any state of the anchors; positions are right."""
+
+    @property
+    def known(self) -> Bool[Tensor, "N"]:
+        """Anchors that were there at the last call of `scene`."""
+
+    def scene(self, settings: Settings) -> AnchorScene:
+        """The concealed scene under these settings; tensors may be changed by the next call."""
+
+    def reference(self) -> AnchorScene | None:
+        """The scene without loss, once it is known."""
+
+    def status(self) -> Status:
+        """What the last call of `scene` showed."""
+
+
+class Viewer:
+    """Draws a source under settings; one thread at a time.
+
+    Args:
+        source: Where the scene comes from.
+        renderer: Name of the renderer.
+
+    Raises:
+        UnknownNameError: No renderer has that name.
+        BackendUnavailableError: The renderer cannot run here.
+    """
+
+    def __init__(self, source: Source, renderer: str = "cpu") -> None:
+        self.source = source
+        self._render = create_renderer(renderer)
+        self._reference: tuple[Cameras, Tensor] | None = None
+        self._shares: tuple[Tensor, Tensor] | None = None
+
+    def frame(self, settings: Settings, cameras: Cameras, *, score: bool = True) -> Frame:
+        """Draws one picture.
+
+        Args:
+            settings: What was chosen.
+            cameras: One camera.
+            score: Whether PSNR is wanted, which may cost a second picture.
+
+        Raises:
+            InvalidValueError: If a setting makes no sense.
+            UnknownNameError: If there is no such concealer or layer.
+        """
+        if settings.layer not in LAYERS:
+            raise InvalidValueError(f"a viewer shows {', '.join(LAYERS)}, not {settings.layer!r}")
+        began = time.perf_counter()
+        scene = self.source.scene(settings)
+        image, quality = self._draw(settings, scene, cameras, score)
+        seconds = time.perf_counter() - began
+        status = dataclasses.replace(self.source.status(), psnr=quality, draw_ms=seconds * 1e3)
+        return Frame((image * 255).round().to(torch.uint8), status)
+
+    def _draw(
+        self, settings: Settings, scene: AnchorScene, cameras: Cameras, score: bool
+    ) -> tuple[Float[Tensor, "H W 3"], float | None]:
+        lossless = self.source.reference()
+        if settings.layer == "lost anchors":
+            return self._lost_anchors(lossless or scene, scene, cameras), None
+        if settings.layer == "lossless" and lossless is not None:
+            return self._lossless(lossless, cameras), None
+        picture = render_scene(scene, cameras, renderer=self._render)[0]
+        if lossless is None or not (score or settings.layer == "difference"):
+            return picture, None
+        truth = self._lossless(lossless, cameras)
+        error = float((picture - truth).square().mean())
+        quality = -10 * math.log10(error) if error > 0 else math.inf
+        if settings.layer == "difference":
+            picture = heat((picture - truth).abs().mean(dim=2) / ERROR_AT_FULL_HEAT)
+        return picture, quality
+
+    def _damage(self, anchors: Anchors) -> Float[Tensor, "N"]:
+        """Share of lost anchors around each one, 1 for those that are lost; kept while nothing arrives."""
+        known = self.source.known
+        if self._shares is None or not torch.equal(self._shares[0], known):
+            share = lost_share(anchors.positions, known, LOST_NEIGHBORS)
+            self._shares = (known.clone(), torch.where(known, share, 1.0))
+        return self._shares[1]
+
+    def _lossless(self, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
+        """The reference picture; the last one is kept, because settings change while the view stays."""
+        if self._reference is None or not _same(self._reference[0], cameras):
+            self._reference = (cameras, render_scene(scene, cameras, renderer=self._render)[0])
+        return self._reference[1]
+
+    @torch.no_grad()
+    def _lost_anchors(self, shape: AnchorScene, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
+        """The Gaussians of the reference in the colours of what was lost around their anchors."""
+        share, anchors = self._damage(scene.anchors), shape.anchors
+        visible = visible_anchors(anchors, cameras, 0) & anchors.mask.any(dim=1)
+        spawned = spawn_gaussians(anchors, shape.heads, cameras.centers[0], visible)
+        colors = heat(0.1 + 0.9 * share)[spawned.anchor_index]
+        gaussians = dataclasses.replace(spawned.gaussians, colors=colors)
+        return self._render(gaussians, cameras, background=torch.zeros(3))[0].clamp(0, 1)
+
+
+def _same(a: Cameras, b: Cameras) -> bool:
+    size = (a.width, a.height) == (b.width, b.height)
+    return size and torch.equal(a.viewmats, b.viewmats) and torch.equal(a.Ks, b.Ks)

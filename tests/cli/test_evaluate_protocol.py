@@ -1,0 +1,58 @@
+"""`splatwire evaluate PROTOCOL.toml`: files, resuming, and one line for every mistake."""
+
+import json
+
+PROTOCOL = """
+[protocol]
+seeds = [1, 2]
+metrics = ["psnr"]
+
+[[scene]]
+name = "tiny"
+stream = "{stream}"
+cameras = "{cameras}"
+
+[[loss]]
+model = "bernoulli:0.3"
+
+[[row]]
+key = "drop"
+label = "none"
+"""
+
+
+def assert_complains(outcome, words):
+    assert (outcome.status, outcome.out) == (2, "")
+    last = outcome.err.splitlines()[-1]
+    assert last.startswith("splatwire: error: ")
+    assert words in last
+
+
+def _protocol(tmp_path, journey, text=PROTOCOL):
+    path = tmp_path / "mine.toml"
+    path.write_text(text.format(stream=journey / "tiny.swz", cameras=journey / "cameras.json"))
+    return path
+
+
+def test_a_protocol_runs_and_is_not_run_twice(run, journey, tmp_path):
+    path = _protocol(tmp_path, journey)
+    words = (path, "-o", tmp_path / "out", "--views", 1, "--workers", 1, "--json")
+    first, again = run("evaluate", *words).json, run("evaluate", *words).json
+    assert (first["num_computed"], first["num_reused"]) == (2, 0)
+    assert (again["num_computed"], again["num_reused"]) == (0, 2)
+    assert again["rows"] == first["rows"]
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["seeds"] == [1, 2]
+
+
+def test_a_protocol_says_what_is_wrong(run, journey, tmp_path):
+    path = _protocol(tmp_path, journey)
+    assert_complains(run("evaluate", path), "-o FOLDER")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--engine", "moon"), "unknown engine")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--loss", "none"), "edit the protocol")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--photos", tmp_path), "--scene")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--scene", tmp_path / "absent"), "does not exist")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--seeds", 1, 1), "seed 1 is there 2 times")
+    assert_complains(run("evaluate", tmp_path / "absent.toml", "-o", tmp_path / "out"), "absent.toml")
+    wrong = _protocol(tmp_path, journey, PROTOCOL.replace("seeds", "sedes"))
+    assert_complains(run("evaluate", wrong, "-o", tmp_path / "out"), "did you mean 'seeds'")
+    assert not (tmp_path / "out").exists()

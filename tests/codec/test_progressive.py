@@ -1,0 +1,134 @@
+"""Laws of incremental decoding: whatever the order, the moment or the thread, it is what `decode_stream` decodes."""
+
+import dataclasses
+import random
+import threading
+
+import numpy as np
+import pytest
+import torch
+
+from scenes import tiny_scene
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.progressive import ProgressiveDecoder
+from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
+from splatwire.model import PartialScene
+from splatwire.packets import PacketId, Packetization, SceneStream
+
+PACKETIZATIONS = {
+    "stratified": Packetization(block_size=200, lanes=4),
+    "contiguous": Packetization(block_size=200, lanes=3, grouping="contiguous", order="raster"),
+    "hashed": Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=700),
+}
+
+
+@pytest.fixture(scope="module", params=[*PACKETIZATIONS, "stratified in tiers", "hashed in tiers"])
+def stream(request) -> SceneStream:
+    name, _, tiered = request.param.partition(" in ")
+    important = torch.rand(500, generator=torch.Generator().manual_seed(1)) < 0.2
+    tiers = (~important).to(torch.uint8) if tiered else None
+    return encode_scene(tiny_scene(seed=5, num_anchors=500), PACKETIZATIONS[name], tiers=tiers)
+
+
+def start(stream: SceneStream) -> ProgressiveDecoder:
+    return ProgressiveDecoder(stream.manifest, stream.side_info, threads=1)
+
+
+def shuffled(stream: SceneStream, seed: int) -> list:
+    packets = list(stream.packets)
+    random.Random(seed).shuffle(packets)
+    return packets
+
+
+def assert_same(a: PartialScene, b: PartialScene) -> None:
+    assert torch.equal(a.erasures.received, b.erasures.received)
+    for name in ("positions", "features", "scalings", "offsets", "mask"):
+        assert torch.equal(getattr(a.scene.anchors, name), getattr(b.scene.anchors, name)), name
+    assert torch.equal(a.prior.context, b.prior.context)
+    for name in ("feature", "scaling", "offset"):
+        for part in ("mean", "scale", "step"):
+            assert torch.equal(getattr(getattr(a.prior, name), part), getattr(getattr(b.prior, name), part)), name
+    assert torch.equal(a.scene.heads.color.output.weight, b.scene.heads.color.output.weight)
+
+
+def test_every_moment_equals_decoding_what_is_there(stream):
+    decoder, packets = start(stream), shuffled(stream, 1)
+    assert_same(decoder.partial, decode_stream(stream.with_packets([])))
+    for number in range(0, len(packets), 3):
+        ranks = decoder.add(packets[number : number + 3])
+        there = packets[: number + 3]
+        assert len(ranks) == sum(packet.num_anchors for packet in packets[number : number + 3])
+        assert_same(decoder.partial, decode_stream(stream.with_packets(there)))
+    assert decoder.complete
+    assert decoder.stream.packets == stream.packets
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_any_order_ends_in_the_same_scene(stream, seed):
+    decoder = start(stream)
+    ranks = np.concatenate([decoder.add([packet]) for packet in shuffled(stream, seed)])
+    assert sorted(ranks.tolist()) == list(range(stream.manifest.num_anchors))
+    assert_same(decoder.partial, decode_stream(stream))
+
+
+def test_duplicates_and_strangers_are_counted_and_change_nothing(stream):
+    decoder, first = start(stream), stream.packets[0]
+    assert len(decoder.add([first, first])) == first.num_anchors
+    assert len(decoder.add([first])) == 0
+    nowhere = dataclasses.replace(first, id=PacketId(10_000, 0))
+    too_many = dataclasses.replace(stream.packets[1], num_anchors=5000)
+    assert len(decoder.add([nowhere, too_many])) == 0
+    assert_same(decoder.partial, decode_stream(stream.with_packets([first])))
+    assert (decoder.report.num_duplicate, decoder.report.num_corrupt, decoder.report.num_received) == (2, 2, 1)
+
+
+def test_packets_may_come_from_several_threads(stream):
+    decoder, packets = start(stream), shuffled(stream, 4)
+    parts = [packets[0::3] + packets[0::5], packets[1::3], packets[2::3]]
+    threads = [threading.Thread(target=lambda part=part: [decoder.add([p]) for p in part]) for part in parts]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert decoder.complete
+    assert decoder.report.num_duplicate == len(packets[0::5])
+    assert_same(decoder.partial, decode_stream(stream))
+
+
+def test_a_snapshot_stays_as_it_was(stream):
+    decoder, packets = start(stream), shuffled(stream, 6)
+    decoder.add(packets[:2])
+    held = decoder.snapshot()
+    decoder.add(packets[2:])
+    assert_same(held, decode_stream(stream.with_packets(packets[:2])))
+
+
+def test_wrong_integers_are_found_out_at_the_end(stream):
+    wrong = dataclasses.replace(stream.manifest, symbols_digest="0" * 64)
+    decoder = ProgressiveDecoder(wrong, stream.side_info)
+    decoder.add(stream.packets[1:])
+    with pytest.raises(DesyncError, match="not those that were encoded"):
+        decoder.add(stream.packets[:1])
+
+
+def test_a_payload_of_other_bytes_is_found_out_at_the_end(stream):
+    spoiled = dataclasses.replace(stream.packets[2], payload=stream.packets[2].payload[::-1])
+    decoder = start(stream)
+    decoder.add(stream.packets[:2])
+    decoder.add([spoiled])
+    with pytest.raises(DesyncError):
+        decoder.add(stream.packets[3:])
+
+
+def test_side_information_must_be_there_and_fit(stream):
+    with pytest.raises(MissingSideInfoError):
+        ProgressiveDecoder(stream.manifest, b"")
+    other = dataclasses.replace(stream.manifest, feature_dim=10, feature_groups=(5, 5))
+    with pytest.raises(BitstreamError, match="layout"):
+        ProgressiveDecoder(other, stream.side_info)
+
+
+def test_progress_reaches_the_end(stream):
+    shares: list[float] = []
+    ProgressiveDecoder(stream.manifest, stream.side_info, progress=shares.append)
+    assert shares[-1] == 1.0

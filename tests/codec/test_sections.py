@@ -1,0 +1,103 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from splatwire.codec import add_concealment, decode_stream, encode_scene, side_info_parts, without_concealment
+from splatwire.codec.sections import MAX_SECTIONS, read_sections, split_sections, write_sections
+from splatwire.codec.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.conceal import context_of
+from splatwire.entropy.byte_io import ByteWriter
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.model import AnchorScene
+from splatwire.model.scene_file import load_partial, save_partial
+from splatwire.packets import Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+
+SECTIONS = {"gnn": b"weights", "hints": b"", "later_release": bytes(range(200))}
+
+
+@pytest.fixture(scope="module")
+def stream(scene: AnchorScene) -> SceneStream:
+    return encode_scene(scene, Packetization(block_size=300))
+
+
+def raw(*pairs: tuple[bytes, bytes]) -> bytes:
+    writer = ByteWriter()
+    for name, data in pairs:
+        writer.blob(name)
+        writer.blob(data)
+    return writer.bytes()
+
+
+def test_pinned_bytes() -> None:
+    assert write_sections({}) == b""
+    assert write_sections({"zz": b"\x07", "gnn": b""}).hex() == "03676e6e00" + "027a7a0107"
+
+
+def test_sections_are_kept_whatever_their_name(side_info: SideInfo, side_info_bytes: bytes) -> None:
+    with_sections = write_side_info(replace(side_info, sections=SECTIONS))
+    assert with_sections == side_info_bytes + write_sections(SECTIONS)
+    assert read_side_info(with_sections, len(side_info.voxels), "morton").sections == SECTIONS
+    assert read_side_info(side_info_bytes, len(side_info.voxels), "morton").sections == {}
+    assert split_sections(with_sections) == (side_info_bytes, SECTIONS)
+    parts = side_info_parts(with_sections)
+    assert sum(parts.values()) == len(with_sections)
+    assert {name: parts[name] for name in SECTIONS} == {"gnn": 12, "hints": 7, "later_release": 216}
+
+
+def test_only_side_information_changes(stream: SceneStream) -> None:
+    richer = add_concealment(add_concealment(stream, "hints", b"more"), "gnn", b"weights")
+    assert richer == add_concealment(add_concealment(stream, "gnn", b"weights"), "hints", b"more")
+    assert richer.packets == stream.packets
+    assert richer.manifest.stream_id == stream.manifest.stream_id
+    assert stream_from_bytes(stream_to_bytes(richer))[0] == richer
+    assert add_concealment(richer, "hints", b"other").num_bytes == richer.num_bytes + 1
+    assert without_concealment(without_concealment(richer, "gnn"), "hints") == stream
+    assert without_concealment(stream, "gnn") == stream
+
+
+def test_a_decoder_hands_them_to_concealers(stream: SceneStream, tmp_path: Path) -> None:
+    richer = stream
+    for name, data in SECTIONS.items():
+        richer = add_concealment(richer, name, data)
+    partial = decode_stream(richer.with_packets(richer.packets[1:]))
+    assert partial.concealment == SECTIONS
+    assert context_of(partial).to_cpu().concealment == SECTIONS
+    plain = decode_stream(stream.with_packets(stream.packets[1:]))
+    assert plain.concealment == {}
+    assert torch.equal(partial.scene.anchors.features, plain.scene.anchors.features)
+    save_partial(partial, tmp_path / "rich")
+    assert load_partial(tmp_path / "rich").concealment == SECTIONS
+    save_partial(plain, tmp_path / "plain")
+    save_partial(replace(partial, concealment={}), tmp_path / "stripped")
+    assert load_partial(tmp_path / "plain").concealment == {}
+    assert (tmp_path / "plain").read_bytes() == (tmp_path / "stripped").read_bytes()
+
+
+def test_impossible_sections_are_refused(stream: SceneStream) -> None:
+    for name in ("", "Gnn", "gnn ", "positions", "x" * 33, "ä"):
+        with pytest.raises(InvalidValueError, match="cannot be called"):
+            add_concealment(stream, name, b"")
+    with pytest.raises(InvalidValueError, match="at most 16"):
+        write_sections({f"s{i}": b"" for i in range(MAX_SECTIONS + 1)})
+
+
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (raw((b"gnn", b"1"), (b"gnn", b"2")), "twice"),
+        (raw((b"b", b""), (b"a", b"")), "order"),
+        (raw((b"grid", b"")), "cannot be called"),
+        (raw((b"\xff\x00", b"")), "no name"),
+        (raw((b"gnn", b"12"))[:-1], "expected"),
+        (b"\x00", "no name"),
+        (raw(*((b"s%02d" % i, b"") for i in range(MAX_SECTIONS + 1))), "at most"),
+    ],
+)
+def test_damaged_sections_are_refused(data: bytes, told: str, side_info_bytes: bytes) -> None:
+    for read in (read_sections, lambda d: side_info_parts(side_info_bytes + d)):
+        with pytest.raises(BitstreamError, match=told):
+            read(data)
+    with pytest.raises(BitstreamError, match=told):
+        read_side_info(side_info_bytes + data, 700, "morton")

@@ -1,0 +1,168 @@
+"""HAC++'s own layout: the same integers, and a lost file loses its attribute and whatever depends on it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.decoder import open_side_info
+from splatwire.codec.encoder import scene_in_order
+from splatwire.codec.sections import side_info_parts, without_concealment
+from splatwire.codec.separated import SECTION
+from splatwire.errors import BitstreamError, DesyncError
+from splatwire.model import AnchorScene, PartialScene
+from splatwire.packets import PRESETS, PacketId, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.scene import Anchors, Attribute
+
+HACPP = replace(PRESETS["hacpp"], block_size=200)
+SCALING, OFFSET, FEATURE = 1, 2, 3
+NAMES = ("positions", "features", "scalings", "offsets", "mask")
+FEATURE_GROUPS = (slice(0, 4), slice(4, 8), slice(8, 12))
+
+
+@pytest.fixture(scope="module")
+def stream(scene: AnchorScene) -> SceneStream:
+    return encode_scene(scene, HACPP)
+
+
+@pytest.fixture(scope="module")
+def whole(stream: SceneStream) -> Anchors:
+    return decode_stream(stream).scene.anchors
+
+
+def without(stream: SceneStream, *ids: PacketId) -> PartialScene:
+    return decode_stream(stream.with_packets(packet for packet in stream.packets if packet.id not in ids))
+
+
+def test_the_preset_is_hacpps_layout():
+    preset = PRESETS["hacpp"]
+    assert (preset.block_size, preset.order, preset.lanes, preset.grouping) == (3000, "raster", 1, "contiguous")
+    assert preset.separated
+
+
+def test_files_are_those_of_hacpp(stream: SceneStream):
+    parts = ("scaling", "offset", "feature0", "feature1", "feature2")
+    assert [packet.id.filename for packet in stream.packets] == [
+        f"pak_lane0_s{block}_{part}.pak" for block in range(4) for part in parts
+    ]
+    assert [packet.num_anchors for packet in stream.packets] == [200] * 15 + [100] * 5
+
+
+@pytest.mark.parametrize(
+    "packetization",
+    [
+        HACPP,
+        Packetization(block_size=300, lanes=4, packaging="separated"),
+        Packetization(block_size=250, lanes=3, grouping="contiguous", packaging="separated"),
+    ],
+    ids=["hacpp", "stratified", "contiguous"],
+)
+def test_no_loss_gives_the_integers_of_atomic_packets(scene: AnchorScene, packetization: Packetization):
+    separated = encode_scene(scene, packetization)
+    atomic = encode_scene(scene, replace(packetization, packaging="atomic"))
+    assert separated.manifest.symbols_digest == atomic.manifest.symbols_digest
+    ours, other = decode_stream(separated), decode_stream(atomic)
+    assert ours.erasures.num_lost == 0
+    assert SECTION not in ours.concealment
+    for name in NAMES:
+        assert torch.equal(getattr(ours.scene.anchors, name), getattr(other.scene.anchors, name))
+    assert stream_from_bytes(stream_to_bytes(separated))[0] == separated
+
+
+def test_lost_scalings_lose_scalings(stream: SceneStream, whole: Anchors):
+    partial = without(stream, PacketId(1, 0, SCALING))
+    anchors, rows = partial.scene.anchors, slice(200, 400)
+    assert not anchors.scalings[rows].any()
+    expected = torch.ones(700, 4, dtype=torch.bool)
+    expected[rows, Attribute.SCALING] = False
+    assert torch.equal(partial.erasures.received, expected)
+    for name in ("features", "offsets", "mask"):
+        assert torch.equal(getattr(anchors, name), getattr(whole, name))
+    assert torch.equal(anchors.scalings[400:], whole.scalings[400:])
+
+
+def test_lost_offsets_lose_offsets(stream: SceneStream, whole: Anchors):
+    partial = without(stream, PacketId(3, 0, OFFSET))
+    anchors = partial.scene.anchors
+    assert not anchors.offsets[600:].any()
+    assert torch.equal(anchors.offsets[:600], whole.offsets[:600])
+    assert partial.erasures.column(Attribute.OFFSET).tolist() == [True] * 600 + [False] * 100
+    for name in ("features", "scalings", "mask"):
+        assert torch.equal(getattr(anchors, name), getattr(whole, name))
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_a_lost_feature_group_loses_those_that_depend_on_it(stream: SceneStream, whole: Anchors, lost: int):
+    partial = without(stream, PacketId(2, 0, FEATURE + lost))
+    features, rows = partial.scene.anchors.features, slice(400, 600)
+    for group, columns in enumerate(FEATURE_GROUPS):
+        if group < lost:
+            assert torch.equal(features[rows, columns], whole.features[rows, columns])
+        else:
+            assert not features[rows, columns].any()
+    others = torch.ones(700, dtype=torch.bool)
+    others[rows] = False
+    assert torch.equal(features[others], whole.features[others])
+    assert torch.equal(partial.erasures.column(Attribute.FEATURE), others)
+    assert bool(partial.erasures.received[:, 1:].all())
+
+
+def test_every_subset_decodes_to_values_of_the_whole_or_zero(stream: SceneStream, whole: Anchors):
+    for seed in range(5):
+        arrived, _ = transmit(stream, parse_loss("bernoulli:0.3"), seed=seed)
+        partial = decode_stream(arrived)
+        there = {packet.id for packet in arrived.packets}
+        for block in range(4):
+            rows = slice(200 * block, min(200 * block + 200, 700))
+            features = [PacketId(block, 0, FEATURE + g) in there for g in range(3)]
+            groups = np.minimum.accumulate(features).tolist()
+            received = [all(features), PacketId(block, 0, SCALING) in there, PacketId(block, 0, OFFSET) in there, True]
+            assert bool((partial.erasures.received[rows] == torch.tensor(received)).all())
+            for columns, ok in zip(FEATURE_GROUPS, groups, strict=True):
+                expected = whole.features[rows, columns] * ok
+                assert torch.equal(partial.scene.anchors.features[rows, columns], expected)
+            assert torch.equal(partial.scene.anchors.scalings[rows], whole.scalings[rows] * received[1])
+            assert torch.equal(partial.scene.anchors.offsets[rows], whole.offsets[rows] * received[2])
+        assert torch.equal(partial.scene.anchors.mask, whole.mask)
+
+
+def test_the_digest_covers_every_part(stream: SceneStream):
+    for number in range(5):
+        packets = list(stream.packets)
+        payload = bytearray(packets[number].payload)
+        payload[len(payload) // 2] ^= 0x10
+        packets[number] = replace(packets[number], payload=bytes(payload))
+        with pytest.raises(DesyncError):
+            decode_stream(stream.with_packets(packets))
+
+
+def test_damaged_payloads_decode_to_something(stream: SceneStream):
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        packets = [replace(p, payload=rng.bytes(int(rng.integers(0, 90)))) for p in stream.packets[:7]]
+        assert decode_stream(stream.with_packets(packets)).erasures.num_lost == 500
+
+
+def test_masks_are_side_information(stream: SceneStream):
+    assert 0 < side_info_parts(stream.side_info)[SECTION] < 700 * 4 / 8 + 20
+    with pytest.raises(BitstreamError, match="lacks the section 'masks'"):
+        decode_stream(without_concealment(stream, SECTION))
+    with pytest.raises(BitstreamError, match="all at once"):
+        open_side_info(stream.manifest, stream.side_info)
+
+
+def test_bytes_are_those_of_atomic_packets_within_headers(scene: AnchorScene, stream: SceneStream):
+    """The distributions are the same: what differs is the end of a stream, a byte each, and where masks adapt."""
+    atomic = encode_scene(scene, replace(HACPP, packaging="atomic"))
+    masks = side_info_parts(stream.side_info)[SECTION]
+    ours, theirs = stream.parts()["packet_payloads"] + masks, atomic.parts()["packet_payloads"]
+    assert abs(ours - theirs) < 1.5 * len(stream.packets) + 0.02 * masks + 20
+
+
+def test_raster_order_is_hacpps(scene: AnchorScene, whole: Anchors):
+    assert torch.equal(scene_in_order(scene, "raster").anchors.positions, whole.positions)
+    keys = (whole.positions * 64).long() @ torch.tensor([1, 1 << 12, 1 << 24])
+    assert bool((keys.diff() > 0).all())

@@ -1,0 +1,88 @@
+"""Losses in both units: what arrives, what one unit means in the other, and masks that others can read."""
+
+import io
+
+import numpy as np
+import pytest
+
+from scenes import tiny_scene
+from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, send_sequence, transmit
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.evaluate.study.definition import Loss
+from splatwire.evaluate.study.masks import (
+    anchor_bytes,
+    datagrams_of,
+    draw_in_order,
+    draw_mask,
+    equivalence,
+    mask_bytes,
+)
+from splatwire.packets import Packetization
+
+LOSSES = ["bernoulli:0.3", "gilbert:0.2,3", "none"]
+
+
+@pytest.fixture(scope="module")
+def stream():
+    return encode_scene(tiny_scene(seed=5, num_anchors=180), Packetization(block_size=60))
+
+
+@pytest.mark.parametrize("model", LOSSES)
+@pytest.mark.parametrize("order", ["interleaved", "block"])
+def test_losses_of_packets_are_those_of_the_channel(stream, model, order):
+    mask = draw_mask(stream, Loss(model, "pak", order), 7)
+    received, record = transmit(stream, parse_loss(model), seed=7, send_order=order)
+    assert mask.apply(stream) == received
+    assert mask.num_lost == record.num_lost
+
+
+@pytest.mark.parametrize("order", ["interleaved", "block"])
+def test_packets_of_one_datagram_meet_equal_losses_in_both_units(stream, order):
+    assert max(packet.num_bytes for packet in stream.packets) <= 1200
+    one, two = (draw_mask(stream, Loss("gilbert:0.3,2", unit, order), 1) for unit in ("pak", "datagram"))
+    assert np.array_equal(one.received, two.received)
+    assert one.num_lost_datagrams == two.num_lost_datagrams
+
+
+@pytest.mark.parametrize("model", [Bernoulli(0.2), GilbertElliott(0.2, 3)])
+def test_a_packet_arrives_when_each_of_its_datagrams_does(model):
+    sizes = np.array([1, 3, 2, 1, 7, 4])
+    received, num_lost = draw_in_order(sizes, model, "datagram", 5)
+    arrived = model.received(int(sizes.sum()), np.random.Generator(np.random.PCG64(5)))
+    expected, at = [], 0
+    for size in sizes:
+        expected.append(bool(arrived[at : at + size].all()))
+        at += size
+    assert received.tolist() == expected
+    assert num_lost == (~arrived).sum() > 0
+
+
+def test_datagrams_of_packets():
+    assert datagrams_of(np.array([1, 1200, 1201, 2400, 2401])).tolist() == [1, 1, 2, 2, 3]
+
+
+def test_one_unit_in_the_other_agrees_with_arithmetic():
+    stream = encode_scene(tiny_scene(seed=2, num_anchors=600), Packetization(block_size=600, lanes=2))
+    sizes = datagrams_of(np.array([packet.num_bytes for packet in stream.packets]))
+    assert sizes.min() > 2
+    found = equivalence(stream, "bernoulli:0.1", tuple(range(1000)), "interleaved")
+    assert found.datagram_rate == pytest.approx(0.1, abs=0.01)
+    assert found.pak_rate == pytest.approx((1 - 0.9**sizes).mean(), abs=0.03)
+
+
+def test_saved_masks_tell_everything(stream):
+    loss, complete = Loss("bernoulli:0.3"), decode_stream(stream)
+    mask = draw_mask(stream, loss, 3)
+    saved = np.load(io.BytesIO(mask_bytes(stream, mask, loss, 3)), allow_pickle=False)
+    order = [stream.packets[i].id for i in np.argsort(saved["send_index"])]
+    assert order == [packet.id for packet in send_sequence(stream, "interleaved")]
+    assert (str(saved["loss"]), str(saved["unit"]), int(saved["seed"])) == ("bernoulli:0.3", "pak", 3)
+    positions = complete.scene.anchors.positions.numpy()
+    anchors = np.load(io.BytesIO(anchor_bytes(stream, positions)), allow_pickle=False)
+    assert sorted(anchors["ranks"].tolist()) == list(range(180))
+    known = np.zeros(180, bool)
+    for i in np.flatnonzero(saved["received"]):
+        known[anchors["ranks"][anchors["starts"][i] : anchors["starts"][i + 1]]] = True
+    erasures = decode_stream(mask.apply(stream)).erasures
+    assert np.array_equal(known, erasures.known.numpy())
+    assert np.array_equal(anchors["positions"], positions)

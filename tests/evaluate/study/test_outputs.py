@@ -1,0 +1,154 @@
+"""Means, intervals, paired differences, orderings, and every file that a protocol leaves."""
+
+import csv
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from splatwire.evaluate.study import (
+    SceneEntry,
+    Store,
+    load_study,
+    measure_study_sizes,
+    run_study,
+    summarize,
+    write_outputs,
+    write_size_outputs,
+)
+from splatwire.evaluate.study.records import records_from_bytes
+from splatwire.evaluate.study.sizes import native_parts
+from splatwire.evaluate.study.summary import Estimate, orderings
+from splatwire.evaluate.study.tables import Table, result_tables
+from splatwire.evaluate.study.work import run_unit
+
+
+class InThisProcess:
+    def run(self, store, units, listener):
+        for unit in units:
+            run_unit(str(store.root), unit)
+
+
+def silent(task, share):
+    pass
+
+
+@pytest.fixture(scope="module")
+def done(tiny_folder, tmp_path_factory):
+    store = Store(tmp_path_factory.mktemp("store"))
+    return store, run_study(load_study(tiny_folder / "protocol.toml"), store, InThisProcess(), silent)
+
+
+@pytest.fixture(scope="module")
+def files(done, tmp_path_factory):
+    store, result = done
+    return write_outputs(result, store, tmp_path_factory.mktemp("out"), silent)
+
+
+def test_intervals_agree_with_scipy():
+    values = [20.1, 21.7, 19.9, 22.4, 20.8]
+    estimate = Estimate.of(values)
+    low, high = stats.t.interval(0.95, 4, np.mean(values), stats.sem(values))
+    assert (estimate.mean - estimate.half_width, estimate.mean + estimate.half_width) == pytest.approx((low, high))
+    assert estimate.spread == pytest.approx(np.std(values, ddof=1))
+    assert Estimate.of([math.inf, 1.0]) is None
+    assert Estimate.of([3.0]) == Estimate(3.0, None, None)
+
+
+def test_means_are_over_views_then_seeds_and_differences_are_paired(done):
+    _, result = done
+    found = {summary.row.key: summary for summary in summarize(result)}
+    scores = {}
+    for record in result.merged():
+        scores.setdefault(record["row"], {}).setdefault(record["seed"], []).append(record["psnr"])
+    idw, drop = ([float(np.mean(scores[key][seed])) for seed in (0, 3)] for key in ("idw", "drop"))
+    assert found["idw"].by_seed["psnr"] == pytest.approx(idw)
+    assert found["idw"].delta["psnr"].mean == pytest.approx(np.mean(idw) - np.mean(drop))
+    assert found["idw"].delta["psnr"].spread == pytest.approx(np.std(np.subtract(idw, drop), ddof=1))
+    assert found["drop"].delta == {}
+    assert found["reference"].figures["psnr"] is None
+
+
+def test_bytes_are_those_of_the_stream_as_a_file(done):
+    store, result = done
+    for summary in summarize(result):
+        stream = result.scenes["made up"].streams[summary.row.variant]
+        assert summary.num_bytes == (store.root / stream.path).stat().st_size == sum(summary.parts.values())
+
+
+def test_an_ordering_says_what_was_measured(done):
+    _, result = done
+    (found,) = orderings(result, summarize(result))
+    assert (found.better, found.worse, found.published) == ("IDW", "none", 2.5)
+    by_key = {summary.row.key: summary.by_seed["psnr"] for summary in summarize(result)}
+    expected = Estimate.of(list(np.subtract(by_key["idw"], by_key["drop"])))
+    assert found.ours.mean == pytest.approx(expected.mean)
+    decided = abs(expected.mean) > expected.half_width
+    assert found.verdict == (("holds" if expected.mean > 0 else "opposite") if decided else "undecided")
+
+
+def test_published_figures_stand_beside_ours(done):
+    (table,) = result_tables(done[1], summarize(done[1]))
+    column = table.columns.index("paper: Paper scenes")
+    assert [row[column] for row in table.rows] == ["", "", "20.00", "22.50"]
+    assert table.rows[0][1] == "= reference"
+
+
+def test_every_file_is_there_and_agrees(done, files):
+    _, result = done
+    merged = result.merged()
+    assert records_from_bytes(files["parquet"].read_bytes(), "x") == merged
+    lines = list(csv.DictReader(io.StringIO(files["records"].read_text())))
+    assert [float(line["psnr"]) for line in lines] == [record["psnr"] for record in merged]
+    content = json.loads(files["json"].read_text(), parse_constant=lambda name: pytest.fail(name))
+    assert [row["row"] for row in content["rows"]] == ["reference", "contiguous", "drop", "idw"]
+    page = files["report"].read_text()
+    assert page.count("<svg") == 2
+    for words in ("Does the paper&#39;s order hold?", "Two units of loss", "bernoulli:0.05"):
+        assert words in page.replace("paper's", "paper&#39;s")
+    assert 'src="http' not in page
+    assert r"\toprule" in files["latex"].read_text()
+    assert len(list((files["report"].parent / "pictures").glob("*.png"))) == 2 * 5 + 2
+
+
+def test_the_leaderboard_has_the_columns_of_the_field(files):
+    lines = list(csv.reader(io.StringIO((files["report"].parent / "leaderboard" / "made_up.csv").read_text())))
+    assert lines[0] == ["Submethod", "PSNR", "SSIM", "LPIPS", "Size [Bytes]", "#Gaussians"]
+    assert len(lines) == 5
+    assert int(lines[1][4]) > 0 < int(lines[1][5])
+
+
+def test_latex_and_markdown_escape_what_they_must():
+    table = Table("A & B", ("row_1", "10 %"), (("a|b", "1 ± 2"),), best=0)
+    assert r"\caption{A \& B}" in table.latex()
+    assert r"\textbf{1 $\pm$ 2}" in table.latex()
+    assert r"row\_1 & 10 \%" in table.latex()
+    assert r"| **a\|b** | **1 ± 2** |" in table.markdown()
+
+
+def test_sizes_are_those_of_files(edited, tmp_path):
+    """The parts of a column add up to the file; without official files there is nothing to compare with."""
+    path = edited(('name = "tiny"', 'kind = "sizes"'), ('label = "none"', 'label = "none"\npreset = "hacpp"'))
+    study = load_study(path)
+    (sizes,) = measure_study_sizes(study, Store(tmp_path / "store"), silent)
+    files = list((tmp_path / "store").rglob("*.swz"))
+    totals = {sum(parts.values()) for parts in sizes.columns.values()}
+    assert totals == {file.stat().st_size for file in files}
+    assert sizes.growth("IDW") is None
+    assert all(min(parts.values()) > 0 for parts in sizes.columns.values())
+    found = write_size_outputs(study, [sizes], tmp_path / "out")
+    assert "sum, weights in" in found["report"].read_text()
+
+
+@pytest.mark.data
+def test_official_files_are_counted_as_their_own_total_counts_them(data_dir):
+    """The official total counts bounds as 24 bytes; the files that hold them are larger."""
+    folder = data_dir / "hacpp" / "snowmiku_small_2400"
+    parts = native_parts(SceneEntry("x", folder, "model", cameras=folder / "cameras.json"))
+    marks = json.loads((folder / "metrics.json").read_text())
+    bounds = sum((folder / "bitstreams" / f"x_bound_{end}.pkl").stat().st_size for end in ("min", "max"))
+    assert sum(parts.values()) - bounds + 24 == marks["total_bytes_files_plus_mlps"]
+    assert parts["networks"] == marks["bytes"]["mlps_fp32_counted"]

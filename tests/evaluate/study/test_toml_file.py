@@ -1,0 +1,90 @@
+"""Protocol files: what they say, and one clear error before any work for whatever is wrong with them."""
+
+from pathlib import Path
+
+import pytest
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.evaluate.study import load_study
+from splatwire.evaluate.study.definition import Loss
+from splatwire.packets import PRESETS
+
+SHIPPED = sorted((Path(__file__).parents[3] / "benchmarks" / "paper").glob("*.toml"))
+
+
+def test_a_protocol_is_what_its_file_says(tiny_folder):
+    study = load_study(tiny_folder / "protocol.toml")
+    assert study.seeds == (0, 3)
+    assert [row.key for row in study.rows] == ["reference", "contiguous", "drop", "idw"]
+    assert study.row("contiguous").packetization.grouping == "contiguous"
+    assert study.row("drop").packetization.lanes == PRESETS["paper"].lanes
+    assert study.losses == (Loss("bernoulli:0.3"),)
+    assert study.published[1].values == {"psnr": 22.5}
+    assert study.scenes[0].source == tiny_folder / "tiny.swz"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("conceal =", "conseal =", "did you mean 'conceal'"),
+        ('conceal = "idw"', 'conceal = "magic"', "magic"),
+        ("seeds = [0, 3]", "seeds = [0, 3, 0]", "seed 0 is there 2 times"),
+        ("seeds = [0, 3]", "seeds = [-1]", "seeds must be"),
+        ("seeds = [0, 3]", "seeds = [0.5]", "an integer"),
+        ('baseline = "drop"', 'baseline = "dorp"', "dorp"),
+        ('key = "idw"', 'key = "drop"', "row drop is there 2 times"),
+        ('label = "IDW"', 'label = "none"', "row label none"),
+        ('grouping = "contiguous"', 'preset = "papre"', "did you mean 'paper'"),
+        ('grouping = "contiguous"', 'grouping = "spiral"', "spiral"),
+        ('conceal = "idw"', 'conceal = "idw"\nerode = "colour"', "colour"),
+        ('conceal = "idw"', 'conceal = "idw"\noptions = {neighbors = "many"}', "row"),
+        ("bernoulli:0.3", "bernoulli:3", "loss rate"),
+        ("bernoulli:0.3", "poisson:3", "poisson"),
+        ('model = "bernoulli:0.3"', 'model = "bernoulli:0.3"\nunit = "packet"', "loss unit"),
+        ('metrics = ["psnr", "ssim"]', 'metrics = ["vmaf"]', "vmaf"),
+        ('row = "idw"', 'row = "odw"', "odw"),
+        ("psnr = 22.5", "pnsr = 22.5", "did you mean 'psnr'"),
+        ("psnr = 22.5", 'psnr = "22.5"', "a number"),
+        ("psnr = 22.5", "", "has no figure"),
+        ('name = "made up"', 'name = "made up"\nmodel = "x"', "stream and model"),
+        ('name = "tiny"', "views = 0", "views must be at least 1"),
+        ("[protocol]", "[protocol", "not valid TOML"),
+        ("[[loss]]", "[[losses]]", "did you mean 'loss'"),
+    ],
+)
+def test_mistakes_are_told_before_any_work(edited, old, new, words):
+    with pytest.raises(InvalidValueError, match=r"edited\.toml") as caught:
+        load_study(edited((old, new)))
+    assert words in str(caught.value)
+
+
+def test_a_missing_scene_is_told_with_its_path(edited):
+    with pytest.raises(DatasetError, match=r"\[\[scene\]\] 1 \(made up\).*nowhere.*does not exist"):
+        load_study(edited(('stream = "', 'stream = "nowhere')))
+
+
+def test_a_missing_protocol_is_told(tmp_path):
+    with pytest.raises(DatasetError, match=r"absent\.toml"):
+        load_study(tmp_path / "absent.toml")
+
+
+def test_a_variable_of_the_environment(edited, tiny_folder, monkeypatch):
+    path = edited((f'"{tiny_folder}/tiny.swz"', '"${SPLATWIRE_DATA}/tiny.swz"'))
+    monkeypatch.delenv("SPLATWIRE_DATA", raising=False)
+    with pytest.raises(InvalidValueError, match=r"SPLATWIRE_DATA.*--data-root"):
+        load_study(path)
+    assert load_study(path, data_root=tiny_folder).scenes[0].source == tiny_folder / "tiny.swz"
+    monkeypatch.setenv("SPLATWIRE_DATA", str(tiny_folder))
+    assert load_study(path).scenes[0].source == tiny_folder / "tiny.swz"
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_protocols_are_valid_on_any_scene(path, tiny_folder):
+    scene = load_study(tiny_folder / "protocol.toml").scenes[0]
+    study = load_study(path, replaced=scene)
+    assert study.name == path.stem
+    assert study.kind == "sizes" or len(study.seeds) >= 5
+
+
+def test_the_tables_of_the_paper_are_shipped():
+    assert {"table1", "table2", "table3", "sizes", "bursts", "rates", "scene_scale"} <= {path.stem for path in SHIPPED}

@@ -1,0 +1,160 @@
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.exporters import write_ply, write_splat
+from splatwire.importers.splats import import_ply, import_splat, import_splats, splats_kind
+from splatwire.scene.splats import Splats
+
+
+def _splats(count: int = 20, degree: int = 3, seed: int = 0) -> Splats:
+    rng = torch.Generator().manual_seed(seed)
+    return Splats(
+        means=torch.randn(count, 3, generator=rng),
+        quats=torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1),
+        scales=torch.rand(count, 3, generator=rng) * 0.1 + 1e-4,
+        opacities=torch.rand(count, generator=rng) * 0.98 + 0.01,
+        sh=torch.randn(count, (degree + 1) ** 2, 3, generator=rng) * 0.3,
+    )
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_ply_there_and_back(degree: int, tmp_path: Path) -> None:
+    splats = _splats(degree=degree)
+    assert write_ply([splats], tmp_path / "a.ply") == 20
+    back = import_splats(tmp_path / "a.ply")
+    for name, value in vars(splats).items():
+        torch.testing.assert_close(getattr(back, name), value, atol=2e-6, rtol=2e-6)
+    assert torch.equal(back.means, splats.means)
+    assert torch.equal(back.sh, splats.sh)
+
+
+def test_the_bytes_of_a_ply(tmp_path: Path) -> None:
+    """Written out by hand from the description of the format."""
+    sh = torch.arange(12.0).view(1, 4, 3)  # coefficient by coefficient, red, green, blue
+    one = Splats(torch.tensor([[1.0, 2, 3]]), torch.tensor([[1.0, 0, 0, 0]]), torch.tensor([[1.0, np.e, 1.0]]),
+                 torch.tensor([0.5]), sh)  # fmt: skip
+    write_ply([one], tmp_path / "a.ply")
+    head, body = (tmp_path / "a.ply").read_bytes().split(b"end_header\n")
+    assert head.startswith(b"ply\nformat binary_little_endian 1.0\ncomment ")
+    assert b"element vertex 1\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\n" in head
+    values = struct.unpack("<26f", body)
+    assert values[:6] == (1, 2, 3, 0, 0, 0)
+    assert values[6:9] == (0, 1, 2)
+    assert values[9:18] == (3, 6, 9, 4, 7, 10, 5, 8, 11)  # all of red, then green, then blue
+    assert values[18:] == pytest.approx((0, 0, 1, 0, 1, 0, 0, 0))
+
+
+def test_parts_are_one_file(tmp_path: Path) -> None:
+    splats = _splats(12_000, degree=1)
+    write_ply([splats], tmp_path / "whole.ply")
+    parts = (splats.select(torch.arange(i, min(i + 700, 12_000))) for i in range(0, 12_000, 700))
+    assert write_ply(parts, tmp_path / "parts.ply") == 12_000
+    assert (tmp_path / "parts.ply").read_bytes() == (tmp_path / "whole.ply").read_bytes()
+
+
+def test_splat_files_keep_eight_bits(tmp_path: Path) -> None:
+    splats = _splats(degree=0)
+    splats.sh.clamp_(-1.5, 1.5)
+    assert write_splat([splats], tmp_path / "a.splat") == 20
+    assert (tmp_path / "a.splat").stat().st_size == 20 * 32
+    back = import_splats(tmp_path / "a.splat")
+    assert torch.equal(back.means, splats.means)
+    assert torch.equal(back.scales, splats.scales)
+    assert float((back.opacities - splats.opacities).abs().max()) <= 0.5 / 255 + 1e-6
+    color, expected = (part.seen_from(torch.zeros(3)).colors for part in (back, splats))
+    assert float((color - expected.clamp(max=1)).abs().max()) <= 0.5 / 255 + 1e-6
+    assert float((back.quats - splats.quats).abs().max()) < 1.5 / 128
+
+
+def test_the_bytes_of_a_splat_record(tmp_path: Path) -> None:
+    record = struct.pack("<6f8B", 1, 2, 3, 0.1, 0.2, 0.3, 255, 128, 0, 51, 255, 128, 128, 128)
+    (tmp_path / "a.splat").write_bytes(record)
+    one = import_splat(tmp_path / "a.splat")
+    assert one.means.tolist() == [[1, 2, 3]]
+    assert one.opacities.tolist() == pytest.approx([0.2])
+    assert one.quats.tolist() == [[1, 0, 0, 0]]
+    assert one.seen_from(torch.zeros(3)).colors[0].tolist() == pytest.approx([1, 128 / 255, 0], abs=1e-6)
+    write_splat([one], tmp_path / "b.splat")
+    assert (tmp_path / "b.splat").read_bytes() == record
+
+
+def test_kinds_are_told_by_the_bytes(tmp_path: Path) -> None:
+    from scenes import tiny_scene
+    from splatwire.model.scene_file import save_scene
+
+    write_ply([_splats()], tmp_path / "named.other")
+    assert splats_kind(tmp_path / "named.other") == "ply"
+    save_scene(tiny_scene(num_anchors=5), tmp_path / "scene.splat")
+    raw = (tmp_path / "scene.splat").read_bytes()
+    (tmp_path / "scene.splat").write_bytes(raw + bytes(-len(raw) % 32))
+    assert splats_kind(tmp_path / "scene.splat") is None
+    assert splats_kind(tmp_path) is None
+    (tmp_path / "odd.splat").write_bytes(bytes(33))
+    assert splats_kind(tmp_path / "odd.splat") is None
+    with pytest.raises(DatasetError, match=r"odd\.splat: neither"):
+        import_splats(tmp_path / "odd.splat")
+
+
+def test_what_cannot_be_written_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    splats = _splats(degree=0)
+    splats.means[3, 1] = torch.nan
+    for write in (write_ply, write_splat):
+        with pytest.raises(InvalidValueError, match="finite"):
+            write([splats], tmp_path / "a")
+        with pytest.raises(InvalidValueError, match="no Gaussian"):
+            write([], tmp_path / "a")
+    with pytest.raises(InvalidValueError, match="degree 1 after"):
+        write_ply([_splats(degree=0), _splats(degree=1)], tmp_path / "a")
+    flat = _splats()
+    flat.scales[0, 0] = 0
+    with pytest.raises(InvalidValueError, match="positive"):
+        write_ply([flat], tmp_path / "a")
+    assert not list(tmp_path.iterdir())
+
+
+def _without(data: bytes, name: bytes) -> bytes:
+    return data.replace(b"property float " + name + b"\n", b"property float unknown_" + name + b"\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("f_rest_3", "f_rest"), ("opacity", "opacity is missing"), ("rot_2", "rot_"), ("scale_2", "scale_"),
+     ("f_dc_1", "f_dc_"), ("x", "x is missing")],
+)  # fmt: skip
+def test_missing_properties_are_named(name: str, reason: str, tmp_path: Path) -> None:
+    write_ply([_splats()], tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(_without(data, name.encode()))
+    with pytest.raises(DatasetError, match=reason) as caught:
+        import_ply(tmp_path / "a.ply")
+    assert "a.ply" in str(caught.value)
+
+
+def test_numbers_that_are_no_gaussian_are_refused(tmp_path: Path) -> None:
+    good = struct.pack("<6f8B", 1, 2, 3, 0.1, 0.2, 0.3, 255, 128, 0, 51, 255, 128, 128, 128)
+    cases = {
+        "as position": struct.pack("<f", np.nan) + good[4:],
+        "as scale": good[:12] + struct.pack("<f", -1) + good[16:],
+        "rotation of length 0": good[:28] + b"\x80" * 4,
+        "not records": good[:-1],
+    }
+    for reason, data in cases.items():
+        (tmp_path / "a.splat").write_bytes(data)
+        with pytest.raises(DatasetError, match=reason):
+            import_splat(tmp_path / "a.splat")
+    with pytest.raises(DatasetError, match="no such file"):
+        import_splats(tmp_path / "absent.ply")
+
+
+def test_real_files_open(data_dir: Path) -> None:
+    luigi = import_splats(data_dir / "splats" / "luigi_lgm_3dgs.ply")
+    assert (luigi.num_gaussians, luigi.degree) == (14_526, 0)
+    truck = import_splats(data_dir / "splats" / "tandt_truck_opensplat_116k.splat")
+    assert truck.num_gaussians == 116_544
+    assert 0.2 < float(truck.opacities.mean()) < 0.9
+    assert bool((truck.scales > 0).all())

@@ -1,0 +1,60 @@
+import dataclasses
+
+import pytest
+import torch
+
+from scenes import tiny_cameras, tiny_scene
+from splatwire.model import RenderHints
+from splatwire.render import render_scene
+from splatwire.render.sensitivity import render_sensitivity
+
+CAMERAS = tiny_cameras(num_views=2, width=48, height=32)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return tiny_scene(seed=3, num_anchors=60)
+
+
+@pytest.fixture(scope="module")
+def measured(scene):
+    return render_sensitivity(scene, CAMERAS, probes=60)
+
+
+def error_of(scene, **changes) -> float:
+    complete = render_scene(scene, CAMERAS)
+    return float(((render_scene(dataclasses.replace(scene, **changes), CAMERAS) - complete) ** 2).double().mean())
+
+
+def test_removal_is_what_leaving_an_anchor_out_costs(scene, measured) -> None:
+    """To first order: an anchor whose Gaussians hide each other costs less than the estimate says."""
+    estimates, truths = [], []
+    for anchor in measured.removal.argsort(descending=True)[:8].tolist():
+        left_out = torch.zeros(60, dtype=torch.bool)
+        left_out[anchor] = True
+        truths.append(error_of(scene, hints=RenderHints(torch.ones(60), left_out)))
+        estimates.append(float(measured.removal[anchor]))
+    ratio = torch.tensor(estimates) / torch.tensor(truths)
+    assert 0.7 < float(ratio.median()) < 1.6
+    order = torch.tensor(truths).argsort(descending=True)
+    assert int(order[0]) in (0, 1, 2)
+
+
+def test_small_changes_of_features_cost_what_the_metric_says(scene, measured) -> None:
+    rng = torch.Generator().manual_seed(0)
+    change = 3e-3 * torch.randn(scene.anchors.features.shape, generator=rng)
+    moved = dataclasses.replace(scene.anchors, features=scene.anchors.features + change)
+    channels = measured.channels[:, : change.shape[1]]
+    expected = float((channels * change.double() ** 2).sum())
+    assert error_of(scene, anchors=moved) == pytest.approx(expected, rel=0.5)
+    assert torch.allclose(measured.metric.diagonal(), measured.channels.sum(dim=0))
+
+
+def test_it_is_repeatable_and_what_nobody_sees_is_worth_nothing(scene) -> None:
+    once, again = (render_sensitivity(scene, CAMERAS, probes=1, seed=5) for _ in range(2))
+    assert torch.equal(once.removal, again.removal)
+    assert not torch.equal(once.removal, render_sensitivity(scene, CAMERAS, probes=1, seed=6).removal)
+    assert bool((once.offset_removal[~scene.anchors.mask] == 0).all())
+    shares: list[float] = []
+    render_sensitivity(scene, CAMERAS, probes=1, progress=shares.append)
+    assert shares == [0.5, 1.0]

@@ -1,0 +1,103 @@
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from scenes import tiny_cameras, tiny_scene
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.conceal import conceal
+from splatwire.conceal.sketch.concealer import buckets_of, sizes_of, sketched_attributes, with_sketch
+from splatwire.conceal.sketch.section import read_sketch, write_sketch
+from splatwire.errors import InvalidValueError
+from splatwire.packets import Packetization
+from splatwire.render.sensitivity import render_sensitivity
+from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
+from splatwire.train.gnn_data import calibration_data, without
+from splatwire.train.sketch_fit import SketchFit, fit_sketch, sketch_material
+
+VIEWS = SketchViews(tiny_cameras(num_views=3, width=48, height=32))
+CONFIG = SketchConfig(share=0.1, views=3, scored_views=2, exponents=(0.0, 0.3))
+
+
+@pytest.fixture(scope="module")
+def stream():
+    return encode_scene(tiny_scene(seed=2, num_anchors=500), Packetization(block_size=100))
+
+
+@pytest.fixture(scope="module")
+def data(stream):
+    return calibration_data(stream, decode_stream(stream))
+
+
+@pytest.fixture(scope="module")
+def result(stream, data):
+    return sketch_for_stream(data, VIEWS, stream.num_bytes, CONFIG)
+
+
+@pytest.fixture(scope="module")
+def material(data):
+    return sketch_material(data.context, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
+
+
+def test_a_sketch_fits_its_share_and_brings_something(stream, result) -> None:
+    assert len(result.section) <= 0.1 * stream.num_bytes
+    assert result.num_sketched > 0
+    assert result.exponent in CONFIG.exponents
+    assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
+
+
+def test_the_same_seed_gives_the_same_bytes(stream, data, result) -> None:
+    assert sketch_for_stream(data, VIEWS, stream.num_bytes, CONFIG).section == result.section
+
+
+def test_the_stream_carries_it(stream, data, result) -> None:
+    richer = add_concealment(stream, "sketch", result.section)
+    lossy, _ = transmit(richer, parse_loss("bernoulli:0.4"), seed=1)
+    partial = decode_stream(lossy)
+    drawn = conceal(partial, "sketch")
+    section = read_sketch(result.section, sizes_of(data.context), buckets_of(data.context))
+    there = partial.erasures.known | torch.from_numpy(section.levels > 0)
+    assert torch.equal(drawn.hints.left_out, ~there)
+    assert torch.equal(
+        drawn.anchors.features[partial.erasures.known], data.scene.anchors.features[partial.erasures.known]
+    )
+
+
+def test_more_bytes_bring_copies_closer(data, material) -> None:
+    """Error of the copies under the metric that they are chosen by, relative to leaving the anchors out."""
+    nothing = without(data.context, torch.zeros(500, dtype=torch.bool))
+    errors, sizes = [], []
+    for price in (1e-8, 1e-10, 1e-12):
+        section = fit_sketch(material, price, SketchFit())
+        sizes.append(len(write_sketch(section, buckets_of(data.context))))
+        copied = with_sketch(nothing, section)
+        rows = torch.from_numpy(section.levels > 0)
+        wrong = copied.anchors.features[rows] - data.context.anchors.features[rows]
+        errors.append(float((wrong**2).mean()))
+    assert sizes == sorted(sizes)
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] < 0.05 * float(data.context.anchors.features.var())
+
+
+def test_scalings_are_relative_to_the_prior(data, material) -> None:
+    section = fit_sketch(material, 1e-13, SketchFit(num_levels=6))
+    rows = np.flatnonzero(section.levels)
+    true = data.context.anchors.scalings[rows]
+    copied = with_sketch(without(data.context, torch.zeros(500, dtype=torch.bool)), section).anchors.scalings[rows]
+    assert float((copied / true).log().abs().median()) < 0.2
+    flat = sketched_attributes(section, torch.ones(len(rows), 6))[1]
+    assert not torch.allclose(flat, copied)
+
+
+def test_mistakes(stream, data) -> None:
+    for field, value in (("share", 0.9), ("drop_rate", 1.0), ("views", 0), ("seed", -1), ("exponents", (-1.0,))):
+        with pytest.raises(InvalidValueError, match=field):
+            SketchConfig(**{field: value})
+    with pytest.raises(InvalidValueError, match="no sketch fits"):
+        sketch_for_stream(data, VIEWS, 200, CONFIG)
+    away = dataclasses.replace(VIEWS.cameras, viewmats=VIEWS.cameras.viewmats.clone())
+    away.viewmats[:, 2, 3] = -1e4
+    with pytest.raises(InvalidValueError, match="no view shows anything"):
+        sketch_for_stream(data, SketchViews(away), stream.num_bytes, CONFIG)

@@ -1,0 +1,154 @@
+"""What `splatwire train` chooses by itself, and what it is told to start from."""
+
+import json
+import shutil
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from splatwire.cli.main import main
+from splatwire.cli.train import CPU_ITERATIONS, Train, check_device
+from splatwire.data import Dataset
+from splatwire.errors import BackendUnavailableError, DatasetError
+from splatwire.exporters import write_ply
+from splatwire.importers.splats import import_points
+from splatwire.scene.splats import Splats
+
+
+def _splats(opacities: torch.Tensor) -> Splats:
+    rng = torch.Generator().manual_seed(0)
+    count = len(opacities)
+    quats = torch.tensor([[1.0, 0, 0, 0]]).expand(count, 4)
+    means = torch.rand(count, 3, generator=rng) - 0.5
+    return Splats(means, quats, torch.full((count, 3), 0.05), opacities, torch.zeros(count, 1, 3))
+
+
+@pytest.fixture
+def folder(dataset: Dataset, tmp_path: Path) -> Path:
+    """The dataset in nerfstudio's layout, without points."""
+    root = tmp_path / "scene"
+    (root / "images").mkdir(parents=True)
+    frames = []
+    for view, path in enumerate(dataset.image_paths):
+        shutil.copy(path, root / "images" / path.name)
+        pose = torch.linalg.inv(dataset.cameras.viewmats[view]) @ torch.diag(torch.tensor([1.0, -1, -1, 1]))
+        frames.append({"file_path": f"images/{path.name}", "transform_matrix": pose.tolist()})
+    K = dataset.cameras.Ks[0]
+    content = {"fl_x": float(K[0, 0]), "fl_y": float(K[1, 1]), "w": 48, "h": 32, "frames": frames}
+    (root / "transforms.json").write_text(json.dumps(content))
+    return root
+
+
+@pytest.mark.parametrize(
+    ("file", "preset"),
+    [("transforms.json", "mipnerf360"), ("transforms_train.json", "synthetic_nerf"), ("poses_enu.json", "bungeenerf"),
+     ("sparse/0/images.bin", "mipnerf360")],
+)  # fmt: skip
+def test_the_preset_follows_the_layout(file: str, preset: str, tmp_path: Path) -> None:
+    (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_text("{}")
+    config = Train(str(tmp_path), "scene")._config()
+    assert (config.preset, config.marks.iterations) == (preset, CPU_ITERATIONS)
+    chosen = Train(str(tmp_path), "scene", preset="deep_blending", iterations=300)._config()
+    assert (chosen.preset, chosen.marks.iterations) == ("deep_blending", 300)
+
+
+def _run(words: list[object]) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main([str(word) for word in words])
+    return int(stopped.value.code or 0)
+
+
+def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "out.scene"
+    words = ["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2, "--json"]
+    write_ply([_splats(torch.full((40,), 0.5))], tmp_path / "start.ply")
+    assert _run([*words, "--init", tmp_path / "start.ply"]) == 0
+    captured = capsys.readouterr()
+    assert "recipe mipnerf360 (chosen by the data), 20 iterations" in captured.err
+    result = json.loads(captured.out)
+    assert result["recipe"]["preset"] == "mipnerf360"
+    assert 0 < result["num_anchors"] <= 40 + 20  # the random box has 1,000 and more
+    assert _run([*words, "--init", tmp_path / "start.ply", "--resume"]) == 2
+    assert "--init" in capsys.readouterr().err
+
+
+def test_points_of_gaussians_are_the_visible_ones(tmp_path: Path) -> None:
+    splats = _splats(torch.tensor([0.5, 0.001, 0.9]))
+    write_ply([splats], tmp_path / "a.ply")
+    points = import_points(tmp_path / "a.ply")
+    assert torch.equal(points.positions, splats.means[[0, 2]])
+    assert bool((points.colors == 0.5).all())
+    write_ply([_splats(torch.full((3,), 0.001))], tmp_path / "b.ply")
+    with pytest.raises(DatasetError, match="transparent"):
+        import_points(tmp_path / "b.ply")
+
+
+def test_a_gpu_is_refused_with_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    check_device("auto")
+    check_device("cpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(BackendUnavailableError, match="no CUDA device"):
+        check_device("cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(BackendUnavailableError, match=r"pip install 'splatwire\[gpu\]'"):
+        check_device("cuda")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: types.SimpleNamespace())
+    with pytest.raises(BackendUnavailableError, match="does not train on a GPU yet"):
+        check_device("cuda")
+
+
+BAD = {
+    "a corrupt photo": (lambda root: (root / "images" / "view_03.png").write_bytes(b"\x89PNG no"), "view_03.png"),
+    "a missing photo": (lambda root: (root / "images" / "view_03.png").unlink(), "view_03.png' is missing"),
+    "a photo of another size": (
+        lambda root: Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(root / "images" / "view_03.png"),
+        "one size",
+    ),
+    "a pose that is not finite": (lambda root: _edit(root, lambda c: _poison(c)), "is not finite"),
+    "a lens that bends": (lambda root: _edit(root, lambda c: c.update(k1=0.1)), "undistort"),
+    "a single view": (lambda root: _edit(root, lambda c: c.update(frames=c["frames"][:2])), "at least 2 views"),
+    "no views": (lambda root: _edit(root, lambda c: c.update(frames=[])), "no views"),
+}
+
+
+def _edit(root: Path, change: object) -> None:
+    content = json.loads((root / "transforms.json").read_text())
+    change(content)  # type: ignore[operator]
+    (root / "transforms.json").write_text(json.dumps(content))
+
+
+def _poison(content: dict[str, list[dict[str, list[list[float]]]]]) -> None:
+    content["frames"][3]["transform_matrix"][0][3] = float("nan")
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_data_is_one_line_before_any_work(
+    name: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damage, message = BAD[name]
+    damage(folder)
+    output = tmp_path / "out.scene"
+    assert _run(["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2]) == 2
+    told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("splatwire: error: ")]
+    assert len(told) == 1
+    assert message in told[0]
+    assert not output.exists()
+
+
+def test_a_full_disk_is_found_before_training(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object, **more: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("splatwire.train.checkpoint.save_file", full)
+    output = tmp_path / "out.scene"
+    assert _run(["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene"]

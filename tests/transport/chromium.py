@@ -1,0 +1,111 @@
+"""A headless Chromium on a leash: the DevTools protocol over two pipes, no package needed."""
+
+import contextlib
+import json
+import os
+import select
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from typing import Any
+
+FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
+)  # fmt: skip
+
+LAUNCH = """
+import os, sys
+reads, writes = (os.dup(int(fd)) for fd in sys.argv[1:3])  # moved away first: they may be 3 or 4 already
+os.dup2(reads, 13), os.dup2(writes, 14), os.dup2(13, 3), os.dup2(14, 4)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+"""The browser reads its orders from descriptor 3 and answers on 4."""
+
+
+def executable() -> str | None:
+    return shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")
+
+
+class Browser:
+    """One page of a browser."""
+
+    def __init__(self, to_browser: int, from_browser: int) -> None:
+        self._out, self._in, self._rest, self._count = to_browser, from_browser, b"", 0
+        target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+
+    def open(self, url: str) -> None:
+        self._call("Page.navigate", self._session, url=url)
+
+    def evaluate(self, expression: str) -> Any:
+        found = self._call("Runtime.evaluate", self._session, expression=expression, returnByValue=True)
+        return found["result"].get("value")
+
+    def wait_for(self, expression: str, seconds: float = 30.0) -> Any:
+        """Polls until it is neither undefined nor null nor false."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if value := self.evaluate(expression):
+                return value
+            time.sleep(0.05)
+        raise TimeoutError(f"{expression} did not come true: {self.evaluate('document.body.innerText')}")
+
+    def screenshot(self) -> str:
+        """A PNG in base 64."""
+        return str(self._call("Page.captureScreenshot", self._session, format="png")["data"])
+
+    def _call(self, method: str, session: str | None = None, **params: Any) -> dict[str, Any]:
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": params}
+        if session:
+            message["sessionId"] = session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._message()
+            if answer.get("id") == self._count:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']}")
+                return answer["result"]
+
+    def _message(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            if not select.select([self._in], [], [], 30.0)[0]:
+                raise TimeoutError("the browser says nothing")
+            chunk = os.read(self._in, 1 << 16)
+            if not chunk:
+                raise RuntimeError("the browser is gone")
+            self._rest += chunk
+        data, _, self._rest = self._rest.partition(b"\0")
+        return json.loads(data)
+
+
+@contextlib.contextmanager
+def browser() -> Iterator[Browser]:
+    """Starts one with a fresh profile, and ends it."""
+    found = executable()
+    assert found is not None
+    theirs_in, ours_out = os.pipe()
+    ours_in, theirs_out = os.pipe()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        words = [sys.executable, "-c", LAUNCH, str(theirs_in), str(theirs_out), found, *FLAGS]
+        process = subprocess.Popen(
+            [*words, f"--user-data-dir={profile}"], pass_fds=(theirs_in, theirs_out), stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(theirs_in)
+        os.close(theirs_out)
+        try:
+            yield Browser(ours_out, ours_in)
+        finally:
+            os.close(ours_out)
+            process.terminate()
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait(10)
+            os.close(ours_in)

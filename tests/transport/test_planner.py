@@ -1,0 +1,149 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from splatwire.channel import Bernoulli, Nothing, parse_loss
+from splatwire.errors import InvalidValueError
+from splatwire.transport.outline import Outline, StreamLoad, draw_losses, outline_transfer, simulate
+from splatwire.transport.planner import BLANK_MSE, Damage, lost_shares, plan_protection
+from splatwire.transport.program import Protection
+from splatwire.transport.wire import DATA, PARITY, SIDE
+
+SHARES = np.array([0.0, 0.2, 1.0])
+
+
+@pytest.fixture
+def load() -> StreamLoad:
+    """A stream of 300 packets, a tenth of them in tier 0, and 60 kB of side information."""
+    rng = np.random.default_rng(0)
+    return StreamLoad(
+        60_000, rng.integers(900, 1150, 300), rng.integers(20, 60, 300), np.repeat([0, 1, 2], [30, 70, 200])
+    )
+
+
+@pytest.fixture
+def damage() -> Damage:
+    return Damage(SHARES, np.outer([0.03, 0.006, 0.001], SHARES), 1e-3)
+
+
+def _budget(load: StreamLoad, factor: float) -> float:
+    return factor * float(outline_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
+
+
+def test_without_loss_everything_arrives(load: StreamLoad) -> None:
+    outline = outline_transfer(load, Protection(side_repair=0.0))
+    arrival = simulate(outline, draw_losses(Nothing(), 3, len(outline.kind), 0))
+    assert arrival.head.all()
+    assert arrival.packets.all()
+
+
+def test_outline_holds_each_datagram_once(load: StreamLoad) -> None:
+    outline = outline_transfer(load, Protection(side_repair=0.5, tier_repair=(0.5, 0.25)))
+    assert sorted(outline.symbol[outline.kind == DATA]) == list(range(300))
+    assert (outline.kind == PARITY).sum() == 15 + 18
+    source = sum(outline.head)
+    assert (outline.kind == SIDE).sum() == source + round(0.5 * source)
+    assert sum(outline.bytes_by_kind().values()) == outline.num_bytes.sum()
+
+
+def _arrivals_by_hand(outline: Outline, received: np.ndarray) -> tuple[bool, list[bool]]:
+    """Datagram by datagram, with sets: what `simulate` counts in arrays."""
+    head: dict[int, set[int]] = {}
+    packets, parity = set(), [0] * len(outline.groups)
+    for kind, group, symbol, ok in zip(outline.kind, outline.group, outline.symbol, received, strict=True):
+        if not ok:
+            continue
+        if kind == SIDE:
+            head.setdefault(int(group), set()).add(int(symbol))
+        elif kind == DATA:
+            packets.add(int(symbol))
+        else:
+            parity[group] += 1
+    recovered = set(packets)
+    for number, group in enumerate(outline.groups):
+        members = {group.packet_of(n) for n in range(group.size)}
+        if len(members & packets) + parity[number] > group.size:
+            recovered |= members
+    complete = all(
+        set(range(size)) <= head.get(segment, set()) or len(head.get(segment, set())) > size
+        for segment, size in enumerate(outline.head)
+    )
+    return complete, [place in recovered for place in range(outline.num_packets)]
+
+
+@pytest.mark.parametrize("loss", ["bernoulli:0.25", "gilbert:0.2,8"])
+def test_simulation_agrees_with_counting_by_hand(load: StreamLoad, loss: str) -> None:
+    outline = outline_transfer(load, Protection(side_repair=0.4, tier_repair=(0.45, 0.3)))
+    received = draw_losses(parse_loss(loss), 20, len(outline.kind), 1)
+    arrival = simulate(outline, received)
+    outcomes = [_arrivals_by_hand(outline, row) for row in received]
+    assert arrival.head.tolist() == [head for head, _ in outcomes]
+    assert arrival.packets.tolist() == [packets for _, packets in outcomes]
+    assert len({head for head, _ in outcomes}) == 2  # both outcomes were seen
+
+
+def test_shares_of_lost_anchors(load: StreamLoad) -> None:
+    packets = np.ones((2, 300), dtype=np.bool_)
+    packets[0, :30] = False
+    packets[1, 30] = False
+    lost = lost_shares(load, packets)
+    assert lost[0].tolist() == [1.0, 0.0, 0.0]
+    assert lost[1, 1] == pytest.approx(load.anchors[30] / load.anchors[30:100].sum())
+
+
+def test_more_budget_is_never_worse_and_important_tiers_come_first(load: StreamLoad, damage: Damage) -> None:
+    plans = [
+        plan_protection(load, damage, Bernoulli(0.2), budget_bytes=_budget(load, factor), trials=40)
+        for factor in (1.1, 1.3, 1.7)
+    ]
+    assert plans[0].psnr <= plans[1].psnr + 0.05
+    assert plans[1].psnr <= plans[2].psnr + 0.05
+    assert plans[2].lost == (0.0, 0.0, 0.0)
+    for plan in plans:
+        repair = plan.protection.tier_repair
+        assert list(repair) == sorted(repair, reverse=True)
+        assert plan.lost[0] < 0.02  # without parity a fifth would be lost
+    assert plans[0].sent_bytes <= _budget(load, 1.1)
+
+
+def test_nothing_is_spent_where_nothing_is_lost(load: StreamLoad, damage: Damage) -> None:
+    plan = plan_protection(load, damage, Nothing(), budget_bytes=_budget(load, 2.0), trials=5)
+    assert plan.protection_share == 0.0
+    assert plan.psnr == pytest.approx(30.0)
+
+
+def test_a_limit_on_protection_is_kept(load: StreamLoad, damage: Damage) -> None:
+    plan = plan_protection(
+        load, damage, Bernoulli(0.2), budget_bytes=_budget(load, 2.0), trials=20, most_protection=0.12
+    )
+    assert 0 < plan.protection_share <= 0.12
+
+
+def test_a_limit_below_what_side_information_needs_is_kept_too(load: StreamLoad, damage: Damage) -> None:
+    plan = plan_protection(load, damage, Bernoulli(0.3), budget_bytes=1e7, trials=5, most_protection=0.02)
+    assert plan.protection_share <= 0.02
+    assert plan.head_arrives < 0.999
+
+
+def test_without_room_for_side_information_nothing_is_seen(load: StreamLoad, damage: Damage) -> None:
+    plan = plan_protection(load, damage, Bernoulli(0.2), budget_bytes=30_000, trials=20)
+    assert plan.head_arrives == 0.0
+    assert plan.psnr == pytest.approx(-10 * np.log10(BLANK_MSE))
+
+
+def test_same_seed_same_plan(load: StreamLoad, damage: Damage) -> None:
+    plans = [
+        plan_protection(load, damage, Bernoulli(0.1), budget_bytes=_budget(load, 1.2), trials=10, seed=3)
+        for _ in range(2)
+    ]
+    assert plans[0] == plans[1]
+
+
+def test_mistakes_are_told(load: StreamLoad, damage: Damage) -> None:
+    with pytest.raises(InvalidValueError, match="damage of 2 tiers, and the stream has 3"):
+        plan_protection(load, dataclasses.replace(damage, mse=damage.mse[:2]), Bernoulli(0.1), budget_bytes=1e6)
+    with pytest.raises(InvalidValueError, match="no plan for -1 bytes"):
+        plan_protection(load, damage, Bernoulli(0.1), budget_bytes=-1)
+    with pytest.raises(InvalidValueError, match="ascend from 0"):
+        Damage(np.array([0.1, 0.2]), np.zeros((1, 2)), 1e-3)

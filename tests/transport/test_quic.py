@@ -1,0 +1,226 @@
+"""The QUIC shell on loopback; every wait is bounded."""
+
+import asyncio
+import random
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from splatwire.errors import InvalidValueError
+from splatwire.transport import (
+    PacketArrived,
+    Receiver,
+    ReceiverOptions,
+    ServerLimits,
+    SideInfoArrived,
+    Welcomed,
+    make_program,
+)
+from splatwire.transport.address import Address, parse_url
+from transport.network import bernoulli, bursts, datagram_stream
+from transport.relay import Relay
+
+pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from splatwire.transport.certificate import from_pem, self_signed
+from splatwire.transport.quic import QuicLimits
+from splatwire.transport.quic_client import Trust, receive_quic
+from splatwire.transport.quic_server import QuicServer
+
+STREAM = datagram_stream(num_anchors=5000, side_bytes=40_000)
+OTHER = datagram_stream(num_anchors=500, seed=9, side_bytes=3000)
+PROGRAMS = {"scene": make_program(STREAM), "other": make_program(OTHER)}
+IDENTITY = self_signed()
+PINNED = Trust(fingerprint=IDENTITY.fingerprint)
+
+
+def run(work: Coroutine[Any, Any, Any]) -> Any:
+    return asyncio.run(asyncio.wait_for(work, 60))
+
+
+@asynccontextmanager
+async def serving(limits: ServerLimits | None = None, quic: QuicLimits | None = None) -> AsyncIterator[QuicServer]:
+    server = QuicServer(PROGRAMS, "127.0.0.1", 0, identity=IDENTITY, limits=limits, quic_limits=quic)
+    await server.start()
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+async def fetch(
+    port: int, options: ReceiverOptions | None = None, trust: Trust = PINNED, on_event: Any = None
+) -> Receiver:
+    address = Address("127.0.0.1", port, scheme="quic")
+    return await receive_quic(address, options or ReceiverOptions(), trust, on_event)
+
+
+def test_a_stream_crosses_in_the_order_of_the_program_and_no_byte_twice():
+    async def work() -> None:
+        events: list[Any] = []
+        async with serving() as server:
+            receiver = await fetch(server.port, on_event=events.append)
+            assert receiver.finished.reason == "complete"
+            assert receiver.stream() == STREAM
+            plain = sum(PROGRAMS["scene"].sizes().values()) - PROGRAMS["scene"].sizes()["side_protection"]
+            assert receiver.num_bytes < 1.03 * plain
+            assert server.core.num_served == 1
+        kinds = [type(event) for event in events]
+        assert kinds[0] is Welcomed
+        assert kinds.count(PacketArrived) == len(STREAM.packets)
+        before = kinds.index(SideInfoArrived)
+        assert before < kinds.index(PacketArrived)
+
+    run(work())
+
+
+@pytest.mark.parametrize("kind", ["random", "burst"])
+def test_a_stream_crosses_a_lossy_relay(kind):
+    """QUIC brings the side information, reports bring the packets; random loss does not stop the sender."""
+
+    async def work() -> None:
+        rng = random.Random(4)
+        lost = bernoulli(0.2, rng) if kind == "random" else bursts(0.2, 20, rng)
+        async with serving() as server:
+            relay = Relay(server.port, lost, bernoulli(0.2, rng), delay_s=0.005)
+            try:
+                receiver = await fetch(relay.port)
+            finally:
+                relay.close()
+        assert relay.num_lost > 10
+        assert receiver.stream() == STREAM
+
+    run(work())
+
+
+def test_without_nack_packets_stay_lost_and_side_information_does_not():
+    async def work() -> None:
+        async with serving() as server:
+            relay = Relay(server.port, bernoulli(0.2, random.Random(2)))
+            try:
+                receiver = await fetch(relay.port, ReceiverOptions(nack=False))
+            finally:
+                relay.close()
+        assert receiver.finished.reason == "sent"
+        assert receiver.stream().side_info == STREAM.side_info
+        assert 0.6 * len(STREAM.packets) < len(receiver.stream().packets) < 0.95 * len(STREAM.packets)
+
+    run(work())
+
+
+def test_many_clients_each_get_what_they_asked_for_and_no_more():
+    async def work() -> None:
+        names = ["scene", "other", ""] * 2
+        async with serving(ServerLimits(fixed_rate=3e5)) as server:
+            receivers = await asyncio.gather(*(fetch(server.port, ReceiverOptions(name=name)) for name in names))
+            for name, receiver in zip(names, receivers, strict=True):
+                assert receiver.stream() == (OTHER if name == "other" else STREAM)
+            assert server.core.num_served == len(names)
+            while server.core.num_transfers:  # their farewells are on the way
+                await asyncio.sleep(0.01)
+            missing = await fetch(server.port, ReceiverOptions(name="nothing"))
+            assert missing.finished.reason == "no such stream"
+
+    run(work())
+
+
+def test_limits_are_kept_and_told():
+    async def work() -> None:
+        async with serving(ServerLimits(sessions=0)) as server:
+            assert (await fetch(server.port)).finished.reason == "the server is full"
+        async with serving(quic=QuicLimits(connections=0)) as server:
+            assert "the server is full" in (await fetch(server.port)).finished.reason
+            assert server.num_refused == 1
+
+    run(work())
+
+
+def test_a_deadline_and_a_fixed_rate_hold():
+    async def work() -> None:
+        async with serving(ServerLimits(fixed_rate=1e5)) as server:
+            receiver = await fetch(server.port, ReceiverOptions(deadline_s=1.2))
+        assert receiver.finished.reason == "deadline"
+        assert receiver.num_bytes < 2.5e5
+
+    run(work())
+
+
+def test_only_the_server_that_was_meant_is_believed():
+    from cryptography.hazmat.primitives.serialization import Encoding
+
+    authority = IDENTITY.certificate.public_bytes(Encoding.PEM)
+    stranger = self_signed().certificate.public_bytes(Encoding.PEM)
+
+    async def work() -> None:
+        async with serving() as server:
+            for trust in (Trust(insecure=True), Trust(authority=authority)):
+                assert (await fetch(server.port, ReceiverOptions(name="other"), trust)).stream() == OTHER
+            for trust, told in (
+                (Trust(), "self-signed"),
+                (Trust(fingerprint="0" * 64), "another fingerprint"),
+                (Trust(authority=stranger), "self-signed"),
+            ):
+                receiver = await fetch(server.port, None, trust)
+                assert not receiver.finished.ok
+                assert told in receiver.finished.reason
+                assert receiver.stream() is None
+            while server.core.num_transfers:
+                await asyncio.sleep(0.01)
+
+    run(work())
+
+
+def test_nobody_there_is_told_at_once():
+    async def work() -> None:
+        async with serving() as server:
+            port = server.port
+        await asyncio.sleep(0.05)
+        receiver = await fetch(port)
+        assert receiver.finished.reason == "nothing listens there"
+
+    run(work())
+
+
+def test_an_error_of_the_owner_reaches_the_owner():
+    class OopsError(Exception):
+        pass
+
+    def complain(event: object) -> None:
+        raise OopsError
+
+    async def work() -> None:
+        async with serving() as server:
+            with pytest.raises(OopsError):
+                await fetch(server.port, on_event=complain)
+
+    run(work())
+
+
+def test_certificates_come_from_files_too():
+    from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+
+    pem = IDENTITY.certificate.public_bytes(Encoding.PEM)
+    key = IDENTITY.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    read = from_pem(pem, key)
+    assert read.fingerprint == IDENTITY.fingerprint
+    validity = read.certificate.not_valid_after_utc - read.certificate.not_valid_before_utc
+    assert validity.days < 14, "browsers want that"
+    other = self_signed().key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    for certificate, wrong in ((pem, other), (b"x", key), (pem, b"x")):
+        with pytest.raises(InvalidValueError):
+            from_pem(certificate, wrong)
+
+
+def test_addresses_and_trust():
+    assert parse_url("quic://example.org/scene") == Address("example.org", 4840, "scene", "quic")
+    spelled = ":".join(IDENTITY.fingerprint[n : n + 2].upper() for n in range(0, 64, 2))
+    assert Trust(fingerprint=spelled) == PINNED
+    for wrong in (
+        {"fingerprint": "12"},
+        {"fingerprint": "x" * 64},
+        {"insecure": True, "fingerprint": "0" * 64},
+        {"authority": b"?"},
+    ):
+        with pytest.raises(InvalidValueError):
+            Trust(**wrong)

@@ -1,0 +1,269 @@
+"""QUIC clients that nobody should have written: each ends its own connection and nothing else."""
+
+import asyncio
+import random
+import socket
+import ssl
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from splatwire.transport import ReceiverOptions
+from splatwire.transport.address import Address
+from splatwire.transport.wire import DATA, Feedback, Request, encode
+
+pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from aioquic.asyncio.protocol import QuicConnectionProtocol
+from aioquic.h3.connection import H3Connection
+from aioquic.h3.events import HeadersReceived
+from aioquic.quic import events
+from aioquic.quic.connection import QuicConnection
+
+from splatwire.errors import BitstreamError
+from splatwire.transport.quic import ALPN, WEBTRANSPORT_PATH, FrameReader, QuicLimits, configuration, stream_frame
+from splatwire.transport.quic_client import receive_quic
+from transport.test_quic import OTHER, PINNED, fetch, run, serving
+
+HOSTILE = 20_000
+
+
+class Client(QuicConnectionProtocol):
+    """A client with its hands on everything."""
+
+    def __init__(self, quic: QuicConnection) -> None:
+        super().__init__(quic)
+        self.quic = quic
+        self.ended: events.ConnectionTerminated | None = None
+        self.http: H3Connection | None = None
+        self.statuses: list[int] = []
+        self.got = 0
+
+    def quic_event_received(self, event: events.QuicEvent) -> None:
+        if isinstance(event, events.ConnectionTerminated):
+            self.ended = event
+        self.got += isinstance(event, (events.StreamDataReceived, events.DatagramFrameReceived))
+        for told in self.http.handle_event(event) if self.http else []:
+            if isinstance(told, HeadersReceived):
+                self.statuses.append(int(dict(told.headers)[b":status"]))
+
+    def connect_to(self, path: str = WEBTRANSPORT_PATH, **changed: str) -> int:
+        """Asks for a WebTransport session."""
+        fields = {"method": "CONNECT", "scheme": "https", "authority": "localhost", "path": path,
+                  "protocol": "webtransport", **changed}  # fmt: skip
+        stream = self.quic.get_next_available_stream_id()
+        headers = [(f":{key}".encode(), value.encode()) for key, value in fields.items() if key != "origin"]
+        headers += [(b"origin", changed["origin"].encode())] if "origin" in changed else []
+        self.http.send_headers(stream, headers)
+        self.transmit()
+        return stream
+
+
+async def connected(port: int, alpn: str) -> Client:
+    settings = configuration(is_client=True, alpn=[alpn], idle_s=10.0)
+    settings.verify_mode, settings.server_name = ssl.CERT_NONE, "localhost"
+    client = Client(QuicConnection(configuration=settings))
+    loop = asyncio.get_running_loop()
+    await loop.create_datagram_endpoint(lambda: client, local_addr=("127.0.0.1", 0))
+    client.connect(("127.0.0.1", port))
+    await client.wait_connected()
+    if alpn == "h3":
+        client.http = H3Connection(client.quic, enable_webtransport=True)
+    return client
+
+
+async def until(true: Callable[[], Any], seconds: float = 15.0) -> None:
+    end = asyncio.get_running_loop().time() + seconds
+    while not true():
+        assert asyncio.get_running_loop().time() < end, "it did not come"
+        await asyncio.sleep(0.01)
+
+
+async def still_serves(port: int) -> None:
+    assert (await fetch(port, ReceiverOptions(name="other"))).stream() == OTHER
+
+
+async def hang_up(*clients: Client) -> None:
+    for client in clients:
+        client.close()
+        client._transport.close()
+    await asyncio.sleep(0.02)
+
+
+@pytest.mark.parametrize(
+    "malice",
+    [
+        lambda quic: quic.send_stream_data(0, b"\0\0rest"),
+        lambda quic: quic.send_stream_data(0, b"\xff\xff" + bytes(2000)),
+        lambda quic: quic.send_stream_data(4, stream_frame(encode(Request(1, bytes(16), "")))),
+        lambda quic: quic.send_stream_data(2, b"a stream of one direction"),
+        lambda quic: (quic.send_stream_data(0, b"\5"), quic.reset_stream(0, 7)),
+    ],
+)
+def test_malformed_streams_end_their_connection_only(malice):
+    async def work() -> None:
+        async with serving() as server:
+            client = await connected(server.port, ALPN)
+            malice(client.quic)
+            client.transmit()
+            await until(lambda: client.ended)
+            assert server.num_malformed == 1
+            await still_serves(server.port)
+            await hang_up(client)
+
+    run(work())
+
+
+def test_thousands_of_wrong_frames_change_nothing():
+    """Random and oversized DATAGRAM frames, reports of other sessions, frames that only a server sends."""
+
+    async def work() -> None:
+        rng = random.Random(1)
+        async with serving() as server:
+            client = await connected(server.port, ALPN)
+            most = 2**32 - 1
+            frames = [lambda: rng.randbytes(rng.randrange(1, 1180)), lambda: bytes([0x10 | DATA]) + rng.randbytes(50),
+                      lambda: encode(Feedback(rng.getrandbits(32), most, most, 0, most, (most,) * 250)),
+                      lambda: bytes([0x10 | rng.randrange(16)]) + rng.randbytes(rng.randrange(1200))]  # fmt: skip
+            for _ in range(100):
+                for _ in range(20):
+                    client.quic.send_datagram_frame(rng.choice(frames)()[:1180])
+                    client.quic.send_stream_data(0, stream_frame(rng.choice(frames)()[:1180]))
+                client.transmit()
+                await asyncio.sleep(0)
+            await until(lambda: server.core.num_rejected > 2000)
+            assert client.ended is None
+            assert client.got == 0
+            assert server.core.num_transfers == 0
+            await still_serves(server.port)
+            await hang_up(client)
+
+    run(work())
+
+
+def test_hostile_udp_datagrams_do_not_stop_the_server():
+    """Random, mutated and replayed datagrams of a real session, from many addresses."""
+
+    async def work() -> None:
+        rng, said, failures = random.Random(2), [], []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: failures.append(context))
+        async with serving(quic=QuicLimits(connections=8)) as server:
+            address = Address("127.0.0.1", server.port, scheme="quic")
+            options = ReceiverOptions(name="other")
+            await receive_quic(address, options, PINNED, None, lambda source, target, data: said.append(data))
+            for n in range(HOSTILE):
+                data = bytearray(rng.choice(said))
+                match rng.randrange(4):
+                    case 0:
+                        data = bytearray(rng.randbytes(rng.randrange(1400)))
+                    case 1:
+                        data = bytearray([0xC0 | rng.randrange(64)]) + data[1:]
+                    case 2:
+                        for _ in range(rng.randrange(1, 5)):
+                            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+                server._endpoint.datagram_received(bytes(data), ("127.0.0.1", 1024 + n % 60_000))
+                if n % 500 == 0:
+                    await asyncio.sleep(0)
+            assert len(server.connections) <= 2 * 8 + 16
+            assert failures == []
+            assert server.core.num_transfers == 0
+        async with serving() as server:
+            await still_serves(server.port)
+
+    run(work())
+
+
+def test_an_address_without_a_token_gets_one_small_answer():
+    """What a spoofed victim would get for each greeting."""
+
+    async def work() -> None:
+        async with serving() as server:
+            settings = configuration(is_client=True, alpn=[ALPN], idle_s=5.0)
+            settings.server_name = "localhost"
+            quic = QuicConnection(configuration=settings)
+            quic.connect(("127.0.0.1", server.port), now=0.0)
+            hello = [data for data, _ in quic.datagrams_to_send(now=0.0)]
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as victim:
+                victim.setblocking(False)
+                for data in hello:
+                    victim.sendto(data, ("127.0.0.1", server.port))
+                await asyncio.sleep(0.7)
+                answers = []
+                while True:
+                    try:
+                        answers.append(victim.recv(2048))
+                    except BlockingIOError:
+                        break
+            assert len(answers) == len(hello)
+            assert 5 * sum(map(len, answers)) < sum(map(len, hello))
+            assert not server.connections
+
+    run(work())
+
+
+def test_webtransport_answers_only_to_what_it_is_for():
+    async def work() -> None:
+        async with serving(quic=QuicLimits(origins=("https://here.example",))) as server:
+            client = await connected(server.port, "h3")
+            client.connect_to("/elsewhere", origin="https://here.example")
+            client.connect_to(method="GET", protocol="other", origin="https://here.example")
+            client.connect_to(origin="https://there.example")
+            client.connect_to(WEBTRANSPORT_PATH + "?x=1", origin="https://here.example")
+            client.connect_to(origin="https://here.example")
+            await until(lambda: len(client.statuses) == 5)
+            assert client.statuses == [404, 405, 403, 200, 429]
+            assert client.ended is None
+            await hang_up(client)
+
+    run(work())
+
+
+def test_webtransport_streams_outside_the_session_end_the_connection():
+    async def work() -> None:
+        async with serving() as server:
+            for kind in ("no session", "two streams", "broken", "of one direction"):
+                client = await connected(server.port, "h3")
+                session = 0 if kind == "no session" else client.connect_to()
+                stream = client.http.create_webtransport_stream(session, is_unidirectional=kind == "of one direction")
+                client.quic.send_stream_data(stream, b"\0\0" if kind == "broken" else b"\5")
+                if kind == "two streams":
+                    other = client.http.create_webtransport_stream(session)
+                    client.quic.send_stream_data(other, b"\5")
+                client.transmit()
+                await until(lambda client=client: client.ended)
+                await hang_up(client)
+            assert server.num_malformed == 4
+            await still_serves(server.port)
+
+    run(work())
+
+
+def test_broken_http_ends_the_connection():
+    async def work() -> None:
+        async with serving() as server:
+            for stream, data in (
+                (0, b"\x04\x02\x00\x00"),
+                (2, b"\x00\x00\x05hello"),
+                (2, b"\x00\x04\x04\xff\xff\xff\xff"),
+            ):
+                client = await connected(server.port, "h3")
+                client.quic.send_stream_data(stream, data, end_stream=True)
+                client.transmit()
+                await until(lambda client=client: client.ended)
+                await hang_up(client)
+            await still_serves(server.port)
+
+    run(work())
+
+
+def test_frames_on_a_stream_come_whole_however_they_are_cut():
+    rng = random.Random(3)
+    frames = [rng.randbytes(rng.randrange(1, 1200)) for _ in range(50)]
+    data, reader, found = b"".join(map(stream_frame, frames)), FrameReader(), []
+    while data:
+        cut = rng.randrange(1, 900)
+        found += reader.feed(data[:cut])
+        data = data[cut:]
+    assert found == frames
+    with pytest.raises(BitstreamError, match="1201 bytes"):
+        reader.feed((1201).to_bytes(2, "little"))

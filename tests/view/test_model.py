@@ -1,0 +1,204 @@
+"""What the viewer shows is what the library makes of the same losses; no browser here."""
+
+import dataclasses
+import math
+
+import pytest
+import torch
+
+from scenes import tiny_cameras, tiny_scene
+from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, transmit
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.conceal import conceal
+from splatwire.errors import DesyncError, InvalidValueError, UnknownNameError
+from splatwire.metrics import psnr
+from splatwire.packets import Packetization, SceneStream
+from splatwire.render import render_scene
+from splatwire.view import ProgressiveScene, plan_transfer
+from splatwire.view.looks import Look, Pace, first_look, heat
+from splatwire.view.model import LAYERS, Settings, Status, Viewer
+from splatwire.view.panel import status_text
+from splatwire.view.sources import FileSource, LiveSource
+from splatwire.view.transfer import sending_order
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    packetization = Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=700)
+    return encode_scene(tiny_scene(seed=2, num_anchors=400), packetization)
+
+
+@pytest.fixture(scope="module")
+def viewer(stream) -> Viewer:
+    return Viewer(FileSource(stream))
+
+
+CAMERA = tiny_cameras(num_views=1, width=48, height=32)
+CHOICES = [
+    Settings(), Settings(loss=0.5, seed=3), Settings(loss=0.3, burst=4.0, concealer="idw"), Settings(progress=0.4),
+    Settings(progress=0.6), Settings(progress=0.2, concealer="drop"), Settings(loss=0.0), Settings(progress=0.0),
+]  # fmt: skip
+
+
+def arrived(stream: SceneStream, settings: Settings) -> SceneStream:
+    transfer = plan_transfer(stream, settings.loss_model(), seed=settings.seed)
+    return stream.with_packets(transfer.upto(settings.progress))
+
+
+def test_pictures_are_those_of_decoding_and_concealing_what_arrived(stream, viewer):
+    """In any order of choices: what one leaves behind must not be seen in the next."""
+    truth = render_scene(decode_stream(stream).scene, CAMERA)
+    for settings in [*CHOICES, *reversed(CHOICES)]:
+        frame = viewer.frame(settings, CAMERA)
+        there = arrived(stream, settings)
+        expected = render_scene(conceal(decode_stream(there), settings.concealer), CAMERA)
+        assert torch.equal(frame.image, (expected[0] * 255).round().to(torch.uint8)), settings
+        quality = float(psnr(expected, truth)[0])
+        assert frame.status.psnr == pytest.approx(quality, abs=1e-3) or math.isinf(quality)
+        assert frame.status.packets_received == len(there.packets)
+        assert frame.status.anchors_known == sum(packet.num_anchors for packet in there.packets)
+
+
+def test_without_loss_the_picture_is_the_reference(viewer):
+    frame = viewer.frame(Settings(loss=0.0), CAMERA)
+    assert frame.status.psnr == math.inf
+    assert frame.status.anchors_known == frame.status.anchors_total
+    reference = viewer.frame(Settings(loss=0.7, layer="lossless"), CAMERA)
+    assert torch.equal(reference.image, frame.image)
+    dark = viewer.frame(Settings(loss=0.0, layer="difference"), CAMERA)
+    assert torch.equal(dark.image, (heat(torch.zeros(32, 48)) * 255).round().to(torch.uint8))
+
+
+def test_heat_maps_show_damage(viewer):
+    hurt = viewer.frame(Settings(loss=0.9, layer="lost anchors"), CAMERA).image.float().mean()
+    whole = viewer.frame(Settings(loss=0.0, layer="lost anchors"), CAMERA).image.float().mean()
+    assert hurt > 1.5 * whole
+    assert viewer.frame(Settings(loss=0.9, concealer="drop", layer="difference"), CAMERA).image.float().mean() > 0
+
+
+def test_scores_are_left_out_while_moving(viewer):
+    assert viewer.frame(Settings(), CAMERA, score=False).status.psnr is None
+
+
+def test_what_makes_no_sense_is_refused(viewer):
+    with pytest.raises(InvalidValueError, match="lost anchors"):
+        viewer.frame(Settings(layer="depth"), CAMERA)
+    with pytest.raises(UnknownNameError):
+        viewer.frame(Settings(concealer="magic"), CAMERA)
+    with pytest.raises(InvalidValueError):
+        viewer.frame(Settings(seed=-1), CAMERA)
+    with pytest.raises(InvalidValueError):
+        viewer.frame(Settings(loss=1.5), CAMERA)
+
+
+def test_a_file_with_gaps_says_so(stream):
+    viewer = Viewer(FileSource(stream.with_packets(stream.packets[3:])))
+    status = viewer.frame(Settings(loss=0.0), CAMERA).status
+    assert "lacks 3 packets" in status.note
+    assert status.anchors_known < status.anchors_total
+
+
+def test_settings_name_a_loss_model():
+    assert Settings(loss=0.1).loss_model() == Bernoulli(0.1)
+    assert Settings(loss=0.1, burst=5.0).loss_model() == GilbertElliott(0.1, 5.0)
+    assert Settings(loss=0.9, burst=2.0).loss_model().mean_burst == pytest.approx(9.0)
+
+
+def test_a_transfer_loses_what_the_channel_loses(stream):
+    """The same seed, model and order as `transmit`."""
+    loss = parse_loss("bernoulli:0.3")
+    transfer, (received, _) = plan_transfer(stream, loss, seed=5), transmit(stream, loss, seed=5)
+    assert stream.with_packets(transfer.upto(1.0)) == received
+    assert transfer.upto(0.0) == ()
+    counts = [len(transfer.upto(share / 20)) for share in range(21)]
+    assert counts == sorted(counts)
+    head = stream.parts()["manifest"] + stream.parts()["side_info"]
+    assert transfer.moment(0.0)[0] == head
+    assert transfer.num_bytes == head + sum(packet.num_bytes for packet in stream.packets)
+    assert transfer.moment(1.0) == (transfer.num_bytes, pytest.approx(transfer.num_bytes / 1_250_000))
+    with pytest.raises(InvalidValueError):
+        plan_transfer(stream, loss, seed=0, bytes_per_second=0)
+
+
+def test_important_tiers_are_sent_first():
+    scene = tiny_scene(seed=2, num_anchors=400)
+    tiers = (torch.rand(400, generator=torch.Generator().manual_seed(0)) > 0.2).to(torch.uint8)
+    stream = encode_scene(scene, Packetization(block_size=100, lanes=4), tiers=tiers)
+    order = [stream.manifest.plan.tier_of(packet.id.block) for packet in sending_order(stream)]
+    assert order == sorted(order)
+    assert len(set(order)) == 2
+
+
+def test_a_live_source_shows_what_was_handed_over(stream):
+    source = LiveSource(stream.manifest, stream.side_info)
+    viewer, settings = Viewer(source), Settings(concealer="grow")
+    for number in (0, 4, len(stream.packets)):
+        for packet in reversed(stream.packets[:number]):  # early ones are told again
+            source.hand_over(packet)
+        assert source.has_news == (number > 0)
+        frame = viewer.frame(settings, CAMERA)
+        assert not source.has_news
+        partial = decode_stream(stream.with_packets(stream.packets[:number]))
+        expected = render_scene(conceal(partial, "grow"), CAMERA)[0]
+        assert torch.equal(frame.image, (expected * 255).round().to(torch.uint8))
+        assert frame.status.packets_received == number
+        assert frame.status.psnr is None
+
+
+def test_a_progressive_scene_changes_its_concealer_midway(stream):
+    scene = ProgressiveScene(stream.manifest, stream.side_info, "drop")
+    assert scene.add(stream.packets[:5]) == scene.num_known > 0
+    for name in ("idw", "grow", "cari"):
+        scene.conceal_with(name)
+        with scene.reading() as current:
+            expected = conceal(decode_stream(stream.with_packets(stream.packets[:5])), name)
+            assert torch.equal(current.anchors.features, expected.anchors.features)
+    assert not scene.incremental
+    scene.add(stream.packets)
+    assert scene.complete
+
+
+def test_a_scene_that_decodes_wrongly_says_so_once_and_goes_on(stream):
+    wrong = dataclasses.replace(stream.manifest, symbols_digest="0" * 64)
+    scene = ProgressiveScene(wrong, stream.side_info, "grow")
+    with pytest.raises(DesyncError):
+        scene.add(stream.packets)
+    with scene.reading() as current:
+        assert torch.equal(current.anchors.features, decode_stream(stream).scene.anchors.features)
+    assert scene.add(stream.packets) == 0
+
+
+def test_looks_are_pinhole_cameras():
+    cameras = tiny_cameras(num_views=3)
+    start = first_look(tiny_scene(num_anchors=50).anchors, cameras)
+    assert start.position == pytest.approx(cameras.centers[0].tolist(), abs=1e-5)
+    straight = torch.tensor(start.look_at) - torch.tensor(start.position)
+    torch.testing.assert_close(straight / straight.norm(), cameras.viewmats[0, 2, :3], atol=1e-5, rtol=0)
+    assert start.up == pytest.approx((0, -1, 0), abs=0.2)
+    assert start.fov == pytest.approx(2 * math.atan(64 / 2 / 96))
+    look = Look((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0), math.pi / 2, 1.5)
+    camera = look.cameras(100)
+    assert (camera.width, camera.height) == (150, 100)
+    assert float(camera.Ks[0, 1, 1]) == pytest.approx(50.0)
+    assert camera.centers[0].tolist() == pytest.approx([1.0, 2.0, 3.0])
+    turned = dataclasses.replace(look, wxyz=(math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)).cameras(10)
+    assert turned.viewmats[0, 2, :3].tolist() == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)  # looks along +x
+    assert math.isfinite(first_look(tiny_scene(num_anchors=50).anchors, None).fov)
+
+
+def test_the_pace_settles_at_its_target():
+    pace = Pace(target_s=0.1, low=32, high=1000, height=700)
+    for _ in range(40):
+        pace = pace.after(pace.height, 0.02 + 2e-6 * pace.height**2)
+    assert 0.08 < 0.02 + 2e-6 * pace.height**2 < 0.12
+    assert Pace(height=96).after(96, 10.0).height == 96
+    assert Pace(height=540).after(540, 0.001).height == 540
+
+
+def test_the_overlay_names_bytes_and_quality():
+    status = Status(250_000, 1_000_000, 0.25, 20, 80, 50, 200, psnr=31.234, draw_ms=12.0, note="hello")
+    text = status_text(status)
+    for words in ("250 of 1,000 kB", "20 of 80 packets", "25.0 %", "31.23 dB", "12 ms", "hello"):
+        assert words in text
+    assert "identical" in status_text(dataclasses.replace(status, psnr=math.inf))
+    assert set(LAYERS) == {"received", "lossless", "difference", "lost anchors"}
