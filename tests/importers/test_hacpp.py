@@ -121,6 +121,16 @@ def test_the_voxel_size_has_other_sources(model, source):
     assert_anchors(scene.anchors, model)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "color"), [("", 0.0), (", white_background=False", 0.0), (", white_background=True", 1.0)]
+)
+def test_the_background_is_that_of_the_training(model, arguments, color):
+    model.write()
+    assert import_hacpp(model.root).background == (0.0, 0.0, 0.0)
+    (model.root / "cfg_args").write_text(f"Namespace(eval=True{arguments}, voxel_size=0.02)")
+    assert import_hacpp(model.root).background == (color,) * 3
+
+
 @pytest.mark.parametrize("voxel_size", [0.001, 0.01, 0.005, 0.012345678901234])
 def test_inference_finds_the_voxel_size(voxel_size):
     voxels = np.random.default_rng(0).integers(-3000, 9000, (3000, 3)).astype(np.float32)

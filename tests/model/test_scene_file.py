@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.model.scene_file import load_partial, load_scene, save_partial, save_scene
+from splatwire.model.scene_file import load_background, load_partial, load_scene, save_partial, save_scene
 
 
 def leaves(value, path=""):
@@ -60,6 +60,19 @@ def test_hints_survive(tiny_scene, tiny_hints, tmp_path):
         loaded = load_scene(tmp_path / "a.scene")
         assert_same(loaded, scene)
         assert (loaded.hints.opacity_gain is None) == (opacity_gain is None)
+
+
+def test_a_background_survives_and_black_needs_no_word(tiny_scene, tiny_partial, tmp_path):
+    save_scene(tiny_scene, tmp_path / "black")
+    assert b"background" not in (tmp_path / "black").read_bytes()
+    assert load_scene(tmp_path / "black").background == load_background(tmp_path / "black") == (0.0, 0.0, 0.0)
+    color = (1.0, 0.1, 0.25)
+    save_scene(dataclasses.replace(tiny_scene, background=color), tmp_path / "scene")
+    save_partial(
+        dataclasses.replace(tiny_partial, scene=dataclasses.replace(tiny_scene, background=color)), tmp_path / "partial"
+    )
+    assert load_scene(tmp_path / "scene").background == load_background(tmp_path / "scene") == color
+    assert load_partial(tmp_path / "partial").scene.background == load_background(tmp_path / "partial") == color
 
 
 def test_a_partial_scene_survives_bit_for_bit(tiny_partial, tmp_path):
@@ -174,6 +187,8 @@ BAD = {
     "hints promised": (head(hints=True), "hints.left_out"),
     "huge table": (config("grid", log2_rows_3d=60), "bad configuration"),
     "huge groups": (config("layout", feature_groups=[2] * 65), "bad configuration"),
+    "no colour": (head(background=[0, 2, 0]), "background"),
+    "colour as text": (head(background="red"), "background"),
     "float size": (config("layout", feature_dim=5.0), "bad configuration"),
     "wrong sum": (config("layout", feature_groups=[2, 4]), "bad configuration"),
     "unknown entry": (config("layout", colour=3), "bad configuration"),

@@ -1,13 +1,44 @@
 """Scenes ready to be drawn, from whatever file the user has."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from splatwire.cli._files import is_stream
 
 if TYPE_CHECKING:
     from splatwire.model import AnchorScene
+    from splatwire.scene.background import Background
     from splatwire.scene.splats import Splats
+
+BackgroundOption: TypeAlias = tuple[float, float, float] | None
+"""What `--background` takes; None for the scene's own."""
+
+
+def chosen_background(option: BackgroundOption) -> "Background | None":
+    """Checks what the user said; None for nothing.
+
+    Raises:
+        InvalidValueError: If it is no colour.
+    """
+    from splatwire.scene.background import check_background
+
+    return None if option is None else check_background(option)
+
+
+def background_of_file(path: Path) -> "Background":
+    """The background of a stream or scene file, of which little more than the header is read.
+
+    Raises:
+        BitstreamError: If the file is neither.
+    """
+    if is_stream(path):
+        from splatwire.codec.background import background_of
+        from splatwire.packets import read_stream
+
+        return background_of(read_stream(path)[0])
+    from splatwire.model.scene_file import load_background
+
+    return load_background(path)
 
 
 def load_picturable(path: Path, concealer: str) -> "tuple[AnchorScene | Splats, int]":

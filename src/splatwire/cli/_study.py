@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splatwire.cli._output import print_json, progress_bars
+from splatwire.cli._scenes import chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -60,8 +61,12 @@ def study_of(settings: "Evaluate") -> "Study":
 
     replaced = _replaced_scene(settings)
     study = load_study(Path(settings.source), data_root=settings.data_root, replaced=replaced)
+    background, scenes = chosen_background(settings.background), study.scenes
+    if background is not None:
+        scenes = tuple(dataclasses.replace(entry, background=background) for entry in scenes)
     return dataclasses.replace(
         study,
+        scenes=scenes,
         seeds=settings.seeds or study.seeds,
         views=settings.views or study.views,
         lpips_views=settings.lpips_views or study.lpips_views,

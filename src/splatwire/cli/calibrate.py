@@ -9,6 +9,7 @@ import tyro
 
 from splatwire.cli._files import is_stream
 from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.cli.calibrate_sketch import calibrate_sketch
 from splatwire.errors import InvalidValueError, UnknownNameError
 
@@ -55,6 +56,8 @@ class Calibrate:
     """Bytes of a sketch over those of the stream."""
     render_width: int = 200
     """Width of its pictures, pixels."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
     precision: str = "float16"
     """Of the weights in a file: float16 or float32."""
     seed: int = 0
@@ -76,10 +79,12 @@ class Calibrate:
 
         if self.precision not in PRECISIONS:
             raise UnknownNameError("precision", self.precision, PRECISIONS)
-        config = self._config()
+        config, background = self._config(), chosen_background(self.background)
         checkpoint = self.output.with_name(self.output.name + ".checkpoint")
         with progress_bars() as show:
             stream, data = self._data(show)
+            if background is not None:
+                data = dataclasses.replace(data, scene=dataclasses.replace(data.scene, background=background))
             self.output.parent.mkdir(parents=True, exist_ok=True)
 
             def told(now: "CalibrationProgress") -> None:

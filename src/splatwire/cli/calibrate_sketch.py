@@ -5,10 +5,12 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from splatwire.cli._files import is_stream
 from splatwire.cli._output import Reporter, print_json, progress_bars
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
+    from splatwire.scene.background import Background
     from splatwire.train.calibrate_render import SketchViews
     from splatwire.train.gnn_data import CalibrationData
 
@@ -42,6 +44,10 @@ class SketchOptions(Protocol):
         """Share of packets that a pseudo-loss takes."""
 
     @property
+    def background(self) -> BackgroundOption:
+        """RGB behind everything; None for the scene's own."""
+
+    @property
     def seed(self) -> int:
         """Seed of everything random."""
 
@@ -63,10 +69,11 @@ def calibrate_sketch(options: SketchOptions) -> None:
 
     if options.output.suffix != ".swz":
         raise InvalidValueError(f"a sketch travels in the stream: the output must end in .swz, not {options.output}")
+    background = chosen_background(options.background)
     config = SketchConfig(share=options.share, drop_rate=options.drop_rate, seed=options.seed)
     with progress_bars() as show:
         stream, data = _complete(options.source, show)
-        views, source = _views(data, options)
+        views, source = _views(data, options, data.scene.background if background is None else background)
         bare = without_concealment(stream, SECTION)
         result = sketch_for_stream(data, views, bare.num_bytes, config, progress=show)
     richer = add_concealment(bare, SECTION, result.section)
@@ -113,7 +120,7 @@ def _complete(source: Path, show: Reporter) -> "tuple[SceneStream, CalibrationDa
     return stream, calibration_data(stream, decode_stream(stream, progress=lambda share: show("decoding", share)))
 
 
-def _views(data: "CalibrationData", options: SketchOptions) -> "tuple[SketchViews, str]":
+def _views(data: "CalibrationData", options: SketchOptions, background: "Background") -> "tuple[SketchViews, str]":
     from splatwire.data import load_cameras, open_dataset
     from splatwire.render.importance import surrounding_cameras
     from splatwire.train.calibrate_render import SketchViews
@@ -121,8 +128,10 @@ def _views(data: "CalibrationData", options: SketchOptions) -> "tuple[SketchView
     if options.data is not None and options.cameras is not None:
         raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
     if options.data is not None:
-        photos = open_dataset(options.data, split="train")
-        return SketchViews(photos.cameras, photos.image, photos.background), "against training photos"
+        photos = open_dataset(options.data, split="train", background=background)
+        return SketchViews(photos.cameras, photos.image, background), "against training photos"
     if options.cameras is not None:
-        return SketchViews(load_cameras(options.cameras)), "against the complete scene in the cameras given"
-    return SketchViews(surrounding_cameras(data.context.anchors)), "against the complete scene on a sphere of views"
+        cameras = load_cameras(options.cameras)
+        return SketchViews(cameras, None, background), "against the complete scene in the cameras given"
+    cameras = surrounding_cameras(data.context.anchors)
+    return SketchViews(cameras, None, background), "against the complete scene on a sphere of views"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ class Demo:
     """Cameras file of that stream."""
     views: int | None = None
     """Most views, spread evenly; all where absent."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -89,7 +92,7 @@ class Demo:
         from splatwire.metrics import find_lpips
         from splatwire.packets import read_stream
 
-        loss, lpips = parse_loss(self.loss), find_lpips()
+        loss, lpips, background = parse_loss(self.loss), find_lpips(), chosen_background(self.background)
         stream_path, cameras = self._input()
         cameras = cameras.select(spread(cameras.num_views, self.views))
         stream, _ = read_stream(stream_path)
@@ -98,8 +101,9 @@ class Demo:
         scene = decode_stream(stream, progress=lambda share: show("decoding the complete scene", share)).scene
         contiguous = encode_contiguous(scene, stream, lambda share: show("encoding contiguous packets", share))
         views = rendered_views(
-            scene, cameras, folder, progress=lambda share: show("drawing the reference pictures", share)
-        )
+            scene, cameras, folder, background=background,
+            progress=lambda share: show("drawing the reference pictures", share),
+        )  # fmt: skip
         return evaluate_streams(
             protocol,
             {"stream": stream, "contiguous": contiguous},

@@ -9,6 +9,7 @@ import tyro
 
 from splatwire.cli._files import input_path, output_path
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -42,18 +43,21 @@ class Encode:
     """Shares of the anchors, most important first, that get packets of their own: 0.05, or 0.05 0.15."""
     data: Path | None = None
     """Photos whose training cameras say what is important; cameras around the scene if not given."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind everything, to be recorded in the stream; the scene file's own where absent."""
     json: JsonFlag = False
     """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""
-        packetization = self.packetization()
+        packetization, background = self.packetization(), chosen_background(self.background)
         from splatwire.codec import encode_scene
         from splatwire.model.scene_file import load_scene
         from splatwire.packets import measure_sizes, write_stream
 
         with input_path(self.scene) as source:
             scene = load_scene(source)
+        scene = scene if background is None else replace(scene, background=background)
         tiers = self._tiers(scene)
         started = time.perf_counter()
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:

@@ -11,11 +11,13 @@ import tyro
 
 from splatwire.cli._files import input_path, is_stream
 from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
+from splatwire.cli._scenes import BackgroundOption, background_of_file, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.evaluate import Evaluation, Protocol, ReferenceViews
     from splatwire.packets import SceneStream
+    from splatwire.scene.background import Background
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,9 @@ class Evaluate:
     """interleaved or block."""
     renderer: str = "cpu"
     """Renderer: cpu, reference or gsplat."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent (or what the protocol
+    says)."""
     views: int | None = None
     """Most views, spread evenly; all where absent."""
     lpips_views: int | None = None
@@ -104,8 +109,10 @@ class Evaluate:
 
         self._protocol(complete=True)  # wrong names are told before any work
         lpips = find_lpips()
-        views = self._views(folder, show).every(self.views)
+        chosen = chosen_background(self.background)
         with input_path(self.source) as path:
+            background = background_of_file(path) if chosen is None else chosen
+            views = self._views(folder, background, show).every(self.views)
             if self.loss is None and not is_stream(path):
                 return self._scene_as_it_is(path, views, lpips, show)
             streams, seconds = self._streams(path, show)
@@ -154,14 +161,14 @@ class Evaluate:
             lpips_views=self.lpips_views,
         )
 
-    def _views(self, folder: Path, show: Reporter) -> "ReferenceViews":
+    def _views(self, folder: Path, background: "Background", show: Reporter) -> "ReferenceViews":
         from splatwire.data import open_dataset
         from splatwire.evaluate import photo_views, rendered_views
 
         if self.reference is None:
             if self.data is None or self.cameras is not None:
                 raise InvalidValueError("give --data FOLDER, or --reference SCENE with --cameras FILE or --data FOLDER")
-            return photo_views(open_dataset(self.data, split="test"))
+            return photo_views(open_dataset(self.data, split="test", background=background))
         from splatwire.cli._scenes import load_picturable
         from splatwire.cli.render import find_cameras
         from splatwire.evaluate.views import spread
@@ -170,8 +177,9 @@ class Evaluate:
         cameras = cameras.select(spread(cameras.num_views, self.views))
         scene, _ = load_picturable(self.reference, "drop")
         return rendered_views(
-            scene, cameras, folder, renderer=self.renderer, progress=lambda share: show("drawing references", share)
-        )
+            scene, cameras, folder, renderer=self.renderer, background=background,
+            progress=lambda share: show("drawing references", share),
+        )  # fmt: skip
 
     def _streams(self, path: Path, show: Reporter) -> "tuple[dict[str, SceneStream], dict[str, float]]":
         """The streams to compare, by name, and the seconds that encoding took."""

@@ -105,7 +105,7 @@ class Export:
         if self.data is not None and self.cameras is not None:
             raise InvalidValueError("give either --data FOLDER or --cameras FILE")
         if self.data is not None:
-            test = open_dataset(self.data, split="test")
+            test = open_dataset(self.data, split="test", background=scene.background)
             return open_dataset(self.data, split="train").cameras, test.cameras, test
         if self.cameras is not None:
             cameras = load_cameras(self.cameras)
@@ -137,7 +137,7 @@ def measure(
     from splatwire.metrics import psnr
     from splatwire.render import iterate_views
 
-    background = torch.tensor((0.0, 0.0, 0.0) if photos is None else photos.background)
+    background = torch.tensor(scene.background)
     rows = []
     pairs = zip(*(iterate_views(what, cameras, background=background) for what in (scene, splats)), strict=True)
     for view, (neural, explicit) in enumerate(pairs):

@@ -9,6 +9,7 @@ import tyro
 
 from splatwire.cli._files import input_path
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ class Render:
     """Concealer for a scene with gaps."""
     renderer: str = "cpu"
     """Renderer: cpu, reference or gsplat."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -42,9 +45,10 @@ class Render:
         if not 0 < self.scale <= 16:
             raise InvalidValueError(f"--scale must be above 0 and at most 16, not {self.scale:g}")
         cameras = cameras if self.scale == 1 else cameras.scaled(self.scale)
+        background = chosen_background(self.background)
         from splatwire.cli._scenes import load_picturable
         from splatwire.data import save_cameras
-        from splatwire.render import iterate_views
+        from splatwire.evaluate.views import views_of
         from splatwire.scene.splats import Splats
 
         with input_path(self.scene) as source:
@@ -52,8 +56,8 @@ class Render:
         self.output.mkdir(parents=True, exist_ok=True)
         started, files = time.perf_counter(), []
         with progress_bars() as show:
-            for view, image in enumerate(iterate_views(scene, cameras, renderer=self.renderer)):
-                files.append(_save(image.cpu(), self.output, cameras.names[view]))
+            for view, image in enumerate(views_of(scene, cameras, self.renderer, background)):
+                files.append(_save(image, self.output, cameras.names[view]))
                 show("drawing", (view + 1) / cameras.num_views)
         seconds = time.perf_counter() - started
         save_cameras(cameras, self.output / "cameras.json")

@@ -13,6 +13,7 @@ import tyro
 
 from splatwire.cli._files import input_path, is_stream
 from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import BitstreamError, InvalidValueError
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class View:
     """Height of a sharp picture, pixels."""
     renderer: str = "cpu"
     """Renderer: cpu or gsplat."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
     fingerprint: str | None = None
     """With quic://: SHA-256 of the server's certificate, as the server tells it; nothing else about it matters then."""
     insecure: bool = False
@@ -63,6 +66,7 @@ class View:
         from splatwire.view.server import ViewerServer, require_viser
 
         self._check()
+        background = chosen_background(self.background)
         require_viser()
         create_concealer(self.conceal)
         names = concealer_names()
@@ -73,7 +77,7 @@ class View:
             source, transfer, cameras = self._open(show)
         try:
             play_s = getattr(source, "transfer_seconds", 10.0)
-            viewer = Viewer(source, self.renderer)
+            viewer = Viewer(source, self.renderer, background)
             server = ViewerServer(
                 viewer, settings, first_look(source.anchors, cameras), names,
                 host=self.host, port=self.port, still_height=self.height, play_s=max(play_s, 2.0),

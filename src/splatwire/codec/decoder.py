@@ -8,6 +8,8 @@ import numpy as np
 import torch
 
 from splatwire.codec.atomic import Symbols, chunks, decode_packets
+from splatwire.codec.background import SECTION as BACKGROUND
+from splatwire.codec.background import read_background
 from splatwire.codec.coding_params import CodingContext, dequantise, factor_table, prior_columns, step_indices
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
@@ -236,9 +238,10 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> PartialScene:
     )  # fmt: skip
     heads = GaussianHeads(*(_network(head) for head in info.heads))
     model = ContextModel(_grid(info), _network(info.prior), tuple(_network(mlp) for mlp in info.channel))
-    scene = AnchorScene(anchors, heads, model, info.voxel_size, info.config)
+    background = read_background(info.sections)
+    scene = AnchorScene(anchors, heads, model, info.voxel_size, info.config, background=background)
     erasures = Erasures(torch.from_numpy(arrays.received))
-    concealment = {name: data for name, data in info.sections.items() if name not in (TIERS, MASKS)}
+    concealment = {name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, MASKS)}
     return PartialScene(scene, erasures, _prior(info, arrays), concealment)
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Int64, UInt8
 from torch import Tensor
 
 from splatwire.codec.atomic import Symbols, chunks, cut_packets, encode_packets, predict_mixture, predict_packets
+from splatwire.codec.background import background_sections
 from splatwire.codec.coding_params import CodingContext, quantise
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fit import fit_side_info
@@ -159,7 +160,7 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[Tensor, "n"]:
 
 
 def _select(scene: AnchorScene, index: Int64[Tensor, "n"]) -> AnchorScene:
-    return AnchorScene(scene.anchors.select(index), scene.heads, scene.context, scene.voxel_size, scene.config)
+    return replace(scene, anchors=scene.anchors.select(index), hints=None)
 
 
 def _tiers(tiers: UInt8[Tensor, "N"] | None, scene: AnchorScene, index: Int64[Tensor, "n"]) -> np.ndarray:
@@ -178,7 +179,7 @@ def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray)
 
 def _side_info(scene: AnchorScene, plan: PacketPlan, tier_of: np.ndarray, noise: float | None) -> SideInfo:
     """Side information of a scene whose anchors are sorted by rank."""
-    info, sections = fit_side_info(scene, _voxels(scene), noise=noise), dict[str, bytes]()
+    info, sections = fit_side_info(scene, _voxels(scene), noise=noise), background_sections(scene.background)
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
     if plan.packetization.separated:

@@ -11,10 +11,11 @@ from torch import Tensor
 from splatwire.data import bungee
 from splatwire.data._checks import child, make_cameras, view_names
 from splatwire.data.colmap import ColmapView, SparsePoints, find_reconstruction, read_points, read_views
-from splatwire.data.photos import Background, limited_size, load_photo, photo_size
+from splatwire.data.photos import limited_size, load_photo, photo_size
 from splatwire.data.transforms_json import TransformsView, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
 from splatwire.scene import Cameras
+from splatwire.scene.background import BLACK, Background
 
 SPLITS = ("test", "train", "all")
 TEST_VIEWS = ("every_8th", "first_31")
@@ -37,7 +38,7 @@ class Dataset:
     cameras: Cameras
     image_paths: tuple[Path, ...]
     points: SparsePoints | None = None
-    background: Background = (0.0, 0.0, 0.0)
+    background: Background = BLACK
 
     @property
     def num_views(self) -> int:
@@ -65,7 +66,7 @@ def open_dataset(
     images: str | None = None,
     max_width: int | None = DEFAULT_MAX_WIDTH,
     test_views: str | None = None,
-    background: Background = (0.0, 0.0, 0.0),
+    background: Background = BLACK,
 ) -> Dataset:
     """Opens a folder of posed photos; photos are loaded when they are asked for.
 

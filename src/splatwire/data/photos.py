@@ -9,11 +9,11 @@ from PIL import Image
 from torch import Tensor
 
 from splatwire.errors import DatasetError
+from splatwire.scene.background import BLACK, Background
 
 _OPAQUE_MODES = ("L", "P", "RGB")
 _ALPHA_MODES = ("LA", "PA", "RGBA")
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
-Background = tuple[float, float, float]
 
 
 def photo_size(path: Path) -> tuple[int, int]:
@@ -27,7 +27,7 @@ def photo_size(path: Path) -> tuple[int, int]:
 
 
 def load_photo(
-    path: Path, size: tuple[int, int] | None = None, background: Background = (0.0, 0.0, 0.0)
+    path: Path, size: tuple[int, int] | None = None, background: Background = BLACK
 ) -> Float[Tensor, "H W 3"]:
     """Loads an image as RGB in [0, 1].
 

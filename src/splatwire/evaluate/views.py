@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
+from splatwire.scene.background import Background
 from splatwire.scene.splats import Splats
 
 
@@ -25,13 +26,13 @@ class ReferenceViews:
         cameras: The cameras.
         load: Gives the reference picture of a view, RGB in [0, 1].
         source: What the references are, for the report: `photos` or `renders of the lossless scene`.
-        background: RGB behind everything in renders.
+        background: RGB behind everything in renders; None for that of each scene.
     """
 
     cameras: Cameras
     load: Callable[[int], Tensor]
     source: str
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background | None = None
 
     def reference(self, view: int) -> Float[Tensor, "H W 3"]:
         """Returns the reference picture of a view.
@@ -71,6 +72,7 @@ def rendered_views(
     folder: Path,
     *,
     renderer: str = "cpu",
+    background: Background | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> ReferenceViews:
     """Compares with a scene's own renders, which are drawn now and kept in a file (memory stays bounded).
@@ -80,24 +82,26 @@ def rendered_views(
         cameras: The cameras.
         folder: Where the file may lie; it must outlive the views.
         renderer: Name of the renderer.
+        background: RGB behind everything; None for that of each scene.
         progress: Called with the share of views drawn.
     """
     shape = (cameras.num_views, cameras.height, cameras.width, 3)
     pictures = np.lib.format.open_memmap(folder / "references.npy", mode="w+", dtype=np.float32, shape=shape)
-    for view, image in enumerate(views_of(scene, cameras, renderer)):
+    for view, image in enumerate(views_of(scene, cameras, renderer, background)):
         pictures[view] = image.numpy()
         if progress:
             progress((view + 1) / cameras.num_views)
     source = "renders of explicit Gaussians" if isinstance(scene, Splats) else "renders of the lossless scene"
-    return ReferenceViews(cameras, lambda view: torch.from_numpy(pictures[view].copy()), source)
+    return ReferenceViews(cameras, lambda view: torch.from_numpy(pictures[view].copy()), source, background)
 
 
 def views_of(
     scene: AnchorScene | Splats,
     cameras: Cameras,
     renderer: str,
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    background: Background | None = None,
 ) -> Iterable[Float[Tensor, "H W 3"]]:
-    """Draws view after view, on the CPU."""
-    for image in iterate_views(scene, cameras, renderer=renderer, background=torch.tensor(background)):
+    """Draws view after view, on the CPU; in front of the scene's own background where none is given."""
+    behind = None if background is None else torch.tensor(background)
+    for image in iterate_views(scene, cameras, renderer=renderer, background=behind):
         yield image.cpu()

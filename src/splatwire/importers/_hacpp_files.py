@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import DatasetError
+from splatwire.scene.background import BLACK, WHITE, Background
 
 _MAX_TENSOR_FILE_BYTES = 256 << 20
 _MAX_NUMBER_BYTES = 4096
@@ -129,6 +130,20 @@ def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
                 raise DatasetError(f"{path}: the voxel size is {value}")
             return value, path
     return None
+
+
+def load_background(model_dir: Path) -> Background:
+    """What a model was trained in front of: white where its `cfg_args` say so, else black.
+
+    Raises:
+        DatasetError: If `cfg_args` cannot be read.
+    """
+    path = model_dir / "cfg_args"
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read: {error}") from error
+    return WHITE if re.search(r"\bwhite_background=True\b", text) else BLACK
 
 
 def infer_voxel_size(positions: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from splatwire.importers._hacpp_files import (
     anchor_ply,
     infer_voxel_size,
     is_plain,
+    load_background,
     load_bounds,
     load_torch_file,
     load_voxel_size,
@@ -70,7 +71,8 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
     except (ValueError, KeyError) as error:
         raise DatasetError(f"{checkpoint_path}: {error.args[0]}") from error
     anchors, voxel_size = _anchors(vertices, layout, model_dir)
-    return AnchorScene(anchors, heads, ContextModel(grid, prior, channel), voxel_size, config)
+    context, background = ContextModel(grid, prior, channel), load_background(model_dir)
+    return AnchorScene(anchors, heads, context, voxel_size, config, background=background)
 
 
 def _checkpoint(path: Path) -> Mapping[str, Any]:

@@ -12,6 +12,7 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.importers._hacpp_files import (
     infer_voxel_size,
     is_plain,
+    load_background,
     load_torch_file,
     load_voxel_size,
     newest_iteration,
@@ -60,7 +61,7 @@ def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> Anchor
     anchors, voxel_size = _anchors(vertices, feature_dim, num_offsets, model_dir)
     groups = tuple(len(part) for part in np.array_split(np.arange(feature_dim), min(_GROUPS, feature_dim)))
     context, config = plain_context(anchors, AnchorLayout(feature_dim, num_offsets, groups))
-    return AnchorScene(anchors, heads, context, voxel_size, config)
+    return AnchorScene(anchors, heads, context, voxel_size, config, background=load_background(model_dir))
 
 
 def _states(iteration: Path) -> dict[str, Mapping[str, Tensor]]:

@@ -15,6 +15,7 @@ from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Linear, Mlp
 from splatwire.model.voxels import check_voxel_size, voxel_indices
 from splatwire.scene import AnchorLayout
+from splatwire.scene.background import BLACK, Background, check_background
 
 _TYPES = {torch.float32: "F32", torch.bool: "BOOL", torch.uint8: "U8"}
 _MAX_LEVELS = 64
@@ -121,6 +122,17 @@ class SceneReader:
         except (TypeError, ValueError, OverflowError) as error:
             raise self.error(f"bad voxel size: {error}") from error
         return value
+
+    def background(self) -> Background:
+        """Reads the background; black in files that do not say.
+
+        Raises:
+            BitstreamError: If it is no colour.
+        """
+        try:
+            return check_background(self.header.get("background", BLACK))
+        except InvalidValueError as error:
+            raise self.error(str(error)) from None
 
     def finish(self) -> None:
         """Checks that every tensor of the file was read.

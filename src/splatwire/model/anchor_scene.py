@@ -10,6 +10,7 @@ from splatwire.model.config import ModelConfig
 from splatwire.model.networks import Mlp
 from splatwire.model.prior import Prior
 from splatwire.scene import Anchors, Erasures
+from splatwire.scene.background import BLACK, Background
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +89,7 @@ class AnchorScene:
         voxel_size: Spacing of anchor positions, world units.
         config: Shapes of all of the above.
         hints: Render-time hints of a concealer, if one worked on the scene.
+        background: RGB behind everything, in front of which the scene was trained.
     """
 
     anchors: Anchors
@@ -96,6 +98,7 @@ class AnchorScene:
     voxel_size: float
     config: ModelConfig
     hints: RenderHints | None = None
+    background: Background = BLACK
 
 
 @dataclass(frozen=True, eq=False)

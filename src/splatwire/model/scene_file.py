@@ -1,7 +1,8 @@
 """A scene as one file of plain tensors (safetensors), read strictly and written atomically.
 
 The file's only metadata entry, `splatwire`, is a JSON object: format, version, kind, the voxel size as an exact
-hexadecimal float, the configuration and the rectifier slopes. The signs of the hash grid are packed into bits.
+hexadecimal float, the configuration, the rectifier slopes, and the background where it is not black. The signs of the
+hash grid are packed into bits.
 """
 
 import json
@@ -28,6 +29,7 @@ from splatwire.model.config import ModelConfig
 from splatwire.model.networks import Mlp
 from splatwire.model.prior import AttributePrior, Prior
 from splatwire.scene import Anchors, Attribute, Erasures
+from splatwire.scene.background import BLACK, Background
 
 FORMAT = "splatwire-scene"
 VERSION = 1
@@ -93,6 +95,17 @@ def load_scene_file(path: Path) -> tuple[AnchorScene | PartialScene, Erasures | 
             raise reader.error(f"holds a {str(reader.header['kind'])[:40]!r}, which this release does not know")
     partial = load_partial(path)
     return partial, partial.erasures
+
+
+def load_background(path: Path) -> Background:
+    """Reads no more of a scene file, complete or partial, than what it was trained in front of.
+
+    Raises:
+        UnsupportedVersionError: If the file is of a version that this release does not read.
+        BitstreamError: If it is no scene file, or damaged.
+    """
+    with open_scene_file(path, FORMAT, VERSION, None) as reader:
+        return reader.background()
 
 
 def save_partial(partial: PartialScene, path: Path) -> None:
@@ -168,6 +181,7 @@ def _header(scene: AnchorScene, kind: str) -> dict[str, Any]:
         },
         "negative_slopes": {name: network.negative_slope for name, network in _networks(scene).items()},
         "hints": scene.hints is not None,
+        **({} if scene.background == BLACK else {"background": list(scene.background)}),
     }
 
 
@@ -243,7 +257,7 @@ def _read_scene(reader: SceneReader) -> AnchorScene:
         left_out = reader.tensor("hints.left_out", (count,), torch.bool)
         opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
         hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
-    return AnchorScene(anchors, heads, context, voxel_size, config, hints)
+    return AnchorScene(anchors, heads, context, voxel_size, config, hints, reader.background())
 
 
 def _read_anchors(reader: SceneReader, config: ModelConfig) -> Anchors:

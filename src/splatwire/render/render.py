@@ -10,6 +10,7 @@ from splatwire.model import AnchorScene
 from splatwire.model.gaussian_heads import generate_gaussians
 from splatwire.render.base import Renderer, create_renderer
 from splatwire.scene import Cameras, Gaussians
+from splatwire.scene.background import BLACK
 from splatwire.scene.splats import Splats
 
 Progress = Callable[[int, int], None]
@@ -29,7 +30,7 @@ def iterate_views(
         scene: What to draw: a scene, or explicit Gaussians.
         cameras: Where from.
         renderer: A renderer or its name (`splatwire.render.base.create_renderer`).
-        background: RGB behind everything; black where absent.
+        background: RGB behind everything; the scene's own where absent, black for explicit Gaussians.
 
     Yields:
         One picture per camera, RGB clamped to [0, 1]. No gradients: training calls the renderer itself.
@@ -39,7 +40,12 @@ def iterate_views(
         BackendUnavailableError: The renderer cannot run here.
     """
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
-    return _views(scene, cameras, draw, torch.zeros(3) if background is None else background)
+    return _views(scene, cameras, draw, background_of(scene) if background is None else background)
+
+
+def background_of(scene: AnchorScene | Splats) -> Float[Tensor, "3"]:
+    """RGB behind a scene; black for explicit Gaussians, which do not say what they were trained in front of."""
+    return torch.tensor(BLACK if isinstance(scene, Splats) else scene.background)
 
 
 def _views(
@@ -72,7 +78,7 @@ def render_scene(
         scene: What to draw.
         cameras: Where from.
         renderer: A renderer or its name.
-        background: RGB behind everything; black where absent.
+        background: RGB behind everything; the scene's own where absent, black for explicit Gaussians.
         progress: Called after each view.
 
     Returns:

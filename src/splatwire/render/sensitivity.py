@@ -51,7 +51,7 @@ def render_sensitivity(
     Args:
         scene: The complete scene.
         cameras: Where it is looked at from.
-        background: RGB behind everything; black where absent.
+        background: RGB behind everything; the scene's own where absent.
         probes: Random sign patterns per view.
         seed: Of the signs.
         renderer: Name of a differentiable renderer.
@@ -59,7 +59,7 @@ def render_sensitivity(
     """
     a, draw, rng = scene.anchors, create_renderer(renderer), torch.Generator().manual_seed(seed)
     num, count, width = a.num_anchors, a.mask.shape[1], a.features.shape[1] + a.scalings.shape[1]
-    black = torch.zeros(3) if background is None else background
+    behind = torch.tensor(scene.background) if background is None else background
     sizes = ((num,), (num, count), (num, width), (num, count), (width, width))
     total = Sensitivity(*(torch.zeros(size, dtype=torch.float64) for size in sizes))
     for view in range(cameras.num_views):
@@ -70,7 +70,7 @@ def render_sensitivity(
         )
         presence = torch.ones_like(spawned.gaussians.opacities, requires_grad=True)
         gaussians = replace(spawned.gaussians, opacities=spawned.gaussians.opacities * presence)
-        picture = draw(gaussians, cameras.select([view]), background=black)[0]
+        picture = draw(gaussians, cameras.select([view]), background=behind)[0]
         for probe in range(probes):
             signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
             gradients = torch.autograd.grad(

@@ -20,6 +20,7 @@ from splatwire.model import AnchorScene, RenderHints
 from splatwire.render import iterate_views
 from splatwire.render.sensitivity import render_sensitivity
 from splatwire.scene import Cameras
+from splatwire.scene.background import Background
 from splatwire.train.gnn_data import CalibrationData, pseudo_loss, without
 from splatwire.train.sketch_fit import SketchFit, SketchMaterial, fit_sketch, sketch_material
 
@@ -76,12 +77,12 @@ class SketchViews:
     Attributes:
         cameras: The cameras, training views as a rule.
         photo: Gives the photo of a view; None where there are none: then the complete scene is the reference.
-        background: RGB behind everything.
+        background: RGB behind everything; None for what the scene was trained in front of.
     """
 
     cameras: Cameras
     photo: Callable[[int], Tensor] | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,10 +125,12 @@ def sketch_for_stream(
         InvalidValueError: If a sketch of that size holds nothing, or no view shows anything.
     """
     started, show = time.perf_counter(), progress or (lambda task, share: None)
+    if views.background is not None:
+        data = replace(data, scene=replace(data.scene, background=views.background))
     sensitivity_views = _fewer(views, config.views, config.width)
     sensitivity = render_sensitivity(
-        data.scene, sensitivity_views.cameras, background=torch.tensor(views.background), probes=config.probes,
-        seed=config.seed, progress=lambda share: show("what each anchor is worth", share),
+        data.scene, sensitivity_views.cameras, probes=config.probes, seed=config.seed,
+        progress=lambda share: show("what each anchor is worth", share),
     )  # fmt: skip
     if not float(sensitivity.removal.sum()) > 0:
         raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
@@ -230,4 +233,4 @@ class _Scores:
         return sum(each) / len(each)
 
     def _draw(self, scene: AnchorScene) -> "Sequence[Tensor]":
-        return list(iterate_views(scene, self._views.cameras, background=torch.tensor(self._views.background)))
+        return list(iterate_views(scene, self._views.cameras))

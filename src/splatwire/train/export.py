@@ -43,7 +43,7 @@ def export_scene(state: TrainState, config: TrainConfig) -> AnchorScene:
     channels = channels_of(parameters, len(config.model.layout.feature_groups))
     context = ContextModel(grid, _copy(network(parameters, "prior")), tuple(_copy(mlp) for mlp in channels))
     heads = GaussianHeads(*(_copy(mlp) for mlp in vars(heads_of(parameters)).values()))
-    return AnchorScene(anchors, heads, context, state.voxel_size, config.model)
+    return AnchorScene(anchors, heads, context, state.voxel_size, config.model, background=config.background)
 
 
 def _signs(values: Tensor) -> Tensor:

@@ -136,11 +136,11 @@ class CalibrationRun:
         if cameras is None:
             raise InvalidValueError("a rendering loss needs cameras")
         view = int(torch.randint(cameras.num_views, (), generator=self.rng))
-        draw, black = create_renderer("cpu"), torch.zeros(3)
+        draw, behind = create_renderer("cpu"), torch.tensor(scene.background)
         if view not in self._pictures:
             with torch.no_grad():
                 complete = generate_gaussians(scene, cameras, view)
-                self._pictures[view] = draw(complete, cameras.select([view]), background=black)[0]
+                self._pictures[view] = draw(complete, cameras.select([view]), background=behind)[0]
         concealed, a = fuse(parts, part.interpolated, self.config.settings), scene.anchors
         rows = (part.queries,)
         anchors = Anchors(
@@ -151,7 +151,7 @@ class CalibrationRun:
             a.mask.index_put(rows, concealed.mask),
         )
         gaussians = generate_gaussians(replace(scene, anchors=anchors), cameras, view)
-        picture = draw(gaussians, cameras.select([view]), background=black)[0]
+        picture = draw(gaussians, cameras.select([view]), background=behind)[0]
         return (picture - self._pictures[view]).abs().mean()
 
     def validate(self) -> dict[str, float]:

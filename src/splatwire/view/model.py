@@ -18,6 +18,7 @@ from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
 from splatwire.render import render_scene
 from splatwire.render.base import create_renderer
 from splatwire.scene import Anchors, Cameras
+from splatwire.scene.background import Background
 from splatwire.view.looks import heat
 
 LAYERS = ("received", "lossless", "difference", "lost anchors")
@@ -127,14 +128,16 @@ class Viewer:
     Args:
         source: Where the scene comes from.
         renderer: Name of the renderer.
+        background: RGB behind everything; None for what the scene was trained in front of.
 
     Raises:
         UnknownNameError: No renderer has that name.
         BackendUnavailableError: The renderer cannot run here.
     """
 
-    def __init__(self, source: Source, renderer: str = "cpu") -> None:
+    def __init__(self, source: Source, renderer: str = "cpu", background: Background | None = None) -> None:
         self.source = source
+        self._background = None if background is None else torch.tensor(background)
         self._render = create_renderer(renderer)
         self._reference: tuple[Cameras, Tensor] | None = None
         self._shares: tuple[Tensor, Tensor] | None = None
@@ -168,7 +171,7 @@ class Viewer:
             return self._lost_anchors(lossless or scene, scene, cameras), None
         if settings.layer == "lossless" and lossless is not None:
             return self._lossless(lossless, cameras), None
-        picture = render_scene(scene, cameras, renderer=self._render)[0]
+        picture = self._picture(scene, cameras)
         if lossless is None or not (score or settings.layer == "difference"):
             return picture, None
         truth = self._lossless(lossless, cameras)
@@ -189,8 +192,11 @@ class Viewer:
     def _lossless(self, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
         """The reference picture; the last one is kept, because settings change while the view stays."""
         if self._reference is None or not _same(self._reference[0], cameras):
-            self._reference = (cameras, render_scene(scene, cameras, renderer=self._render)[0])
+            self._reference = (cameras, self._picture(scene, cameras))
         return self._reference[1]
+
+    def _picture(self, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
+        return render_scene(scene, cameras, renderer=self._render, background=self._background)[0]
 
     @torch.no_grad()
     def _lost_anchors(self, shape: AnchorScene, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
@@ -200,7 +206,8 @@ class Viewer:
         spawned = spawn_gaussians(anchors, shape.heads, cameras.centers[0], visible)
         colors = heat(0.1 + 0.9 * share)[spawned.anchor_index]
         gaussians = dataclasses.replace(spawned.gaussians, colors=colors)
-        return self._render(gaussians, cameras, background=torch.zeros(3))[0].clamp(0, 1)
+        behind = torch.tensor(shape.background) if self._background is None else self._background
+        return self._render(gaussians, cameras, background=behind)[0].clamp(0, 1)
 
 
 def _same(a: Cameras, b: Cameras) -> bool:

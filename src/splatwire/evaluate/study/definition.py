@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.evaluate.protocol import MAX_SEEDS
 from splatwire.packets import PRESETS, Packetization
 from splatwire.render import create_renderer
+from splatwire.scene.background import Background
 
 METRICS = ("psnr", "ssim", "lpips")
 SIZE_METRICS = ("growth_percent", "attribute_growth_percent")
@@ -43,7 +44,7 @@ class SceneEntry:
         weights: Calibrated weights of the GNN for this scene.
         sections: A stream of this scene whose named sections rows may ask for; None to take them from `source`, if that
             is a stream.
-        background: RGB behind everything.
+        background: RGB behind everything; None for what the scene was trained in front of.
     """
 
     name: str
@@ -58,7 +59,7 @@ class SceneEntry:
     max_width: int = 1600
     weights: Path | None = None
     sections: Path | None = None
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    background: Background | None = None
 
     def __post_init__(self) -> None:
         _known("split", self.split, SPLITS)

@@ -4,7 +4,7 @@ import hashlib
 import io
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,8 @@ import numpy as np
 import torch
 
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
+from splatwire.codec.background import SECTION as BACKGROUND
+from splatwire.codec.background import background_of
 from splatwire.codec.encoder import scene_in_order
 from splatwire.codec.sections import split_sections, without_concealment
 from splatwire.conceal.gnn.weights import load_weights
@@ -233,7 +235,7 @@ def _prepare_stream(
 
 
 def _with_sections(calibrated: SceneStream | None, row: Row) -> SceneStream:
-    """The calibrated stream itself, with the row's sections only.
+    """The calibrated stream itself; of what was added for concealers, with the row's sections only.
 
     A section is coded against the quantised networks of its own stream: in another encoding it could not be read.
 
@@ -242,7 +244,7 @@ def _with_sections(calibrated: SceneStream | None, row: Row) -> SceneStream:
     """
     if calibrated is None or calibrated.manifest.tiers or calibrated.manifest.packetization != row.packetization:
         raise InvalidValueError(f"row '{row.key}' needs sections made for its own packets ({row.variant})")
-    for name in sorted(set(sections_of(calibrated)) - set(row.sections)):
+    for name in sorted(set(sections_of(calibrated)) - {*row.sections, BACKGROUND}):
         calibrated = without_concealment(calibrated, name)
     return calibrated
 
@@ -261,6 +263,9 @@ def _prepare_views(
     study: Study, entry: SceneEntry, stream: PreparedStream, store: Store, code: str, progress: Progress
 ) -> tuple[str, str]:
     """Writes cameras and reference pictures; returns their folder and the digest of their content."""
+    background = entry.background
+    if background is None:
+        background = background_of(read_stream(store.root / stream.path)[0])
     dataset = None
     if entry.photos is not None:
         dataset = open_dataset(
@@ -269,22 +274,25 @@ def _prepare_views(
             images=entry.images,
             max_width=entry.max_width,
             test_views=entry.test_views,
-            background=entry.background,
+            background=background,
         )
     cameras = dataset.cameras if dataset is not None else load_cameras(_camera_file(entry))
     chosen = spread(cameras.num_views, study.views)
     stamp = _stamp(dataset, chosen) if dataset is not None else f"{stream.digest} {study.renderer}"
-    key = _digest(stamp, code, canonical(_camera_content(cameras.select(chosen))), str(entry.background), entry.name)
+    key = _digest(stamp, code, canonical(_camera_content(cameras.select(chosen))), str(background), entry.name)
     folder = f"inputs/views_{key}"
     if (known := read_json(store.root / folder / "views.json")) is not None:
         return folder, str(known["digest"])
-    pictures = _pictures(dataset, chosen, cameras, study, entry, stream, store, progress)
+    pictures = _pictures(
+        dataset, chosen, cameras, study, replace(entry, background=background), stream, store, progress
+    )
     buffer = io.BytesIO()
     np.save(buffer, pictures)
     store.write(f"{folder}/references.npy", buffer.getvalue())
     save_cameras(cameras.select(chosen), store.root / folder / "cameras.json")
-    digest = _digest(hashlib.sha256(buffer.getvalue()).hexdigest(), canonical(_camera_content(cameras.select(chosen))))
-    about = {"digest": digest, "background": list(entry.background), "source": PHOTOS if dataset else RENDERS}
+    content = canonical(_camera_content(cameras.select(chosen)))
+    digest = _digest(hashlib.sha256(buffer.getvalue()).hexdigest(), content, str(background))
+    about = {"digest": digest, "background": list(background), "source": PHOTOS if dataset else RENDERS}
     store.write(f"{folder}/views.json", json.dumps(about).encode())
     return folder, digest
 

@@ -21,6 +21,7 @@ from splatwire.evaluate.study.definition import (
     canonical,
 )
 from splatwire.packets import PRESETS, Packetization
+from splatwire.scene.background import Background, check_background
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -173,15 +174,15 @@ def _scene(place: str, table: dict[str, Any], expand: _Expander) -> SceneEntry:
         if key in table:
             table[key] = expand(place, table[key])
     if "background" in table:
-        table["background"] = _color(place, table["background"])
+        table["background"] = _background(place, table["background"])
     return SceneEntry(source=source, kind=kinds[0], **table)
 
 
-def _color(place: str, values: list[Any]) -> tuple[float, float, float]:
-    if len(values) != 3 or not all(type(v) in (int, float) and 0 <= v <= 1 for v in values):
-        raise InvalidValueError(f"{place}: background must be three numbers from 0 to 1, not {values!r:.60}")
-    red, green, blue = map(float, values)
-    return red, green, blue
+def _background(place: str, values: list[Any]) -> Background:
+    try:
+        return check_background(values)
+    except InvalidValueError as error:
+        raise InvalidValueError(f"{place}: {error}") from error
 
 
 def _row(place: str, table: dict[str, Any]) -> Row:
