@@ -34,6 +34,8 @@ def test_it_serves_a_page_until_it_is_told_to_stop(stream, how):
             told = json.loads(process.stdout.readline())
             assert told["anchors"] == 200
             assert not told["live"]
+            assert "grow" in told["concealers"]
+            assert "sketch" not in told["concealers"]  # this stream carries none
             with urllib.request.urlopen(told["url"], timeout=20) as page:
                 assert b"<html" in page.read().lower()
             process.send_signal(how)

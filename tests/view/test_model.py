@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+from importlib import resources
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,10 +11,11 @@ import torch
 from scenes import tiny_cameras, tiny_scene
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.conceal import conceal
+from splatwire.conceal import conceal, concealer_names
+from splatwire.data import load_cameras
 from splatwire.errors import DesyncError, InvalidValueError, UnknownNameError
 from splatwire.metrics import psnr
-from splatwire.packets import Packetization, SceneStream
+from splatwire.packets import Packetization, SceneStream, read_stream
 from splatwire.render import render_scene
 from splatwire.view import ProgressiveScene, plan_transfer
 from splatwire.view.looks import Look, Pace, first_look, heat
@@ -43,6 +46,21 @@ CHOICES = [
 def arrived(stream: SceneStream, settings: Settings) -> SceneStream:
     transfer = plan_transfer(stream, settings.loss_model(), seed=settings.seed)
     return stream.with_packets(transfer.upto(settings.progress))
+
+
+def test_what_a_stream_carries_for_concealers_is_offered_and_used(viewer):
+    assets = Path(str(resources.files("splatwire").joinpath("assets")))
+    bundled, _ = read_stream(assets / "snowmiku.swz")
+    source, settings = FileSource(bundled), Settings(loss=0.5, concealer="sketch")
+    assert "sketch" in concealer_names(source.sections)
+    assert "sketch" not in concealer_names(viewer.source.sections)
+    camera = load_cameras(assets / "snowmiku_cameras.json").select([0]).scaled(0.2)
+    frame = Viewer(source).frame(settings, camera, score=False)
+    partial = decode_stream(arrived(bundled, settings))
+    pictures = [render_scene(conceal(partial, name), camera)[0] for name in ("sketch", "grow")]
+    assert torch.equal(frame.image, (pictures[0] * 255).round().to(torch.uint8))
+    assert not torch.equal(pictures[0], pictures[1])
+    assert LiveSource(bundled.manifest, bundled.side_info).sections == source.sections
 
 
 def test_pictures_are_those_of_decoding_and_concealing_what_arrived(stream, viewer):

@@ -69,12 +69,12 @@ class View:
         background = chosen_background(self.background)
         require_viser()
         create_concealer(self.conceal)
-        names = concealer_names()
-        names = names if self.conceal in names else (*names, self.conceal)
         settings = Settings(self.loss, self.burst, self.seed, self.conceal)
         settings.loss_model()
         with progress_bars() as show:
             source, transfer, cameras = self._open(show)
+        names = concealer_names(source.sections)
+        names = names if self.conceal in names else (*names, self.conceal)
         try:
             play_s = getattr(source, "transfer_seconds", 10.0)
             viewer = Viewer(source, self.renderer, background)
@@ -84,7 +84,8 @@ class View:
             )  # fmt: skip
             with _stopping(server.stop):
                 if self.json:
-                    print_json({"url": server.url, "anchors": source.anchors.num_anchors, "live": source.live})
+                    about = {"anchors": source.anchors.num_anchors, "live": source.live, "concealers": names}
+                    print_json({"url": server.url, **about})
                 else:
                     print_summary(f"{source.anchors.num_anchors} anchors at {server.url} (Ctrl-C ends it)")
                 server.run()

@@ -109,6 +109,10 @@ class Source(Protocol):
         """Any state of the anchors; positions are right."""
 
     @property
+    def sections(self) -> tuple[str, ...]:
+        """Names of what the stream carries for concealers."""
+
+    @property
     def known(self) -> Bool[Tensor, "N"]:
         """Anchors that were there at the last call of `scene`."""
 

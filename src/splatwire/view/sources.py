@@ -65,6 +65,11 @@ class FileSource:
         return self._full.scene.anchors
 
     @property
+    def sections(self) -> tuple[str, ...]:
+        """See `Source`."""
+        return tuple(self._full.concealment)
+
+    @property
     def known(self) -> Bool[Tensor, "N"]:
         """See `Source`."""
         return self._partial.erasures.known
@@ -156,6 +161,11 @@ class LiveSource:
     def anchors(self) -> Anchors:
         """See `Source`."""
         return self._progressive.decoder.partial.scene.anchors
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """See `Source`."""
+        return tuple(self._progressive.decoder.partial.concealment)
 
     @property
     def known(self) -> Bool[Tensor, "N"]:
