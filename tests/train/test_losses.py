@@ -38,3 +38,17 @@ def test_a_perfect_picture_costs_nothing() -> None:
     loss, error = photometric_loss(photo.clone().requires_grad_(), prepare_photo(photo), 0.2)
     assert float(loss.detach()) == pytest.approx(0, abs=1e-5)
     assert float(error) == 0
+
+
+def test_what_a_mask_leaves_out_pulls_at_nothing() -> None:
+    image, photo = _pair(24, 30)
+    mask = torch.zeros(24, 30, dtype=torch.bool)
+    mask[:, :10] = True
+    own = image.clone().requires_grad_()
+    photometric_loss(own, prepare_photo(photo, mask), 0.2)[0].backward()
+    assert own.grad is not None
+    assert float(own.grad[:, :10].abs().min()) > 0
+    assert float(own.grad[:, 21:].abs().max()) < 1e-6  # beyond SSIM's window: only rounding is left
+    whole = torch.ones_like(mask)
+    masked, plain = (photometric_loss(image, prepare_photo(photo, m), 0.2)[0] for m in (whole, None))
+    torch.testing.assert_close(masked, plain)

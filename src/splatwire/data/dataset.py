@@ -1,17 +1,17 @@
 """Posed photos of a scene, whatever layout they come in."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.data import bungee
 from splatwire.data._checks import child, make_cameras, view_names
 from splatwire.data.colmap import ColmapView, SparsePoints, find_reconstruction, read_points, read_views
-from splatwire.data.photos import limited_size, load_photo, photo_size
+from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.transforms_json import TransformsView, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
 from splatwire.scene import Cameras
@@ -33,12 +33,14 @@ class Dataset:
         image_paths: One file per view; it may be larger than that and is then reduced when it is loaded.
         points: Sparse points of the reconstruction, if there are any.
         background: RGB that shows where a photo's alpha is below 1.
+        mask_paths: A mask or None for each view; empty if no view has one.
     """
 
     cameras: Cameras
     image_paths: tuple[Path, ...]
     points: SparsePoints | None = None
     background: Background = BLACK
+    mask_paths: tuple[Path | None, ...] = ()
 
     @property
     def num_views(self) -> int:
@@ -53,10 +55,20 @@ class Dataset:
         """
         return load_photo(self.image_paths[view], (self.cameras.width, self.cameras.height), self.background)
 
+    def mask(self, view: int) -> Bool[Tensor, "H W"] | None:
+        """Loads the mask of a view, True where its photo counts; None where all of it does.
+
+        Raises:
+            DatasetError: If the file is missing or damaged.
+        """
+        path = self.mask_paths[view] if self.mask_paths else None
+        return None if path is None else load_mask(path, (self.cameras.width, self.cameras.height))
+
     def select(self, views: list[int]) -> "Dataset":
         """Returns the views at the given indices, in that order."""
         paths = tuple(self.image_paths[view] for view in views)
-        return Dataset(self.cameras.select(views), paths, self.points, self.background)
+        masks = tuple(self.mask_paths[view] for view in views) if self.mask_paths else ()
+        return replace(self, cameras=self.cameras.select(views), image_paths=paths, mask_paths=masks)
 
 
 def open_dataset(
@@ -73,8 +85,8 @@ def open_dataset(
     Four layouts are read (`dataset_layout`). COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`) and `images`, as in
     Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`, or that file beside a
     COLMAP reconstruction, which then gives the cameras. Blender: `transforms_train.json` and `transforms_test.json`,
-    each its own split. nerfstudio: one `transforms.json`. Where one list of views must be split, it is sorted by name
-    first.
+    each its own split. nerfstudio: one `transforms.json`, with a `mask_path` for frames that have a mask. Where one
+    list of views must be split, it is sorted by name first.
 
     Args:
         path: The folder.
@@ -113,7 +125,8 @@ def open_dataset(
         image_paths = [view.image_path for view in views]
     if not views:
         raise DatasetError(f"{source}: has no views in the split '{split}'")
-    return Dataset(_cameras(source, views, image_paths, max_width), tuple(image_paths), points, background)
+    cameras = _cameras(source, views, image_paths, max_width)
+    return Dataset(cameras, tuple(image_paths), points, background, _masks(views, image_paths))
 
 
 def dataset_layout(path: Path) -> str | None:
@@ -164,6 +177,17 @@ def _find_images(folder: Path, views: list[ColmapView]) -> list[Path]:
     if missing:
         raise DatasetError(f"{folder}: {len(missing)} of {len(views)} posed images are missing, first '{missing[0]}'")
     return [file for file in paths if file is not None]
+
+
+def _masks(views: Sequence[ColmapView | TransformsView], image_paths: list[Path]) -> tuple[Path | None, ...]:
+    """The mask of each view, which must be of the size of its photo."""
+    masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
+    for mask, file in zip(masks, image_paths, strict=True):
+        if mask is not None and (found := photo_size(mask)) != (size := photo_size(file)):
+            raise DatasetError(
+                f"{mask}: the mask is {found[0]} x {found[1]} pixels, its photo {file.name} {size[0]} x {size[1]}"
+            )
+    return masks if any(mask is not None for mask in masks) else ()
 
 
 def _cameras(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from PIL import Image
 from torch import Tensor
 
@@ -54,6 +54,26 @@ def load_photo(
         whole = Image.fromarray(np.rint(pixels * 255).astype(np.uint8))
         pixels = np.asarray(whole.resize(size, Image.Resampling.BICUBIC), dtype=np.float32) / 255
     return torch.from_numpy(np.ascontiguousarray(pixels))
+
+
+def load_mask(path: Path, size: tuple[int, int]) -> Bool[Tensor, "H W"]:
+    """Loads a mask: True where a pixel counts, that is, where the file is brighter than middle grey.
+
+    Args:
+        path: The file, 8 bits per channel.
+        size: Width and height to resize to (nearest pixel).
+
+    Raises:
+        DatasetError: If there is no such file, or it is not such an image.
+    """
+    with _open(path) as image:
+        if image.mode not in ("1", *_OPAQUE_MODES, *_ALPHA_MODES):
+            raise DatasetError(f"{path}: masks in mode {image.mode} are not read; convert it to 8-bit grey")
+        try:
+            grey = np.asarray(image.convert("L").resize(size, Image.Resampling.NEAREST))
+        except (OSError, ValueError, SyntaxError) as error:
+            raise DatasetError(f"{path}: the mask is damaged: {error}") from error
+    return torch.from_numpy(grey > 127)
 
 
 def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, int]:

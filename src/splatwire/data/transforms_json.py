@@ -28,6 +28,7 @@ class TransformsView:
         K: float64 (3, 3), for an image of `width` x `height` pixels.
         width: Width that `K` is for.
         height: Height that `K` is for.
+        mask_path: Its mask, if it has one.
     """
 
     name: str
@@ -36,6 +37,7 @@ class TransformsView:
     K: np.ndarray
     width: int
     height: int
+    mask_path: Path | None = None
 
 
 def read_transforms(path: Path, images: str | None = None) -> list[TransformsView]:
@@ -46,10 +48,11 @@ def read_transforms(path: Path, images: str | None = None) -> list[TransformsVie
 
     Args:
         path: The file.
-        images: Folder to take instead of a leading `images/` in the file paths (`images_4`).
+        images: Folder to take instead of a leading `images/` in the file paths (`images_4`); masks are then taken from
+            the folder that is named alike (`masks_4`).
 
     Raises:
-        DatasetError: If the file is damaged, a lens distorts, a pose is not rigid, or an image is missing.
+        DatasetError: If the file is damaged, a lens distorts, a pose is not rigid, or an image or mask is missing.
     """
     content = read_json(path)
     frames = content.get("frames") if isinstance(content, dict) else None
@@ -72,7 +75,22 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
     check_rigid(path, name, pose)
     K, width, height = _intrinsics(path, name, {**content, **frame}, image_path)
     viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
-    return TransformsView(name, image_path, viewmat, K, width, height)
+    return TransformsView(name, image_path, viewmat, K, width, height, _find_mask(path, name, frame, images))
+
+
+def _find_mask(path: Path, name: str, frame: dict[str, Any], images: str | None) -> Path | None:
+    mask = frame.get("mask_path")
+    if mask is None:
+        return None
+    if not isinstance(mask, str):
+        raise DatasetError(f"{path}: view '{name}': 'mask_path' is not a path")
+    mask = mask.removeprefix("./")
+    if images is not None and images.startswith("images") and mask.startswith("masks/"):
+        mask = f"masks{images.removeprefix('images')}/{mask.removeprefix('masks/')}"
+    file = child(path.parent, mask, path)
+    if not file.is_file():
+        raise DatasetError(f"{path}: the mask '{mask}' of view '{name}' is missing")
+    return file
 
 
 def _find_image(path: Path, name: str) -> Path:

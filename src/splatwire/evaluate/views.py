@@ -63,7 +63,8 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 def photo_views(dataset: Dataset) -> ReferenceViews:
     """Compares with the photos of a dataset."""
-    return ReferenceViews(dataset.cameras, dataset.image, "photos", dataset.background)
+    source = "photos, whole in spite of their masks" if dataset.mask_paths else "photos"
+    return ReferenceViews(dataset.cameras, dataset.image, source, dataset.background)
 
 
 def rendered_views(

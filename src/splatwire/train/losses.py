@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.metrics.ssim import SIGMA, WINDOW, ssim
@@ -19,17 +19,19 @@ class Photo:
 
     Attributes:
         image: RGB in [0, 1].
-        moments: Its blurred values and blurred squares on the CPU, None elsewhere.
+        moments: Its blurred values and blurred squares on the CPU; None elsewhere, and of a photo with a mask.
+        mask: True where it counts; None where all of it does.
     """
 
     image: Float[Tensor, "H W 3"]
     moments: Float[Tensor, "2 H W 3"] | None
+    mask: Bool[Tensor, "H W"] | None = None
 
 
-def prepare_photo(image: Float[Tensor, "H W 3"]) -> Photo:
+def prepare_photo(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> Photo:
     """Computes what `photometric_loss` needs of a photo, once."""
-    if image.device.type != "cpu":
-        return Photo(image, None)
+    if image.device.type != "cpu" or mask is not None:
+        return Photo(image, None, mask)
     from splatwire.train import _loss_kernels as kernels
 
     pixels = image.contiguous().numpy()
@@ -45,12 +47,14 @@ def photometric_loss(
 
     Args:
         image: The picture, RGB, not clamped.
-        photo: What it should be.
+        photo: What it should be; what its mask leaves out pulls at nothing.
         dssim: Weight of 1 - SSIM; the mean absolute error has the rest.
 
     Returns:
         The loss, and the mean absolute error without a gradient.
     """
+    if photo.mask is not None:
+        photo = prepare_photo(torch.where(photo.mask[:, :, None], photo.image, image.detach()))
     if photo.moments is None or image.dtype != torch.float32:
         return photometric_loss_reference(image, photo.image, dssim)
     loss, error = _PhotometricLoss.apply(image, photo, dssim)

@@ -1,10 +1,11 @@
 """The training photos: all of them are read once before training starts, then kept as bytes."""
 
 import torch
-from jaxtyping import UInt8
+from jaxtyping import Bool, UInt8
 from torch import Tensor
 
 from splatwire.data import Dataset
+from splatwire.errors import DatasetError
 from splatwire.train.losses import Photo, prepare_photo
 
 PREPARED_BYTES = 1 << 30
@@ -18,7 +19,7 @@ class PhotoStore:
         dataset: The dataset.
 
     Raises:
-        DatasetError: If a photo is missing or damaged.
+        DatasetError: If a photo or mask is missing or damaged, or a mask leaves nothing.
     """
 
     def __init__(self, dataset: Dataset, device: torch.device) -> None:
@@ -26,6 +27,10 @@ class PhotoStore:
         self._bytes: list[UInt8[Tensor, "H W 3"]] = [
             torch.round(dataset.image(view) * 255).to(torch.uint8) for view in range(dataset.num_views)
         ]
+        self._masks = [dataset.mask(view) for view in range(dataset.num_views)]
+        blank = [name for name, mask in zip(dataset.cameras.names, self._masks, strict=True) if _blank(mask)]
+        if blank:
+            raise DatasetError(f"the mask of view '{blank[0]}' leaves nothing of its photo: remove the view")
         self._prepared: dict[int, Photo] = {}
         pixels = dataset.cameras.width * dataset.cameras.height
         self._room = PREPARED_BYTES // (3 * pixels * 3 * 4)
@@ -34,7 +39,11 @@ class PhotoStore:
         """Returns the photo of a view."""
         if view in self._prepared:
             return self._prepared[view]
-        photo = prepare_photo(self._bytes[view].to(self._device).float() / 255)
+        photo = prepare_photo(self._bytes[view].to(self._device).float() / 255, self._masks[view])
         if len(self._prepared) < self._room:
             self._prepared[view] = photo
         return photo
+
+
+def _blank(mask: Bool[Tensor, "H W"] | None) -> bool:
+    return mask is not None and not bool(mask.any())

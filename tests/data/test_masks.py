@@ -1,0 +1,81 @@
+"""`mask_path` of nerfstudio: what it leaves out of a photo counts for nothing."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from splatwire.data import open_dataset
+from splatwire.errors import DatasetError
+
+
+@pytest.fixture
+def masked(capture):
+    """A nerfstudio folder in which every second frame has a mask: the left half counts."""
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    (capture.root / "masks").mkdir()
+    for frame in content["frames"][::2]:
+        frame["mask_path"] = f"./masks/{frame['file_path'].split('/')[1]}"
+        half = np.zeros((capture.height, capture.width), np.uint8)
+        half[:, :20] = 255
+        Image.fromarray(half).save(capture.root / frame["mask_path"])
+    path.write_text(json.dumps(content))
+    return capture
+
+
+def test_masks_belong_to_their_views(masked):
+    dataset, marked = open_dataset(masked.root, split="all"), {name[:-4] for name in masked.names[::2]}
+    for view, name in enumerate(dataset.cameras.names):
+        mask = dataset.mask(view)
+        assert (mask is not None) == (name in marked)
+        assert mask is None or (bool(mask[:, :20].all()) and not bool(mask[:, 20:].any()))
+    backwards = dataset.select(list(reversed(range(dataset.num_views))))
+    assert backwards.mask_paths == dataset.mask_paths[::-1]
+
+
+def test_masks_follow_the_size_of_the_photos(masked):
+    dataset = open_dataset(masked.root, split="all", max_width=20)
+    mask = dataset.mask(next(view for view, path in enumerate(dataset.mask_paths) if path))
+    assert mask.shape == (12, 20)
+    assert int(mask.sum()) == 120
+    for folder in ("images", "masks"):
+        (masked.root / f"{folder}_2").mkdir()
+        for file in (masked.root / folder).iterdir():
+            Image.open(file).resize((20, 12)).save(masked.root / f"{folder}_2" / file.name)
+    smaller = open_dataset(masked.root, split="all", images="images_2")
+    assert {path.parent.name for path in smaller.mask_paths if path} == {"masks_2"}
+
+
+def test_a_dataset_without_masks_has_none(capture):
+    dataset = open_dataset(capture.write_nerfstudio(), split="all")
+    assert dataset.mask_paths == ()
+    assert dataset.mask(0) is None
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda file: file.unlink(), r"the mask 'masks/view_03\.png' of view .* is missing"),
+        (
+            lambda file: Image.new("L", (24, 40)).save(file),
+            r"the mask is 24 x 40 pixels, its photo view_03\.png 40 x 24",
+        ),
+        (lambda file: file.write_text("no image"), "not a readable image"),
+    ],
+)
+def test_wrong_masks_are_told_when_the_folder_is_opened(masked, spoil, reason):
+    spoil(masked.root / "masks" / masked.names[0])
+    with pytest.raises(DatasetError, match=reason):
+        open_dataset(masked.root, split="all")
+
+
+@pytest.mark.parametrize(("path", "reason"), [(3, "is not a path"), ("../view.png", "does not stay inside")])
+def test_wrong_paths_are_told(masked, path, reason):
+    file = masked.root / "transforms.json"
+    content = json.loads(file.read_text())
+    content["frames"][1]["mask_path"] = path
+    file.write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=reason):
+        open_dataset(masked.root, split="all")
