@@ -111,11 +111,18 @@ def _serve(pipe: Connection, root: str) -> None:
         except (EOFError, KeyboardInterrupt):
             return
         try:
-            run_unit(root, unit)
-            pipe.send(None)
+            failure = _failure_of(root, unit)
         except KeyboardInterrupt:
             return
-        except (SplatwireError, OSError) as error:
-            pipe.send(str(error))
-        except Exception as error:
-            pipe.send(f"{type(error).__name__}: {error}")
+        with contextlib.suppress(BrokenPipeError):  # whom to tell is gone; so the next unit never comes
+            pipe.send(failure)
+
+
+def _failure_of(root: str, unit: Unit) -> str | None:
+    try:
+        run_unit(root, unit)
+    except (SplatwireError, OSError) as error:
+        return str(error)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return None
