@@ -5,6 +5,7 @@ import torch
 
 from conceal.gaps import random_context
 from splatwire.conceal import Drop, Grow
+from splatwire.conceal.grow import lost_share
 from splatwire.errors import InvalidValueError
 from splatwire.scene import Erasures
 
@@ -19,8 +20,32 @@ def test_the_gain_is_the_share_that_is_left_to_the_power_of_minus_a_half() -> No
             assert result.size_gain[k] == 1
             continue
         near = (positions - positions[k]).norm(dim=1).argsort()[1:11]
-        lost = float((~known[near]).double().mean())
-        assert float(result.size_gain[k]) == pytest.approx(min((1 - lost) ** -0.5, 100.0) if lost < 1 else 100.0)
+        size = context.prior.scaling.mean[near, 3:].double().log().mean(dim=1).exp()
+        lost = float((size * ~known[near]).sum() / size.sum())
+        assert float(result.size_gain[k]) == pytest.approx(
+            min((1 - lost) ** -0.5, 100.0) if lost < 1 else 100.0, rel=1e-5
+        )
+
+
+def test_small_anchors_that_are_lost_weigh_less_than_large_ones() -> None:
+    context = random_context(300, 6, loss=0)
+    size = context.prior.scaling.mean[:, 3:].log().mean(dim=1)
+    large = size >= size.median()
+
+    def gain(known: torch.Tensor) -> float:
+        gains = Grow(neighbors=20)(dataclasses.replace(context, erasures=Erasures.of_anchors(known))).size_gain
+        return float(gains[known].mean())
+
+    assert gain(large) < 1.35 < 1.45 < gain(~large)
+
+
+def test_weights_all_alike_count_heads() -> None:
+    context = random_context(200, 7)
+    positions, known = context.anchors.positions, context.erasures.known
+    heads = lost_share(positions, known, 9)
+    assert torch.equal(heads, lost_share(positions, known, 9, torch.full((200,), 3.0)))
+    assert float(heads[known].max()) <= 1
+    torch.testing.assert_close((9 * heads).round(), 9 * heads)
 
 
 @pytest.mark.parametrize("exponent", [0.0, 0.25, 1.0])

@@ -152,9 +152,9 @@ def reverse_lists(index):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def count_arrivals(arrivals, bounds, owners, lost, changed):
-    """Takes arrivals out of the lost neighbours of whoever counts them, and marks those."""
+def count_arrivals(arrivals, bounds, owners, weights, lost, changed):
+    """Takes the weights of arrivals out of the lost neighbours of whoever counts them, and marks those."""
     for a in arrivals:
         for j in range(bounds[a], bounds[a + 1]):
-            lost[owners[j]] -= 1
+            lost[owners[j]] -= weights[a]
             changed[owners[j]] = True

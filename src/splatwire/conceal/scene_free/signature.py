@@ -5,7 +5,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.conceal.context import AnchorContext
-from splatwire.conceal.scene_free.surroundings import CLOSE, MIN_SIZE, Neighborhood, Surroundings
+from splatwire.conceal.grow import MIN_SIZE
+from splatwire.conceal.scene_free.surroundings import CLOSE, Neighborhood, Surroundings
 
 SIGNATURE = 26
 """Entries of a signature."""
@@ -44,8 +45,11 @@ def signatures(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M
 
 
 def near_losses(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M"]:
-    """Share of lost anchors among all the neighbours, 0 for an anchor without any."""
-    return _mean((~context.erasures.known)[around.near.index].to(around.log_size.dtype))
+    """Share of what is lost among all the neighbours, by size as in `Grow`; 0 for an anchor without any."""
+    near, weight = around.near.index, around.log_size.double().exp()
+    lost = (weight * ~context.erasures.known)[near].sum(dim=1)
+    tiny = torch.finfo(weight.dtype).tiny
+    return (lost / weight[near].sum(dim=1).clamp(min=tiny)).to(around.log_size.dtype)
 
 
 def _gain_for(share: Tensor) -> Tensor:

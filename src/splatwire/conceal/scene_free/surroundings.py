@@ -6,6 +6,7 @@ from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.grow import predicted_log_size
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 NEIGHBORS = 64
@@ -16,10 +17,7 @@ CLASS_NEIGHBORS = 12
 CLASS_SHARES = (8, 64)
 """Size classes: the largest eighth and the largest 64th. What covers a hole that a large anchor left is the other large
 anchors around it, of which the nearest neighbours, small and many, say nothing."""
-MIN_SIZE = 1e-9
 _MIN_CLASS = 8
-_SMALLEST = 0.05
-"""Predicted sizes are kept above this share of their median: a prediction may be negative."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +74,3 @@ def surroundings_of(context: AnchorContext, rows: Int64[Tensor, "M"]) -> Surroun
         index, distance = NeighborTree(positions[members]).query(positions[rows], CLASS_NEIGHBORS)
         classes.append(Neighborhood(members[index], distance))
     return Surroundings(log_size, rows, near, tuple(classes))
-
-
-def predicted_log_size(context: AnchorContext) -> Float[Tensor, "N"]:
-    """Mean logarithm of the three sizes of an anchor's Gaussians, as the prior predicts them."""
-    size = context.prior.scaling.mean[:, 3:]
-    typical = float(size.clamp(min=0).median()) if len(size) else 0.0
-    return size.clamp(min=max(_SMALLEST * typical, MIN_SIZE)).log().mean(dim=1)
