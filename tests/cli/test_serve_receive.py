@@ -148,5 +148,8 @@ def test_tiers_on_the_command_line():
     from splatwire.cli.serve import Serve, parse_tiers
 
     assert parse_tiers(["tier2=0.5", "tier0=1"]) == (1.0, 0.0, 0.5)
-    protection = Serve(["x.swz"], protect=("tier0=0.4",), side_symbol=128, parity_until=0.5).protection()
+    protection = Serve(
+        ["x.swz"], protect=("tier0=0.4",), side_symbol=128, parity_until=0.5, tier_spread=0.7
+    ).protection()
+    assert protection.tier_spread == 0.7
     assert (protection.tier_repair, protection.side_symbol_bytes, protection.parity_until) == ((0.4,), 128, 0.5)

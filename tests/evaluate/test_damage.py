@@ -4,9 +4,20 @@ import torch
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.codec import decode_stream, encode_scene
+from splatwire.conceal import conceal
 from splatwire.errors import InvalidValueError
-from splatwire.evaluate.damage import measure_damage, without
+from splatwire.evaluate.damage import (
+    ASSUMED_BASE_MSE,
+    LossyPictures,
+    known_anchors,
+    measure_damage,
+    offer_of,
+    packet_members,
+    without,
+)
 from splatwire.model import PartialScene
+from splatwire.packets import PRESETS
+from splatwire.render import iterate_views
 from splatwire.render.importance import footprint_importance
 
 
@@ -18,8 +29,9 @@ def complete() -> PartialScene:
 def test_losing_more_of_what_matters_costs_more(complete: PartialScene) -> None:
     cameras = tiny_cameras()
     tiers = footprint_importance(complete.scene, cameras).tiers((0.3,))
-    damage = measure_damage(complete, tiers, cameras, concealer="drop", seed=1)
-    assert damage.mse.shape == (2, 4)
+    damage = measure_damage(LossyPictures(complete, cameras, "drop"), tiers, seed=1)
+    assert damage.mse.shape == (2, 6)
+    assert damage.base_mse == pytest.approx(ASSUMED_BASE_MSE)
     assert (damage.mse[:, 0] == 0).all()
     assert (np.diff(damage.mse, axis=1) >= 0).all()
     assert damage.mse[0, -1] > damage.mse[1, -1] > 0
@@ -41,4 +53,37 @@ def test_damage_needs_a_complete_stream(complete: PartialScene) -> None:
     num = complete.scene.anchors.num_anchors
     partial = without(complete, torch.arange(num) > 0)
     with pytest.raises(InvalidValueError, match="1 anchors are lost"):
-        measure_damage(partial, torch.zeros(num, dtype=torch.uint8), tiny_cameras(), concealer="drop")
+        LossyPictures(partial, tiny_cameras(), "drop")
+
+
+@pytest.mark.parametrize("concealer", ["drop", "grow", "scene_free"])
+def test_pictures_are_those_of_concealing_from_scratch(complete: PartialScene, concealer: str) -> None:
+    cameras, num = tiny_cameras(), complete.scene.anchors.num_anchors
+    photos = [image + 0.1 for image in iterate_views(complete.scene, cameras)]
+    pictures = LossyPictures(complete, cameras, concealer, photos=photos)
+    for step in (2, 3, 5):  # each starts from nothing, whatever was asked before
+        known = torch.arange(num) % step > 0
+        images = iterate_views(conceal(without(complete, known), concealer), cameras)
+        errors = [float((image - photo).double().square().mean()) for image, photo in zip(images, photos, strict=True)]
+        assert pictures.errors(known) == pytest.approx(errors, rel=1e-4)
+    assert pictures.psnr(torch.ones(num, dtype=torch.bool)) == pytest.approx(20.0, abs=1e-3)
+    with pytest.raises(InvalidValueError, match="1 photos of"):
+        LossyPictures(complete, cameras, concealer, photos=photos[:1])
+
+
+def test_an_offer_says_what_a_stream_weighs_and_shows() -> None:
+    scene, cameras = tiny_scene(), tiny_cameras()
+    stream = encode_scene(scene, PRESETS["datagram"], tiers=footprint_importance(scene, cameras).tiers((0.3,)))
+    decoded = decode_stream(stream)
+    offer = offer_of(stream, LossyPictures(decoded, cameras, "drop"), concealment_bytes=7)
+    assert offer.load.num_tiers == len(offer.damage.mse) == 2
+    assert offer.concealment_bytes == 7
+    members = packet_members(stream)
+    assert [len(anchors) for anchors in members] == offer.load.anchors.tolist()
+    everything = np.ones(len(members), dtype=np.bool_)
+    assert bool(known_anchors(members, everything, decoded.scene.anchors.num_anchors).all())
+    assert offer.picture is not None
+    less = everything.copy()
+    less[0] = False
+    assert offer.picture(everything) == pytest.approx(30.0, abs=1e-6)
+    assert offer.picture(less) < 30.0

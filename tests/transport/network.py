@@ -10,7 +10,8 @@ import numpy as np
 from splatwire.packets import PRESETS, Packet, PacketId, PacketPlan, SceneStream, make_stream
 from splatwire.packets.tiers import TierShape
 from splatwire.transport import Event, Receiver, ReceiverOptions, Server, ServerLimits
-from splatwire.transport.program import Program, Protection, make_program
+from splatwire.transport.program import Program, make_program
+from splatwire.transport.protection import Protection
 
 SECRET = b"0123456789abcdef"
 

@@ -5,9 +5,11 @@ import pytest
 
 from splatwire.channel import Bernoulli, Nothing, parse_loss
 from splatwire.errors import InvalidValueError
+from splatwire.transport.candidates import Search, arrival_within, plain_candidates
+from splatwire.transport.damage import BLANK_MSE, BLANK_PSNR, Damage, Offer, lost_shares
 from splatwire.transport.outline import Outline, StreamLoad, draw_losses, outline_transfer, simulate
-from splatwire.transport.planner import BLANK_MSE, Damage, lost_shares, plan_protection
-from splatwire.transport.program import Protection
+from splatwire.transport.planner import plan_protection, planning_losses
+from splatwire.transport.protection import Protection
 from splatwire.transport.wire import DATA, PARITY, SIDE
 
 SHARES = np.array([0.0, 0.2, 1.0])
@@ -94,7 +96,7 @@ def test_shares_of_lost_anchors(load: StreamLoad) -> None:
 
 def test_more_budget_is_never_worse_and_important_tiers_come_first(load: StreamLoad, damage: Damage) -> None:
     plans = [
-        plan_protection(load, damage, Bernoulli(0.2), budget_bytes=_budget(load, factor), trials=40)
+        plan_protection([Offer(load, damage)], Bernoulli(0.2), budget_bytes=_budget(load, factor), trials=40)
         for factor in (1.1, 1.3, 1.7)
     ]
     assert plans[0].psnr <= plans[1].psnr + 0.05
@@ -108,33 +110,33 @@ def test_more_budget_is_never_worse_and_important_tiers_come_first(load: StreamL
 
 
 def test_nothing_is_spent_where_nothing_is_lost(load: StreamLoad, damage: Damage) -> None:
-    plan = plan_protection(load, damage, Nothing(), budget_bytes=_budget(load, 2.0), trials=5)
+    plan = plan_protection([Offer(load, damage)], Nothing(), budget_bytes=_budget(load, 2.0), trials=5)
     assert plan.protection_share == 0.0
     assert plan.psnr == pytest.approx(30.0)
 
 
 def test_a_limit_on_protection_is_kept(load: StreamLoad, damage: Damage) -> None:
     plan = plan_protection(
-        load, damage, Bernoulli(0.2), budget_bytes=_budget(load, 2.0), trials=20, most_protection=0.12
+        [Offer(load, damage)], Bernoulli(0.2), budget_bytes=_budget(load, 2.0), trials=20, most_protection=0.12
     )
     assert 0 < plan.protection_share <= 0.12
 
 
 def test_a_limit_below_what_side_information_needs_is_kept_too(load: StreamLoad, damage: Damage) -> None:
-    plan = plan_protection(load, damage, Bernoulli(0.3), budget_bytes=1e7, trials=5, most_protection=0.02)
+    plan = plan_protection([Offer(load, damage)], Bernoulli(0.3), budget_bytes=1e7, trials=5, most_protection=0.02)
     assert plan.protection_share <= 0.02
     assert plan.head_arrives < 0.999
 
 
 def test_without_room_for_side_information_nothing_is_seen(load: StreamLoad, damage: Damage) -> None:
-    plan = plan_protection(load, damage, Bernoulli(0.2), budget_bytes=30_000, trials=20)
+    plan = plan_protection([Offer(load, damage)], Bernoulli(0.2), budget_bytes=30_000, trials=20)
     assert plan.head_arrives == 0.0
     assert plan.psnr == pytest.approx(-10 * np.log10(BLANK_MSE))
 
 
 def test_same_seed_same_plan(load: StreamLoad, damage: Damage) -> None:
     plans = [
-        plan_protection(load, damage, Bernoulli(0.1), budget_bytes=_budget(load, 1.2), trials=10, seed=3)
+        plan_protection([Offer(load, damage)], Bernoulli(0.1), budget_bytes=_budget(load, 1.2), trials=10, seed=3)
         for _ in range(2)
     ]
     assert plans[0] == plans[1]
@@ -142,8 +144,79 @@ def test_same_seed_same_plan(load: StreamLoad, damage: Damage) -> None:
 
 def test_mistakes_are_told(load: StreamLoad, damage: Damage) -> None:
     with pytest.raises(InvalidValueError, match="damage of 2 tiers, and the stream has 3"):
-        plan_protection(load, dataclasses.replace(damage, mse=damage.mse[:2]), Bernoulli(0.1), budget_bytes=1e6)
-    with pytest.raises(InvalidValueError, match="no plan for -1 bytes"):
-        plan_protection(load, damage, Bernoulli(0.1), budget_bytes=-1)
+        Offer(load, dataclasses.replace(damage, mse=damage.mse[:2]))
+    with pytest.raises(InvalidValueError, match="no plan for 1 streams, -1 bytes"):
+        plan_protection([Offer(load, damage)], Bernoulli(0.1), budget_bytes=-1)
     with pytest.raises(InvalidValueError, match="ascend from 0"):
         Damage(np.array([0.1, 0.2]), np.zeros((1, 2)), 1e-3)
+
+
+def test_damage_of_unequal_losses_is_what_was_measured_where_it_was() -> None:
+    damage = Damage(SHARES, np.array([[0.0, 0.010, 0.05], [0.0, 0.004, 0.02], [0.0, 0.002, 0.01]]), 1e-3)
+    lost = np.array([[0.2, 0.2, 0.2], [0.0, 0.0, 0.2], [0.0, 0.2, 0.2], [0.0, 0.2, 1.0], [0.0, 0.0, 0.0]])
+    added = 10 ** (-damage.psnr(lost) / 10) - 1e-3
+    assert added == pytest.approx([0.010, 0.002, 0.004, 0.004 + 0.010 - 0.002, 0.0], abs=1e-9)
+
+
+def test_pictures_decide_between_plans_that_are_close(load: StreamLoad, damage: Damage) -> None:
+    seen = []
+
+    def picture(packets: np.ndarray) -> float:
+        seen.append(packets)
+        lost = 1 - packets.mean()
+        return 30.0 - 10.0 * lost  # whatever the curves say, all packets are worth the same
+
+    budget = _budget(load, 1.15)
+    curves = plan_protection([Offer(load, damage)], Bernoulli(0.1), budget_bytes=budget, trials=20)
+    drawn = plan_protection([Offer(load, damage, picture)], Bernoulli(0.1), budget_bytes=budget, trials=20, drawn=3)
+    assert 0 < len(seen) <= 6 * 3
+    assert drawn.psnr != curves.psnr
+    assert drawn.psnr == pytest.approx(30.0 - 10.0 * np.average(drawn.lost, weights=[30, 70, 200]), abs=0.5)
+
+
+def test_of_several_streams_the_better_one_is_chosen(load: StreamLoad, damage: Damage) -> None:
+    worse = dataclasses.replace(damage, base_mse=2e-3)
+    offers = [Offer(load, worse), Offer(load, damage), Offer(load, worse)]
+    plan = plan_protection(offers, Bernoulli(0.1), budget_bytes=_budget(load, 1.3), trials=10)
+    assert plan.offer == 1
+
+
+def test_what_concealers_need_counts_as_protection(load: StreamLoad, damage: Damage) -> None:
+    offer = Offer(load, damage, concealment_bytes=20_000)
+    plan = plan_protection([offer], Nothing(), budget_bytes=_budget(load, 2.0), trials=5)
+    assert plan.protection_bytes == 20_000
+    with pytest.raises(InvalidValueError, match=r"below 1\.0%"):
+        plan_protection([offer], Nothing(), budget_bytes=1e7, trials=5, most_protection=0.01)
+    with pytest.raises(InvalidValueError, match="in a head object of 60000"):
+        Offer(load, damage, concealment_bytes=60_001)
+
+
+def test_what_anybody_would_try_is_tried(load: StreamLoad, damage: Damage) -> None:
+    """Where every packet is as important as any other, nothing beats the same parity over everything."""
+    flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
+    alike = Damage(SHARES, damage.mse[:1], 1e-3)
+    budget = _budget(flat, 1.35)
+    traces = planning_losses(Offer(flat, alike), Bernoulli(0.2), 200, 0)
+    plain = plain_candidates(flat, traces, Search(budget))
+    outline = outline_transfer(flat, plain["whole"])
+    assert 0.97 * budget < outline.num_bytes.sum() <= budget
+    assert plain["conceal"].tier_repair == ()
+    assert arrival_within(outline_transfer(flat, plain["conceal"]), traces, budget).head.all()
+    plan = plan_protection([Offer(flat, alike)], Bernoulli(0.2), budget_bytes=budget, trials=40)
+    whole = arrival_within(outline, traces, budget)
+    psnr = np.where(whole.head, alike.psnr(lost_shares(flat, whole.packets)), BLANK_PSNR).mean()
+    assert plan.psnr >= psnr - 0.05
+
+
+def test_tiers_may_be_spread_over_the_transfer(load: StreamLoad) -> None:
+    plain, half, mixed = (
+        outline_transfer(load, Protection(tier_repair=(0.4,), tier_spread=spread)) for spread in (0.0, 0.5, 1.0)
+    )
+
+    def last_of_tier_0(outline: Outline) -> float:
+        return float(np.flatnonzero((outline.kind == DATA) & (outline.symbol < 30)).max() / len(outline.kind))
+
+    assert last_of_tier_0(plain) < 0.2 < 0.45 < last_of_tier_0(half) < 0.85 < 0.95 < last_of_tier_0(mixed)
+    for outline in (half, mixed):
+        assert outline.bytes_by_kind() == plain.bytes_by_kind()
+        assert sorted(outline.symbol[outline.kind == DATA]) == list(range(300))

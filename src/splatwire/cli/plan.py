@@ -11,18 +11,22 @@ from splatwire.cli._output import JsonFlag, print_json, progress_bars
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from splatwire.model import PartialScene
     from splatwire.packets import SceneStream
     from splatwire.scene import Cameras
-    from splatwire.transport.planner import Damage, Plan
+    from splatwire.transport.damage import Offer
+    from splatwire.transport.planner import Plan
 
 
 @dataclass(frozen=True)
 class PlanCommand:
     """Split a budget of bytes between side information, tiers of importance and nothing; prints options for serve."""
 
-    stream: tyro.conf.Positional[str]
-    """Complete stream of the preset datagram, best encoded with --tiers; - for standard input."""
+    streams: tyro.conf.Positional[list[str]]
+    """Complete stream of the preset datagram, best encoded with --tiers; - for standard input. Several streams of one
+    scene compete: without tiers, with tiers, with a sketch."""
     loss: str = "bernoulli:0.2"
     """Channel, in datagrams: bernoulli:RATE, gilbert:RATE,BURST, ..."""
     budget: float = 1.3
@@ -34,13 +38,15 @@ class PlanCommand:
     most_protection: float = 1.0
     """Most protection as a share of all bytes: 0.08 for 8 %."""
     conceal: str = "grow"
-    """What the receiver does about gaps."""
+    """What the receiver does about gaps; a stream that carries a sketch is concealed by it."""
     data: Path | None = None
     """Photos whose training cameras say what is seen; cameras around the scene if not given."""
     views: int = 4
     """Views that the damage is measured in."""
     trials: int = 100
     """Simulated transfers of each candidate."""
+    drawn: int = 6
+    """Simulated transfers whose pictures decide between the best candidates."""
     seed: int = 0
     """Of the simulated losses."""
     json: JsonFlag = False
@@ -49,28 +55,26 @@ class PlanCommand:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.channel import parse_loss
-        from splatwire.codec import decode_stream
-        from splatwire.packets import read_stream
-        from splatwire.transport.outline import StreamLoad, outline_transfer
+        from splatwire.transport.outline import outline_transfer
         from splatwire.transport.planner import plan_protection
-        from splatwire.transport.program import Protection
+        from splatwire.transport.protection import Protection
 
+        if not self.streams:
+            raise InvalidValueError("name at least one stream to plan for")
         loss = parse_loss(self.loss)
-        with input_path(self.stream) as path:
-            stream, _ = read_stream(path)
-        _check(stream)
-        load = StreamLoad.of_stream(stream)
-        plain = int(outline_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
-        budget = self._budget_bytes(plain)
+        streams = [_read(path) for path in self.streams]
         with progress_bars() as report:
-            complete = decode_stream(stream)
-            damage = self._damage(complete, stream, lambda share: report("measuring damage", share))
+            offers = [self._offer(stream, lambda share: report("measuring damage", share)) for stream in streams]
+            bare = [outline_transfer(offer.load, Protection(side_repair=0.0)) for offer in offers]
+            plain = min(int(outline.num_bytes.sum()) for outline in bare)
+            budget = self._budget_bytes(plain)
             plan = plan_protection(
-                load, damage, loss, budget_bytes=budget, trials=self.trials, seed=self.seed,
+                offers, loss, budget_bytes=budget, trials=self.trials, drawn=self.drawn, seed=self.seed,
                 most_protection=self.most_protection, progress=lambda share: report("planning", share),
             )  # fmt: skip
         content = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
-                   "budget_bytes": budget, "plain_bytes": plain, "options": _options(plan)}  # fmt: skip
+                   "budget_bytes": budget, "plain_bytes": plain, "stream": self.streams[plan.offer],
+                   "options": _options(plan)}  # fmt: skip
         if self.json:
             print_json(content)
         else:
@@ -83,17 +87,15 @@ class PlanCommand:
             raise InvalidValueError("--deadline needs --rate, and both must be above 0")
         return self.deadline * self.rate * 1e6 / 8
 
-    def _damage(self, complete: "PartialScene", stream: "SceneStream", progress: Any) -> "Damage":
-        import torch
-
+    def _offer(self, stream: "SceneStream", progress: "Callable[[float], None]") -> "Offer":
+        from splatwire.codec import decode_stream
         from splatwire.codec.sections import split_sections
-        from splatwire.codec.tiers import read_tiers
-        from splatwire.evaluate.damage import measure_damage
+        from splatwire.conceal.sketch import SECTION
+        from splatwire.evaluate.damage import LossyPictures, offer_of
 
-        tiers = torch.from_numpy(read_tiers(split_sections(stream.side_info)[1], stream.manifest))
-        return measure_damage(
-            complete, tiers, self._cameras(complete), concealer=self.conceal, seed=self.seed, progress=progress
-        )
+        complete, sketch = decode_stream(stream), split_sections(stream.side_info)[1].get(SECTION, b"")
+        pictures = LossyPictures(complete, self._cameras(complete), "sketch" if sketch else self.conceal)
+        return offer_of(stream, pictures, concealment_bytes=len(sketch), seed=self.seed, progress=progress)
 
     def _cameras(self, complete: "PartialScene") -> "Cameras":
         from splatwire.evaluate.views import spread
@@ -108,19 +110,28 @@ class PlanCommand:
         return cameras.select(spread(cameras.num_views, self.views))
 
 
-def _check(stream: "SceneStream") -> None:
+def _read(path: str) -> "SceneStream":
+    from splatwire.packets import read_stream
+
+    with input_path(path) as file:
+        stream, _ = read_stream(file)
     if not stream.manifest.packetization.hashed:
         raise InvalidValueError("a plan is for datagrams: encode the scene with --preset datagram")
     if len(stream.packets) != stream.manifest.num_packets:
         raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
+    return stream
 
 
 def _options(plan: "Plan") -> str:
     """The plan as options of `splatwire serve`."""
     protection = plan.protection
-    words = [f"--side-repair {protection.side_repair:.3f}", f"--side-lead {protection.side_lead:g}"]
+    words = [f"--side-repair {protection.side_repair:.3f}", f"--side-lead {protection.side_lead:.3g}"]
     if protection.side_symbol_bytes is not None:
         words.append(f"--side-symbol {protection.side_symbol_bytes}")
+    if protection.tier_spread:
+        words.append(f"--tier-spread {protection.tier_spread:.3f}")
+    if protection.parity_until < 1:
+        words.append(f"--parity-until {protection.parity_until:.3f}")
     tiers = [f"tier{tier}={repair:.3f}" for tier, repair in enumerate(protection.tier_repair) if repair]
     return " ".join(words + (["--protect", *tiers] if tiers else []))
 
@@ -130,4 +141,4 @@ def _print_plan(plan: "Plan", content: dict[str, Any]) -> None:
     print(f"expected {plan.psnr:.2f} dB; side information arrives in {plan.head_arrives:.1%} of transfers")
     print(f"anchors lost, tier by tier: {lost}")
     print(f"protection {plan.protection_share:.1%} of all bytes; {plan.sent_bytes:,} bytes sent within the budget")
-    print(f"splatwire serve STREAM {content['options']}")
+    print(f"splatwire serve {content['stream']} {content['options']}")

@@ -55,9 +55,11 @@ class Serve:
     """Parity over packets, tier by tier in sending order: SHARE:REPAIR, e.g. 0.2:0.5."""
     protect: tuple[str, ...] = ()
     """Parity over the tiers of a stream that was encoded with --tiers: tierN=REPAIR, e.g. tier0=0.4 (instead of
-    --parity); tier 0 travels first."""
+    --parity); tier 0 travels first unless --tier-spread."""
     parity_until: float = 1.0
     """Parity of a tier leaves between its middle and this share of the packets."""
+    tier_spread: float = 0.0
+    """How far tiers overlap in time: 0 sends one after the other, 1 mixes them evenly over the whole transfer."""
     clients: int = 256
     """Most clients at once."""
     json: JsonFlag = False
@@ -98,6 +100,7 @@ class Serve:
         return Protection(
             side_repair=self.side_repair, side_lead=self.side_lead, side_symbol_bytes=self.side_symbol,
             tiers=tuple(tiers), tier_repair=parse_tiers(self.protect), parity_until=self.parity_until,
+            tier_spread=self.tier_spread,
         )  # fmt: skip
 
     def limits(self) -> "ServerLimits":

@@ -1,71 +1,181 @@
 """What losing each tier of importance does to the picture: the numbers that a planner splits a budget by."""
 
 import dataclasses
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
 from jaxtyping import Bool, UInt8
 from torch import Tensor
 
+from splatwire.codec.sections import split_sections
+from splatwire.codec.tiers import arrange_stream, read_tiers
 from splatwire.conceal import conceal
+from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, PartialScene
+from splatwire.packets import SceneStream
 from splatwire.render import iterate_views
 from splatwire.scene import Anchors, Cameras, Erasures
-from splatwire.transport.planner import Damage
+from splatwire.transport.damage import Damage, Offer
+from splatwire.transport.outline import StreamLoad
+from splatwire.transport.timetable import interleaved
 
-SHARES = (0.0, 0.1, 0.3, 1.0)
+SHARES = (0.0, 0.05, 0.15, 0.3, 0.6, 1.0)
 ASSUMED_BASE_MSE = 1e-3
 """Of a scene that shows its photos at 30 dB; taken where nobody has photos."""
+_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
+
+
+class LossyPictures:
+    """Pictures of a scene that lost some anchors, compared with the complete one or with photos.
+
+    What a concealer needs to know of positions alone (who is near whom) is found once, where it can be kept
+    (`ProgressiveConcealer.incremental`).
+
+    Args:
+        complete: A decoded stream that lost nothing; its concealment sections are what the concealer sees.
+        cameras: Where from; a few views are enough.
+        concealer: What the receiver does about gaps.
+        photos: One for each camera; without them pictures are compared with the complete scene's, the base is added.
+        base_mse: Mean squared error of the complete scene against photos that are not there.
+
+    Raises:
+        InvalidValueError: If the stream lost something, or photos and cameras do not fit.
+        UnknownNameError: No concealer has that name.
+    """
+
+    def __init__(
+        self,
+        complete: PartialScene,
+        cameras: Cameras,
+        concealer: str,
+        *,
+        photos: Sequence[Tensor] = (),
+        base_mse: float = ASSUMED_BASE_MSE,
+    ) -> None:
+        lost = complete.erasures.num_lost
+        if lost:
+            raise InvalidValueError(f"damage needs a complete stream, and {lost} anchors are lost")
+        if photos and len(photos) != cameras.num_views:
+            raise InvalidValueError(f"{len(photos)} photos of {cameras.num_views} views")
+        self.num_anchors = complete.scene.anchors.num_anchors
+        self._complete, self._cameras, self._name = complete, cameras, concealer
+        self._references = list(photos) or list(iterate_views(complete.scene, cameras))
+        self._base = 0.0 if photos else base_mse
+        self._partial = without(complete, torch.zeros(self.num_anchors, dtype=torch.bool))
+        self._concealed = ProgressiveConcealer(self._partial, concealer)
+
+    def scene(self, known: Bool[Tensor, "N"]) -> AnchorScene:
+        """The concealed scene; it is only good until the next one is asked for."""
+        if bool(known.all()):
+            return self._complete.scene
+        if not self._concealed.incremental:
+            return conceal(without(self._complete, known), self._name)
+        there = without(self._complete, known)
+        for name in _ATTRIBUTES:
+            getattr(self._partial.scene.anchors, name).copy_(getattr(there.scene.anchors, name))
+        self._partial.erasures.received.copy_(there.erasures.received)
+        self._concealed.restart()
+        return self._concealed.scene()
+
+    def errors(self, known: Bool[Tensor, "N"]) -> np.ndarray:
+        """Mean squared error of each view for the anchors that are there, float64 (views)."""
+        pictures = iterate_views(self.scene(known), self._cameras)
+        pairs = zip(pictures, self._references, strict=True)
+        return self._base + np.array([float((image - truth).double().square().mean()) for image, truth in pairs])
+
+    def psnr(self, known: Bool[Tensor, "N"]) -> float:
+        """Mean PSNR of the views, decibels."""
+        return float((-10 * np.log10(self.errors(known))).mean())
 
 
 def measure_damage(
-    complete: PartialScene,
+    pictures: LossyPictures,
     tiers: UInt8[Tensor, "N"],
-    cameras: Cameras,
     *,
-    concealer: str,
     shares: tuple[float, ...] = SHARES,
-    base_mse: float = ASSUMED_BASE_MSE,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Damage:
-    """Loses shares of one tier at a time, conceals, draws, and compares with the complete scene.
+    """Loses shares of a tier and of all less important ones, conceals, draws, and compares.
 
     Args:
-        complete: A decoded stream that lost nothing.
+        pictures: Of the scene.
         tiers: Tier of every anchor.
-        cameras: Where from; a few views are enough.
-        concealer: What the receiver will use.
         shares: Lost shares that are tried, ascending from 0.
-        base_mse: Mean squared error of the complete scene against photos.
         seed: Which anchors are lost.
         progress: Called with the share of the work that is done.
 
     Returns:
-        The damage; what measured less than a smaller loss of the same tier is raised to it.
-
-    Raises:
-        InvalidValueError: If the stream lost something.
-        UnknownNameError: No concealer has that name.
+        The damage; what measured less than a smaller loss is raised to it.
     """
-    if complete.erasures.num_lost:
-        raise InvalidValueError(f"damage needs a complete stream, and {complete.erasures.num_lost} anchors are lost")
-    references = list(iterate_views(complete.scene, cameras))
-    order = torch.rand(len(tiers), generator=torch.Generator().manual_seed(seed)).argsort()
-    num_tiers = int(tiers.max()) + 1
+    rng = torch.Generator().manual_seed(seed)
+    draw, num_tiers = torch.rand(len(tiers), generator=rng), int(tiers.max()) + 1
+    place = torch.empty(len(tiers))
+    for tier in range(num_tiers):  # a share of each tier, not of all anchors
+        members = (tiers == tier).nonzero()[:, 0]
+        place[members[draw[members].argsort()]] = torch.arange(len(members)) / len(members)
+    base = float(pictures.errors(torch.ones(len(tiers), dtype=torch.bool)).mean())
     mse = np.zeros((num_tiers, len(shares)))
     for tier in range(num_tiers):
-        members = order[tiers[order] == tier]
         for s, share in enumerate(shares[1:], start=1):
-            known = torch.ones(len(tiers), dtype=torch.bool)
-            known[members[: round(share * len(members))]] = False
-            scene = conceal(without(complete, known), concealer)
-            mse[tier, s] = _error(scene, cameras, references)
+            mse[tier, s] = float(pictures.errors((tiers < tier) | (place >= share)).mean()) - base
             if progress:
                 progress((tier * (len(shares) - 1) + s) / (num_tiers * (len(shares) - 1)))
-    return Damage(np.array(shares), np.maximum.accumulate(mse, axis=1), base_mse)
+    return Damage(np.array(shares), np.maximum.accumulate(mse, axis=1), base)
+
+
+def offer_of(
+    stream: SceneStream,
+    pictures: LossyPictures,
+    *,
+    concealment_bytes: int = 0,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Offer:
+    """What a planner has to know about a complete stream of the preset `datagram`.
+
+    Args:
+        stream: The stream.
+        pictures: Of what it decodes to.
+        concealment_bytes: Bytes of its side information that count as protection.
+        seed: Of the losses that the damage is measured with.
+        progress: Called with the share of the work that is done.
+    """
+    tiers = torch.from_numpy(read_tiers(split_sections(stream.side_info)[1], stream.manifest))
+    damage = measure_damage(pictures, tiers, seed=seed, progress=progress)
+    members = packet_members(stream)
+
+    def picture(packets: np.ndarray) -> float:
+        return pictures.psnr(known_anchors(members, packets, pictures.num_anchors))
+
+    return Offer(StreamLoad.of_stream(stream), damage, picture, concealment_bytes)
+
+
+def packet_members(stream: SceneStream) -> list[Tensor]:
+    """Anchors of each packet of a complete stream, by rank, in sending order."""
+    plan = stream.manifest.plan
+    groups, packets = arrange_stream(stream)
+    cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
+    ranks = {p.id: torch.from_numpy(cut) for p, cut in zip(packets, cuts, strict=True) if p is not None}
+    tier_of = [plan.tier_of(block) for block in range(plan.num_blocks)]
+    return [ranks[packet.id] for packet in interleaved(stream.packets, tier_of)]
+
+
+def known_anchors(members: Sequence[Tensor], packets: np.ndarray, num_anchors: int) -> Bool[Tensor, "N"]:
+    """Anchors that are there if some packets are.
+
+    Args:
+        members: Of `packet_members`.
+        packets: Which packets are there, bool (P).
+        num_anchors: N.
+    """
+    known = torch.zeros(num_anchors, dtype=torch.bool)
+    for place in np.flatnonzero(packets).tolist():
+        known[members[place]] = True
+    return known
 
 
 def without(complete: PartialScene, known: Bool[Tensor, "N"]) -> PartialScene:
@@ -80,11 +190,3 @@ def without(complete: PartialScene, known: Bool[Tensor, "N"]) -> PartialScene:
     )
     scene = dataclasses.replace(complete.scene, anchors=there)
     return dataclasses.replace(complete, scene=scene, erasures=Erasures.of_anchors(known))
-
-
-def _error(scene: AnchorScene, cameras: Cameras, references: list[Tensor]) -> float:
-    pictures = iterate_views(scene, cameras)
-    errors = [
-        float((image - truth).double().square().mean()) for image, truth in zip(pictures, references, strict=True)
-    ]
-    return float(np.mean(errors))

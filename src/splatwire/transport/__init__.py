@@ -2,7 +2,8 @@
 
 from splatwire.transport.collect import ReceiverLimits
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
-from splatwire.transport.program import Program, Protection, Tier, make_program
+from splatwire.transport.program import Program, make_program
+from splatwire.transport.protection import Protection, Tier
 from splatwire.transport.receiver import Receiver, ReceiverOptions
 from splatwire.transport.sender import Server
 from splatwire.transport.transfer import ServerLimits, Transfer

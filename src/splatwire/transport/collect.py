@@ -8,7 +8,8 @@ from splatwire.packets import Manifest, Packet, PacketIntake, packet_from_bytes,
 from splatwire.packets.container import check_side_info
 from splatwire.transport import fec
 from splatwire.transport.layout import GroupFinder, Segments, split_head_object
-from splatwire.transport.program import MAX_PACKET_BYTES, MIN_SYMBOL_BYTES
+from splatwire.transport.program import MAX_PACKET_BYTES
+from splatwire.transport.protection import MIN_SYMBOL_BYTES
 from splatwire.transport.wire import MAX_DATAGRAM, Data, Parity, Side, Welcome
 
 SPARE_SYMBOLS = 24

@@ -11,7 +11,9 @@ import numpy as np
 from splatwire.packets import SceneStream
 from splatwire.transport.fec import MAX_REPAIR, framed_bytes
 from splatwire.transport.layout import Group, Segments, head_object, parity_groups
-from splatwire.transport.program import Protection, interleaved, protected_tiers, side_symbol_bytes, timetable
+from splatwire.transport.program import side_symbol_bytes
+from splatwire.transport.protection import Protection, protected_tiers, tier_sizes
+from splatwire.transport.timetable import interleaved, timetable
 from splatwire.transport.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
 
 SPARE_SYMBOLS = 1
@@ -112,9 +114,12 @@ def outline_transfer(load: StreamLoad, protection: Protection) -> Outline:
     segments = Segments(load.head_bytes, symbol_bytes)
     head = tuple(segments.size(s) for s in range(segments.num_segments))
     with_repair = [size + min(round(protection.side_repair * size), MAX_REPAIR) for size in head]
-    tiers = protected_tiers(load.tiers.tolist(), protection)
+    members = load.tiers.tolist()
+    tiers = protected_tiers(members, protection)
     groups = tuple(parity_groups(tiers))
-    items = timetable(with_repair, tiers, [group.repair for group in groups], protection)
+    items = timetable(
+        with_repair, tiers, [group.repair for group in groups], protection, tier_sizes(members, protection)
+    )
     table = np.array(items, dtype=np.int64).reshape(-1, 3)
     parity_bytes = framed_bytes(int(load.packet_bytes.max(initial=0))) + PARITY_OVERHEAD
     size = np.where(table[:, 0] == SIDE, symbol_bytes + SIDE_OVERHEAD, parity_bytes)
@@ -143,13 +148,7 @@ def simulate(outline: Outline, received: np.ndarray) -> Arrival:
         outline: The transfer.
         received: Which datagrams arrive in each of T transfers, bool (T, n).
     """
-    trials = len(received)
-    head = np.ones(trials, dtype=np.bool_)
-    for segment, size in enumerate(outline.head):
-        mine = (outline.kind == SIDE) & (outline.group == segment)
-        here = received[:, mine]
-        all_sources = here[:, outline.symbol[mine] < size].all(axis=1)
-        head &= all_sources | (here.sum(axis=1) >= size + SPARE_SYMBOLS)
+    head, trials = head_arrives(outline, received), len(received)
     packets = np.zeros((trials, outline.num_packets), dtype=np.bool_)
     data = outline.kind == DATA
     packets[:, outline.symbol[data]] = received[:, data]
@@ -159,6 +158,17 @@ def simulate(outline: Outline, received: np.ndarray) -> Arrival:
         enough = packets[:, members].sum(axis=1) + parity >= group.size + SPARE_SYMBOLS
         packets[np.ix_(enough, members)] = True
     return Arrival(head, packets)
+
+
+def head_arrives(outline: Outline, received: np.ndarray) -> np.ndarray:
+    """Whether manifest and side information can be read in each of T transfers, bool (T); see `simulate`."""
+    head = np.ones(len(received), dtype=np.bool_)
+    for segment, size in enumerate(outline.head):
+        mine = (outline.kind == SIDE) & (outline.group == segment)
+        here = received[:, mine]
+        all_sources = here[:, outline.symbol[mine] < size].all(axis=1)
+        head &= all_sources | (here.sum(axis=1) >= size + SPARE_SYMBOLS)
+    return head
 
 
 def draw_losses(loss: LossProcess, trials: int, num_datagrams: int, seed: int) -> np.ndarray:

@@ -1,0 +1,143 @@
+"""Where redundancy goes: what a sender may choose, and which runs of packets share a code."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from splatwire.errors import InvalidValueError
+from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, MAX_SYMBOLS, num_symbols
+from splatwire.transport.wire import MAX_DATAGRAM, MAX_TIERS, SIDE_OVERHEAD, TierHead
+
+SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
+MIN_SYMBOL_BYTES = 64
+
+
+@dataclass(frozen=True)
+class Tier:
+    """Protection of a share of the packets.
+
+    Attributes:
+        share: Of all packets, 0 to 1, in sending order.
+        repair: Repair symbols for each packet, 0 to 2.
+    """
+
+    share: float
+    repair: float
+
+
+@dataclass(frozen=True)
+class Protection:
+    """Where redundancy goes.
+
+    Attributes:
+        side_repair: Repair symbols of manifest and side information for each symbol, 0 to 2. With a way back they are
+            sent again on request anyway.
+        side_lead: Symbols of the head object are sent between this first share of the packets, 0 to 1: small shows
+            something soon, large survives longer bursts.
+        side_symbol_bytes: Size of the symbols of the head object, a multiple of 8; None chooses. Many small ones need
+            fewer repair bytes (the share of many that is lost varies less), yet each has its own headers.
+        tiers: Protection of the packets by their place in the sending order; what the shares leave over has no parity.
+        tier_repair: Instead of `tiers`, repair symbols for each packet of the stream's own tiers of importance, tier 0
+            (which travels first) first; tiers beyond have no parity.
+        parity_until: Parity of a tier leaves between its middle and this share of all packets (or its own end, if that
+            is later), 0 to 1: small brings lost packets back soon, large survives longer bursts.
+        tier_spread: How far tiers overlap in time: 0 sends one after the other, 1 mixes all of them evenly over the
+            whole transfer. A tier that is sent in one go is short, and one burst takes much of it; a tier that is
+            spread loses its own share of whatever is cut off at the end.
+
+    Raises:
+        InvalidValueError: If a number is out of range, or tiers are given in both ways.
+    """
+
+    side_repair: float = 0.35
+    side_lead: float = 0.4
+    side_symbol_bytes: int | None = None
+    tiers: tuple[Tier, ...] = ()
+    tier_repair: tuple[float, ...] = ()
+    parity_until: float = 1.0
+    tier_spread: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks = [("side_repair", self.side_repair, 2.0), ("side_lead", self.side_lead, 1.0)]
+        checks += [("parity_until", self.parity_until, 1.0), ("tier_spread", self.tier_spread, 1.0)]
+        checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
+        for tier in self.tiers:
+            checks += [("share of a tier", tier.share, 1.0), ("repair of a tier", tier.repair, 2.0)]
+        for name, value, high in checks:
+            if not 0.0 <= value <= high:
+                raise InvalidValueError(f"{name} must be from 0 to {high}, not {value}")
+        size = self.side_symbol_bytes
+        if size is not None and not (MIN_SYMBOL_BYTES <= size <= SIDE_SYMBOL_BYTES and size % ALIGNMENT == 0):
+            raise InvalidValueError(
+                f"symbols of side information have a multiple of {ALIGNMENT} bytes from {MIN_SYMBOL_BYTES} to "
+                f"{SIDE_SYMBOL_BYTES}, not {size}"
+            )
+        if self.tiers and self.tier_repair:
+            raise InvalidValueError("parity goes by place in the sending order or by the stream's tiers, not by both")
+        if sum(tier.share for tier in self.tiers) > 1 + 1e-9 or len(self.tiers) >= MAX_TIERS:
+            raise InvalidValueError("the tiers' shares add up to more than 1, or there are too many tiers")
+
+
+def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierHead, ...]:
+    """Protection of runs of packets.
+
+    Args:
+        tiers: Tier of importance of each packet, in sending order.
+        protection: Where redundancy goes.
+
+    Raises:
+        InvalidValueError: If there is parity for tiers that the stream does not have, or an order that mixes them.
+    """
+    return _tier_heads(_runs(tiers, protection), len(tiers))
+
+
+def tier_sizes(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
+    """Packets of each tier of importance; all in one where the sending order does not go by tiers.
+
+    Args:
+        tiers: Tier of importance of each packet, in sending order.
+        protection: Whether tiers are spread.
+
+    Raises:
+        InvalidValueError: If tiers are to be spread in an order that mixes them already.
+    """
+    if not protection.tier_spread:
+        return (len(tiers),)
+    if any(after < before for before, after in itertools.pairwise(tiers)):
+        raise InvalidValueError("the sending order mixes tiers already: there is nothing to spread")
+    return tuple(tiers.count(tier) for tier in range(max(tiers, default=0) + 1))
+
+
+def _runs(tiers: Sequence[int], protection: Protection) -> list[tuple[int, float]]:
+    """Runs of packets in sending order: how many, and repair symbols for each of them.
+
+    Raises:
+        InvalidValueError: If there is parity for tiers that the stream does not have, or an order that mixes them.
+    """
+    if not protection.tier_repair:
+        edges, share = [0], 0.0
+        for tier in protection.tiers:
+            share += tier.share
+            edges.append(round(share * len(tiers)))
+        return [(stop - start, t.repair) for start, stop, t in zip(edges, edges[1:], protection.tiers, strict=False)]
+    present = max(tiers, default=0) + 1
+    if len(protection.tier_repair) > present:
+        raise InvalidValueError(
+            f"parity for {len(protection.tier_repair)} tiers, and the stream has {present}: encode with --tiers"
+        )
+    if any(after < before for before, after in itertools.pairwise(tiers)):
+        raise InvalidValueError("the sending order mixes tiers, so that they cannot be protected apart")
+    return [(tiers.count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
+
+
+def _tier_heads(runs: Sequence[tuple[int, float]], num_packets: int) -> tuple[TierHead, ...]:
+    heads, first = [], 0
+    for size, share in runs:
+        groups = -(-size // MAX_SYMBOLS) if share else 0
+        repair = min(round(share * num_symbols(size, groups)), MAX_REPAIR) if groups else 0
+        if size:
+            heads.append(TierHead(size, groups if repair else 0, repair))
+            first += size
+    if first < num_packets or not heads:
+        heads.append(TierHead(num_packets - first, 0, 0))
+    return tuple(heads)
