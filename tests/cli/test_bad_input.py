@@ -127,3 +127,14 @@ def test_a_lossy_stream_cannot_be_encoded_or_demonstrated(run, journey, tmp_path
 
 def test_json_and_data_cannot_share_standard_output(run, journey):
     assert_complains(run("encode", journey / "tiny.scene", "-o", "-", "--json"), "--json")
+
+
+@pytest.mark.parametrize("verb", ["encode", "decode", "transmit"])
+def test_devices_are_not_replaced_by_files(run, journey, verb):
+    source = journey / ("tiny.scene" if verb == "encode" else "tiny.swz")
+    assert_complains(run(verb, source, "-o", "/dev/null"), "/dev/null", "no ordinary file")
+
+
+def test_what_is_no_folder_is_told(run, journey, tmp_path):
+    (tmp_path / "notes").write_text("hello")
+    assert_complains(run("decode", journey / "tiny.swz", "-o", tmp_path / "notes" / "a"), tmp_path / "notes", "folder")

@@ -102,3 +102,49 @@ def test_mistakes_are_told_in_one_line(
 def test_a_folder_that_is_no_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _run(_words(tmp_path / "nothing", tmp_path / "scene.splat")) == 2
     assert "nothing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("photo", [0, 3])  # the first is a test view: it, too, is looked at before the work
+def test_a_damaged_photo_is_told_before_the_first_iteration(
+    photo: int, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*words: object) -> None:
+        raise AssertionError("an iteration began")
+
+    monkeypatch.setattr("splatwire.train.trainer.train_step", never)
+    shutil.copytree(folder, tmp_path / "data")
+    damaged = sorted((tmp_path / "data" / "images").iterdir())[photo]
+    damaged.write_bytes(damaged.read_bytes()[:-300])
+    assert _run(_words(tmp_path / "data", tmp_path / "scene.splat")) == 2
+    assert f"{damaged}: the image is damaged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("-o", "."), "is a folder: name a file"),
+        (("-o", "/dev/null"), "no ordinary file"),
+        (("-o", "notes/scene.splat"), "notes: not a folder"),
+        (("--preview", "a.xyz"), "--preview must end in .png"),
+        (("--preview", "notes/a.png"), "notes: not a folder"),
+    ],
+)
+def test_what_cannot_be_written_is_told_at_once(
+    more: tuple[str, ...], message: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "notes").write_text("hello")
+    assert _run(_words(folder, tmp_path / "scene.splat", *more)) == 2
+    assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["notes"]
+
+
+def test_a_single_photo_is_too_few(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(folder, tmp_path / "data")
+    content = json.loads((folder / "transforms.json").read_text())
+    for count, message in ((1, "too few in all"), (2, "images: training needs at least 2 views, and there is 1")):
+        kept = json.dumps({**content, "frames": content["frames"][:count]})
+        (tmp_path / "data" / "transforms.json").write_text(kept)
+        assert _run(_words(tmp_path / "data", tmp_path / "scene.splat")) == 2
+        assert message in capsys.readouterr().err

@@ -42,12 +42,11 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
         json: Whether standard output is promised to a JSON object.
 
     Raises:
-        InvalidValueError: If both the data and the JSON object would go to standard output.
+        InvalidValueError: If both the data and the JSON object would go to standard output, or nothing can be written
+            under that name.
     """
     if name != STANDARD:
-        path = Path(name)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield path
+        yield prepared_output(Path(name), folder=True)
         return
     if json:
         raise InvalidValueError("--json and -o - both want standard output; give -o a file")
@@ -57,6 +56,32 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
         with path.open("rb") as file:
             shutil.copyfileobj(file, sys.stdout.buffer)
         sys.stdout.buffer.flush()
+
+
+def prepared_output(path: Path, *, folder: bool = False) -> Path:
+    """Makes the folder of an output and says at once, not after the work, what stands in the way.
+
+    Files are written beside an old one and then take its name, which must not happen to a device such as `/dev/null`.
+
+    Args:
+        path: The output.
+        folder: Whether it may be a folder, too.
+
+    Returns:
+        The path.
+
+    Raises:
+        InvalidValueError: If there is something else under that name, or its folder is none.
+    """
+    if path.is_dir() and not folder:
+        raise InvalidValueError(f"{path} is a folder: name a file")
+    if path.exists() and not path.is_dir() and not path.is_file():
+        raise InvalidValueError(f"{path} is no ordinary file and would be replaced by one: name another")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise InvalidValueError(f"{path.parent}: not a folder, so nothing can be written into it") from error
+    return path
 
 
 def is_stream(path: Path) -> bool:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from splatwire.cli._files import prepared_output
 from splatwire.cli._output import JsonFlag, print_json, print_summary
 from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from splatwire.train import Listener, Progress, QualityReport, TrainConfig, TrainResult
 
 _DEVICES = ("auto", "cpu", "cuda")
+_PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 _PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
 CPU_ITERATIONS = 2400
 """Length of a run on a CPU unless the user says otherwise: minutes, not days."""
@@ -77,7 +79,7 @@ class Train:
         from splatwire.train import RunOptions, load_checkpoint, save_checkpoint, train_scene
         from splatwire.train.initial import initial_state
 
-        output = Path(self.output)
+        output = prepared_output(Path(self.output))
         checkpoint = output.with_name(output.name + ".checkpoint")
         if self.resume:
             state, config = load_checkpoint(checkpoint)
@@ -94,8 +96,9 @@ class Train:
                 from splatwire.importers.splats import import_points
 
                 train = dataclasses.replace(train, points=import_points(self.init))
+            if train.points is None or not train.points.num_points:
+                print("the data has no points: the first anchors stand at random places", file=sys.stderr)
             state = initial_state(train, config)
-            output.parent.mkdir(parents=True, exist_ok=True)
             save_checkpoint(
                 state, config, checkpoint
             )  # now, not in an hour, is when to learn that it cannot be written
@@ -124,6 +127,8 @@ class Train:
             raise InvalidValueError("--init is for the start of a run: the checkpoint of --resume has its anchors")
         if self.output == "-":
             raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
+        if self.preview is not None and prepared_output(Path(self.preview)).suffix.lower() not in _PICTURES:
+            raise InvalidValueError(f"--preview must end in {', '.join(_PICTURES)}, not {self.preview}")
         if self.checkpoint_interval < 1 or self.test_interval < 0:
             raise InvalidValueError("--checkpoint-interval must be 1 or more, --test-interval 0 or more")
 

@@ -110,7 +110,7 @@ def open_dataset(
     if max_width is not None and max_width < 1:
         raise InvalidValueError(f"max_width must be positive, not {max_width}")
     if not path.is_dir():
-        raise DatasetError(f"{path}: no such folder")
+        raise DatasetError(f"{path}: {'a file, not a dataset folder' if path.exists() else 'no such folder'}")
     if test_views is None and (path / bungee.FILE).is_file():
         chosen = "first_31"
     points = None
@@ -124,7 +124,7 @@ def open_dataset(
         views, source = _transforms_views(path, split, images, chosen)
         image_paths = [view.image_path for view in views]
     if not views:
-        raise DatasetError(f"{source}: has no views in the split '{split}'")
+        raise DatasetError(f"{source}: has no views in the split '{split}': there are too few in all")
     cameras = _cameras(source, views, image_paths, max_width)
     return Dataset(cameras, tuple(image_paths), points, background, _masks(views, image_paths))
 

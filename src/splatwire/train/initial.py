@@ -1,6 +1,7 @@
 """The state that a run starts from: anchors at the sparse points, networks at random (HACPP_SPEC 1)."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -41,11 +42,11 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         DatasetError: If the cameras or points cannot be the start of a scene.
     """
     generator = torch.Generator().manual_seed(config.seed)
-    _check_cameras(dataset.cameras)
+    _check_cameras(dataset.cameras, _place(dataset))
     points = _points(dataset, config, generator)
     voxel_size = config.voxel_size or _derived_voxel_size(points)
     voxels = _voxels(points, voxel_size)
-    _check_seen(dataset.cameras, voxel_positions(voxels, voxel_size))
+    _check_seen(dataset, voxel_positions(voxels, voxel_size))
     parameters = {**anchor_parameters(voxels, voxel_size, config), **_networks(config, generator)}
     bounds_min, bounds_max = grid_bounds(voxel_positions(voxels, voxel_size))
     return TrainState(
@@ -91,13 +92,18 @@ def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: T
     }
 
 
-def _check_cameras(cameras: Cameras) -> None:
+def _place(dataset: Dataset) -> Path:
+    """Where the photos are, for messages."""
+    return dataset.image_paths[0].parent if dataset.image_paths else Path()
+
+
+def _check_cameras(cameras: Cameras, place: Path) -> None:
     if cameras.num_views < 2:
-        raise DatasetError(f"training needs at least 2 views, and there is {cameras.num_views}")
+        raise DatasetError(f"{place}: training needs at least 2 views, and there is {cameras.num_views}")
     if not (bool(torch.isfinite(cameras.viewmats).all()) and bool(torch.isfinite(cameras.Ks).all())):
-        raise DatasetError("a camera's pose or intrinsics are not finite")
+        raise DatasetError(f"{place}: a camera's pose or intrinsics are not finite")
     if camera_extent(cameras) < 1e-9:
-        raise DatasetError("all cameras stand at the same place: depth cannot be learnt from them")
+        raise DatasetError(f"{place}: all cameras stand at the same place: depth cannot be learnt from them")
 
 
 def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -> Tensor:
@@ -105,7 +111,9 @@ def _points(dataset: Dataset, config: TrainConfig, generator: torch.Generator) -
         points = dataset.points.positions.double()
         points = points[torch.isfinite(points).all(dim=1)]
         if len(points) < 4:
-            raise DatasetError(f"the reconstruction has {len(points)} usable points; at least 4 are needed")
+            raise DatasetError(
+                f"{_place(dataset)}: the reconstruction has {len(points)} usable points; at least 4 are needed"
+            )
         return points
     center, distance = _looked_at(dataset.cameras)
     pixels = dataset.cameras.width * dataset.cameras.height
@@ -154,9 +162,9 @@ def _mean_squared_distance(positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"
     return torch.from_numpy(np.square(distances).mean(axis=1))
 
 
-def _check_seen(cameras: Cameras, positions: Float[Tensor, "N 3"]) -> None:
+def _check_seen(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
     """Refuses cameras most of which look at none of the anchors (behind a wall, or poses of another scene)."""
-    blind = []
+    cameras, blind = dataset.cameras, []
     homogeneous = torch.cat([positions, torch.ones(len(positions), 1)], dim=1)
     for view in range(cameras.num_views):
         local = homogeneous @ cameras.viewmats[view, :3].T.to(positions)
@@ -167,8 +175,8 @@ def _check_seen(cameras: Cameras, positions: Float[Tensor, "N 3"]) -> None:
             blind.append(cameras.names[view])
     if 2 * len(blind) > cameras.num_views:
         raise DatasetError(
-            f"{len(blind)} of {cameras.num_views} training views see none of the points, the first is '{blind[0]}': "
-            "poses and points do not belong together, or the cameras look away"
+            f"{_place(dataset)}: {len(blind)} of {cameras.num_views} training views see none of the points, the first "
+            f"is '{blind[0]}': poses and points do not belong together, or the cameras look away"
         )
 
 

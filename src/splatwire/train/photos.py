@@ -45,5 +45,16 @@ class PhotoStore:
         return photo
 
 
+def check_photos(dataset: Dataset) -> None:
+    """Reads every photo and mask once, so that damage is found before the first iteration.
+
+    Raises:
+        DatasetError: If one is missing or damaged.
+    """
+    for view in range(dataset.num_views):
+        dataset.image(view)
+        dataset.mask(view)
+
+
 def _blank(mask: Bool[Tensor, "H W"] | None) -> bool:
     return mask is not None and not bool(mask.any())

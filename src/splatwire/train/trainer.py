@@ -22,7 +22,7 @@ from splatwire.train.context import AnchorCache
 from splatwire.train.export import export_scene
 from splatwire.train.grid import sign_bits
 from splatwire.train.initial import initial_state
-from splatwire.train.photos import PhotoStore
+from splatwire.train.photos import PhotoStore, check_photos
 from splatwire.train.state import TrainState
 from splatwire.train.step import StepReport, train_step
 
@@ -154,6 +154,8 @@ def train_scene(
     """
     options, listener = options or RunOptions(), listener or Listener()
     photos = PhotoStore(train, torch.device("cpu"))
+    if test is not None:
+        check_photos(test)
     if state is None:
         state = initial_state(train, config)
     if max(state.queue, default=0) >= train.num_views:
