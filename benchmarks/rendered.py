@@ -18,7 +18,7 @@ from pathlib import Path
 import torch
 
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene, without_concealment
 from splatwire.conceal import conceal
 from splatwire.conceal.sketch import SECTION
 from splatwire.data import Dataset, open_dataset
@@ -36,7 +36,9 @@ from splatwire.train.gnn_data import calibration_data
 def stream_of(path: Path) -> SceneStream:
     if path.is_dir() and (path / "point_cloud").exists():
         return encode_scene(import_hacpp(path), PRESETS["paper"])
-    return read_stream(path)[0] if path.suffix == ".swz" else encode_scene(load_scene(path), PRESETS["paper"])
+    if path.suffix == ".swz":
+        return without_concealment(read_stream(path)[0], SECTION)
+    return encode_scene(load_scene(path), PRESETS["paper"])
 
 
 def calibrated(stream: SceneStream, photos: Dataset, shares: list[float], told: str) -> list[dict]:
@@ -54,6 +56,7 @@ def calibrated(stream: SceneStream, photos: Dataset, shares: list[float], told: 
             "percent_of_stream": 100 * (richer.num_bytes / stream.num_bytes - 1),
             "anchors_sketched": made.num_sketched,
             "growth_exponent": made.exponent,
+            "growth_trust": made.trust,
             "calibration_cpu_seconds": time.process_time() - cpu,
             "calibration_seconds": time.perf_counter() - started,
             "training_views_held_out_losses": made.psnr,

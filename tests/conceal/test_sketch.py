@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from conceal.gaps import LAYOUT, random_context
 from splatwire.conceal import Grow, concealer_names, create_concealer
 from splatwire.conceal.conceal import keep_received
-from splatwire.conceal.sketch.concealer import buckets_of, conceal_with, sizes_of, with_sketch
+from splatwire.conceal.sketch.concealer import SketchedLoss, buckets_of, conceal_with, sizes_of, with_sketch
 from splatwire.conceal.sketch.section import (
     SECTION,
     SketchBasis,
@@ -25,7 +25,9 @@ from splatwire.errors import BitstreamError, InvalidValueError, TruncatedStreamE
 SIZES = SketchSizes(200, LAYOUT.feature_dim, LAYOUT.num_offsets)
 
 
-def a_sketch(seed: int = 0, sizes: SketchSizes = SIZES, columns: int = 5, share: float = 0.2) -> SketchSection:
+def a_sketch(
+    seed: int = 0, sizes: SketchSizes = SIZES, columns: int = 5, share: float = 0.2, trust: float = 0.0
+) -> SketchSection:
     rng = np.random.default_rng(seed)
     levels = np.where(rng.random(sizes.num_anchors) < share, rng.integers(1, 4, sizes.num_anchors), 0)
     count = int((levels > 0).sum())
@@ -38,7 +40,7 @@ def a_sketch(seed: int = 0, sizes: SketchSizes = SIZES, columns: int = 5, share:
     )  # fmt: skip
     values = np.rint(rng.standard_cauchy((count, columns))).astype(np.int64).clip(-100_000, 100_000)
     offsets = np.rint(rng.normal(0, 3, (count, 3 * sizes.num_offsets))).astype(np.int64) * np.repeat(masks, 3, axis=1)
-    return SketchSection(0.25, 1.5, basis, levels, masks, values, offsets)
+    return SketchSection(0.25, 1.5, trust, basis, levels, masks, values, offsets)
 
 
 def some_buckets(sizes: SketchSizes = SIZES) -> np.ndarray:
@@ -47,11 +49,11 @@ def some_buckets(sizes: SketchSizes = SIZES) -> np.ndarray:
 
 @pytest.mark.parametrize(("seed", "share"), [(0, 0.2), (1, 0.0), (2, 1.0)])
 def test_what_is_written_is_read(seed: int, share: float) -> None:
-    sketch, buckets = a_sketch(seed, share=share), some_buckets()
+    sketch, buckets = a_sketch(seed, share=share, trust=0.75), some_buckets()
     again = read_sketch(write_sketch(sketch, buckets), SIZES, buckets)
     for name in ("levels", "masks", "values", "offsets"):
         assert np.array_equal(getattr(again, name), getattr(sketch, name)), name
-    assert (again.exponent, again.max_excess) == (0.25, 1.5)
+    assert (again.exponent, again.max_excess, again.trust) == (0.25, 1.5, 0.75)
     assert np.array_equal(
         again.basis.channels(np.array([2]), np.ones((1, 5))), sketch.basis.channels(np.array([2]), np.ones((1, 5)))
     )
@@ -59,7 +61,7 @@ def test_what_is_written_is_read(seed: int, share: float) -> None:
 
 def test_bytes_are_pinned() -> None:
     data = write_sketch(a_sketch(), some_buckets())
-    assert (len(data), hashlib.sha256(data).hexdigest()[:16]) == (397, "6f1a1268547bd0ce")
+    assert (len(data), hashlib.sha256(data).hexdigest()[:16]) == (401, "53269dab933ab887")
 
 
 def test_rare_levels_and_zeros_are_cheap() -> None:
@@ -78,7 +80,7 @@ def test_buckets_are_by_rank_of_the_size() -> None:
 @given(st.data())
 def test_hostile_bytes_give_one_kind_of_error(data: st.DataObject) -> None:
     buckets = some_buckets()
-    good = bytearray(write_sketch(a_sketch(), buckets))
+    good = bytearray(write_sketch(a_sketch(trust=1.0), buckets))
     for _ in range(data.draw(st.integers(1, 4))):
         good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
     cut = data.draw(st.integers(0, len(good)))
@@ -95,8 +97,13 @@ def test_hostile_bytes_give_one_kind_of_error(data: st.DataObject) -> None:
 def test_mistakes_are_named() -> None:
     buckets = some_buckets()
     good = write_sketch(a_sketch(), buckets)
-    with pytest.raises(UnsupportedVersionError, match="version 9"):
-        read_sketch(b"\x09" + good[1:], SIZES, buckets)
+    for version in (1, 9):
+        with pytest.raises(UnsupportedVersionError, match=f"version {version}.*make it again"):
+            read_sketch(bytes([version]) + good[1:], SIZES, buckets)
+    for trust in (-0.5, 5.0, float("nan")):
+        impossible = good[:24] + np.float32(trust).tobytes() + good[28:]
+        with pytest.raises(BitstreamError, match="impossible"):
+            read_sketch(impossible, SIZES, buckets)
     for cut in (0, 10, 60):
         with pytest.raises(TruncatedStreamError):
             read_sketch(good[:cut], SIZES, buckets)
@@ -146,6 +153,41 @@ def test_sketched_anchors_count_as_present() -> None:
     everyone = conceal_with(context, a_sketch(6, share=1.0))
     assert bool((everyone.size_gain == 1).all())
     assert not bool(everyone.left_out.any())
+
+
+def test_the_network_corrects_the_growth_as_far_as_it_is_trusted() -> None:
+    context, plain, trusted = (
+        random_context(200, 5, loss=0.4),
+        a_sketch(6, share=0.3),
+        a_sketch(6, share=0.3, trust=1.0),
+    )
+    grown, corrected = conceal_with(context, plain), conceal_with(context, trusted)
+    assert grown.opacity_gain is None
+    assert corrected.opacity_gain is not None
+    drawn = ~grown.left_out
+    ratio = corrected.size_gain / grown.size_gain
+    for gain in (ratio, corrected.opacity_gain):
+        assert bool((gain[drawn] != 1).any())
+        assert bool((gain[~drawn] == 1).all())
+        assert float(gain.log().abs().max()) <= 0.3 + 1e-6
+    assert torch.equal(corrected.left_out, grown.left_out)
+    assert torch.equal(corrected.anchors.features, grown.anchors.features)
+
+
+def test_without_trust_both_ways_to_the_growth_agree() -> None:
+    context, sketch = random_context(200, 5, loss=0.4), a_sketch(6, share=0.3)
+    grown, again = conceal_with(context, sketch), SketchedLoss.of(with_sketch(context, sketch)).proposal(sketch)
+    assert torch.allclose(grown.size_gain, again.size_gain, rtol=1e-6)
+    assert bool((again.opacity_gain == 1).all())
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.99, 1.0])
+def test_extreme_losses_stay_finite(loss: float) -> None:
+    for share in (0.0, 0.01, 1.0):
+        proposal = conceal_with(random_context(200, 8, loss=loss), a_sketch(9, share=share, trust=1.0))
+        parts = [proposal.anchors.features, proposal.anchors.scalings, proposal.size_gain]
+        parts += [] if proposal.opacity_gain is None else [proposal.opacity_gain]
+        assert all(bool(part.isfinite().all()) for part in parts)
 
 
 def test_sizes_of_a_context() -> None:

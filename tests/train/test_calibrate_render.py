@@ -45,6 +45,7 @@ def test_a_sketch_fits_its_share_and_brings_something(stream, result) -> None:
     assert len(result.section) <= 0.1 * stream.num_bytes
     assert result.num_sketched > 0
     assert result.exponent in CONFIG.exponents
+    assert result.trust in CONFIG.trusts
     assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
 
 
@@ -92,7 +93,14 @@ def test_scalings_are_relative_to_the_prior(data, material) -> None:
 
 
 def test_mistakes(stream, data) -> None:
-    for field, value in (("share", 0.9), ("drop_rate", 1.0), ("views", 0), ("seed", -1), ("exponents", (-1.0,))):
+    for field, value in (
+        ("share", 0.9),
+        ("drop_rate", 1.0),
+        ("views", 0),
+        ("seed", -1),
+        ("exponents", (-1.0,)),
+        ("trusts", (9.0,)),
+    ):
         with pytest.raises(InvalidValueError, match=field):
             SketchConfig(**{field: value})
     with pytest.raises(InvalidValueError, match="no sketch fits"):

@@ -52,7 +52,7 @@ class Calibrate:
     """Cameras file for the rendering loss, or for a sketch without photos."""
     data: Path | None = None
     """Posed photos for a sketch, of which the training views are used; a sphere of views without these and cameras."""
-    share: float = 0.025
+    share: float = 0.04
     """Bytes of a sketch over those of the stream."""
     render_width: int = 200
     """Width of its pictures, pixels."""

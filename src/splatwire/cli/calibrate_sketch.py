@@ -89,6 +89,7 @@ def calibrate_sketch(options: SketchOptions) -> None:
         "num_anchors": bare.manifest.num_anchors,
         "num_sketched": result.num_sketched,
         "growth_exponent": result.exponent,
+        "growth_trust": result.trust,
         "psnr_held_out": result.psnr,
         "seconds": result.seconds,
     }

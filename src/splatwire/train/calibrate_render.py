@@ -1,6 +1,5 @@
 """Calibration for the picture: a sketch of the anchors that matter, and how far the rest grows, chosen on pictures."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,8 +11,8 @@ from torch import Tensor
 
 from splatwire.conceal import AnchorContext, Concealed, Concealer, Drop, Grow
 from splatwire.conceal.conceal import keep_received
-from splatwire.conceal.sketch.concealer import buckets_of, conceal_with
-from splatwire.conceal.sketch.section import SketchSection, write_sketch
+from splatwire.conceal.sketch.concealer import SketchedLoss, buckets_of, conceal_with, with_sketch
+from splatwire.conceal.sketch.section import MAX_TRUST, SketchSection, write_sketch
 from splatwire.errors import InvalidValueError
 from splatwire.metrics import psnr
 from splatwire.model import AnchorScene, RenderHints
@@ -43,11 +42,12 @@ class SketchConfig:
         width: Pictures are drawn at most this wide.
         probes: Random sign patterns per view (`render_sensitivity`).
         exponents: Powers of the growth that are tried.
+        trusts: How much of the scene-free network's correction of the growth is tried, 0 for none.
         fit: How anchors are chosen and rounded.
         seed: Seed of everything random.
     """
 
-    share: float = 0.025
+    share: float = 0.04
     drop_rate: float = 0.2
     masks: int = 2
     held_out_masks: int = 2
@@ -56,6 +56,7 @@ class SketchConfig:
     width: int = _MAX_WIDTH
     probes: int = 2
     exponents: tuple[float, ...] = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+    trusts: tuple[float, ...] = (0.0, 0.5, 1.0)
     fit: SketchFit = field(default_factory=SketchFit)
     seed: int = 0
 
@@ -66,6 +67,7 @@ class SketchConfig:
         bad += [] if 0 < self.share <= 0.5 else ["share"]
         bad += [] if self.seed >= 0 else ["seed"]
         bad += [] if self.exponents and all(0 <= e <= 4 for e in self.exponents) else ["exponents"]
+        bad += [] if self.trusts and all(0 <= t <= MAX_TRUST for t in self.trusts) else ["trusts"]
         if bad:
             raise InvalidValueError(f"calibration cannot run with {', '.join(f'{n}={getattr(self, n)}' for n in bad)}")
 
@@ -93,6 +95,7 @@ class SketchResult:
         section: Bytes of the section.
         num_sketched: Anchors that are sketched.
         exponent: Of the growth.
+        trust: In the network that corrects it.
         psnr: Decibels on losses that chose nothing: `no loss`, `drop`, `grow` and `sketch`.
         seconds: Time taken.
     """
@@ -100,6 +103,7 @@ class SketchResult:
     section: bytes
     num_sketched: int
     exponent: float
+    trust: float
     psnr: dict[str, float]
     seconds: float
 
@@ -138,7 +142,7 @@ def sketch_for_stream(
     buckets = buckets_of(data.context)
     section = _of_size(material, buckets, config, round(config.share * stream_bytes), show)
     scored = _Scores(data, _fewer(views, config.scored_views, config.width), config)
-    section = replace(section, exponent=_best_exponent(scored, section, config, show))
+    section = _best_growth(scored, section, config, show)
     show("held-out losses", 0.0)
     quality = {"no loss": scored.mean(None, scored.held_out)}
     rows: dict[str, Concealer | SketchSection] = {"drop": Drop(), "grow": Grow(), "sketch": section}
@@ -146,7 +150,8 @@ def sketch_for_stream(
         quality[name] = scored.mean(method, scored.held_out)
         show("held-out losses", (number + 1) / len(rows))
     coded = write_sketch(section, buckets)
-    return SketchResult(coded, len(section.values), section.exponent, quality, time.perf_counter() - started)
+    seconds = time.perf_counter() - started
+    return SketchResult(coded, len(section.values), section.exponent, section.trust, quality, seconds)
 
 
 def _of_size(
@@ -172,14 +177,26 @@ def _of_size(
     return best
 
 
-def _best_exponent(scored: "_Scores", section: SketchSection, config: SketchConfig, show: Progress) -> float:
-    best, chosen = -math.inf, config.exponents[0]
-    for number, exponent in enumerate(config.exponents):
-        quality = scored.mean(replace(section, exponent=exponent), scored.chosen_on)
-        if quality > best:
-            best, chosen = quality, exponent
-        show("choosing the growth", (number + 1) / len(config.exponents))
-    return chosen
+def _best_growth(scored: "_Scores", section: SketchSection, config: SketchConfig, show: Progress) -> SketchSection:
+    """The section with the exponent, the trust at it, and the exponent at that trust which give the best pictures."""
+    losses = [scored.sketched(section, known) for known in scored.chosen_on]
+    tried: dict[tuple[float, float], float] = {}
+    most = 2 * (len(config.exponents) + len(config.trusts))
+
+    def best_of(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+        for pair in pairs:
+            if pair not in tried:
+                candidate = replace(section, exponent=pair[0], trust=pair[1])
+                tried[pair] = sum(scored.quality_of(loss, candidate) for loss in losses) / len(losses)
+            show("choosing the growth", len(tried) / most)
+        return max(pairs, key=lambda pair: tried[pair])
+
+    trust = config.trusts[0]
+    for _ in range(2):
+        exponent, _ = best_of([(exponent, trust) for exponent in config.exponents])
+        exponent, trust = best_of([(exponent, trust) for trust in config.trusts])
+    show("choosing the growth", 1.0)
+    return replace(section, exponent=exponent, trust=trust)
 
 
 def _fewer(views: SketchViews, count: int, width: int) -> SketchViews:
@@ -220,10 +237,21 @@ class _Scores:
             return self._quality(self._scene)
         return sum(self._quality(self._concealed(method, known)) for known in losses) / len(losses)
 
+    def sketched(self, section: SketchSection, known: Bool[Tensor, "N"]) -> SketchedLoss:
+        """A loss with the copies in place, for `quality_of` with any growth."""
+        return SketchedLoss.of(with_sketch(without(self._context, known), section))
+
+    def quality_of(self, loss: SketchedLoss, section: SketchSection) -> float:
+        """Decibels over the views with the growth of a section."""
+        return self._quality(self._drawn(loss.filled, loss.proposal(section)))
+
     def _concealed(self, method: "Concealer | SketchSection", known: Bool[Tensor, "N"]) -> AnchorScene:
         context: AnchorContext = without(self._context, known)
-        proposal: Concealed
-        proposal = conceal_with(context, method) if isinstance(method, SketchSection) else method(context)
+        if isinstance(method, SketchSection):
+            return self._drawn(context, conceal_with(context, method))
+        return self._drawn(context, method(context))
+
+    def _drawn(self, context: AnchorContext, proposal: Concealed) -> AnchorScene:
         hints = RenderHints(proposal.size_gain, proposal.left_out, proposal.opacity_gain)
         return replace(self._scene, anchors=keep_received(context, proposal.anchors), hints=hints)
 

@@ -32,6 +32,7 @@ class SketchFit:
             first order.
         exponent: Of the growth.
         max_excess: Limit of the growth.
+        trust: In the network that corrects the growth.
     """
 
     num_levels: int = 4
@@ -39,6 +40,7 @@ class SketchFit:
     crowding: float = 0.6
     exponent: float = 0.2
     max_excess: float = 1.08
+    trust: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +130,9 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
             whole[chosen == i + 1] = getattr(plan, name)[chosen == i + 1]
         part.append(whole[chosen > 0])
     return SketchSection(
-        options.exponent, options.max_excess, basis, levels, parts[0][0].astype(np.uint8), parts[1][0], parts[2][0]
-    )
+        options.exponent, options.max_excess, options.trust, basis,
+        levels, parts[0][0].astype(np.uint8), parts[1][0], parts[2][0],
+    )  # fmt: skip
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:

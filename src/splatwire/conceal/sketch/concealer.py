@@ -9,7 +9,12 @@ from torch import Tensor
 
 from splatwire.conceal.base import Concealed, register_concealer
 from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.drop import Drop
 from splatwire.conceal.grow import Grow
+from splatwire.conceal.scene_free.network import GainInputs, gain_inputs
+from splatwire.conceal.scene_free.signature import near_losses
+from splatwire.conceal.scene_free.surroundings import surroundings_of
+from splatwire.conceal.scene_free.weights import default_weights
 from splatwire.conceal.sketch.section import (
     SCALING_COLUMNS,
     SECTION,
@@ -33,7 +38,8 @@ class Sketch:
     """Reads coarse copies of important anchors from the stream, leaves other lost anchors out, and grows what is there.
 
     `splatwire calibrate --method sketch` puts the section into a stream. What was received is never replaced by its
-    copy. The growth is that of `Grow`, around holes that really are holes: a sketched anchor counts as present.
+    copy. The growth is that of `Grow`, corrected by the network of `SceneFree` as far as the section trusts it, around
+    holes that really are holes: a sketched anchor counts as present.
     """
 
     @property
@@ -60,9 +66,40 @@ class Sketch:
 def conceal_with(context: AnchorContext, section: SketchSection) -> Concealed:
     """Conceals with a sketch that was read already."""
     filled = with_sketch(context, section)
-    grown = Grow(exponent=section.exponent, max_excess=section.max_excess)(filled)
-    # the gaps of what is drawn hold the sketch, the others what `drop` puts there
-    return replace(grown, left_out=~filled.erasures.known)
+    if section.trust and bool(filled.erasures.known.any()):
+        return SketchedLoss.of(filled).proposal(section)
+    return Grow(exponent=section.exponent, max_excess=section.max_excess)(filled)
+
+
+@dataclass(frozen=True, eq=False)
+class SketchedLoss:
+    """A lossy scene with the copies in place, and all of its surroundings that the growth follows from.
+
+    Attributes:
+        filled: What `with_sketch` returned, with at least one anchor to draw.
+        left: Share of the neighbours that is there, of each anchor that is drawn.
+        inputs: What the network sees of them.
+    """
+
+    filled: AnchorContext
+    left: Float[Tensor, "M"]
+    inputs: GainInputs
+
+    @staticmethod
+    def of(filled: AnchorContext) -> "SketchedLoss":
+        """Looks at the surroundings, which takes the time."""
+        around = surroundings_of(filled, filled.erasures.known.nonzero()[:, 0])
+        return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
+
+    @torch.no_grad()
+    def proposal(self, section: SketchSection) -> Concealed:
+        """What to draw with the growth of a section; its copies are not looked at again."""
+        dropped, known = Drop()(self.filled), self.filled.erasures.known
+        grown = Grow(exponent=section.exponent, max_excess=section.max_excess).gain(self.left, known)
+        gains = default_weights()(replace(self.inputs, grown=grown), section.trust)
+        ones = torch.ones_like(dropped.size_gain)
+        size, opacity = (ones.index_put((self.inputs.rows,), gain) for gain in gains)
+        return Concealed(dropped.anchors, size, dropped.left_out, opacity)
 
 
 def with_sketch(context: AnchorContext, section: SketchSection) -> AnchorContext:

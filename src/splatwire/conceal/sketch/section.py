@@ -18,14 +18,16 @@ from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError, InvalidValueError, TruncatedStreamError, UnsupportedVersionError
 
 SECTION = "sketch"
-VERSION = 1
+VERSION = 2
+"""Version 1 had no trust. A sketch is made again in a minute, so it is not read any more."""
 MAX_LEVELS = 8
 MAX_VALUE = 1 << 24
 MAX_DIRECTION = 127
+MAX_TRUST = 4.0
 OFFSET_STEPS = (1.0 / (1 << 13), 16.0)
 """Smallest and largest offset step; numbers that a float32 holds."""
 SCALING_COLUMNS = 6
-_HEADER = struct.Struct("<BBBBIIfff")
+_HEADER = struct.Struct("<BBBBIIffff")
 _BUCKET_SHARES = (0.01, 0.03, 0.1, 0.25, 0.5)
 """Anchors are sorted by the size that the prior expects; large ones are more likely to be sketched."""
 NUM_BUCKETS = len(_BUCKET_SHARES) + 1
@@ -89,6 +91,7 @@ class SketchSection:
     Attributes:
         exponent: Of the growth of what is there (`splatwire.conceal.Grow`).
         max_excess: Limit of that growth.
+        trust: How much of the scene-free network's correction of the growth is taken (`splatwire.conceal.SceneFree`).
         basis: How integers become attributes.
         levels: int64 (N), 0 where an anchor is not sketched.
         masks: uint8 (M, K), sketched anchors by rank.
@@ -98,6 +101,7 @@ class SketchSection:
 
     exponent: float
     max_excess: float
+    trust: float
     basis: SketchBasis
     levels: np.ndarray
     masks: np.ndarray
@@ -135,7 +139,7 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
 
     basis, columns = section.basis, section.values.shape[1]
     chosen = section.levels > 0
-    numbers = [basis.offset_step, section.exponent, section.max_excess, *basis.mean, *basis.scales]
+    numbers = [basis.offset_step, section.exponent, section.max_excess, section.trust, *basis.mean, *basis.scales]
     numbers = [*numbers, *basis.mean.astype(np.float16), *basis.scales.astype(np.float16)]
     small = max(np.abs(section.values).max(initial=0), np.abs(section.offsets).max(initial=0)) < MAX_VALUE
     rows = len(section.values) == len(section.masks) == len(section.offsets) == int(chosen.sum())
@@ -144,7 +148,7 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
         raise InvalidValueError("a sketch of this kind is beyond the format")
     header = _HEADER.pack(
         VERSION, basis.num_levels, columns, section.masks.shape[1], len(section.levels), len(section.values),
-        basis.offset_step, section.exponent, section.max_excess,
+        basis.offset_step, section.exponent, section.max_excess, section.trust,
     )  # fmt: skip
     per_row = section.masks.shape[1] * kernels.BYTES_PER_BIT + kernels.BYTES_PER_VALUE * (
         columns + section.offsets.shape[1]
@@ -171,12 +175,12 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
         buckets: int64 (N), of `size_buckets`.
 
     Raises:
-        UnsupportedVersionError: If a newer release wrote it.
+        UnsupportedVersionError: If another release wrote it, in a version that this one does not read.
         BitstreamError: If it is damaged, or of another scene.
     """
     from splatwire.conceal.sketch import _kernels as kernels
 
-    exponent, max_excess, count, basis, coded = _read_head(data, sizes)
+    growth, count, basis, coded = _read_head(data, sizes)
     columns = basis.directions.shape[1]
     state, levels = np.empty(3, dtype=np.int64), np.empty(sizes.num_anchors, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, sizes.num_offsets)
@@ -190,28 +194,33 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
     kernels.decode_rows(coded, state, bit_models, models, levels[levels > 0], masks, values, offsets)
     if max(np.abs(values).max(initial=0), np.abs(offsets).max(initial=0)) >= MAX_VALUE:
         raise BitstreamError(f"section '{SECTION}' is damaged: values out of range")
-    return SketchSection(exponent, max_excess, basis, levels, masks, values, offsets)
+    return SketchSection(*growth, basis, levels, masks, values, offsets)
 
 
-def _read_head(data: bytes, sizes: SketchSizes) -> tuple[float, float, int, SketchBasis, np.ndarray]:
-    """Checks everything in front of the coded part; returns it with the coded part."""
+def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, float], int, SketchBasis, np.ndarray]:
+    """Checks everything in front of the coded part; returns it (first exponent, limit, trust) with the coded part."""
     if data and data[0] != VERSION:
-        raise UnsupportedVersionError(f"section '{SECTION}' has version {data[0]}, this release reads {VERSION}")
+        raise UnsupportedVersionError(
+            f"section '{SECTION}' has version {data[0]}, this release reads {VERSION}: make it again with "
+            "`splatwire calibrate --method sketch`"
+        )
     if len(data) < _HEADER.size:
         raise TruncatedStreamError(f"section '{SECTION}' has {len(data)} bytes, its header takes {_HEADER.size}")
-    _, num_levels, columns, offsets, anchors, count, offset_step, exponent, excess = _HEADER.unpack_from(data)
+    _, num_levels, columns, offsets, anchors, count, offset_step, *growth = _HEADER.unpack_from(data)
     if (anchors, offsets) != (sizes.num_anchors, sizes.num_offsets):
         raise BitstreamError(f"section '{SECTION}' is of a scene of {anchors} anchors with {offsets} offsets")
     reader = ByteReader(data[_HEADER.size :], f"section '{SECTION}'")
     numbers = np.frombuffer(reader.take(2 * (sizes.num_channels + columns)), dtype="<f2").astype(np.float32)
     sane = 1 <= num_levels <= MAX_LEVELS and 1 <= columns <= sizes.num_channels and count <= anchors
-    sane = sane and OFFSET_STEPS[0] <= offset_step <= OFFSET_STEPS[1] and 0 <= exponent <= 4 and 1 <= excess <= 16
+    exponent, excess, trust = growth
+    sane = sane and OFFSET_STEPS[0] <= offset_step <= OFFSET_STEPS[1]
+    sane = sane and 0 <= exponent <= 4 and 1 <= excess <= 16 and 0 <= trust <= MAX_TRUST
     if not (sane and np.isfinite(numbers).all()):
         raise BitstreamError(f"section '{SECTION}' is damaged: its header or its tables are impossible")
     directions = _read_directions(reader, sizes.num_channels, columns)
     mean, scales = numbers[: sizes.num_channels], numbers[sizes.num_channels :]
     basis = SketchBasis(mean, directions, scales, offset_step, num_levels)
-    return exponent, excess, count, basis, np.frombuffer(reader.rest(), dtype=np.uint8)
+    return (exponent, excess, trust), count, basis, np.frombuffer(reader.rest(), dtype=np.uint8)
 
 
 def _write_directions(directions: np.ndarray) -> bytes:
