@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from figures import publish
 
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
 from splatwire.codec.atomic import predict_packets
@@ -127,11 +128,7 @@ def main() -> None:
     arguments = parser.parse_args()
     rows = [measure(arguments.data / "hacpp" / name) for name in arguments.models]
     result = {"machine": f"{platform.machine()}, {__import__('os').cpu_count()} cores", "goals": GOALS, "models": rows}
-    text = json.dumps(result, indent=1)
-    print(text)
-    if arguments.output:
-        arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        arguments.output.write_text(text + "\n")
+    publish(result, arguments.output)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from figures import publish
+
 NUM_ANCHORS = 400_000
 GOAL_MIB = 2048
 
@@ -70,11 +72,7 @@ def main() -> None:
                 [*command, "--stream", f"{folder}/big.swz"], check=True, capture_output=True, text=True
             )
             result[step] = json.loads(done.stdout.splitlines()[-1])
-    text = json.dumps(result, indent=1)
-    print(text)
-    if arguments.output:
-        arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        arguments.output.write_text(text + "\n")
+    publish(result, arguments.output)
 
 
 if __name__ == "__main__":

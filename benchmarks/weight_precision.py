@@ -7,8 +7,9 @@ changes, over the spread of the attribute.
 """
 
 import argparse
-import json
 from pathlib import Path
+
+from figures import publish
 
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
 from splatwire.codec.encoder import scene_in_order
@@ -44,11 +45,7 @@ def main() -> None:
     for name in arguments.models:
         scene = import_hacpp(arguments.data / "hacpp" / name)
         result[name] = [measure(scene, noise) for noise in NOISES]
-    text = json.dumps(result, indent=1)
-    print(text)
-    if arguments.output:
-        arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        arguments.output.write_text(text + "\n")
+    publish(result, arguments.output)
 
 
 if __name__ == "__main__":

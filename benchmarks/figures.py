@@ -1,0 +1,13 @@
+"""Where a benchmark's figures go."""
+
+import json
+from pathlib import Path
+
+
+def publish(result: object, output: Path | None) -> None:
+    """Prints figures as JSON and writes them to a file, if there is to be one."""
+    text = json.dumps(result, indent=1)
+    print(text)
+    if output:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(text + "\n")
