@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ from urllib.request import urlopen
 
 import pytest
 
+from processes import told_by
 from scenes import tiny_scene
 from splatwire.cli.main import main
 from splatwire.cli.receive import parse_seconds
@@ -28,23 +28,9 @@ def stream_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@contextlib.contextmanager
-def serving(*words: str) -> Iterator[dict[str, Any]]:
+def serving(*words: str) -> contextlib.AbstractContextManager[dict[str, Any]]:
     """A server process; gives what it says of itself."""
-    command = [sys.executable, "-m", "splatwire", "serve", *words, "--port", "0", "--json"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    assert server.stdout is not None
-    try:
-        yield json.loads(server.stdout.readline())
-    finally:
-        server.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            server.wait(10)
-        if server.poll() is None:
-            server.kill()
-            server.wait(10)
-        server.stdout.close()
-    assert server.returncode == 0
+    return told_by([sys.executable, "-m", "splatwire", "serve", *words, "--port", "0", "--json"])
 
 
 @pytest.fixture(scope="module")

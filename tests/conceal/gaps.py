@@ -1,5 +1,7 @@
 """Small hand-made scenes with gaps."""
 
+from dataclasses import replace
+
 import torch
 
 from splatwire.conceal import AnchorContext
@@ -53,3 +55,12 @@ def permuted(context: AnchorContext, order: torch.Tensor) -> AnchorContext:
         Prior(*parts, context=prior.context[order]),
         context.layout,
     )
+
+
+def only(context: AnchorContext, known: torch.Tensor) -> AnchorContext:
+    """The context of a receiver to whom only some anchors came, all of their attributes."""
+    a, blank = context.anchors, known[:, None]
+    anchors = Anchors(
+        a.positions, a.features * blank, a.scalings * blank, a.offsets * blank[:, :, None], a.mask & blank
+    )
+    return replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))

@@ -3,11 +3,10 @@ import dataclasses
 import pytest
 import torch
 
-from conceal.gaps import random_context
+from conceal.gaps import only, random_context
 from splatwire.conceal import Idw, Kriging, PriorMean
 from splatwire.conceal.kriging import TARGETS, Correlogram, kriging_weights, regress
 from splatwire.errors import InvalidValueError
-from splatwire.scene import Erasures
 
 
 def _field_of(positions: torch.Tensor, correlation: float, length: float, channels: int) -> torch.Tensor:
@@ -67,15 +66,7 @@ def test_where_neighbours_say_nothing_the_mean_is_left() -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("received", [0, 1, 2])
 def test_hardly_anything_received(target: str, received: int) -> None:
-    context = random_context(20, 3, loss=0)
-    known = torch.arange(20) < received
-    anchors = context.anchors
-    blank = known[:, None]
-    anchors = dataclasses.replace(
-        anchors, features=anchors.features * blank, scalings=anchors.scalings * blank,
-        offsets=anchors.offsets * blank[:, :, None], mask=anchors.mask & blank,
-    )  # fmt: skip
-    context = dataclasses.replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))
+    context = only(random_context(20, 3, loss=0), torch.arange(20) < received)
     result = Kriging(target=target)(context).anchors
     for part in (result.features, result.scalings, result.offsets):
         assert bool(part.isfinite().all())

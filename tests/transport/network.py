@@ -16,6 +16,15 @@ from splatwire.transport.protection import Protection
 SECRET = b"0123456789abcdef"
 
 
+class OopsError(Exception):
+    """A mistake of whoever owns a receiver."""
+
+
+def oops(event: object) -> None:
+    """An owner who makes it at every event."""
+    raise OopsError
+
+
 def datagram_stream(
     num_anchors: int = 9000, seed: int = 0, side_bytes: int = 60_000, per_packet: int = 40
 ) -> SceneStream:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from processes import told_by
 from splatwire.packets import read_stream, write_stream
 from transport.network import datagram_stream
 
@@ -44,18 +45,8 @@ def serving(namespace: str, stream: Path) -> Iterator[int]:
     """A server process in a namespace; gives its port."""
     words = ["ip", "netns", "exec", namespace, sys.executable, "-m", "splatwire"]
     command = [*words, "serve", str(stream), "--port", "0", "--json"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    try:
-        assert server.stdout is not None
-        yield int(json.loads(server.stdout.readline())["port"])
-    finally:
-        server.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            server.wait(10)
-        if server.poll() is None:
-            server.kill()
-            server.wait(10)
-        server.stdout.close()
+    with told_by(command, polite=False) as told:
+        yield int(told["port"])
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from splatwire.transport import (
     make_program,
 )
 from splatwire.transport.address import Address, parse_url
-from transport.network import bernoulli, bursts, datagram_stream
+from transport.network import OopsError, bernoulli, bursts, datagram_stream, oops
 from transport.relay import Relay
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
@@ -183,16 +183,10 @@ def test_nobody_there_is_told_at_once():
 
 
 def test_an_error_of_the_owner_reaches_the_owner():
-    class OopsError(Exception):
-        pass
-
-    def complain(event: object) -> None:
-        raise OopsError
-
     async def work() -> None:
         async with serving() as server:
             with pytest.raises(OopsError):
-                await fetch(server.port, on_event=complain)
+                await fetch(server.port, on_event=oops)
 
     run(work())
 

@@ -12,7 +12,7 @@ from splatwire.packets import SceneStream
 from splatwire.transport import PacketArrived, Protection, Receiver, ReceiverOptions, ServerLimits, make_program
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.udp import UdpServer, receive_udp
-from transport.network import bernoulli, bursts, datagram_stream
+from transport.network import OopsError, bernoulli, bursts, datagram_stream, oops
 from transport.relay import Relay
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -108,17 +108,11 @@ def test_nobody_there_is_told_at_once():
 
 
 def test_an_error_of_the_owner_reaches_the_owner():
-    class OopsError(Exception):
-        pass
-
-    def complain(event: object) -> None:
-        raise OopsError
-
     async def work() -> None:
         server = served(OTHER)
         try:
             with pytest.raises(OopsError):
-                await fetch(server.port, on_event=complain)
+                await fetch(server.port, on_event=oops)
         finally:
             server.close()
 

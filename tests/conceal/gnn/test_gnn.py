@@ -4,7 +4,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from conceal.gaps import CONTEXT_DIM, LAYOUT, permuted, random_context
+from conceal.gaps import CONTEXT_DIM, LAYOUT, only, permuted, random_context
+from conceal.gnn.lively import SMALL, lively_network
 from splatwire.conceal import (
     AnchorContext,
     Cari,
@@ -23,20 +24,12 @@ from splatwire.conceal.gnn.graph import build_graph, prior_rows, query_inputs, s
 from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes, RawResiduals, edge_conv
 from splatwire.conceal.gnn.weights import scene_fingerprint
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.scene import Erasures
 
-SMALL = GnnSettings(neighbors=6, pool=18, hidden=16)
 PARTS = ("features", "scalings", "offsets", "mask")
 
 
 def lively(context: AnchorContext, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
-    """Weights that change every attribute: the heads' last layers are not zero."""
-    network = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), settings, seed)
-    rng = torch.Generator().manual_seed(seed)
-    with torch.no_grad():
-        for head in network.regressors:
-            head[3].weight.copy_(torch.randn(head[3].weight.shape, generator=rng))
-    return GnnWeights(network.eval(), scene_fingerprint(context), {})
+    return GnnWeights(lively_network(settings, seed)[0], scene_fingerprint(context), {})
 
 
 def test_factored_edge_conv_is_the_plain_one() -> None:
@@ -138,21 +131,14 @@ def test_order_and_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.mark.parametrize("received", [0, 1, 3, 100])
 def test_hardly_anything_received(received: int) -> None:
-    context = random_context(100, 8, loss=0)
-    known = torch.arange(100) < received
-    anchors = context.anchors
-    blank = known[:, None]
-    anchors = dataclasses.replace(
-        anchors, features=anchors.features * blank, scalings=anchors.scalings * blank,
-        offsets=anchors.offsets * blank[:, :, None], mask=anchors.mask & blank,
-    )  # fmt: skip
-    context = dataclasses.replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))
+    whole = random_context(100, 8, loss=0)
+    context = only(whole, torch.arange(100) < received)
     result = keep_received(context, Gnn(lively(context))(context).anchors)
     assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
     if received == 0:
         assert torch.equal(result.features, PriorMean()(context).anchors.features)
     if received == 100:
-        assert torch.equal(result.features, anchors.features)
+        assert torch.equal(result.features, whole.anchors.features)
 
 
 def test_values_that_are_not_finite_are_never_used() -> None:

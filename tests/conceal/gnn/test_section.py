@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from conceal.gaps import CONTEXT_DIM, LAYOUT, random_context
+from conceal.gnn.lively import lively_network
 from splatwire.conceal import AnchorContext, Gnn, GnnSettings, GnnWeights, Kriging, create_concealer
 from splatwire.conceal.conceal import keep_received
 from splatwire.conceal.gnn import load_weights, rounded_weights, save_weights, write_section
@@ -28,13 +29,10 @@ PARTS = ("features", "scalings", "offsets", "mask")
 
 
 def lively(context: AnchorContext, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
-    network = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), settings, seed)
-    rng = torch.Generator().manual_seed(seed)
+    network, rng = lively_network(settings, seed)
     with torch.no_grad():
-        for head in network.regressors:
-            head[3].weight.copy_(torch.randn(head[3].weight.shape, generator=rng))
         network.get_buffer("query_mean").copy_(torch.randn(len(network.get_buffer("query_mean")), generator=rng))
-    return GnnWeights(network.eval().requires_grad_(False), scene_fingerprint(context), {})
+    return GnnWeights(network.requires_grad_(False), scene_fingerprint(context), {})
 
 
 def carrying(context: AnchorContext, section: bytes) -> AnchorContext:

@@ -1,0 +1,30 @@
+"""Servers as processes of their own."""
+
+import contextlib
+import json
+import subprocess
+from collections.abc import Iterator
+from typing import Any
+
+
+@contextlib.contextmanager
+def told_by(command: list[str], *, polite: bool = True) -> Iterator[dict[str, Any]]:
+    """Runs a server, gives the JSON object that it says of itself first, and ends it.
+
+    Args:
+        command: The command.
+        polite: Whether it must end with status 0 when it is asked to.
+    """
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert server.stdout is not None
+    try:
+        yield json.loads(server.stdout.readline())
+    finally:
+        server.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            server.wait(10)
+        if server.poll() is None:
+            server.kill()
+            server.wait(10)
+        server.stdout.close()
+    assert server.returncode == 0 or not polite
