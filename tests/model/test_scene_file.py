@@ -112,6 +112,12 @@ def test_the_layout_of_the_file_is_pinned(tiny_scene, tmp_path):
     assert (bits * 2.0 - 1 == tiny_scene.context.grid.volume.flatten().numpy()).all()
 
 
+def test_a_scene_file_is_as_readable_as_any_other(tiny_scene, tmp_path):
+    save_scene(tiny_scene, tmp_path / "scene")
+    (tmp_path / "other").touch()
+    assert (tmp_path / "scene").stat().st_mode == (tmp_path / "other").stat().st_mode
+
+
 def test_a_failed_write_leaves_the_old_file(tiny_scene, tmp_path, monkeypatch):
     path = tmp_path / "a.scene"
     path.write_bytes(b"old")

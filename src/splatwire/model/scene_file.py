@@ -218,7 +218,10 @@ def _write(path: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> No
     # One metadata entry only: safetensors writes several in no fixed order.
     metadata = {"splatwire": json.dumps(header, sort_keys=True)}
     try:
+        unfinished.touch()
+        permissions = unfinished.stat().st_mode & 0o777  # those of any new file; safetensors makes it private
         save_file(plain, unfinished, metadata=metadata)
+        unfinished.chmod(permissions)
         os.replace(unfinished, path)
     except SafetensorError as error:
         raise OSError(f"{path}: cannot be written: {error}") from error
