@@ -1,74 +1,125 @@
 """What 8 % of the bytes, spent on protection, leave of 20 % loss: PSNR against photos, and the drop from no loss.
 
 Datagrams: the planner chooses, side information included. `.pak` packets: side information is delivered (the paper's
-assumption), and as much parity as 8 % hold goes over the packets of the top tier (any K of K + R packets restore it).
+assumption), and parity goes over the packets of a top tier (any K of K + R packets restore it). In both, a sketch of
+important anchors in the side information may take a part of the 8 %; how much is left for parity, how large the tier
+is and whether there is a sketch at all is chosen on training photos with losses other than those reported.
 
-    python benchmarks/protection.py SCENE --data PHOTOS [--limit 0.08] [--views 4] [--seeds 5] [--conceal grow]
+    python benchmarks/protection.py SCENE --data PHOTOS [--limit 0.08] [--views 4] [--seeds 5] [--sketch 0.01 0.025]
 """
 
 import argparse
+import itertools
 import json
-import math
+import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from frontier import Bench
+from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
 from splatwire.channel import parse_loss
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.tiers import arrange_stream
-from splatwire.conceal import conceal
-from splatwire.evaluate.damage import measure_damage, without
-from splatwire.evaluate.views import spread
-from splatwire.packets import PRESETS
-from splatwire.render import iterate_views
-from splatwire.transport.outline import draw_losses, outline_transfer
-from splatwire.transport.planner import arrival_within, plan_protection
+from splatwire.conceal.sketch import SECTION
+from splatwire.evaluate.damage import LossyPictures
+from splatwire.packets import PRESETS, SceneStream
+from splatwire.render.importance import footprint_importance
+from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
+from splatwire.train.gnn_data import calibration_data
+from splatwire.transport.outline import draw_losses
+from splatwire.transport.planner import plan_protection
 
 PAK_TIERS = (0.02, 0.05, 0.1, 0.2)
+CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 
 
-def over_datagrams(bench: Bench, loss_name: str, arguments: argparse.Namespace) -> dict:
+def sketches(bench: Bench, stream: SceneStream, shares: list[float]) -> list[bytes]:
+    """Sections of some shares of the stream's bytes; they fit every stream of the same scene."""
+    data, photos = calibration_data(stream, decode_stream(stream)), bench.train
+    views = SketchViews(photos.cameras, photos.image, photos.background)
+    return [sketch_for_stream(data, views, stream.num_bytes, SketchConfig(share=s)).section for s in shares]
+
+
+def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.Namespace) -> dict:
     """The planner's choice within the limit."""
-    loss, views = parse_loss(loss_name), spread(bench.cameras.num_views, 3)
-    damage = measure_damage(bench.complete, bench.tiers_by_rank(), bench.cameras.select(views),
-                            concealer=bench.concealer, base_mse=bench.base_mse(), seed=7)  # fmt: skip
-    plan = plan_protection(bench.load, damage, loss, budget_bytes=1e12, trials=60, seed=99,
-                           most_protection=arguments.limit, head_target=0.99)  # fmt: skip
-    outline = outline_transfer(bench.load, plan.protection)
-    arrival = arrival_within(outline, draw_losses(loss, arguments.seeds, len(outline.kind), 1), 1e12)
-    scores = [bench.psnr(bool(head), packets) for head, packets in zip(arrival.head, arrival.packets, strict=True)]
+    loss = parse_loss(loss_name)
+    plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=1e12, trials=60, drawn=4,
+                           seed=PLANNING_SEED, most_protection=arguments.limit, head_target=0.99)  # fmt: skip
+    scores = variants[plan.offer].scores(plan.protection, loss_name, 1e12, arguments.seeds)
     return {"unit": "datagram", "loss": loss_name, "psnr": float(np.mean(scores)), "all": scores,
             "protection_share": plan.protection_share, "side_information_arrives": plan.head_arrives,
-            "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair}  # fmt: skip
+            "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,
+            "tier_spread": plan.protection.tier_spread, "sketch_bytes": plan.concealment_bytes}  # fmt: skip
 
 
-def over_paks(bench: Bench, loss_name: str, share: float, arguments: argparse.Namespace) -> dict:
-    """Parity over the `.pak` packets of the top `share` of the anchors."""
-    stream = encode_scene(bench.complete.scene, PRESETS["paper"], tiers=bench.importance.tiers((share,)))
-    complete, plan = decode_stream(stream), stream.manifest.plan
-    groups, packets = arrange_stream(stream)
-    sizes = np.array([packet.num_bytes for packet in packets])
-    top = np.array([plan.tier_of(packet.id.block) == 0 for packet in packets])
-    repair = int(arguments.limit / (1 - arguments.limit) * stream.num_bytes / sizes[top].max())
-    repair = min(repair, 2 * int(top.sum()))
-    scores, known = [], torch.zeros(complete.scene.anchors.num_anchors, dtype=torch.bool)
-    for row in draw_losses(parse_loss(loss_name), arguments.seeds, len(packets) + repair, 1):
-        there = row[: len(packets)].copy()
-        if row[len(packets) :].sum() + there[top].sum() >= top.sum():
-            there[top] = True
-        known[:] = False
-        for index in np.flatnonzero(there):
-            known[torch.from_numpy(groups.ranks[groups.starts[index] : groups.starts[index + 1]].copy())] = True
-        scene = conceal(without(complete, known), bench.concealer)
-        pairs = zip(iterate_views(scene, bench.test.cameras), bench.photos, strict=True)
-        errors = [float((image - photo).double().square().mean()) for image, photo in pairs]
-        scores.append(float(np.mean(-10 * np.log10(errors))))
-    spent = repair * int(sizes[top].max())
-    return {"unit": "pak", "loss": loss_name, "tier": share, "psnr": float(np.mean(scores)), "all": scores,
-            "packets_of_tier": int(top.sum()), "parity_packets": repair,
-            "protection_share": spent / (spent + stream.num_bytes)}  # fmt: skip
+class Pak(NamedTuple):
+    """A way to spend the limit on `.pak` packets.
+
+    Attributes:
+        share: Anchors of the tier under parity.
+        repair: Parity packets.
+        num_bytes: Bytes of one.
+        sketch: Number of the pictures, 0 for those without a sketch.
+        spent: Bytes of the sketch and of parity.
+        total: All bytes.
+        top: Which packets are of the tier, bool (P).
+        cuts: Anchors of each packet.
+    """
+
+    share: float
+    repair: int
+    num_bytes: int
+    sketch: int
+    spent: int
+    total: int
+    top: np.ndarray
+    cuts: list[torch.Tensor]
+
+
+def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
+    """Sizes of the tier times sketches; parity takes what the limit leaves."""
+    ways, importance = [], footprint_importance(bench.scene, bench.cameras)
+    for share in PAK_TIERS:
+        stream = encode_scene(bench.scene, PRESETS["paper"], tiers=importance.tiers((share,)))
+        groups, packets = arrange_stream(stream)
+        top = np.array([stream.manifest.plan.tier_of(packet.id.block) == 0 for packet in packets])
+        largest = int(np.array([packet.num_bytes for packet in packets])[top].max())
+        cuts = [torch.from_numpy(groups.ranks[a:b].copy()) for a, b in itertools.pairwise(groups.starts)]
+        for number, section in enumerate([b"", *sections]):
+            room = limit / (1 - limit) * stream.num_bytes - len(section)
+            repair = min(int(max(room, 0) / largest), 2 * int(top.sum()))
+            spent = repair * largest + len(section)
+            if room >= 0:
+                ways.append(Pak(share, repair, largest, number, spent, stream.num_bytes + spent, top, cuts))
+    return ways
+
+
+def pak_scores(way: Pak, pictures: LossyPictures, loss_name: str, seeds: int, seed: int) -> list[float]:
+    scores = []
+    for row in draw_losses(parse_loss(loss_name), seeds, len(way.cuts) + way.repair, seed):
+        there = row[: len(way.cuts)].copy()
+        if row[len(way.cuts) :].sum() + there[way.top].sum() >= way.top.sum():
+            there[way.top] = True
+        known = torch.zeros(pictures.num_anchors, dtype=torch.bool)
+        for index in np.flatnonzero(there).tolist():
+            known[way.cuts[index]] = True
+        scores.append(pictures.psnr(known))
+    return scores
+
+
+def over_paks(
+    ways: list[Pak], pictures: list[tuple[LossyPictures, LossyPictures]], loss_name: str, arguments: argparse.Namespace
+) -> dict:
+    """The way that is best on the planning views, scored on the reported ones."""
+    planned = [pak_scores(way, pictures[way.sketch][1], loss_name, 4, PLANNING_SEED) for way in ways]
+    way = ways[int(np.argmax([np.mean(scores) for scores in planned]))]
+    scores = pak_scores(way, pictures[way.sketch][0], loss_name, arguments.seeds, REPORTED_SEED)
+    return {"unit": "pak", "loss": loss_name, "tier": way.share, "psnr": float(np.mean(scores)), "all": scores,
+            "packets_of_tier": int(way.top.sum()), "parity_packets": way.repair,
+            "sketch_bytes": way.spent - way.repair * way.num_bytes,
+            "protection_share": way.spent / way.total}  # fmt: skip
 
 
 def main() -> None:
@@ -78,16 +129,25 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=0.08)
     parser.add_argument("--views", type=int, default=4)
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--conceal", default="grow")
-    parser.add_argument("--tiers", nargs="+", type=float, default=[0.02, 0.05, 0.13])
+    parser.add_argument("--conceal", default="scene_free")
+    parser.add_argument("--tiers", nargs="+", type=float, default=[0.02, 0.08])
+    parser.add_argument("--sketch", nargs="*", type=float, default=[0.01, 0.025], help="shares of the stream's bytes")
     arguments = parser.parse_args()
     bench = Bench(arguments)
-    whole = -10 * math.log10(bench.base_mse())
-    rows = [over_datagrams(bench, name, arguments) for name in ("bernoulli:0.2", "gilbert:0.2,20")]
-    for name in ("bernoulli:0.2", "gilbert:0.2,20"):
-        rows.append(max((over_paks(bench, name, share, arguments) for share in PAK_TIERS), key=lambda row: row["psnr"]))
+    flat, tiered = (encode_scene(bench.scene, PRESETS["datagram"], tiers=tiers) for tiers in (None, bench.tiers))
+    sections = sketches(bench, flat, arguments.sketch)
+    print("sketches of", [len(section) for section in sections], "bytes", file=sys.stderr, flush=True)
+    variants = [bench.variant(stream, bench.concealer) for stream in (flat, tiered)]
+    variants += [bench.variant(add_concealment(tiered, SECTION, s), SECTION, len(s)) for s in sections]
+    whole = variants[0].psnr(True, np.ones(len(variants[0].members), dtype=np.bool_))
+    rows = [over_datagrams(variants, name, arguments) for name in CHANNELS]
+    print([round(whole - row["psnr"], 2) for row in rows], "dB, datagrams", file=sys.stderr, flush=True)
+    ways = pak_ways(bench, sections, arguments.limit)
+    pictures = [(variant.pictures, variant.planning) for variant in [variants[1], *variants[2:]]]
+    rows += [over_paks(ways, pictures, name, arguments) for name in CHANNELS]
     for row in rows:
         row["drop_db"] = whole - row["psnr"]
+    print([round(row["drop_db"], 2) for row in rows], file=sys.stderr, flush=True)
     print(json.dumps({"scene": arguments.scene.name, "concealer": bench.concealer, "whole_psnr": whole,
                       "limit": arguments.limit, "tiers": arguments.tiers, "rows": rows}, indent=1))  # fmt: skip
 
