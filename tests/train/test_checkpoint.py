@@ -7,7 +7,6 @@ from safetensors.torch import load_file, save_file
 
 from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.train import checkpoint as checkpoint_module
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache
@@ -64,7 +63,7 @@ def test_a_failed_save_leaves_the_old_checkpoint(
         Path(target).write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(checkpoint_module, "save_file", full)
+    monkeypatch.setattr("splatwire.model.tensor_file.save_file", full)
     with pytest.raises(OSError, match="No space"):
         save_checkpoint(state, config, path)
     assert path.read_bytes() == before

@@ -147,7 +147,7 @@ def test_a_full_disk_is_found_before_training(
     def full(*arguments: object, **more: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("splatwire.train.checkpoint.save_file", full)
+    monkeypatch.setattr("splatwire.model.tensor_file.save_file", full)
     output = tmp_path / "out.scene"
     assert _run(["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2]) == 2
     assert "No space left" in capsys.readouterr().err

@@ -5,15 +5,11 @@ hexadecimal float, the configuration, the rectifier slopes, and the background w
 hash grid are packed into bits.
 """
 
-import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import save_file
 from torch import Tensor
 
 from splatwire.model._scene_reader import SceneReader, open_scene_file, read_config
@@ -28,6 +24,7 @@ from splatwire.model.anchor_scene import (
 from splatwire.model.config import ModelConfig
 from splatwire.model.networks import Mlp
 from splatwire.model.prior import AttributePrior, Prior
+from splatwire.model.tensor_file import write_tensors
 from splatwire.scene import Anchors, Attribute, Erasures
 from splatwire.scene.background import BLACK, Background
 
@@ -54,7 +51,7 @@ def save_scene(scene: AnchorScene, path: Path, *, erasures: Erasures | None = No
     tensors, header = _scene_tensors(scene), _header(scene, SCENE)
     if erasures is not None:
         tensors["erasures.received"], header["erasures"] = erasures.received, True
-    _write(path, tensors, header)
+    write_tensors(tensors, header, path)
 
 
 def load_scene(path: Path) -> AnchorScene:
@@ -126,7 +123,7 @@ def save_partial(partial: PartialScene, path: Path) -> None:
         tensors[f"concealment.{name}"] = torch.from_numpy(np.frombuffer(content, dtype=np.uint8).copy())
     if partial.concealment:
         header["concealment"] = sorted(partial.concealment)
-    _write(path, tensors, header)
+    write_tensors(tensors, header, path)
 
 
 def load_partial(path: Path) -> PartialScene:
@@ -209,24 +206,6 @@ def _pack_signs(signs: Tensor) -> Tensor:
 def _unpack_signs(bits: Tensor, shape: tuple[int, ...]) -> Tensor:
     flat = np.unpackbits(bits.numpy(), count=int(np.prod(shape)))
     return torch.from_numpy(flat.astype(np.int8) * 2 - 1).reshape(shape)
-
-
-def _write(path: Path, tensors: dict[str, Tensor], header: dict[str, Any]) -> None:
-    # Cloned: safetensors refuses tensors that share memory, and views of a larger tensor are common here.
-    plain = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    # One metadata entry only: safetensors writes several in no fixed order.
-    metadata = {"splatwire": json.dumps(header, sort_keys=True)}
-    try:
-        unfinished.touch()
-        permissions = unfinished.stat().st_mode & 0o777  # those of any new file; safetensors makes it private
-        save_file(plain, unfinished, metadata=metadata)
-        unfinished.chmod(permissions)
-        os.replace(unfinished, path)
-    except SafetensorError as error:
-        raise OSError(f"{path}: cannot be written: {error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, Erasures | None]:

@@ -4,16 +4,15 @@ Going on from a checkpoint gives bit for bit what an uninterrupted run gives (on
 """
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.model.tensor_file import write_tensors
 from splatwire.train.config import TrainConfig, config_from_json, config_to_json
 from splatwire.train.initial import parameter_shapes
 from splatwire.train.state import GrowthStatistics, Moments, TrainState
@@ -53,15 +52,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "config": config_to_json(config),
     }
-    plain = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        save_file(plain, unfinished, metadata={"splatwire": json.dumps(header, sort_keys=True)})
-        os.replace(unfinished, path)
-    except SafetensorError as error:
-        raise OSError(f"{path}: cannot be written: {error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
+    write_tensors(tensors, header, path)
 
 
 def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:

@@ -18,9 +18,10 @@ from splatwire.conceal.gnn.graph import RepairGraph, prior_rows, query_inputs, s
 from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.conceal.gnn.quantise import rounded_constants, rounded_parameters
 from splatwire.conceal.gnn.section import rounded_weights
-from splatwire.conceal.gnn.weights import GnnWeights, load_tensors, read_tensors, scene_fingerprint, write_tensors
+from splatwire.conceal.gnn.weights import GnnWeights, load_tensors, read_tensors, scene_fingerprint
 from splatwire.errors import BitstreamError, DivergedError, InvalidValueError
 from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.tensor_file import write_tensors
 from splatwire.render import create_renderer
 from splatwire.scene import Anchors
 from splatwire.train.gnn_data import CalibrationConfig, CalibrationData, pseudo_graphs

@@ -3,20 +3,19 @@
 import dataclasses
 import hashlib
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
 from splatwire.conceal.context import AnchorContext
 from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.conceal.gnn.settings import GnnSettings
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.model.tensor_file import write_tensors
 from splatwire.scene import AnchorLayout
 
 FORMAT = "splatwire-gnn"
@@ -102,22 +101,6 @@ def save_weights(weights: GnnWeights, path: Path, *, precision: str = "float32")
     state = weights.network.state_dict()
     tensors = {name: value.detach().to("cpu", PRECISIONS[precision]).contiguous() for name, value in state.items()}
     write_tensors(tensors, header, path)
-
-
-def write_tensors(tensors: dict[str, Tensor], header: dict[str, Any], path: Path) -> None:
-    """Writes tensors with a JSON header, all or nothing.
-
-    Raises:
-        OSError: If the file cannot be written.
-    """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        save_file(tensors, unfinished, metadata={"splatwire": json.dumps(header, sort_keys=True)})
-        os.replace(unfinished, path)
-    except SafetensorError as error:
-        raise OSError(f"{path}: cannot be written: {error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor], dict[str, Any]]:

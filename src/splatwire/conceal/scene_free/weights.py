@@ -6,9 +6,10 @@ from pathlib import Path
 
 import torch
 
-from splatwire.conceal.gnn.weights import read_tensors, write_tensors
+from splatwire.conceal.gnn.weights import read_tensors
 from splatwire.conceal.scene_free.network import GainNetwork
 from splatwire.errors import BitstreamError
+from splatwire.model.tensor_file import write_tensors
 
 FORMAT = "splatwire-scene-free"
 VERSION = 1
