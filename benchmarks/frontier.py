@@ -33,7 +33,7 @@ from splatwire.render.importance import footprint_importance
 from splatwire.transport.candidates import Search, arrival_within, plain_candidates
 from splatwire.transport.damage import BLANK_PSNR
 from splatwire.transport.outline import StreamLoad, draw_losses, outline_transfer
-from splatwire.transport.planner import HEAD_TRIALS, plan_protection, planning_losses
+from splatwire.transport.planner import HEAD_TRIALS, losses, plan_protection
 from splatwire.transport.protection import Protection
 
 LOSSES = [f"bernoulli:{rate}" for rate in (0.01, 0.05, 0.1, 0.2, 0.3)] + [
@@ -107,10 +107,10 @@ def frontier(variants: list[Variant], arguments: argparse.Namespace) -> list[dic
     points = [(name, factor) for name in arguments.losses for factor in arguments.budgets]
     if arguments.update:
         rows = json.loads(arguments.update.read_text())["rows"]
-        points = [(row["loss"], row["budget"]) for row in rows if 0 < abs(margin_of(row)) < LEVEL_DB]
+        points = [(row["loss"], row["budget"]) for row in rows if margin_of(row) != 0 and margin_of(row) < LEVEL_DB]
     for name, factor in points:
         loss = parse_loss(name)
-        traces = planning_losses(plain.offer, loss, HEAD_TRIALS, PLANNING_SEED)
+        traces = losses([variant.offer for variant in variants], loss, HEAD_TRIALS, PLANNING_SEED)
         budget = factor * bare(plain.offer.load)
         plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=budget, trials=60,
                                drawn=arguments.drawn, seed=PLANNING_SEED)  # fmt: skip

@@ -8,7 +8,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.transport.candidates import Search, arrival_within, plain_candidates
 from splatwire.transport.damage import BLANK_MSE, BLANK_PSNR, Damage, Offer, lost_shares
 from splatwire.transport.outline import Outline, StreamLoad, draw_losses, outline_transfer, simulate
-from splatwire.transport.planner import plan_protection, planning_losses
+from splatwire.transport.planner import losses, plan_protection
 from splatwire.transport.protection import Protection
 from splatwire.transport.wire import DATA, PARITY, SIDE
 
@@ -196,7 +196,7 @@ def test_what_anybody_would_try_is_tried(load: StreamLoad, damage: Damage) -> No
     flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
     alike = Damage(SHARES, damage.mse[:1], 1e-3)
     budget = _budget(flat, 1.35)
-    traces = planning_losses(Offer(flat, alike), Bernoulli(0.2), 200, 0)
+    traces = losses([Offer(flat, alike)], Bernoulli(0.2), 200, 0)
     plain = plain_candidates(flat, traces, Search(budget))
     outline = outline_transfer(flat, plain["whole"])
     assert 0.97 * budget < outline.num_bytes.sum() <= budget

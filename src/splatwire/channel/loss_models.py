@@ -167,12 +167,15 @@ class GilbertElliott:
     def _states(self, n: int, rng: np.random.Generator) -> np.ndarray:
         """Walks the chain; True in the bad state, bool, n."""
         draws = rng.random(n)
-        leave, enter = (draws < self.r).tolist(), (draws < self.p).tolist()
-        bad, states = bool(rng.random() < self.share_bad), []
-        for i in range(n):
-            states.append(bad)
-            bad = not leave[i] if bad else enter[i]
-        return np.array(states, bool)
+        leave, enter = draws < self.r, draws < self.p
+        start = bool(rng.random() < self.share_bad)
+        # A step that only leaves ends in the good state and one that only enters in the bad one, wherever it began; one
+        # that does both swaps, one that does neither keeps: all states follow from the last end and the swaps since.
+        swaps = np.concatenate([[0], np.cumsum(leave & enter)])
+        ends = np.where(leave ^ enter, np.arange(1, n + 1), 0)
+        last = np.concatenate([[0], np.maximum.accumulate(ends)])[:n]
+        there = np.concatenate([[start], enter])[last]
+        return there ^ ((swaps[:n] - swaps[last]) % 2 == 1)
 
 
 LOSS_PRESETS = {

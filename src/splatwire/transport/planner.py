@@ -80,7 +80,7 @@ def plan_protection(
         loss: The channel, in datagrams.
         budget_bytes: Bytes that may be sent, datagram headers included; a deadline is its time times the rate.
         trials: Simulated transfers of each protection of the packets.
-        drawn: Simulated transfers, others than those, whose pictures decide between the best (`Offer.picture`).
+        drawn: Simulated transfers, out of as many others, whose pictures decide between the best (`Offer.picture`).
         seed: Of the simulated losses, which all candidates share.
         most_protection: Most protection as a share of all bytes.
         head_target: Share of transfers in which the side information must arrive, if any candidate gets there.
@@ -95,10 +95,10 @@ def plan_protection(
             f"{most_protection:.1%} of protection"
         )
     report = progress or (lambda _: None)
+    traces = losses(offers, loss, max(HEAD_TRIALS, trials), seed)
     plans, plain = [], []
     for number, offer in enumerate(offers):
         search = Search(budget_bytes, most_protection, head_target, offer.concealment_bytes)
-        traces = planning_losses(offer, loss, max(HEAD_TRIALS, trials), seed)
         first = [] if traces.all() else list(plain_candidates(offer.load, traces, search).values())
         tried = candidates(offer.load, traces, search) + first
         judged = []
@@ -112,16 +112,18 @@ def plan_protection(
         raise InvalidValueError(f"no plan keeps protection below {most_protection:.1%} of all bytes")
     finalists = _finalists(plans, plain, head_target)
     if any(offer.picture is not None for offer in offers):
+        fresh = losses(offers, loss, trials, seed + 1)
         for number, plan in enumerate(finalists):
-            finalists[number] = _drawn(offers[plan.offer], plan, loss, budget_bytes, drawn, seed)
+            finalists[number] = _drawn(offers[plan.offer], plan, fresh, budget_bytes, drawn)
             report(0.7 + 0.3 * (number + 1) / len(finalists))
     return _best(finalists)
 
 
-def planning_losses(offer: Offer, loss: LossProcess, trials: int, seed: int) -> np.ndarray:
+def losses(offers: Sequence[Offer], loss: LossProcess, trials: int, seed: int) -> np.ndarray:
     """Simulated fates of more datagrams than any pass has, bool (trials, n)."""
-    bare = outline_transfer(offer.load, Protection(side_repair=0.0))
-    return draw_losses(loss, trials, 3 * len(bare.kind) + offer.load.head_bytes // 32, seed)
+    bare = [len(outline_transfer(offer.load, Protection(side_repair=0.0)).kind) for offer in offers]
+    head = max(offer.load.head_bytes for offer in offers)
+    return draw_losses(loss, trials, 3 * max(bare) + head // 32, seed)
 
 
 def _judge(offer: Offer, number: int, protection: Protection, traces: np.ndarray, search: Search) -> Plan:
@@ -145,23 +147,25 @@ def _finalists(plans: Sequence[Plan], plain: Sequence[Plan], head_target: float)
     return best + [plan for plan in plain if plan in safe and plan not in best and plan.psnr > best[0].psnr - NEAR_DB]
 
 
-def _drawn(offer: Offer, plan: Plan, loss: LossProcess, budget_bytes: float | int, drawn: int, seed: int) -> Plan:
+def _drawn(offer: Offer, plan: Plan, traces: np.ndarray, budget_bytes: float | int, drawn: int) -> Plan:
     """Corrects what is expected of a plan by pictures.
 
-    The curves judge many transfers, pictures a few; what the pictures of these few show beyond what the curves say of
-    the same few is added to the curves' mean of the many: far less noisy than the few pictures alone.
+    The curves judge many transfers, pictures a few, spread evenly from the worst to the best. What the
+    pictures show beyond what the curves say of the same transfers is added to the curves' mean. Drawn blindly, a rare
+    failure of a code among the few would weigh as if it were frequent.
     """
     if offer.picture is None:
         return plan
     outline = outline_transfer(offer.load, plan.protection)
-    traces = draw_losses(loss, drawn, len(outline.kind), seed + 1)
     arrival = arrival_within(outline, traces, budget_bytes)
-    there = arrival.packets[arrival.head]
+    curves = np.where(arrival.head, offer.damage.psnr(lost_shares(offer.load, arrival.packets)), BLANK_PSNR)
+    there = np.flatnonzero(arrival.head)
     if not len(there):
         return plan
-    curves = offer.damage.psnr(lost_shares(offer.load, there))
-    pictures = np.array([offer.picture(packets) for packets in there])
-    return replace(plan, psnr=plan.psnr + float((pictures - curves).mean()) * plan.head_arrives)
+    ranked = there[np.argsort(curves[there], kind="stable")]
+    chosen = ranked[((np.arange(drawn) + 0.5) / drawn * len(ranked)).astype(np.int64)]
+    gap = np.mean([offer.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
+    return replace(plan, psnr=float(curves.mean() + gap * arrival.head.mean()))
 
 
 def _best(plans: Sequence[Plan]) -> Plan:
