@@ -166,3 +166,16 @@ def test_bad_traces(tmp_path, data, message):
         Trace(str(tmp_path / "loss.txt"))
     with pytest.raises(DatasetError, match="is not a file"):
         Trace(tmp_path)
+
+
+@pytest.mark.parametrize("model", [GilbertElliott(0.2, 20), GilbertElliott(0.6, 2), GilbertElliott(0.5, 1),
+                                   GilbertElliott(0.2, 3, 0.1, 0.95), GilbertElliott(0.95, 25)])  # fmt: skip
+def test_states_are_those_of_a_walk_step_by_step(model):
+    for n in (0, 1, 2, 500):
+        rng = np.random.default_rng(n)
+        draws = rng.random(n)
+        bad, arrives = bool(rng.random() < model.share_bad), []
+        for luck, draw in zip(rng.random(n), draws, strict=True):
+            arrives.append(bool(luck < (model.arrival_bad if bad else model.arrival_good)))
+            bad = not draw < model.r if bad else bool(draw < model.p)
+        assert model.received(n, np.random.default_rng(n)).tolist() == arrives
