@@ -19,8 +19,11 @@ if TYPE_CHECKING:
     from splatwire.evaluate import Evaluation
     from splatwire.model import PartialScene
     from splatwire.packets import SceneStream
+    from splatwire.scene import Cameras
 
 _SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
+_NETWORK = "snowmiku.gnn_section"
+"""The GNN's weights for that scene as a stream carries them; the bundled stream itself carries its best concealer only."""
 _LPIPS_VIEWS = 2
 """LPIPS takes seconds per picture on a CPU; on two views the demo still fits in two minutes."""
 _NOTES = (
@@ -90,12 +93,9 @@ class Demo:
         from splatwire.evaluate import Protocol, concealment_methods, evaluate_streams, rendered_views
         from splatwire.evaluate.views import spread
         from splatwire.metrics import find_lpips
-        from splatwire.packets import read_stream
-
         loss, lpips, background = parse_loss(self.loss), find_lpips(), chosen_background(self.background)
-        stream_path, cameras = self._input()
+        stream, cameras = self._input()
         cameras = cameras.select(spread(cameras.num_views, self.views))
-        stream, _ = read_stream(stream_path)
         methods = concealment_methods(concealer_names(split_sections(stream.side_info)[1]), contiguous=True)
         protocol = Protocol(methods, loss, (self.seed,), lpips_views=_LPIPS_VIEWS)
         scene = decode_stream(stream, progress=lambda share: show("decoding the complete scene", share)).scene
@@ -113,15 +113,18 @@ class Demo:
             progress=lambda method, share: show(f"drawing and scoring '{method}'", share),
         )
 
-    def _input(self):  # type: ignore[no-untyped-def]
+    def _input(self) -> "tuple[SceneStream, Cameras]":
+        from splatwire.codec import add_concealment
         from splatwire.data import load_cameras
+        from splatwire.packets import read_stream
 
         if (self.stream is None) != (self.cameras is None):
             raise InvalidValueError("give --stream and --cameras together")
         if self.stream is not None and self.cameras is not None:
-            return self.stream, load_cameras(self.cameras)
+            return read_stream(self.stream)[0], load_cameras(self.cameras)
         assets = Path(str(resources.files("splatwire").joinpath("assets")))
-        return assets / _SCENE, load_cameras(assets / _CAMERAS)
+        stream = add_concealment(read_stream(assets / _SCENE)[0], "gnn", (assets / _NETWORK).read_bytes())
+        return stream, load_cameras(assets / _CAMERAS)
 
 
 def _first_in_fresh_process() -> "Callable[[SceneStream], PartialScene]":

@@ -99,6 +99,11 @@ def concealer_names(sections: Iterable[str] = ()) -> tuple[str, ...]:
     )
 
 
+def concealer_sections() -> dict[str, str]:
+    """The section of the side information that a concealer reads, by its name, for those that read one."""
+    return dict(_SECTIONS)
+
+
 def create_concealer(name: str, **options: Any) -> Concealer:
     """Makes a concealer.
 

@@ -93,6 +93,7 @@ class Evaluation:
         view_names: Names of the views.
         reference: What the references are.
         stream_parts: Bytes by part, per stream.
+        total_bytes: Bytes that each row needs, by its name: the stream with what its concealer reads and no more.
         num_anchors: Anchors of the complete scene.
         num_packets: Packets of the complete stream, per stream.
         references: Reference picture of each view of the pictures, uint8.
@@ -107,6 +108,7 @@ class Evaluation:
     view_names: tuple[str, ...]
     reference: str
     stream_parts: Mapping[str, Mapping[str, int]]
+    total_bytes: Mapping[str, int]
     num_anchors: int
     num_packets: Mapping[str, int]
     references: Mapping[int, np.ndarray]
@@ -138,7 +140,7 @@ class Evaluation:
             "ssim": statistics.fmean(statistics.fmean(run.scores.ssim) for run in runs),
             "lpips": statistics.fmean(lpips) if lpips else None,
             "seconds": sum(phases.values()),
-            "num_bytes": sum(self.stream_parts[method.stream].values()),
+            "num_bytes": self.total_bytes[method.name],
             "exact": all(math.isinf(value) for run in runs for value in run.scores.psnr),
             "concealer": None if method.lossless else method.concealer,
             "stream": method.stream,

@@ -16,6 +16,7 @@ from splatwire.conceal import conceal
 from splatwire.evaluate.lossmap import draw_loss_map
 from splatwire.evaluate.protocol import Method, Protocol
 from splatwire.evaluate.results import Evaluation, LossMap, Picture, Run, Scores
+from splatwire.evaluate.total_bytes import bytes_needed
 from splatwire.evaluate.views import ReferenceViews, spread, views_of
 from splatwire.metrics import Lpips, psnr, ssim
 from splatwire.model import AnchorScene, PartialScene
@@ -78,6 +79,10 @@ def evaluate_streams(
     return session.evaluation(
         runs,
         parts={name: stream.parts() for name, stream in used.items()},
+        total_bytes={
+            method.name: bytes_needed(streams[method.stream], "drop" if method.lossless else method.concealer)
+            for method in protocol.methods
+        },
         num_packets={name: stream.manifest.num_packets for name, stream in used.items()},
         num_anchors=next(iter(used.values())).manifest.num_anchors,
     )
@@ -115,7 +120,11 @@ def evaluate_scene(
     if num_lost and erasures is not None:
         session.map_losses("stream", whole, erasures)
     return session.evaluation(
-        runs, parts={"stream": dict(parts)}, num_packets={"stream": 0}, num_anchors=whole.anchors.num_anchors
+        runs,
+        parts={"stream": dict(parts)},
+        total_bytes={method.name: sum(parts.values()) for method in protocol.methods},
+        num_packets={"stream": 0},
+        num_anchors=whole.anchors.num_anchors,
     )
 
 
@@ -198,6 +207,7 @@ class _Session:
         runs: list[Run],
         *,
         parts: Mapping[str, Mapping[str, int]],
+        total_bytes: Mapping[str, int],
         num_packets: Mapping[str, int],
         num_anchors: int,
     ) -> Evaluation:
@@ -209,6 +219,7 @@ class _Session:
             view_names=self.views.cameras.names,
             reference=self.views.source,
             stream_parts=parts,
+            total_bytes=total_bytes,
             num_anchors=num_anchors,
             num_packets=num_packets,
             references={view: to_pixels(self.views.reference(view)) for view in self.hard_views or ()},
