@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
 _NETWORK = "snowmiku.gnn_section"
-"""The GNN's weights for that scene as a stream carries them; the bundled stream itself carries its best concealer only."""
+"""The GNN's weights for that scene as a stream carries them; the bundled stream carries its best concealer only."""
 _LPIPS_VIEWS = 2
 """LPIPS takes seconds per picture on a CPU; on two views the demo still fits in two minutes."""
 _NOTES = (
