@@ -93,6 +93,7 @@ class Demo:
         from splatwire.evaluate import Protocol, concealment_methods, evaluate_streams, rendered_views
         from splatwire.evaluate.views import spread
         from splatwire.metrics import find_lpips
+
         loss, lpips, background = parse_loss(self.loss), find_lpips(), chosen_background(self.background)
         stream, cameras = self._input()
         cameras = cameras.select(spread(cameras.num_views, self.views))
