@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from splatwire.evaluate.study import (
     write_outputs,
     write_size_outputs,
 )
+from splatwire.evaluate.study.pictures import _telling_loss
 from splatwire.evaluate.study.records import records_from_bytes
 from splatwire.evaluate.study.sizes import native_parts
 from splatwire.evaluate.study.summary import Estimate, orderings
@@ -152,3 +154,16 @@ def test_official_files_are_counted_as_their_own_total_counts_them(data_dir):
     bounds = sum((folder / "bitstreams" / f"x_bound_{end}.pkl").stat().st_size for end in ("min", "max"))
     assert sum(parts.values()) - bounds + 24 == marks["total_bytes_files_plus_mlps"]
     assert parts["networks"] == marks["bytes"]["mlps_fp32_counted"]
+
+
+def test_pictures_show_the_loss_that_tells_rows_apart():
+    """A view that lost nothing has no finite PSNR and does not count."""
+    psnr = {"few": ([30.0, None], [30.1, 30.3]), "many": ([20.0, 21.0], [28.0, 27.0]), "none": ([None], [None])}
+    cells, records = [], {}
+    for loss, rows in psnr.items():
+        for row, values in enumerate(rows):
+            key = f"{loss} {row}"
+            cells.append(SimpleNamespace(loss=loss, unit=SimpleNamespace(key=key)))
+            records[key] = [{"psnr": value} for value in values]
+    result = SimpleNamespace(study=SimpleNamespace(losses=tuple(psnr)), records=records)
+    assert _telling_loss(result, cells) == "many"

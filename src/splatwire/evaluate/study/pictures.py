@@ -1,6 +1,7 @@
-"""Pictures for the report: the hardest views of each scene, under the first loss and seed, of every row."""
+"""Pictures for the report: the hardest views of each scene and every row, under the loss that tells rows apart."""
 
 import io
+import statistics
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from PIL import Image
 
 from splatwire.evaluate.lossmap import draw_loss_map
 from splatwire.evaluate.runner import Progress, to_pixels
+from splatwire.evaluate.study.definition import Loss
 from splatwire.evaluate.study.run import StudyResult
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Cell
@@ -62,7 +64,9 @@ def take_pictures(result: StudyResult, store: Store, progress: Progress) -> list
     """
     found, workshop = [], Workshop(store)
     for scene in result.scenes:
-        shown = [cell for cell in result.cells if cell.scene == scene and _is_shown(result, cell)]
+        cells = [cell for cell in result.cells if cell.scene == scene]
+        loss = _telling_loss(result, cells)
+        shown = [c for c in cells if c.row.lossless or (c.loss, c.seed) == (loss, result.study.seeds[0])]
         hard = _hardest(result, shown)
         for index, view in enumerate(hard):
             found.append(_one_view(result, workshop, shown, view, maps=index == 0))
@@ -70,9 +74,17 @@ def take_pictures(result: StudyResult, store: Store, progress: Progress) -> list
     return found
 
 
-def _is_shown(result: StudyResult, cell: Cell) -> bool:
-    first = (result.study.losses[0], result.study.seeds[0])
-    return cell.row.lossless or (cell.loss, cell.seed) == first
+def _telling_loss(result: StudyResult, cells: list[Cell]) -> Loss | None:
+    """The loss under which the rows differ most; pictures of 1 % lost packets would show nothing."""
+
+    def difference(loss: Loss) -> float:
+        scores = [
+            [r["psnr"] for r in result.records[c.unit.key] if r["psnr"] is not None] for c in cells if c.loss == loss
+        ]
+        means = [statistics.fmean(each) for each in scores if each]  # a view without loss has no finite PSNR
+        return max(means) - min(means) if means else -1.0
+
+    return max(result.study.losses, key=difference, default=None)
 
 
 def _hardest(result: StudyResult, shown: list[Cell]) -> list[int]:
