@@ -74,7 +74,7 @@ def take_pictures(result: StudyResult, store: Store, progress: Progress) -> list
     return found
 
 
-def _telling_loss(result: StudyResult, cells: list[Cell]) -> Loss | None:
+def _telling_loss(result: StudyResult, cells: list[Cell]) -> Loss:
     """The loss under which the rows differ most; pictures of 1 % lost packets would show nothing."""
 
     def difference(loss: Loss) -> float:
@@ -84,7 +84,7 @@ def _telling_loss(result: StudyResult, cells: list[Cell]) -> Loss | None:
         means = [statistics.fmean(each) for each in scores if each]  # a view without loss has no finite PSNR
         return max(means) - min(means) if means else -1.0
 
-    return max(result.study.losses, key=difference, default=None)
+    return max(result.study.losses, key=difference)
 
 
 def _hardest(result: StudyResult, shown: list[Cell]) -> list[int]:
