@@ -202,7 +202,6 @@ def main() -> None:
     if arguments.plot:
         draw(rows, ceiling, arguments.plot)
     print(json.dumps({
-        "command": " ".join(["python", "benchmarks/frontier.py", arguments.scene.name, *sys.argv[2:]]),
         "scene": arguments.scene.name, "views": arguments.views, "seeds": arguments.seeds, "concealer": bench.concealer,
         "tiers": arguments.tiers, "plain_bytes": plain_bytes, "ceiling_psnr": ceiling,
         "native_budget": arguments.native_bytes / plain_bytes if arguments.native_bytes else None,
