@@ -1,4 +1,7 @@
-"""A real sender and a real receiver in a network namespace whose loopback loses, delays and reorders (tc netem)."""
+"""A real sender and a real receiver in a network namespace whose loopback loses, delays and reorders (tc netem).
+
+Where the kernel has no netem they skip; `benchmarks/with_netem.sh` runs them under one that has.
+"""
 
 import contextlib
 import json
