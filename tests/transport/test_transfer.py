@@ -20,7 +20,8 @@ from splatwire.transport import (
     Welcomed,
     make_program,
 )
-from splatwire.transport.wire import DATA, PARITY, SIDE, Refuse, Request, Welcome, decode, encode
+from splatwire.transport.transfer import Transfer
+from splatwire.transport.wire import DATA, PARITY, SIDE, Feedback, Refuse, Request, Side, Welcome, decode, encode
 from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -233,3 +234,32 @@ def test_one_address_cannot_take_all_places():
     assert server.num_transfers == 4
     server.forget("greedy")
     assert server.num_transfers == 0
+
+
+def test_what_is_sent_again_of_the_head_is_news():
+    """Symbols that no schedule had come first; what a client has already would mostly be sent in vain."""
+    program = make_program(STREAM, Protection(side_repair=0.1))
+    run = Transfer(program, 7, ServerLimits(fixed_rate=1e9), 0.0)
+    sent: list[tuple[int, int]] = []
+
+    def polled(now: float) -> None:
+        while (data := run.poll(now)) is not None:
+            frame = decode(data)
+            if isinstance(frame, Side):
+                sent.append((frame.segment, frame.symbol))
+
+    run.feedback(Feedback(7, 0, 0, 0, 0, ()), 0.0)
+    now = 0.0
+    while (at := run.next_at()) is not None and at < 1.0:
+        now = max(now, at)
+        polled(now)
+        run.heard_at = now
+    scheduled = {(group, symbol) for kind, group, symbol in program.schedule if kind == SIDE}
+    assert set(sent) == scheduled
+    missing = len(scheduled) // 5
+    run.feedback(Feedback(7, 0, 0, 0, missing, ()), 1.0)
+    polled(1.5)
+    again = sent[len(scheduled) :]
+    assert len(again) >= missing
+    assert len(set(again)) == len(again)
+    assert not scheduled & set(again)

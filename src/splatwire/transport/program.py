@@ -2,6 +2,8 @@
 
 import functools
 import hashlib
+import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +18,8 @@ from splatwire.transport.wire import DATA_OVERHEAD, PARITY_OVERHEAD, SIDE, SIDE_
 MAX_PACKET_BYTES = 1150
 FINEST_BY_ITSELF = 256
 """Size below which symbols are only cut when asked for: their headers cost more than they save in repair."""
+RESERVE = 0.5
+"""Repair symbols of the head object beyond those of the schedule, as a share of its source symbols."""
 SMALL_OBJECT_SYMBOLS = 600
 """A small head object is cut finer: the share of many symbols that is lost varies less than that of few."""
 
@@ -29,7 +33,7 @@ class Program:
         head_bytes: Size of the head object.
         head_digest: SHA-256 of the head object.
         symbol_bytes: Size of its symbols.
-        head: Symbols of each segment, source and repair.
+        head: Symbols of each segment: source, repair, and a reserve of repair that leaves when more is asked for.
         packets: Packets in sending order, as bytes.
         packet_bytes: Most bytes of one.
         tiers: Protection of the packets.
@@ -53,6 +57,12 @@ class Program:
         """The same order where the head object travels on a reliable stream: without its repair symbols."""
         segments = Segments(self.head_bytes, self.symbol_bytes)
         return tuple(item for item in self.schedule if item[0] != SIDE or item[2] < segments.size(item[1]))
+
+    @functools.cached_property
+    def head_reserve(self) -> int:
+        """The first symbol of each segment that no schedule has."""
+        counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
+        return min(counts.values())
 
     def sizes(self) -> dict[str, int]:
         """Bytes of one complete pass, by what they are for; headers of datagrams (not of UDP and IP) included."""
@@ -99,13 +109,13 @@ def make_program(
         )
     data = head_object(manifest, stream.side_info)
     symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
-    head = _head_symbols(data, symbol_bytes, protection.side_repair)
+    head, scheduled = _head_symbols(data, symbol_bytes, protection.side_repair)
     members = [tier_of[packet.id.block] for packet in ordered]
     tiers = protected_tiers(members, protection)
     parity = _parity(packets, tiers, framed_bytes(largest))
     return Program(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, tiers,
-        parity, timetable([*map(len, head)], tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
+        parity, timetable(scheduled, tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
     )  # fmt: skip
 
 
@@ -115,14 +125,18 @@ def side_symbol_bytes(num_bytes: int) -> int:
     return min(max(finer, FINEST_BY_ITSELF), SIDE_SYMBOL_BYTES)
 
 
-def _head_symbols(data: bytes, symbol_bytes: int, share: float) -> tuple[tuple[bytes, ...], ...]:
+def _head_symbols(data: bytes, symbol_bytes: int, share: float) -> tuple[tuple[tuple[bytes, ...], ...], list[int]]:
+    """The symbols of each segment, and how many of them the schedule has; no reserve where no repair is wanted."""
     segments = Segments(len(data), symbol_bytes)
-    out = []
+    out, scheduled = [], []
     for segment in range(segments.num_segments):
         piece = data[segments.span(segment)]
-        repair = min(round(share * segments.size(segment)), MAX_REPAIR)
-        out.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, repair)))
-    return tuple(out)
+        size = segments.size(segment)
+        repair = min(round(share * size), MAX_REPAIR)
+        whole = min(repair + math.ceil(RESERVE * size), MAX_REPAIR) if repair else 0
+        out.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, whole)))
+        scheduled.append(size + repair)
+    return tuple(out), scheduled
 
 
 def _parity(

@@ -71,7 +71,7 @@ class Transfer:
         self._sent_again: dict[tuple[int, int, int], float] = {}
         self._sent_times: deque[tuple[int, float]] = deque(maxlen=RECENT)
         self._last: Feedback | None = None
-        self._head_cursor = 0
+        self._head_cursor = program.head_reserve
         self._end_at = 0.0
         self._most_bytes = int(limits.passes * sum(program.sizes().values())) + 100_000
 
@@ -167,7 +167,10 @@ class Transfer:
         self._again.extendleft(self._more_head(frame.side_missing))
 
     def _more_head(self, missing: int) -> list[tuple[int, int, int]]:
-        """Symbols of all segments in turn, going round, somewhat more of them than are missing."""
+        """Symbols of all segments in turn, somewhat more of them than are missing.
+
+        The reserve first, every symbol of which is news to the client; of those that were sent it has most.
+        """
         head = self.program.head
         longest = max(map(len, head))
         count = min(missing + missing // 2 + 2, 512)
