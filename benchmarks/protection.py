@@ -32,6 +32,7 @@ from splatwire.transport.outline import draw_losses
 from splatwire.transport.planner import plan_protection
 
 PAK_TIERS = (0.02, 0.05, 0.1, 0.2)
+PLANNED = 12
 CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 
 
@@ -65,6 +66,8 @@ class Pak(NamedTuple):
         spent: Bytes of the sketch and of parity.
         total: All bytes.
         top: Which packets are of the tier, bool (P).
+        places: When packets and then parity leave: the tier, the other packets and parity each evenly over the
+            transfer, lane by lane, so that a burst takes a little of everything; places, int64 (P + repair).
         cuts: Anchors of each packet.
     """
 
@@ -75,6 +78,7 @@ class Pak(NamedTuple):
     spent: int
     total: int
     top: np.ndarray
+    places: np.ndarray
     cuts: list[torch.Tensor]
 
 
@@ -87,20 +91,33 @@ def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
         top = np.array([stream.manifest.plan.tier_of(packet.id.block) == 0 for packet in packets])
         largest = int(np.array([packet.num_bytes for packet in packets])[top].max())
         cuts = [torch.from_numpy(groups.ranks[a:b].copy()) for a, b in itertools.pairwise(groups.starts)]
+        lane_by_lane = np.lexsort(np.array([(p.id.block, p.id.lane) for p in packets]).T)
         for number, section in enumerate([b"", *sections]):
             room = limit / (1 - limit) * stream.num_bytes - len(section)
             repair = min(int(max(room, 0) / largest), 2 * int(top.sum()))
             spent = repair * largest + len(section)
             if room >= 0:
-                ways.append(Pak(share, repair, largest, number, spent, stream.num_bytes + spent, top, cuts))
+                places = spread_out(top, lane_by_lane, repair)
+                ways.append(Pak(share, repair, largest, number, spent, stream.num_bytes + spent, top, places, cuts))
     return ways
+
+
+def spread_out(top: np.ndarray, order: np.ndarray, repair: int) -> np.ndarray:
+    """Places of packets and parity, see `Pak`; `order` lists the packets lane by lane."""
+    due = np.empty(len(top) + repair)
+    for members in (order[top[order]], order[~top[order]], len(top) + np.arange(repair)):
+        due[members] = (np.arange(len(members)) + 0.5) / max(len(members), 1)
+    places = np.empty(len(due), dtype=np.int64)
+    places[np.argsort(due, kind="stable")] = np.arange(len(due))
+    return places
 
 
 def pak_scores(way: Pak, pictures: LossyPictures, loss_name: str, seeds: int, seed: int) -> list[float]:
     scores = []
     for row in draw_losses(parse_loss(loss_name), seeds, len(way.cuts) + way.repair, seed):
-        there = row[: len(way.cuts)].copy()
-        if row[len(way.cuts) :].sum() + there[way.top].sum() >= way.top.sum():
+        arrived = row[way.places]
+        there = arrived[: len(way.cuts)].copy()
+        if arrived[len(way.cuts) :].sum() + there[way.top].sum() >= way.top.sum():
             there[way.top] = True
         known = torch.zeros(pictures.num_anchors, dtype=torch.bool)
         for index in np.flatnonzero(there).tolist():
@@ -113,7 +130,7 @@ def over_paks(
     ways: list[Pak], pictures: list[tuple[LossyPictures, LossyPictures]], loss_name: str, arguments: argparse.Namespace
 ) -> dict:
     """The way that is best on the planning views, scored on the reported ones."""
-    planned = [pak_scores(way, pictures[way.sketch][1], loss_name, 4, PLANNING_SEED) for way in ways]
+    planned = [pak_scores(way, pictures[way.sketch][1], loss_name, PLANNED, PLANNING_SEED) for way in ways]
     way = ways[int(np.argmax([np.mean(scores) for scores in planned]))]
     scores = pak_scores(way, pictures[way.sketch][0], loss_name, arguments.seeds, REPORTED_SEED)
     return {"unit": "pak", "loss": loss_name, "tier": way.share, "psnr": float(np.mean(scores)), "all": scores,
