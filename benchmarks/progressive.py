@@ -12,6 +12,7 @@ from importlib import resources
 from pathlib import Path
 
 import torch
+from threadpoolctl import threadpool_limits
 
 from splatwire.channel import parse_loss
 from splatwire.codec import decode_stream, encode_scene
@@ -142,9 +143,16 @@ def main() -> None:
     parser.add_argument("--tiers", nargs="+", type=float, default=[0.05, 0.15])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--repeat", type=int, default=40)
+    parser.add_argument("--threads", type=int, default=1, help="how many torch and the matrix library may use")
+    parser.add_argument("--only-costs", action="store_true", help="what an arrival costs, and nothing else")
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
-    torch.set_num_threads(1)
+    torch.set_num_threads(options.threads)
+    threadpool_limits(limits=options.threads)
+    print(json.dumps(measure(options), indent=1))
+
+
+def measure(options: argparse.Namespace) -> dict:
     cameras = load_cameras(options.cameras)
     step = max(1, cameras.num_views // options.views)
     views = cameras.select(list(range(0, cameras.num_views, step))[: options.views]).scaled(options.scale)
@@ -153,20 +161,24 @@ def main() -> None:
     for concealer in options.concealers:
         for share in (0.1, 0.5, 0.9):
             cost.append(costs(streams["interleaved"], concealer, share, options.repeat))
+        if options.only_costs:
+            continue
         for order, stream in streams.items():
             for loss in options.losses:
                 points = curve(stream, loss, concealer, views, references, options.seed)
                 curves.append({"order": order, "loss": loss, "concealer": concealer, "points": points})
+    if options.only_costs:
+        return {"anchors": streams["tiers"].manifest.num_anchors, "threads": options.threads, "costs": cost}
     if options.plot:
         plot(curves, options.plot)
     sizes = {order: stream.num_bytes for order, stream in streams.items()}
     anchors = streams["tiers"].manifest.num_anchors
     head = {order: plan_transfer(s, parse_loss("none"), seed=0).head_bytes for order, s in streams.items()}
-    print(json.dumps({
+    return {
         "anchors": anchors, "bytes": sizes, "head_bytes": head, "tiers": options.tiers, "views": views.num_views,
         "picture": [views.width, views.height], "viewer": frames(streams["interleaved"], cameras, "grow"),
         "costs": cost, "curves": curves,
-    }, indent=1))  # fmt: skip
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -7,9 +7,10 @@ import threading
 import numpy as np
 import pytest
 import torch
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from scenes import tiny_scene
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, progressive
 from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.model import PartialScene
@@ -132,3 +133,23 @@ def test_progress_reaches_the_end(stream):
     shares: list[float] = []
     ProgressiveDecoder(stream.manifest, stream.side_info, progress=shares.append)
     assert shares[-1] == 1.0
+
+
+def test_a_datagram_is_decoded_by_the_thread_that_brings_it(monkeypatch):
+    stream = encode_scene(tiny_scene(seed=5, num_anchors=500), PACKETIZATIONS["hashed"])
+    decoder, seen = ProgressiveDecoder(stream.manifest, stream.side_info, threads=2), []
+    decode = decoder._decode
+
+    def watched(packets: list) -> object:
+        blas = ThreadpoolController().select(user_api="blas").info()
+        seen.append((threading.current_thread() is threading.main_thread(), {b["num_threads"] for b in blas}))
+        return decode(packets)
+
+    monkeypatch.setattr(decoder, "_decode", watched)
+    with threadpool_limits(limits=2):
+        decoder.add(stream.packets[:1])
+        assert {b["num_threads"] for b in ThreadpoolController().select(user_api="blas").info()} == {2}
+        monkeypatch.setattr(progressive, "chunks", lambda counts: iter([slice(0, 2), slice(2, None)]))
+        decoder.add(stream.packets[1:])
+    assert seen == [(True, {1}), (False, {1}), (False, {1})]
+    assert_same(decoder.partial, decode_stream(stream))

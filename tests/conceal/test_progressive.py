@@ -8,7 +8,7 @@ import torch
 
 from conceal.gaps import random_context
 from scenes import tiny_scene
-from splatwire.conceal import Cari, Drop, Grow, Idw, MaskVote, PriorMean, conceal, create_concealer
+from splatwire.conceal import Cari, Drop, Grow, Idw, MaskVote, PriorMean, conceal, create_concealer, progressive
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.scene import Anchors, Attribute, Erasures
@@ -144,3 +144,28 @@ def test_the_work_follows_what_changed():
     progressive.scene()
     assert 0 < progressive.recomputed - before <= 10 * 20
     assert_same(progressive.scene(), conceal(transfer.partial, Idw()))
+
+
+def test_few_arrivals_wake_no_threads_and_threads_change_no_bit(monkeypatch):
+    scenes, seen, before = [], [], torch.get_num_threads()
+    take = progressive._State.take
+    monkeypatch.setattr(
+        progressive._State, "take",
+        lambda state, arrivals: (seen.append((len(arrivals), torch.get_num_threads())), take(state, arrivals))[1],
+    )  # fmt: skip
+    try:
+        for few in (0, 1 << 12):  # more than a few, and a few
+            torch.set_num_threads(2)
+            monkeypatch.setattr(progressive, "_FEW", few)
+            transfer = Transfer(6000, seed=4)
+            concealed = ProgressiveConcealer(transfer.partial, Idw())
+            for ranks in np.split(transfer.order[:5500], [5000]):
+                concealed.arrived(transfer.arrive(ranks))
+                scene = concealed.scene()
+            scenes.append(scene)
+            assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+    assert seen == [(5000, 2), (500, 2), (5000, 2), (500, 1)]
+    for name in ("features", "scalings", "offsets", "mask"):
+        assert torch.equal(getattr(scenes[0].anchors, name), getattr(scenes[1].anchors, name)), name

@@ -2,7 +2,7 @@
 
 import hashlib
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from splatwire.codec.digest import update_digest
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError
 from splatwire.model import PartialScene
+from splatwire.ops.threads import one_blas_thread
 from splatwire.packets import Manifest, Packet, PacketIntake, ReadReport, SceneStream
 from splatwire.scene import Anchors, Erasures
 
@@ -36,7 +37,8 @@ class ProgressiveDecoder:
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
-        threads: Threads for the prior of all anchors; None for one for each processor.
+        threads: Threads for the prior of all anchors, and for packets of thousands of anchors that come at once; None
+            for one for each processor. What a datagram brings is decoded by the thread that brings it.
         progress: Called with the share of the prior that is done, 0 to 1.
 
     Attributes:
@@ -63,7 +65,8 @@ class ProgressiveDecoder:
         self._arrays = DecodedArrays.empty(self._info)
         self._intake = PacketIntake(manifest)
         self._order = ranks_in_order(self._info, manifest)
-        self._predict(threads, progress)
+        self._threads = threads
+        self._predict(progress)
         layout, num = self._info.config.layout, manifest.num_anchors
         width = layout.feature_dim + 6 + 4 * layout.num_offsets
         self._symbols: np.ndarray | None = np.zeros((num, width), dtype=np.int32)
@@ -134,8 +137,7 @@ class ProgressiveDecoder:
         with self.lock:
             taken = [packet for packet in packets if self._intake.take(packet, "transfer") is not None]
         new = [np.empty(0, dtype=np.int64)]
-        for run in chunks(np.array([packet.num_anchors for packet in taken])):
-            decoded = self._decode(taken[run])
+        for decoded in self._decode_all(taken):
             with self.lock:
                 self._store(decoded)
             new.append(decoded.ranks)
@@ -143,7 +145,7 @@ class ProgressiveDecoder:
             self._check()
         return np.concatenate(new)
 
-    def _predict(self, threads: int | None, progress: Callable[[float], None] | None) -> None:
+    def _predict(self, progress: Callable[[float], None] | None) -> None:
         """Evaluates grid and prior network for every anchor."""
         info, arrays, num = self._info, self._arrays, self.manifest.num_anchors
         starts = range(0, num, CHUNK_ANCHORS)
@@ -153,9 +155,18 @@ class ProgressiveDecoder:
             arrays.context[rows], arrays.outputs[rows] = self._context.predict(info.voxels[rows])
             return rows.stop
 
-        for done in ordered_map(predict, starts, threads):
+        for done in ordered_map(predict, starts, self._threads):
             if progress:
                 progress(done / num)
+
+    def _decode_all(self, packets: list[Packet]) -> Iterator[_Decoded]:
+        runs = [packets[run] for run in chunks(np.array([packet.num_anchors for packet in packets]))]
+        if len(runs) > 1:
+            yield from ordered_map(self._decode, runs, self._threads)
+        elif runs:
+            with one_blas_thread():
+                decoded = self._decode(runs[0])
+            yield decoded
 
     def _decode(self, packets: list[Packet]) -> _Decoded:
         members = [self.members(packet) for packet in packets]

@@ -1,6 +1,7 @@
 """Concealment that keeps up with a transfer: only what an arrival changes is computed again."""
 
 import dataclasses
+from contextlib import nullcontext
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -17,9 +18,12 @@ from splatwire.conceal.grow import Grow, size_weights
 from splatwire.conceal.idw import Idw, PriorMean, fill_from_neighbors, inverse_distance_weights
 from splatwire.model import AnchorScene, PartialScene, RenderHints
 from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.ops.threads import one_torch_thread
 from splatwire.scene import Anchors, Attribute
 
 _CHUNK = 1 << 14
+_FEW = 1 << 12
+"""Arrivals up to which threads cost more to wake than they save."""
 
 
 class ProgressiveConcealer:
@@ -86,8 +90,8 @@ class ProgressiveConcealer:
         arrivals = np.unique(np.concatenate([np.empty(0, np.int64), *self._pending]))
         if self._state is not None and self._scene is not None:
             arrivals = arrivals[~self._state.known.numpy()[arrivals]]
-            if len(arrivals):
-                self.recomputed += self._state.take(arrivals)
+            with one_torch_thread() if len(arrivals) <= _FEW else nullcontext():
+                self.recomputed += self._state.take(arrivals) if len(arrivals) else 0
         elif len(arrivals) or self._scene is None:
             self._scene = conceal(self._partial, self.concealer)
             self.recomputed += self._partial.erasures.num_lost
