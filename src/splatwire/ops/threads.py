@@ -55,8 +55,8 @@ def one_blas_thread() -> Iterator[None]:
 def one_torch_thread() -> Iterator[None]:
     """Keeps torch's loops to the calling thread, and lets all others have theirs.
 
-    `torch.set_num_threads` would also tell every thread that first uses torch meanwhile, for good. Nor does calling it once
-    last: numba's parallel kernels set the number of OpenMP threads, which is torch's too, whenever they run.
+    `torch.set_num_threads` would also tell every thread that first uses torch meanwhile, for good. Nor does calling it
+    once last: numba's parallel kernels set the number of OpenMP threads, which is torch's too, whenever they run.
     """
     torch.get_num_threads()  # a thread's first question sets its number: before the limit, not over it
     with _libraries("openmp").limit(limits=1):
