@@ -25,9 +25,10 @@ needs_browser = pytest.mark.skipif(executable() is None, reason="Chromium is not
 
 
 def digests(name: str) -> dict[str, str]:
-    stream = {"scene": STREAM, "other": OTHER}[name]
-    packets = hashlib.sha256(b"".join(PROGRAMS[name].packets)).hexdigest()
-    return {"head": hashlib.sha256(head_object(stream.manifest, stream.side_info)).hexdigest(), "packets": packets}
+    stream, program = {"scene": STREAM, "other": OTHER}[name], PROGRAMS[name]
+    head = head_object(stream.manifest, stream.side_info, program.packets[: program.carried])
+    parts = {"head": head, "packets": b"".join(program.packets)}
+    return {key: hashlib.sha256(value).hexdigest() for key, value in parts.items()}
 
 
 def opened(page: Browser, url: str) -> dict[str, Any]:

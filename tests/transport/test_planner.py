@@ -62,6 +62,7 @@ def _arrivals_by_hand(outline: Outline, received: np.ndarray) -> tuple[bool, lis
             packets.add(int(symbol))
         else:
             parity[group] += 1
+    packets |= set(range(outline.carried))
     recovered = set(packets)
     for number, group in enumerate(outline.groups):
         members = {group.packet_of(n) for n in range(group.size)}
@@ -74,10 +75,11 @@ def _arrivals_by_hand(outline: Outline, received: np.ndarray) -> tuple[bool, lis
     return complete, [place in recovered for place in range(outline.num_packets)]
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.2])
 @pytest.mark.parametrize("loss", ["bernoulli:0.25", "gilbert:0.2,8"])
-def test_simulation_agrees_with_counting_by_hand(load: StreamLoad, loss: str) -> None:
-    outline = outline_transfer(load, Protection(side_repair=0.4, tier_repair=(0.45, 0.3)))
-    received = draw_losses(parse_loss(loss), 20, len(outline.kind), 1)
+def test_simulation_agrees_with_counting_by_hand(load: StreamLoad, loss: str, share: float) -> None:
+    outline = outline_transfer(load, Protection(side_repair=0.36, tier_repair=(0.45, 0.3), head_share=share))
+    received = draw_losses(parse_loss(loss), 40, len(outline.kind), 1)
     arrival = simulate(outline, received)
     outcomes = [_arrivals_by_hand(outline, row) for row in received]
     assert arrival.head.tolist() == [head for head, _ in outcomes]
@@ -103,7 +105,9 @@ def test_more_budget_is_never_worse_and_important_tiers_come_first(load: StreamL
     assert plans[1].psnr <= plans[2].psnr + 0.05
     assert plans[2].lost == (0.0, 0.0, 0.0)
     for plan in plans:
-        repair = plan.protection.tier_repair
+        inside = round(plan.protection.head_share * 300)
+        assert inside in (0, 30, 100)  # whole tiers
+        repair = plan.protection.tier_repair[(0, 30, 100).index(inside) :]
         assert list(repair) == sorted(repair, reverse=True)
         assert plan.lost[0] < 0.02  # without parity a fifth would be lost
     assert plans[0].sent_bytes <= _budget(load, 1.1)

@@ -11,6 +11,7 @@ import pytest
 from splatwire.errors import InvalidValueError
 from splatwire.transport import (
     PacketArrived,
+    Protection,
     Receiver,
     ReceiverOptions,
     ServerLimits,
@@ -30,7 +31,7 @@ from splatwire.transport.quic_server import QuicServer
 
 STREAM = datagram_stream(num_anchors=5000, side_bytes=40_000)
 OTHER = datagram_stream(num_anchors=500, seed=9, side_bytes=3000)
-PROGRAMS = {"scene": make_program(STREAM), "other": make_program(OTHER)}
+PROGRAMS = {"scene": make_program(STREAM), "other": make_program(OTHER, Protection(head_share=0.4))}
 IDENTITY = self_signed()
 PINNED = Trust(fingerprint=IDENTITY.fingerprint)
 

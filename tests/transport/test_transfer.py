@@ -1,10 +1,11 @@
 """Both ends over a network in memory: what arrives is what was sent, whatever the network does."""
 
+import dataclasses
 import random
 
 import pytest
 
-from splatwire.errors import InvalidValueError
+from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import Packet, Packetization, PacketPlan, make_stream, packet_from_bytes
 from splatwire.transport import (
     Finished,
@@ -20,6 +21,8 @@ from splatwire.transport import (
     Welcomed,
     make_program,
 )
+from splatwire.transport.layout import head_object, split_head_object
+from splatwire.transport.outline import StreamLoad, outline_transfer
 from splatwire.transport.transfer import Transfer
 from splatwire.transport.wire import DATA, PARITY, SIDE, Feedback, Refuse, Request, Side, Welcome, decode, encode
 from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
@@ -200,6 +203,42 @@ def test_parity_for_tiers_that_are_not_there_is_refused():
     stream = tiered_stream()
     with pytest.raises(InvalidValueError, match="mixes tiers"):
         make_program(stream, Protection(tier_repair=(0.4,)), order=stream.packets[::-1])
+
+
+def test_packets_in_the_head_object_survive_with_it():
+    """They never leave by themselves, not even where everything that is missing is asked for again."""
+    stream = tiered_stream()
+    protection = Protection(head_share=23 / 227, tier_repair=(0.0, 0.1))
+    program = make_program(stream, protection)
+    assert [tier.num_packets for tier in program.tiers] == [23, 204]
+    assert sorted(n for kind, _, n in program.schedule if kind == DATA) == list(range(23, 227))
+    assert sum(program.sizes().values()) == outline_transfer(StreamLoad.of_stream(stream), protection).num_bytes.sum()
+    for seed in range(3):
+        rng = random.Random(seed)
+        result = transfer(program, down=Link(bernoulli(0.2, rng)), seed=seed, options=ReceiverOptions(nack=False))
+        assert result.receiver.collector.missing(0, 23) == []
+        assert set(result.receiver.stream().packets) < set(stream.packets)
+        side = next(n for n, event in enumerate(result.events) if isinstance(event, SideInfoArrived))
+        with_it = [event.packet for event in result.events[side + 1 : side + 24]]
+        assert {packet.id for packet in with_it} <= {packet.id for packet in result.receiver.stream().packets}
+    complete_one = transfer(program, down=Link(bursts(0.2, 20, random.Random(3))))
+    assert complete_one.receiver.stream() == stream
+    everything = transfer(make_program(stream, Protection(head_share=1.0)), down=Link(bernoulli(0.2, random.Random(4))))
+    assert everything.receiver.stream() == stream
+
+
+def test_a_head_object_whose_packets_are_not_those_announced_ends_the_transfer():
+    stream = tiered_stream()
+    program = make_program(stream, Protection(head_share=0.1))
+    for wrong in (program.carried - 1, program.carried + 1, 0):
+        result = transfer(dataclasses.replace(program, carried=wrong))
+        assert not result.receiver.finished.ok
+        assert f"{wrong} were announced" in result.receiver.finished.reason
+    data = head_object(stream.manifest, stream.side_info, [b"packet", b"other"])
+    assert split_head_object(data)[2] == (b"packet", b"other")
+    for cut in (1, 3, 6):
+        with pytest.raises(BitstreamError, match="within a packet"):
+            split_head_object(data[:-cut])
 
 
 def test_fine_symbols_cross_too():

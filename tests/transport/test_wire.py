@@ -29,7 +29,7 @@ frames = st.one_of(
     st.builds(Hello, u64, names),
     st.builds(Challenge, u64, st.binary(min_size=16, max_size=16)),
     st.builds(Request, u64, st.binary(min_size=16, max_size=16), names),
-    st.builds(Welcome, u64, u32, u32, u64, st.binary(min_size=32, max_size=32), u16, u32, u16, tiers),
+    st.builds(Welcome, u64, u32, u32, u64, st.binary(min_size=32, max_size=32), u16, u32, u16, u32, tiers),
     st.builds(Side, u32, u32, u16, u32, st.binary(min_size=1, max_size=1100)),
     st.builds(Data, u32, u32, u32, st.binary(min_size=1, max_size=1150)),
     st.builds(Parity, u32, u32, u16, u32, st.binary(min_size=1, max_size=1152)),
@@ -64,14 +64,14 @@ def test_every_flipped_bit_and_every_cut_is_found(frame, data):
 
 def test_pinned_bytes():
     """A change here is a change of the protocol and needs a new version."""
-    assert wire.encode(Data(1, 2, 3, b"packet")).hex() == "16010000000200000003000000" + b"packet".hex()
-    assert wire.encode(Bye(0x01020304)).hex() == "1904030201f479c763"
-    assert wire.encode(Side(1, 2, 3, 4, b"symbol")).hex() == "15010000000200000003000400000073796d626f6cb7ab7b46"
+    assert wire.encode(Data(1, 2, 3, b"packet")).hex() == "26010000000200000003000000" + b"packet".hex()
+    assert wire.encode(Bye(0x01020304)).hex() == "290403020172c1e6c2"
+    assert wire.encode(Side(1, 2, 3, 4, b"symbol")).hex() == "25010000000200000003000400000073796d626f6c839c579a"
     feedback = wire.encode(Feedback(1, 2, 3, 4, 5, (6, 7)))
-    assert feedback.hex() == "18010000000200000003000000040000000500000002000600000007000000673a5c30"
-    welcome = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, (TierHead(8, 9, 10),)))
-    head = "14" + "0100000000000000" + "02000000" + "03000000" + "0400000000000000" + "00" * 32
-    assert welcome.hex() == head + "0500" + "06000000" + "0700" + "01" + "0800000009000a00" + "e002cf64"
+    assert feedback.hex() == "2801000000020000000300000004000000050000000200060000000700000016abaed9"
+    welcome = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (TierHead(9, 10, 11),)))
+    head = "24" + "0100000000000000" + "02000000" + "03000000" + "0400000000000000" + "00" * 32
+    assert welcome.hex() == head + "0500" + "06000000" + "0700" + "08000000" + "01" + "090000000a000b00" + "7caa1bfd"
 
 
 def test_the_greeting_is_as_large_as_any_answer():
@@ -80,8 +80,8 @@ def test_the_greeting_is_as_large_as_any_answer():
 
 
 def test_other_versions_say_so():
-    with pytest.raises(UnsupportedVersionError, match="protocol version 2"):
-        wire.decode(b"\x21" + bytes(30))
+    with pytest.raises(UnsupportedVersionError, match="protocol version 1"):
+        wire.decode(b"\x11" + bytes(30))
 
 
 def test_names_are_printable_and_short():

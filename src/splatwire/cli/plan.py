@@ -128,6 +128,8 @@ def _options(plan: "Plan") -> str:
     words = [f"--side-repair {protection.side_repair:.3f}", f"--side-lead {protection.side_lead:.3g}"]
     if protection.side_symbol_bytes is not None:
         words.append(f"--side-symbol {protection.side_symbol_bytes}")
+    if protection.head_share:
+        words.append(f"--head-share {protection.head_share:.6g}")
     if protection.tier_spread:
         words.append(f"--tier-spread {protection.tier_spread:.3f}")
     if protection.parity_until < 1:

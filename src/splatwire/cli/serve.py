@@ -51,6 +51,8 @@ class Serve:
     """Bytes of a symbol of the side information, a multiple of 8; without it chosen by its size."""
     side_lead: float = 0.4
     """Share of the packets that the side information is sent between."""
+    head_share: float = 0.0
+    """Share of the packets, the first in sending order, that travel with the side information, under its repair."""
     parity: tuple[str, ...] = ()
     """Parity over packets, tier by tier in sending order: SHARE:REPAIR, e.g. 0.2:0.5."""
     protect: tuple[str, ...] = ()
@@ -99,8 +101,8 @@ class Serve:
             tiers.append(Tier(share, repair))
         return Protection(
             side_repair=self.side_repair, side_lead=self.side_lead, side_symbol_bytes=self.side_symbol,
-            tiers=tuple(tiers), tier_repair=parse_tiers(self.protect), parity_until=self.parity_until,
-            tier_spread=self.tier_spread,
+            head_share=self.head_share, tiers=tuple(tiers), tier_repair=parse_tiers(self.protect),
+            parity_until=self.parity_until, tier_spread=self.tier_spread,
         )  # fmt: skip
 
     def limits(self) -> "ServerLimits":

@@ -29,6 +29,8 @@ FINE_SYMBOL_BYTES = 96
 """Symbols of side information this small need less repair against bursts, and have more headers."""
 SPREADS = (0.0, 0.6, 1.0)
 BEST_SIDES = 2
+MOST_IN_HEAD = 0.35
+"""Most packets, as a share, that are tried in the head object; whole tiers only."""
 PLAIN_LEAD = 0.7
 MOST_REPAIR = 2.0
 _ALIKE_STEPS = 50
@@ -68,16 +70,33 @@ def candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> list[Pro
     """
     rate = min(1 - float(traces.mean()), 0.95)
     need, counts = rate / (1 - rate), np.bincount(load.tiers, minlength=load.num_tiers).tolist()
-    repairs = dict.fromkeys(tuple(_repair(s, need, n) for s, n in zip(c, counts, strict=True))
-                            for c in _falling(load.num_tiers))  # fmt: skip
     tried = []
-    for side in _sides(load, traces, rate, search):
-        for repair in repairs:
-            protection = replace(side, tier_repair=repair)
-            end = _end(search, float(outline_transfer(load, protection).num_bytes.sum()))
-            spreads = [spread * end for spread in SPREADS] if load.num_tiers > 1 else [0.0]
-            tried += [replace(protection, tier_spread=spread, parity_until=end) for spread in spreads]
+    for inside, share in _head_shares(counts):
+        repairs = dict.fromkeys(
+            (0.0,) * inside + tuple(_repair(s, need, n) for s, n in zip(c, counts[inside:], strict=True))
+            for c in _falling(load.num_tiers - inside)
+        )
+        for side in _sides(load, traces, rate, search, share):
+            for repair in repairs:
+                protection = replace(side, tier_repair=repair)
+                end = _end(search, float(outline_transfer(load, protection).num_bytes.sum()))
+                spreads = [spread * end for spread in SPREADS] if load.num_tiers - inside > 1 else [0.0]
+                tried += [replace(protection, tier_spread=spread, parity_until=end) for spread in spreads]
     return tried
+
+
+def largest_head(load: StreamLoad) -> int:
+    """Bytes of the largest head object that is tried."""
+    return load.head_bytes + int(MOST_IN_HEAD * load.packet_bytes.sum()) + FINE_SYMBOL_BYTES
+
+
+def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
+    """Tiers that may travel in the head object, and what share of all packets they are: none, tier 0, 0 and 1, ..."""
+    shares = [(0, 0.0)]
+    for inside, packets in enumerate(itertools.accumulate(counts[:-1]), start=1):
+        if packets <= MOST_IN_HEAD * sum(counts):
+            shares.append((inside, packets / sum(counts)))
+    return shares
 
 
 def plain_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> dict[str, Protection]:
@@ -119,11 +138,11 @@ def _received_within(outline: Outline, traces: np.ndarray, budget_bytes: float |
     return received
 
 
-def _sides(load: StreamLoad, traces: np.ndarray, rate: float, search: Search) -> list[Protection]:
-    """Protections of the side information: the cheapest that arrive often enough; if none does, the closest to it."""
-    bare = float(outline_transfer(load, Protection(side_repair=0.0)).num_bytes.sum())
-    lead = _end(search, bare + rate / (1 - rate) * load.head_bytes)
-    starts = [Protection(side_lead=lead * part, side_symbol_bytes=size)
+def _sides(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, head_share: float) -> list[Protection]:
+    """Protections of the head object: the cheapest that arrive often enough; if none does, the closest to it."""
+    bare = outline_transfer(load, Protection(side_repair=0.0, head_share=head_share)).bytes_by_kind()
+    lead = _end(search, sum(bare.values()) + rate / (1 - rate) * bare["side"])
+    starts = [Protection(side_lead=lead * part, side_symbol_bytes=size, head_share=head_share)
               for part in LEADS for size in (None, FINE_SYMBOL_BYTES)]  # fmt: skip
     found = []
     for start in starts:
@@ -142,17 +161,22 @@ def _end(search: Search, pass_bytes: float) -> float:
 
 def _side(load: StreamLoad, traces: np.ndarray, rate: float, search: Search, start: Protection) -> Protection:
     """The least repair with which the side information arrives often enough, or the most that the limit allows."""
-    need, best = rate / (1 - rate), replace(start, side_repair=0.0)
-    for multiple in SIDE_MULTIPLES:
-        protection = replace(best, side_repair=min(multiple * need, MOST_REPAIR))
-        outline = outline_transfer(load, protection)
-        if not search.allows(outline.bytes_by_kind()):
-            break
-        best = protection
+    need = rate / (1 - rate)
+    repairs = sorted({min(multiple * need, MOST_REPAIR) for multiple in SIDE_MULTIPLES})
+
+    def with_repair(number: int) -> Protection:
+        return replace(start, side_repair=repairs[number])
+
+    def too_dear(number: int) -> bool:
+        return not search.allows(outline_transfer(load, with_repair(number)).bytes_by_kind())
+
+    def often_enough(number: int) -> bool:
+        outline = outline_transfer(load, with_repair(number))
         received = _received_within(outline, traces, search.budget_bytes)
-        if float(head_arrives(outline, received).mean()) >= search.head_target:
-            break
-    return best
+        return float(head_arrives(outline, received).mean()) >= search.head_target
+
+    allowed = range(max(bisect.bisect_left(range(len(repairs)), True, key=too_dear), 1))
+    return with_repair(min(bisect.bisect_left(allowed, True, key=often_enough), len(allowed) - 1))
 
 
 def _falling(tiers: int) -> Sequence[tuple[float | None, ...]]:

@@ -1,6 +1,7 @@
 """What a receiver keeps: the head object's symbols, packets, and parity. Bounded by what was declared and checked."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from splatwire.errors import BitstreamError
@@ -47,6 +48,7 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         (w.num_packets <= limits.packets, f"{w.num_packets} packets"),
         (total <= limits.stream_bytes, f"a stream of {total} bytes"),
         (w.packet_bytes <= MAX_PACKET_BYTES, f"packets of {w.packet_bytes} bytes"),
+        (w.carried <= w.num_packets, f"{w.carried} of {w.num_packets} packets within the side information"),
         (
             MIN_SYMBOL_BYTES <= w.symbol_bytes <= MAX_DATAGRAM and w.symbol_bytes % fec.ALIGNMENT == 0,
             f"symbols of {w.symbol_bytes} bytes",
@@ -116,17 +118,22 @@ class HeadCollector:
         self._pieces[segment] = None
 
 
-def read_head(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes]:
+def read_head(data: bytes, welcome: Welcome) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
     """Reads the head object and compares it with what was declared.
+
+    Returns:
+        The manifest, the side information, and the first packets in sending order.
 
     Raises:
         BitstreamError: If they contradict each other, or the manifest is not one.
     """
-    manifest, side_info = split_head_object(data)
+    manifest, side_info, carried = split_head_object(data)
     check_side_info(manifest, side_info, "the side information that was sent")
     if (manifest.stream_id, manifest.num_packets) != (welcome.stream_id, welcome.num_packets):
         raise BitstreamError("the manifest that was sent is that of another stream")
-    return manifest, side_info
+    if len(carried) != welcome.carried:
+        raise BitstreamError(f"{len(carried)} packets came with the side information, {welcome.carried} were announced")
+    return manifest, side_info, carried
 
 
 class PacketCollector:
@@ -161,8 +168,8 @@ class PacketCollector:
         """The intake that every packet passed; None before the manifest is there."""
         return self._intake
 
-    def open(self, manifest: Manifest) -> list[Packet]:
-        """Gives the packets that came before the manifest, those that belong to it."""
+    def open(self, manifest: Manifest, carried: Sequence[bytes] = ()) -> list[Packet]:
+        """Gives the packets that came with the manifest, and those from before it that belong to it."""
         self._intake = PacketIntake(manifest)
         early, self._early = self._early, {}
         taken = []
@@ -171,6 +178,10 @@ class PacketCollector:
                 taken.append(packet)
             else:  # it was never one of this stream: its place is free again
                 self._release(index)
+        for index, data in enumerate(carried):
+            new = None if self._have[index] else self._take(index, data)
+            if new is not None:
+                taken.append(new)
         return taken
 
     def add(self, frame: Data) -> list[Packet]:

@@ -10,15 +10,33 @@ from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
 from splatwire.transport.wire import TierHead
 
 _HEAD = struct.Struct("<I")
+_CARRIED = struct.Struct("<H")
 
 
-def head_object(manifest: Manifest, side_info: bytes) -> bytes:
-    """Manifest and side information in one: everything that must arrive before a packet can be decoded."""
+def head_object(manifest: Manifest, side_info: bytes, packets: Sequence[bytes] = ()) -> bytes:
+    """Manifest and side information in one: everything that must arrive before a packet can be decoded.
+
+    Args:
+        manifest: The manifest.
+        side_info: The side information.
+        packets: Packets that share its protection: the first ones in sending order, each behind its size.
+    """
     data = manifest_to_bytes(manifest)
-    return _HEAD.pack(len(data)) + data + side_info
+    carried = b"".join(_CARRIED.pack(len(packet)) + packet for packet in packets)
+    return _HEAD.pack(len(data)) + data + side_info + carried
 
 
-def split_head_object(data: bytes) -> tuple[Manifest, bytes]:
+def carried_bytes(packet_bytes: int, count: int) -> int:
+    """What some packets add to the head object.
+
+    Args:
+        packet_bytes: Bytes of all of them.
+        count: How many they are.
+    """
+    return packet_bytes + count * _CARRIED.size
+
+
+def split_head_object(data: bytes) -> tuple[Manifest, bytes, tuple[bytes, ...]]:
     """Inverse of `head_object`.
 
     Raises:
@@ -29,7 +47,20 @@ def split_head_object(data: bytes) -> tuple[Manifest, bytes]:
     (size,) = _HEAD.unpack_from(data)
     if size > MAX_MANIFEST_BYTES or _HEAD.size + size > len(data):
         raise BitstreamError(f"the head object's manifest cannot have {size} bytes")
-    return manifest_from_bytes(data[_HEAD.size : _HEAD.size + size]), data[_HEAD.size + size :]
+    manifest = manifest_from_bytes(data[_HEAD.size : _HEAD.size + size])
+    end = _HEAD.size + size + manifest.side_info_bytes
+    return manifest, data[_HEAD.size + size : end], _carried(data[end:])
+
+
+def _carried(data: bytes) -> tuple[bytes, ...]:
+    packets, at = [], 0
+    while at < len(data):
+        size = _CARRIED.unpack_from(data, at)[0] if at + _CARRIED.size <= len(data) else len(data)
+        at += _CARRIED.size + size
+        if at > len(data):
+            raise BitstreamError("the head object ends within a packet")
+        packets.append(data[at - size : at])
+    return tuple(packets)
 
 
 class Segments(NamedTuple):

@@ -10,9 +10,9 @@ import numpy as np
 
 from splatwire.packets import SceneStream
 from splatwire.transport.fec import MAX_REPAIR, framed_bytes
-from splatwire.transport.layout import Group, Segments, head_object, parity_groups
+from splatwire.transport.layout import Group, Segments, carried_bytes, head_object, parity_groups
 from splatwire.transport.program import side_symbol_bytes
-from splatwire.transport.protection import Protection, protected_tiers, tier_sizes
+from splatwire.transport.protection import Protection, carried_packets, protected_tiers, tier_sizes
 from splatwire.transport.timetable import interleaved, timetable
 from splatwire.transport.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
 
@@ -75,6 +75,7 @@ class Outline:
         head: Source symbols of each segment of the head object.
         groups: The parity groups.
         num_packets: Packets of the stream.
+        carried: How many of them are in the head object, the first ones.
     """
 
     kind: np.ndarray
@@ -84,6 +85,7 @@ class Outline:
     head: tuple[int, ...]
     groups: tuple[Group, ...]
     num_packets: int
+    carried: int = 0
 
     def bytes_by_kind(self) -> dict[str, int]:
         """Bytes of one complete pass, as `Program.sizes`."""
@@ -110,8 +112,10 @@ def outline_transfer(load: StreamLoad, protection: Protection) -> Outline:
     Raises:
         InvalidValueError: If the protection does not fit the stream.
     """
-    symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(load.head_bytes)
-    segments = Segments(load.head_bytes, symbol_bytes)
+    carried = carried_packets(len(load.packet_bytes), protection)
+    head_bytes = load.head_bytes + carried_bytes(int(load.packet_bytes[:carried].sum()), carried)
+    symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(head_bytes)
+    segments = Segments(head_bytes, symbol_bytes)
     head = tuple(segments.size(s) for s in range(segments.num_segments))
     with_repair = [size + min(round(protection.side_repair * size), MAX_REPAIR) for size in head]
     members = load.tiers.tolist()
@@ -125,7 +129,7 @@ def outline_transfer(load: StreamLoad, protection: Protection) -> Outline:
     size = np.where(table[:, 0] == SIDE, symbol_bytes + SIDE_OVERHEAD, parity_bytes)
     data = table[:, 0] == DATA
     size[data] = load.packet_bytes[table[data, 2]] + DATA_OVERHEAD
-    return Outline(table[:, 0], table[:, 1], table[:, 2], size, head, groups, len(load.packet_bytes))
+    return Outline(table[:, 0], table[:, 1], table[:, 2], size, head, groups, len(load.packet_bytes), carried)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +138,8 @@ class Arrival:
 
     Attributes:
         head: Whether manifest and side information can be read, bool (T).
-        packets: Which packets are there, received or recovered, bool (T, P), in sending order.
+        packets: Which packets are there, received, recovered or in the head object (whether it arrived or not), bool
+            (T, P), in sending order.
     """
 
     head: np.ndarray
@@ -152,6 +157,7 @@ def simulate(outline: Outline, received: np.ndarray) -> Arrival:
     packets = np.zeros((trials, outline.num_packets), dtype=np.bool_)
     data = outline.kind == DATA
     packets[:, outline.symbol[data]] = received[:, data]
+    packets[:, : outline.carried] = True
     for number, group in enumerate(outline.groups):
         members = group.start + group.step * np.arange(group.size)
         parity = received[:, (outline.kind == PARITY) & (outline.group == number)].sum(axis=1)

@@ -11,7 +11,13 @@ from splatwire.errors import InvalidValueError
 from splatwire.packets import Packet, SceneStream, packet_to_bytes
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
 from splatwire.transport.layout import Segments, head_object, parity_groups
-from splatwire.transport.protection import SIDE_SYMBOL_BYTES, Protection, protected_tiers, tier_sizes
+from splatwire.transport.protection import (
+    SIDE_SYMBOL_BYTES,
+    Protection,
+    carried_packets,
+    protected_tiers,
+    tier_sizes,
+)
 from splatwire.transport.timetable import interleaved, timetable
 from splatwire.transport.wire import DATA_OVERHEAD, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD, TierHead
 
@@ -36,6 +42,7 @@ class Program:
         head: Symbols of each segment: source, repair, and a reserve of repair that leaves when more is asked for.
         packets: Packets in sending order, as bytes.
         packet_bytes: Most bytes of one.
+        carried: Packets that are in the head object, the first ones; they leave by themselves only when asked for.
         tiers: Protection of the packets.
         parity: Repair symbols of each group.
         schedule: What is sent once, in order: kind, segment or group (0 for a packet), symbol or index.
@@ -48,6 +55,7 @@ class Program:
     head: tuple[tuple[bytes, ...], ...]
     packets: tuple[bytes, ...]
     packet_bytes: int
+    carried: int
     tiers: tuple[TierHead, ...]
     parity: tuple[tuple[bytes, ...], ...]
     schedule: tuple[tuple[int, int, int], ...]
@@ -73,7 +81,7 @@ class Program:
         return {
             "side": source * per_symbol,
             "side_protection": repair * per_symbol,
-            "packets": sum(map(len, self.packets)) + DATA_OVERHEAD * len(self.packets),
+            "packets": sum(DATA_OVERHEAD + len(packet) for packet in self.packets[self.carried :]),
             "packet_protection": parity,
         }
 
@@ -107,15 +115,16 @@ def make_program(
         raise InvalidValueError(
             f"a packet of {largest} bytes fits no datagram (at most {MAX_PACKET_BYTES}): encode with --preset datagram"
         )
-    data = head_object(manifest, stream.side_info)
+    carried = carried_packets(len(packets), protection)
+    data = head_object(manifest, stream.side_info, packets[:carried])
     symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
     head, scheduled = _head_symbols(data, symbol_bytes, protection.side_repair)
     members = [tier_of[packet.id.block] for packet in ordered]
     tiers = protected_tiers(members, protection)
     parity = _parity(packets, tiers, framed_bytes(largest))
     return Program(
-        manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, tiers,
-        parity, timetable(scheduled, tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
+        manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, carried,
+        tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
     )  # fmt: skip
 
 

@@ -36,6 +36,10 @@ class Protection:
             something soon, large survives longer bursts.
         side_symbol_bytes: Size of the symbols of the head object, a multiple of 8; None chooses. Many small ones need
             fewer repair bytes (the share of many that is lost varies less), yet each has its own headers.
+        head_share: Share of the packets, the first in sending order, that travel in the head object, 0 to 1: they are
+            there when it is, and under its repair. A small tier costs less there than under parity of its own, because
+            the share that is lost of many symbols varies less than that of few; nothing is drawn before the head object
+            is complete anyway.
         tiers: Protection of the packets by their place in the sending order; what the shares leave over has no parity.
         tier_repair: Instead of `tiers`, repair symbols for each packet of the stream's own tiers of importance, tier 0
             (which travels first) first; tiers beyond have no parity.
@@ -52,6 +56,7 @@ class Protection:
     side_repair: float = 0.35
     side_lead: float = 0.4
     side_symbol_bytes: int | None = None
+    head_share: float = 0.0
     tiers: tuple[Tier, ...] = ()
     tier_repair: tuple[float, ...] = ()
     parity_until: float = 1.0
@@ -60,6 +65,7 @@ class Protection:
     def __post_init__(self) -> None:
         checks = [("side_repair", self.side_repair, 2.0), ("side_lead", self.side_lead, 1.0)]
         checks += [("parity_until", self.parity_until, 1.0), ("tier_spread", self.tier_spread, 1.0)]
+        checks += [("head_share", self.head_share, 1.0)]
         checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
         for tier in self.tiers:
             checks += [("share of a tier", tier.share, 1.0), ("repair of a tier", tier.repair, 2.0)]
@@ -78,8 +84,13 @@ class Protection:
             raise InvalidValueError("the tiers' shares add up to more than 1, or there are too many tiers")
 
 
+def carried_packets(num_packets: int, protection: Protection) -> int:
+    """How many packets travel in the head object."""
+    return round(protection.head_share * num_packets)
+
+
 def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierHead, ...]:
-    """Protection of runs of packets.
+    """Protection of runs of packets; those in the head object, which come first, need no parity.
 
     Args:
         tiers: Tier of importance of each packet, in sending order.
@@ -88,11 +99,12 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierH
     Raises:
         InvalidValueError: If there is parity for tiers that the stream does not have, or an order that mixes them.
     """
-    return _tier_heads(_runs(tiers, protection), len(tiers))
+    carried = carried_packets(len(tiers), protection)
+    return _tier_heads([(carried, 0.0), *_runs(tiers, carried, protection)], len(tiers))
 
 
 def tier_sizes(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
-    """Packets of each tier of importance; all in one where the sending order does not go by tiers.
+    """Packets of each tier of importance outside of the head object; all in one unless tiers are spread.
 
     Args:
         tiers: Tier of importance of each packet, in sending order.
@@ -101,15 +113,16 @@ def tier_sizes(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
     Raises:
         InvalidValueError: If tiers are to be spread in an order that mixes them already.
     """
+    carried = carried_packets(len(tiers), protection)
     if not protection.tier_spread:
-        return (len(tiers),)
+        return (len(tiers) - carried,)
     if any(after < before for before, after in itertools.pairwise(tiers)):
         raise InvalidValueError("the sending order mixes tiers already: there is nothing to spread")
-    return tuple(tiers.count(tier) for tier in range(max(tiers, default=0) + 1))
+    return tuple(tiers[carried:].count(tier) for tier in range(max(tiers, default=0) + 1))
 
 
-def _runs(tiers: Sequence[int], protection: Protection) -> list[tuple[int, float]]:
-    """Runs of packets in sending order: how many, and repair symbols for each of them.
+def _runs(tiers: Sequence[int], carried: int, protection: Protection) -> list[tuple[int, float]]:
+    """Runs of packets in sending order behind the carried ones: how many, and repair symbols for each of them.
 
     Raises:
         InvalidValueError: If there is parity for tiers that the stream does not have, or an order that mixes them.
@@ -119,6 +132,7 @@ def _runs(tiers: Sequence[int], protection: Protection) -> list[tuple[int, float
         for tier in protection.tiers:
             share += tier.share
             edges.append(round(share * len(tiers)))
+        edges = [max(edge, carried) for edge in edges]
         return [(stop - start, t.repair) for start, stop, t in zip(edges, edges[1:], protection.tiers, strict=False)]
     present = max(tiers, default=0) + 1
     if len(protection.tier_repair) > present:
@@ -127,7 +141,7 @@ def _runs(tiers: Sequence[int], protection: Protection) -> list[tuple[int, float
         )
     if any(after < before for before, after in itertools.pairwise(tiers)):
         raise InvalidValueError("the sending order mixes tiers, so that they cannot be protected apart")
-    return [(tiers.count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
+    return [(tiers[carried:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
 
 
 def _tier_heads(runs: Sequence[tuple[int, float]], num_packets: int) -> tuple[TierHead, ...]:

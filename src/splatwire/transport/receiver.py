@@ -236,12 +236,12 @@ class Receiver:
         if data is None:
             return []
         try:
-            self._manifest, self._side_info = read_head(data, self._welcome)
+            self._manifest, self._side_info, carried = read_head(data, self._welcome)
         except BitstreamError as error:
             self.finished = Finished(str(error), False)
             return []
         self._head = None
-        early = [PacketArrived(packet, False) for packet in self._collector.open(self._manifest)]
+        early = [PacketArrived(packet, False) for packet in self._collector.open(self._manifest, carried)]
         return [SideInfoArrived(self._manifest, self._side_info), *early]
 
     def _over(self, now: float) -> str | None:
@@ -281,11 +281,12 @@ class Receiver:
         assert self._welcome is not None
         if self._collector is None:
             return []
+        start = self._welcome.carried if self._manifest is None else 0  # the first ones come with the head object
         stop = self._collector.highest + 1 - REORDER
         if self._ended_at is not None:
             stop = self._welcome.num_packets
         out = []
-        for index in self._collector.missing(0, max(stop, 0)):
+        for index in self._collector.missing(start, max(stop, 0)):
             if now - self._asked.get(index, -1e9) >= AGAIN_S:
                 self._asked[index] = now
                 out.append(index)

@@ -147,7 +147,8 @@ class Server:
         return encode(
             Welcome(
                 frame.nonce, transfer.session, program.stream_id, program.head_bytes, program.head_digest,
-                program.symbol_bytes, len(program.packets), program.packet_bytes, program.tiers,
+                program.symbol_bytes, len(program.packets), program.packet_bytes, program.carried,
+                program.tiers,
             )
         )  # fmt: skip
 

@@ -33,7 +33,8 @@ def timetable(
         tiers: Protection of the packets.
         parity: Repair symbols of each group.
         protection: When parity and head object are sent.
-        present: Packets of each of the stream's tiers of importance; one tier if not given.
+        present: Packets of each of the stream's tiers of importance that are not in the head object; one tier if not
+            given. The packets before these are in it, and are not sent.
 
     Returns:
         What is sent, in order, as `Program.schedule`.
@@ -41,8 +42,9 @@ def timetable(
     num_packets = sum(tier.num_packets for tier in tiers)
     head_items = sorted(((n / size, k, n) for k, size in enumerate(head) for n in range(size)))
     due = [((n + 0.5) / len(head_items) * protection.side_lead, SIDE, k, i) for n, (_, k, i) in enumerate(head_items)]
-    times = _packet_times(present or [num_packets], protection.tier_spread)
-    due += [(time, DATA, 0, n) for n, time in enumerate(times)]
+    carried = num_packets - sum(present or [num_packets])
+    times = [0.0] * carried + _packet_times(present or [num_packets], protection.tier_spread)
+    due += [(times[n], DATA, 0, n) for n in range(carried, num_packets)]
     first = group = 0
     for tier in tiers:
         groups = range(group, group + tier.groups)

@@ -12,14 +12,15 @@ from typing import Any, NamedTuple
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 
-VERSION = 1
+VERSION = 2
 MAX_DATAGRAM = 1200
 """No datagram is larger: every path carries that many bytes (RFC 9000, 14)."""
 HELLO_BYTES = MAX_DATAGRAM
 """A greeting is as large as the largest datagram, so that no answer to it is larger."""
 MAX_NAME = 64
 MAX_NACKS = 250
-MAX_TIERS = 8
+MAX_TIERS = 10
+"""Runs of packets: a stream's eight tiers, what is in the head object, and what has no parity."""
 TOKEN_BYTES = 16
 DIGEST_BYTES = 32
 
@@ -35,7 +36,7 @@ _CRC = struct.Struct("<I")
 _HELLO = struct.Struct("<BQB")
 _CHALLENGE = struct.Struct(f"<BQ{TOKEN_BYTES}s")
 _REQUEST = struct.Struct(f"<BQ{TOKEN_BYTES}sB")
-_WELCOME = struct.Struct(f"<BQIIQ{DIGEST_BYTES}sHIHB")
+_WELCOME = struct.Struct(f"<BQIIQ{DIGEST_BYTES}sHIHIB")
 _TIER = struct.Struct("<IHH")
 _SIDE = struct.Struct("<BIIHI")
 _DATA = struct.Struct("<BIII")
@@ -93,11 +94,12 @@ class Welcome(NamedTuple):
         nonce: Of the request.
         session: Id of the transfer.
         stream_id: Id that every packet carries.
-        object_bytes: Size of the head object (manifest and side information).
+        object_bytes: Size of the head object (manifest, side information, and the packets that share its protection).
         digest: SHA-256 of the head object.
         symbol_bytes: Size of its symbols.
         num_packets: Packets of the complete stream.
         packet_bytes: Most bytes of one.
+        carried: Packets in the head object: the first ones in sending order.
         tiers: Protection of the packets; together they are all packets.
     """
 
@@ -109,6 +111,7 @@ class Welcome(NamedTuple):
     symbol_bytes: int
     num_packets: int
     packet_bytes: int
+    carried: int
     tiers: tuple[TierHead, ...]
 
 

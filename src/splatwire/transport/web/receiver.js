@@ -2,7 +2,7 @@
 // datagrams. The datagrams are those of docs/transport.md; erasure coding is not needed here, lost packets are asked
 // for again until `deadline`.
 
-const VERSION = 1;
+const VERSION = 2;
 const REQUEST = 3, WELCOME = 4, SIDE = 5, DATA = 6, FEEDBACK = 8, BYE = 9, REFUSE = 10, END = 11;
 const REFUSALS = ["", "no such stream", "the server is full", "the server stopped"];
 const FEEDBACK_MS = 20, AGAIN_MS = 120, REORDER = 48, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17;
@@ -101,9 +101,11 @@ export class Transfer {
       symbolBytes: numbers.getUint16(57, true),
       packets: numbers.getUint32(59, true),
       packetBytes: numbers.getUint16(63, true),
+      carried: numbers.getUint32(65, true),
     };
     const fine = numbers.getBigUint64(1, true) === this.nonce && welcome.headBytes <= MOST_HEAD_BYTES &&
-      welcome.headBytes > 0 && welcome.symbolBytes > 0 && welcome.packets <= MOST_PACKETS;
+      welcome.headBytes > 0 && welcome.symbolBytes > 0 && welcome.packets <= MOST_PACKETS &&
+      welcome.carried <= welcome.packets;
     if (!fine) return void (this.finished = "the server announces something impossible");
     this.welcome = welcome;
     this.head = new Uint8Array(welcome.headBytes);
@@ -126,12 +128,39 @@ export class Transfer {
     if (++this.headSymbols === this.numSymbols) {
       this.headComplete = true;
       this.sideInfoMs = now - this.began;
+      if (!this.carried()) this.finished = "the side information is damaged";
       this.look();
     }
   }
 
+  // The first packets, which lie behind manifest and side information; false if they are not what was announced.
+  carried() {
+    const head = view(this.head);
+    let at, place = 0;
+    try {
+      const manifestEnd = 4 + head.getUint32(0, true);
+      const manifest = JSON.parse(new TextDecoder().decode(this.head.subarray(4, manifestEnd)));
+      at = manifestEnd + manifest.side_info_bytes;
+    } catch {
+      return false;
+    }
+    for (; at + 2 <= this.head.length; place++) {
+      const size = head.getUint16(at, true);
+      if (at + 2 + size > this.head.length || place >= this.welcome.carried) return false;
+      this.take(place, this.head.slice(at + 2, at + 2 + size));
+      at += 2 + size;
+    }
+    return place === this.welcome.carried && at === this.head.length;
+  }
+
   data(bytes, numbers) {
-    const place = numbers.getUint32(9, true), packet = bytes.slice(13), inside = view(packet);
+    const place = numbers.getUint32(9, true);
+    this.take(place, bytes.slice(13));
+    this.highest = Math.max(this.highest, this.packets.has(place) ? place : -1);
+  }
+
+  take(place, packet) {
+    const inside = view(packet);
     const fine = place < this.welcome.packets && packet.length > 16 && packet.length <= this.welcome.packetBytes &&
       inside.getUint32(1, true) === this.welcome.streamId &&
       crc32(packet.subarray(16), crc32(packet.subarray(0, 12))) === inside.getUint32(12, true);
@@ -140,7 +169,6 @@ export class Transfer {
     this.packets.set(place, packet);
     this.counts.packets++;
     this.counts.packetBytes += packet.length;
-    this.highest = Math.max(this.highest, place);
   }
 
   look() {
@@ -150,7 +178,7 @@ export class Transfer {
   feedback(now) {
     const nacks = [];
     const stop = this.endedAt === null ? this.highest + 1 - REORDER : this.welcome.packets;
-    for (let place = 0; place < stop && nacks.length < MOST_NACKS; place++) {
+    for (let place = this.headComplete ? 0 : this.welcome.carried; place < stop && nacks.length < MOST_NACKS; place++) {
       if (this.packets.has(place) || now - (this.asked.get(place) ?? -1e9) < AGAIN_MS) continue;
       this.asked.set(place, now);
       nacks.push(place);
