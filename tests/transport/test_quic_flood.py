@@ -1,0 +1,186 @@
+"""Hostile datagrams by the hundred thousand: into a server, into both ends of a transfer, into sessions."""
+
+import asyncio
+import random
+import tracemalloc
+from collections.abc import Callable
+
+import pytest
+
+from splatwire.transport import Receiver, ReceiverOptions, Server
+from splatwire.transport.address import Address
+from splatwire.transport.wire import REQUEST, VERSION
+from transport.network import SECRET
+
+pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from splatwire.transport import quic_client
+from splatwire.transport.quic import QuicLimits, stream_frame
+from splatwire.transport.quic_client import receive_quic
+from transport.test_hostile import PROGRAM, handshake, hostile
+from transport.test_quic import PINNED, STREAM, run, serving
+from transport.test_quic_hostile import ALPN, connected, hang_up, still_serves, until
+
+HOSTILE = 100_000
+FRAMES = 10_000
+TRACED = 4000
+"""The last of them, during which memory is watched: it may not grow any more."""
+VERSIONS = (0, 1, 0x6B3343CF, 0xFF00001D, 0xFFFFFFFF)
+
+
+def hostile_udp(rng: random.Random, said: list[bytes]) -> bytes:
+    """A UDP datagram of some kind of malice, made of what was said in a real session."""
+    data = bytearray(rng.choice(said))
+    match rng.randrange(8):
+        case 0:
+            return rng.randbytes(rng.randrange(1400))
+        case 1:  # another kind of packet
+            data[0] = rng.choice((0xC0, 0x40)) | rng.randrange(64)
+        case 2 | 3:  # bits, cuts
+            for _ in range(rng.randrange(1, 5)):
+                data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+            del data[rng.randrange(1, len(data) + 1) if rng.random() < 0.3 else len(data) :]
+        case 4:  # foreign connections
+            data[6:14] = rng.randbytes(8)
+        case 5:  # impossible counts: sizes of ids, of a token, of the packet
+            data[min(rng.choice((5, 14, 15, 23, 24, 32)), len(data) - 1)] = 0xFF
+        case 6:  # other versions
+            data[1:5] = rng.choice(VERSIONS).to_bytes(4, "big")
+    return bytes(data)  # or what was said, once more
+
+
+class Flood:
+    """Hands hostile datagrams to somebody, and watches memory during the last of them."""
+
+    def __init__(self, total: int, seed: int, said: list[bytes]) -> None:
+        self.left, self.said, self.grown, self._rng = total, said, 0, random.Random(seed)
+
+    def pour(self, count: int, *into: Callable[[bytes, random.Random], None]) -> None:
+        for _ in range(min(count, self.left)):
+            if self.left == TRACED:
+                tracemalloc.start()
+            into[self.left % len(into)](hostile_udp(self._rng, self.said), self._rng)
+            self.left -= 1
+            if self.left == 0:
+                self.grown = tracemalloc.get_traced_memory()[0]
+                tracemalloc.stop()
+
+
+@pytest.fixture(autouse=True)
+def no_tracing_left():
+    yield
+    tracemalloc.stop()
+
+
+def test_hostile_udp_datagrams_do_not_stop_the_server():
+    """Of a real session, from many addresses and from its own."""
+
+    async def work() -> None:
+        said, failures = [], []
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: failures.append(context))
+        async with serving(quic=QuicLimits(connections=8)) as server:
+            address, here = Address("127.0.0.1", server.port, scheme="quic"), []
+            tap = lambda source, target, data: (said.append(data), here.append(source))  # noqa: E731
+            await receive_quic(address, ReceiverOptions(name="other"), PINNED, None, tap)
+            flood = Flood(HOSTILE, 2, said)
+
+            def take(data: bytes, rng: random.Random) -> None:
+                source = here[0] if rng.random() < 0.5 else ("127.0.0.1", rng.randrange(1024, 65_536))
+                server._endpoint.datagram_received(data, source)
+
+            while flood.left:
+                flood.pour(500, take)
+                await asyncio.sleep(0)
+            assert len(server.connections) <= 2 * 8 + 16
+            assert flood.grown < 500_000
+            assert failures == []
+            assert server.core.num_transfers == 0
+        async with serving() as server:
+            await still_serves(server.port)
+
+    run(work())
+
+
+def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
+    """By somebody who sees the traffic and writes either address: what was said, changed and again.
+
+    The handshake is left alone: whoever sees it can end any QUIC connection (RFC 9000, 21.1).
+    """
+    clients, said = [], []
+
+    class Seen(quic_client._Client):
+        def __init__(self, *arguments: object) -> None:
+            super().__init__(*arguments)
+            clients.append(self)
+
+    monkeypatch.setattr(quic_client, "_Client", Seen)
+
+    async def work() -> None:
+        failures, busy = [], False
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: failures.append(context))
+        async with serving() as server:
+            address, flood = Address("127.0.0.1", server.port, scheme="quic"), Flood(HOSTILE, 3, said)
+
+            def tap(source: tuple, target: tuple, data: bytes) -> None:
+                nonlocal busy
+                if busy:
+                    return
+                said.append(data)
+                if source[1] == server.port and clients[0]._receiver.welcome:  # it arrives: nobody is at work in QUIC
+                    busy = True
+                    into_client = lambda data, rng: clients[0].datagram_received(data, source)  # noqa: E731
+                    into_server = lambda data, rng: server._endpoint.datagram_received(data, target)  # noqa: E731
+                    flood.pour(400, into_client, into_server)
+                    busy = False
+
+            receiver = await receive_quic(address, ReceiverOptions(name="scene"), PINNED, None, tap)
+            assert receiver.finished.reason == "complete"
+            assert receiver.stream() == STREAM
+            assert flood.left == 0
+            assert flood.grown < 500_000
+            assert failures == []
+            await still_serves(server.port)
+
+    run(work())
+
+
+@pytest.mark.parametrize("alpn", [ALPN, "h3"])
+def test_hostile_frames_in_a_session_change_nothing(alpn):
+    """A client that holds to QUIC and to nothing else; half of its frames travel on the reliable stream."""
+    rng = random.Random(4)
+    core = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes)
+    receiver = Receiver(rng.getrandbits(64), 0.0)
+    seen = handshake(core, receiver)
+    seen += [data for _, data in core.poll(1.0)]
+
+    def frame() -> bytes:
+        while True:
+            data = hostile(rng, seen, rng.choice([receiver.welcome.session, rng.getrandbits(32)]), 7)[:1180]
+            if data and data[0] != (VERSION << 4 | REQUEST):  # a client may ask for a stream
+                return data
+
+    async def work() -> None:
+        async with serving() as server:
+            heard, take = [], server.hear
+            server.hear = lambda session, data: (heard.append(len(data)), take(session, data))
+            client = await connected(server.port, alpn)
+            session = client.connect_to() if alpn == "h3" else 0
+            stream = client.http.create_webtransport_stream(session) if alpn == "h3" else 0
+            said = client.http.send_datagram if alpn == "h3" else lambda _, data: client.quic.send_datagram_frame(data)
+            client.quic.send_stream_data(stream, stream_frame(b"\0"))
+            for _ in range(FRAMES // 20):
+                for _ in range(10):
+                    said(session, frame())
+                    client.quic.send_stream_data(stream, stream_frame(frame()))
+                client.transmit()
+                for _ in range(25):  # the loop reads one datagram at a time; more would be lost on the way
+                    await asyncio.sleep(0)
+            await until(lambda: len(heard) > FRAMES // 2)
+            await asyncio.sleep(0.1)
+            assert len(heard) > 0.75 * FRAMES
+            assert client.ended is None
+            assert server.core.num_transfers == 0
+            assert server.core.num_rejected > FRAMES // 2
+            await still_serves(server.port)
+            await hang_up(client)
+
+    run(work())
