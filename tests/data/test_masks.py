@@ -48,6 +48,15 @@ def test_masks_follow_the_size_of_the_photos(masked):
     assert {path.parent.name for path in smaller.mask_paths if path} == {"masks_2"}
 
 
+def test_a_mask_that_leaves_nothing_is_told(masked):
+    for file in (masked.root / "masks").iterdir():
+        Image.new("L", (masked.width, masked.height)).save(file)
+    dataset = open_dataset(masked.root, split="all")
+    view = next(view for view, path in enumerate(dataset.mask_paths) if path)
+    with pytest.raises(DatasetError, match=f"mask of view '{dataset.cameras.names[view]}' leaves nothing"):
+        dataset.mask(view)
+
+
 def test_a_dataset_without_masks_has_none(capture):
     dataset = open_dataset(capture.write_nerfstudio(), split="all")
     assert dataset.mask_paths == ()

@@ -12,6 +12,7 @@ from splatwire.conceal.sketch.concealer import buckets_of, sizes_of, sketched_at
 from splatwire.conceal.sketch.section import read_sketch, write_sketch
 from splatwire.errors import InvalidValueError
 from splatwire.packets import Packetization
+from splatwire.render import render_scene
 from splatwire.render.sensitivity import render_sensitivity
 from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
 from splatwire.train.gnn_data import calibration_data, without
@@ -109,3 +110,20 @@ def test_mistakes(stream, data) -> None:
     away.viewmats[:, 2, 3] = -1e4
     with pytest.raises(InvalidValueError, match="no view shows anything"):
         sketch_for_stream(data, SketchViews(away), stream.num_bytes, CONFIG)
+
+
+@pytest.mark.parametrize("width", [48, 31])
+def test_what_masks_leave_out_of_photos_chooses_nothing(stream, data, width) -> None:
+    """At the photos' own size, and reduced, where pixels at a mask's edge mix both sides."""
+    pictures = render_scene(data.scene, VIEWS.cameras)
+    mask = torch.zeros(32, 48, dtype=torch.bool)
+    mask[5:30, 3:36] = True
+    config, found = dataclasses.replace(CONFIG, width=width, scored_views=3), []
+    for garbage in (0.0, 1.0):
+        photos = torch.where(mask[..., None], pictures, torch.full_like(pictures, garbage))
+        photos[2] = pictures[2]
+        views = SketchViews(VIEWS.cameras, photos.__getitem__, mask=lambda view: None if view == 2 else mask)
+        found.append(sketch_for_stream(data, views, stream.num_bytes, config))
+    whole = sketch_for_stream(data, dataclasses.replace(views, mask=None), stream.num_bytes, config)
+    assert found[0].psnr == found[1].psnr != whole.psnr
+    assert found[0].section == found[1].section

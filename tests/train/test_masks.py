@@ -10,7 +10,7 @@ from PIL import Image
 
 from splatwire.data import Dataset
 from splatwire.errors import DatasetError
-from splatwire.metrics import psnr
+from splatwire.metrics import psnr, ssim
 from splatwire.render.render import render_scene
 from splatwire.train.config import TrainConfig
 from splatwire.train.export import export_scene
@@ -44,8 +44,10 @@ def test_quality_is_that_of_what_counts(dataset: Dataset, config: TrainConfig, t
     scene = export_scene(initial_state(dataset, config), config)
     only = dataset.select([0])
     picture = render_scene(scene, only.cameras)[:, :, :20]
-    expected = float(psnr(picture, only.image(0)[None, :, :20])[0])
-    assert assess_scene(scene, _masked(only, tmp_path, 20), 1, 0).psnr == pytest.approx(expected, abs=1e-3)
+    photo = only.image(0)[None, :, :20]
+    report = assess_scene(scene, _masked(only, tmp_path, 20), 1, 0)
+    assert report.psnr == pytest.approx(float(psnr(picture, photo)[0]), abs=1e-3)
+    assert report.ssim == pytest.approx(float(ssim(picture, photo)[0]), abs=1e-5)
 
 
 def test_the_scene_takes_its_background_along(dataset: Dataset, config: TrainConfig) -> None:

@@ -130,7 +130,9 @@ def _views(data: "CalibrationData", options: SketchOptions, background: "Backgro
         raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
     if options.data is not None:
         photos = open_dataset(options.data, split="train", background=background)
-        return SketchViews(photos.cameras, photos.image, background), "against training photos"
+        mask = photos.mask if photos.mask_paths else None
+        where = "against training photos inside their masks" if mask else "against training photos"
+        return SketchViews(photos.cameras, photos.image, background, mask), where
     if options.cameras is not None:
         cameras = load_cameras(options.cameras)
         return SketchViews(cameras, None, background), "against the complete scene in the cameras given"

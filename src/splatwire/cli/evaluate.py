@@ -28,7 +28,7 @@ class Evaluate:
     """Stream (complete or with losses) or scene file (as it is; with --loss it is encoded first), - for standard
     input; or a protocol file (.toml), as in benchmarks/paper."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
-    """Dataset folder: its test photos are the references."""
+    """Dataset folder: its test photos are the references, inside their masks where they have some."""
     reference: Path | None = None
     """Scene file, stream, 3DGS PLY or .splat file whose renders are the references, instead of photos."""
     cameras: Path | None = None
@@ -86,6 +86,7 @@ class Evaluate:
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
             result = self.evaluation(Path(folder), show)
             title = f"{Path(self.source).name} {'as it is' if self.loss is None else 'under ' + self.loss}"
+            title += ", inside the photos' masks" if result.masked else ""
             report = None if self.output is None else write_report(result, self.output, title=title)
         if self.json:
             print_json({**result.to_json(), "report": None if report is None else str(report)})

@@ -143,8 +143,9 @@ def measure(
     for view, (neural, explicit) in enumerate(pairs):
         row = [float(psnr(explicit[None], neural[None])[0])]
         if photos is not None:
-            photo = photos.image(view)
-            row += [float(psnr(neural[None], photo[None])[0]), float(psnr(explicit[None], photo[None])[0])]
+            photo, mask = photos.image(view)[None], photos.mask(view)
+            masks = None if mask is None else mask[None]
+            row += [float(psnr(picture[None], photo, masks)[0]) for picture in (neural, explicit)]
         rows.append(row)
         show("measuring", (view + 1) / cameras.num_views)
     means = torch.tensor(rows, dtype=torch.float64).mean(dim=0).tolist()

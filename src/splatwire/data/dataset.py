@@ -59,10 +59,16 @@ class Dataset:
         """Loads the mask of a view, True where its photo counts; None where all of it does.
 
         Raises:
-            DatasetError: If the file is missing or damaged.
+            DatasetError: If the file is missing or damaged, or leaves nothing.
         """
         path = self.mask_paths[view] if self.mask_paths else None
-        return None if path is None else load_mask(path, (self.cameras.width, self.cameras.height))
+        if path is None:
+            return None
+        mask = load_mask(path, (self.cameras.width, self.cameras.height))
+        if not bool(mask.any()):
+            name = self.cameras.names[view]
+            raise DatasetError(f"{path}: the mask of view '{name}' leaves nothing of its photo: remove the view")
+        return mask
 
     def select(self, views: list[int]) -> "Dataset":
         """Returns the views at the given indices, in that order."""

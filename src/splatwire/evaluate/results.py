@@ -10,6 +10,9 @@ import numpy as np
 
 from splatwire.evaluate.protocol import Method, Protocol
 
+LPIPS_OF_MASKED = "both pictures black outside the masks, mean over the whole picture"
+"""How LPIPS, whose features look far around, treats what does not count."""
+
 
 @dataclass(frozen=True)
 class Scores:
@@ -101,6 +104,7 @@ class Evaluation:
         loss_maps: Loss maps of the hardest view under the first seed.
         lpips_note: Why there is no LPIPS, or on which views it is; empty if it is on all.
         unit: What is lost as one.
+        masked: Whether masks say which pixels count; pictures and figures know nothing of the others.
     """
 
     protocol: Protocol
@@ -116,6 +120,7 @@ class Evaluation:
     loss_maps: tuple[LossMap, ...]
     lpips_note: str
     unit: str
+    masked: bool = False
 
     def rows(self) -> list[dict[str, Any]]:
         """The table: one row per method, means over views and then over seeds; plain numbers only.
@@ -164,6 +169,7 @@ class Evaluation:
             "send_order": self.protocol.send_order,
             "renderer": self.protocol.renderer,
             "reference": self.reference,
+            "masked": self.masked,
             "views": list(self.view_names),
             "num_anchors": self.num_anchors,
             "num_packets": dict(self.num_packets),

@@ -15,10 +15,10 @@ from splatwire.codec import decode_stream
 from splatwire.conceal import conceal
 from splatwire.evaluate.lossmap import draw_loss_map
 from splatwire.evaluate.protocol import Method, Protocol
-from splatwire.evaluate.results import Evaluation, LossMap, Picture, Run, Scores
+from splatwire.evaluate.results import LPIPS_OF_MASKED, Evaluation, LossMap, Picture, Run, Scores
 from splatwire.evaluate.total_bytes import bytes_needed
-from splatwire.evaluate.views import ReferenceViews, spread, views_of
-from splatwire.metrics import Lpips, psnr, ssim
+from splatwire.evaluate.views import Compared, ReferenceViews, spread, views_of
+from splatwire.metrics import Lpips
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import SceneStream
 from splatwire.scene import Erasures
@@ -177,14 +177,14 @@ class _Session:
         psnrs, ssims, distances = [], [], []
         kept: dict[int, Picture] = {}
         for view, image in enumerate(self._draw(scene, seconds)):
-            reference = self.views.reference(view)
-            psnrs.append(float(psnr(image[None], reference[None])[0]))
+            both = self.views.compared(view, image)
+            psnrs.append(both.psnr())
             equal = math.isinf(psnrs[-1])  # then the slower metrics need not be computed
-            ssims.append(1.0 if equal else float(ssim(image[None], reference[None])[0]))
+            ssims.append(1.0 if equal else both.ssim())
             if view in wanted:
-                distances.append(0.0 if equal else self._distance(view, image, reference))
+                distances.append(0.0 if equal else self._distance(view, both))
             if keep and (self.hard_views is None or view in self.hard_views):
-                kept[view] = Picture(view, method.name, to_pixels(image), psnrs[-1])
+                kept[view] = Picture(view, method.name, to_pixels(both.image[0]), psnrs[-1])
             self.progress(method.name, (view + 1) / self.views.cameras.num_views)
         if self.hard_views is None and keep:
             self.hard_views = sorted(range(len(psnrs)), key=psnrs.__getitem__)[: self.protocol.picture_views]
@@ -227,6 +227,7 @@ class _Session:
             loss_maps=tuple(reversed(self.loss_maps)),
             lpips_note=self._lpips_note(),
             unit=self.protocol.loss.unit,
+            masked=self.views.masked,
         )
 
     def _draw(self, scene: AnchorScene, seconds: dict[str, float]) -> Iterator[Float[Tensor, "H W 3"]]:
@@ -240,22 +241,23 @@ class _Session:
                 return
             yield image
 
-    def _distance(self, view: int, image: Tensor, reference: Tensor) -> float:
+    def _distance(self, view: int, both: Compared) -> float:
         """LPIPS; the features of a reference are computed once."""
         assert self.lpips is not None
         features = self._lpips_references.get(view)
         if features is None:
-            features = self.lpips.features(reference[None])
+            features = self.lpips.features(both.reference)
             size = sum(tensor.nbytes for tensor in features)
             if (len(self._lpips_references) + 1) * size <= _MAX_CACHED_BYTES:
                 self._lpips_references[view] = features
-        return float(self.lpips.distance(self.lpips.features(image[None]), features)[0])
+        return float(self.lpips.distance(self.lpips.features(both.image), features)[0])
 
     def _lpips_note(self) -> str:
         if self.lpips is None:
             return "weights absent"
         count, total = self.protocol.lpips_views, self.views.cameras.num_views
-        return "" if count is None or count >= total else f"mean of {count} of {total} views"
+        notes = [] if count is None or count >= total else [f"mean of {count} of {total} views"]
+        return ", ".join([*notes, *([LPIPS_OF_MASKED] if self.views.masked else [])])
 
 
 def to_pixels(image: Float[Tensor, "H W 3"]) -> np.ndarray:

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
+from splatwire.metrics import black_outside, psnr, ssim
 from splatwire.model import AnchorScene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
@@ -27,15 +28,18 @@ class ReferenceViews:
         load: Gives the reference picture of a view, RGB in [0, 1].
         source: What the references are, for the report: `photos` or `renders of the lossless scene`.
         background: RGB behind everything in renders; None for that of each scene.
+        load_mask: Gives the mask of a view, True where its picture counts, None where all of it does; None if no view
+            has a mask.
     """
 
     cameras: Cameras
     load: Callable[[int], Tensor]
     source: str
     background: Background | None = None
+    load_mask: Callable[[int], Tensor | None] | None = None
 
     def reference(self, view: int) -> Float[Tensor, "H W 3"]:
-        """Returns the reference picture of a view.
+        """Returns the reference picture of a view, black outside its mask.
 
         Raises:
             InvalidValueError: If it is not of the cameras' size.
@@ -44,14 +48,60 @@ class ReferenceViews:
         if tuple(image.shape) != (self.cameras.height, self.cameras.width, 3):
             size = f"{self.cameras.width} x {self.cameras.height}"
             raise InvalidValueError(f"reference of view {self.cameras.names[view]} is {tuple(image.shape)}, not {size}")
-        return image
+        mask = self.mask(view)
+        return image if mask is None else black_outside(image[None], mask[None])[0]
+
+    @property
+    def masked(self) -> bool:
+        """Whether any view may have a mask."""
+        return self.load_mask is not None
+
+    def mask(self, view: int) -> Bool[Tensor, "H W"] | None:
+        """Returns where the picture of a view counts; None where all of it does."""
+        return None if self.load_mask is None else self.load_mask(view)
+
+    def compared(self, view: int, image: Float[Tensor, "H W 3"]) -> "Compared":
+        """Puts a picture of a view beside its reference, both black where nothing counts."""
+        reference, mask = self.reference(view)[None], self.mask(view)
+        if mask is None:
+            return Compared(image[None], reference, None)
+        return Compared(black_outside(image[None], mask[None]), reference, mask[None])
 
     def every(self, count: int | None) -> "ReferenceViews":
         """Returns at most `count` views, spread evenly; all for None."""
         chosen = spread(self.cameras.num_views, count)
         if len(chosen) == self.cameras.num_views:
             return self
-        return replace(self, cameras=self.cameras.select(chosen), load=lambda view: self.load(chosen[view]))
+        mask = self.load_mask
+        return replace(
+            self,
+            cameras=self.cameras.select(chosen),
+            load=lambda view: self.load(chosen[view]),
+            load_mask=None if mask is None else lambda view: mask(chosen[view]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A picture and its reference, one view of each, black outside its mask.
+
+    Attributes:
+        image: RGB in [0, 1].
+        reference: RGB in [0, 1].
+        mask: True where pixels count; None where all do.
+    """
+
+    image: Float[Tensor, "1 H W 3"]
+    reference: Float[Tensor, "1 H W 3"]
+    mask: Bool[Tensor, "1 H W"] | None
+
+    def psnr(self) -> float:
+        """Decibels of what counts."""
+        return float(psnr(self.image, self.reference, self.mask)[0])
+
+    def ssim(self) -> float:
+        """Mean structural similarity of what counts."""
+        return float(ssim(self.image, self.reference, self.mask)[0])
 
 
 def spread(num_views: int, count: int | None) -> list[int]:
@@ -62,9 +112,15 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 
 def photo_views(dataset: Dataset) -> ReferenceViews:
-    """Compares with the photos of a dataset."""
-    source = "photos, whole in spite of their masks" if dataset.mask_paths else "photos"
-    return ReferenceViews(dataset.cameras, dataset.image, source, dataset.background)
+    """Compares with the photos of a dataset, inside their masks."""
+    masked = bool(dataset.mask_paths)
+    mask = dataset.mask if masked else None
+    return ReferenceViews(dataset.cameras, dataset.image, photo_source(masked=masked), dataset.background, mask)
+
+
+def photo_source(*, masked: bool) -> str:
+    """What references are that are photos, for reports."""
+    return "photos inside their masks" if masked else "photos"
 
 
 def rendered_views(

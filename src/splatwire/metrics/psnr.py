@@ -1,22 +1,31 @@
 """Peak signal-to-noise ratio."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
+from splatwire.metrics.masks import black_outside, mean_inside
 
-def psnr(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C"]:
+
+def psnr(
+    images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"] | None = None
+) -> Float[Tensor, "C"]:
     """Computes the PSNR of each view over all its pixels and channels, as published tables do.
 
     Args:
         images: RGB in [0, 1].
         references: RGB in [0, 1].
+        masks: True where pixels count; all of them for None.
 
     Returns:
         Decibels, one per view; infinite where a view equals its reference.
+
+    Raises:
+        InvalidValueError: If a mask leaves nothing of its view.
     """
-    mse = (images - references).square().mean(dim=(1, 2, 3))
-    return -10 * torch.log10(mse)
+    if masks is not None:
+        images, references = black_outside(images, masks), black_outside(references, masks)
+    return -10 * torch.log10(mean_inside((images - references).square(), masks))
 
 
 def psnr_by_channel(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C"]:

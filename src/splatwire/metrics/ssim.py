@@ -1,25 +1,36 @@
 """Structural similarity with the constants that 3DGS and its successors use."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
+
+from splatwire.metrics.masks import black_outside, mean_inside
 
 WINDOW = 11
 SIGMA = 1.5
 _C1, _C2 = 0.01**2, 0.03**2
 
 
-def ssim(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C"]:
+def ssim(
+    images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"] | None = None
+) -> Float[Tensor, "C"]:
     """Computes the mean SSIM of each view (`ssim_map`); differentiable.
 
     Args:
         images: RGB in [0, 1].
         references: RGB in [0, 1].
+        masks: True where pixels count; all of them for None. What is outside a mask is what is beyond the border, so a
+            mask that is a rectangle gives what the cut-out would give.
 
     Returns:
         One number per view, 1 where a view equals its reference.
+
+    Raises:
+        InvalidValueError: If a mask leaves nothing of its view.
     """
-    return ssim_map(images, references).mean(dim=(1, 2, 3))
+    if masks is not None:
+        images, references = black_outside(images, masks), black_outside(references, masks)
+    return mean_inside(ssim_map(images, references), masks)
 
 
 def ssim_map(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C H W 3"]:

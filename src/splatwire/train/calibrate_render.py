@@ -80,11 +80,13 @@ class SketchViews:
         cameras: The cameras, training views as a rule.
         photo: Gives the photo of a view; None where there are none: then the complete scene is the reference.
         background: RGB behind everything; None for what the scene was trained in front of.
+        mask: Gives the mask of a view's photo, True where it counts, None where all of it does; None if there are none.
     """
 
     cameras: Cameras
     photo: Callable[[int], Tensor] | None = None
     background: Background | None = None
+    mask: Callable[[int], Tensor | None] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,11 +207,16 @@ def _fewer(views: SketchViews, count: int, width: int) -> SketchViews:
     chosen = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int)).tolist()
     cameras = views.cameras.select(chosen)
     cameras = cameras.scaled(min(1.0, width / cameras.width))
-    photo = views.photo
+    photo, mask = views.photo, views.mask
     if photo is None:
         return SketchViews(cameras, None, views.background)
     size = (cameras.height, cameras.width)
-    return SketchViews(cameras, lambda view: _resized(photo(chosen[view]), size), views.background)
+    return SketchViews(
+        cameras,
+        lambda view: _resized(photo(chosen[view]), size),
+        views.background,
+        None if mask is None else lambda view: _resized_mask(mask(chosen[view]), size),
+    )
 
 
 def _resized(image: Float[Tensor, "H W 3"], size: tuple[int, int]) -> Float[Tensor, "H2 W2 3"]:
@@ -217,6 +224,13 @@ def _resized(image: Float[Tensor, "H W 3"], size: tuple[int, int]) -> Float[Tens
         return image
     planes = image.permute(2, 0, 1)[None]
     return torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)[0].permute(1, 2, 0)
+
+
+def _resized_mask(mask: Bool[Tensor, "H W"] | None, size: tuple[int, int]) -> Bool[Tensor, "H2 W2"] | None:
+    """Where the resized photo is made of pixels that count and of no others."""
+    if mask is None:
+        return None
+    return _resized((~mask)[..., None].expand(-1, -1, 3).float(), size)[..., 0] == 0
 
 
 class _Scores:
@@ -229,7 +243,9 @@ class _Scores:
         self.chosen_on, self.held_out = known[: config.masks], known[config.masks :]
         complete = list(self._draw(data.scene))
         photo = views.photo
-        self._references = complete if photo is None else [photo(view) for view in range(views.cameras.num_views)]
+        numbers = range(views.cameras.num_views)
+        self._references = complete if photo is None else [photo(view) for view in numbers]
+        self._masks = [None if views.mask is None else views.mask(view) for view in numbers]
 
     def mean(self, method: "Concealer | SketchSection | None", losses: Sequence[Bool[Tensor, "N"]]) -> float:
         """Decibels over views and losses; of the complete scene for None."""
@@ -256,8 +272,11 @@ class _Scores:
         return replace(self._scene, anchors=keep_received(context, proposal.anchors), hints=hints)
 
     def _quality(self, scene: AnchorScene) -> float:
-        pairs = zip(self._draw(scene), self._references, strict=True)
-        each = [min(float(psnr(image[None], reference[None])[0]), 100.0) for image, reference in pairs]
+        views = zip(self._draw(scene), self._references, self._masks, strict=True)
+        each = [
+            min(float(psnr(image[None], reference[None], None if mask is None else mask[None])[0]), 100.0)
+            for image, reference, mask in views
+        ]
         return sum(each) / len(each)
 
     def _draw(self, scene: AnchorScene) -> "Sequence[Tensor]":

@@ -1,37 +1,24 @@
 """What a protocol needs before its first unit: encoded streams, reference pictures and loss masks, each made once."""
 
 import hashlib
-import io
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import torch
 
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
 from splatwire.codec.background import SECTION as BACKGROUND
-from splatwire.codec.background import background_of
 from splatwire.codec.encoder import scene_in_order
 from splatwire.codec.sections import split_sections, without_concealment
 from splatwire.conceal.gnn.weights import load_weights
-from splatwire.data import load_cameras, open_dataset, save_cameras
-from splatwire.data.dataset import Dataset
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluate.study.definition import Loss, Row, SceneEntry, Study, canonical
 from splatwire.evaluate.study.masks import LossMask, anchor_bytes, draw_mask, mask_bytes
+from splatwire.evaluate.study.references import Progress, digest_of, prepare_references
 from splatwire.evaluate.study.store import Store, read_json
-from splatwire.evaluate.views import ReferenceViews, spread, views_of
 from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_scene
 from splatwire.packets import SceneStream, read_stream, stream_to_bytes
-from splatwire.scene import Cameras
-
-Progress = Callable[[str, float], None]
-PHOTOS, RENDERS = "photos", "renders of the complete scene"
 
 
 @dataclass(frozen=True)
@@ -70,6 +57,7 @@ class PreparedScene:
         views: Folder of the references within the store.
         views_digest: Digest of cameras and references.
         reference: What the references are.
+        masked: Whether masks say which of their pixels count.
         streams: Encoded stream of every variant of the rows.
         masks: Mask of every variant, loss and seed.
         sections: Named sections that rows may have in their streams.
@@ -83,6 +71,7 @@ class PreparedScene:
     views: str
     views_digest: str
     reference: str
+    masked: bool
     streams: Mapping[str, PreparedStream]
     masks: Mapping[tuple[str, Loss, int], LossMask] = field(default_factory=dict)
     sections: tuple[str, ...] = ()
@@ -108,7 +97,8 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, code: str, prog
     if not streams:
         raise InvalidValueError(f"scene '{entry.name}' lacks what every row needs")
     first = next(iter(streams.values()))
-    views, views_digest = _prepare_views(study, entry, first, store, code, progress)
+    stamps = {"scene": first.digest, "code": code}
+    views, about = prepare_references(study, entry, store.root / first.path, stamps, store, progress)
     masks = {}
     for name, row in _variants(study).items():
         if name in streams and any(not r.lossless for r in study.rows if r.variant == name):
@@ -120,8 +110,9 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, code: str, prog
         name=entry.name,
         dataset=entry.dataset,
         views=views,
-        views_digest=views_digest,
-        reference=RENDERS if entry.photos is None else PHOTOS,
+        views_digest=str(about["digest"]),
+        reference=str(about["source"]),
+        masked=bool(about["masked"]),
         streams=streams,
         masks=masks,
         sections=tuple(sections_of(_calibrated_stream(entry))),
@@ -137,7 +128,7 @@ def prepare_streams(
     """Encodes a scene once for each packetization of the rows; see `prepare_scene`."""
     lazy, calibrated = _LazyScene(entry), _calibrated_stream(entry)
     stamp = "" if entry.sections is None else source_digest(entry.sections)
-    folder = f"inputs/{_digest(source_digest(entry.source), stamp, code)}"
+    folder = f"inputs/{digest_of(source_digest(entry.source), stamp, code)}"
 
     def told(share: float) -> None:
         progress(f"{entry.name}: encoding", share)
@@ -259,74 +250,6 @@ def stream_parts(stream: SceneStream) -> dict[str, int]:
     return {**side, **({"side_other": rest} if rest else {}), **parts}
 
 
-def _prepare_views(
-    study: Study, entry: SceneEntry, stream: PreparedStream, store: Store, code: str, progress: Progress
-) -> tuple[str, str]:
-    """Writes cameras and reference pictures; returns their folder and the digest of their content."""
-    background = entry.background
-    if background is None:
-        background = background_of(read_stream(store.root / stream.path)[0])
-    dataset = None
-    if entry.photos is not None:
-        dataset = open_dataset(
-            entry.photos,
-            split=entry.split,
-            images=entry.images,
-            max_width=entry.max_width,
-            test_views=entry.test_views,
-            background=background,
-        )
-    cameras = dataset.cameras if dataset is not None else load_cameras(_camera_file(entry))
-    chosen = spread(cameras.num_views, study.views)
-    stamp = _stamp(dataset, chosen) if dataset is not None else f"{stream.digest} {study.renderer}"
-    key = _digest(stamp, code, canonical(_camera_content(cameras.select(chosen))), str(background), entry.name)
-    folder = f"inputs/views_{key}"
-    if (known := read_json(store.root / folder / "views.json")) is not None:
-        return folder, str(known["digest"])
-    pictures = _pictures(
-        dataset, chosen, cameras, study, replace(entry, background=background), stream, store, progress
-    )
-    buffer = io.BytesIO()
-    np.save(buffer, pictures)
-    store.write(f"{folder}/references.npy", buffer.getvalue())
-    save_cameras(cameras.select(chosen), store.root / folder / "cameras.json")
-    content = canonical(_camera_content(cameras.select(chosen)))
-    digest = _digest(hashlib.sha256(buffer.getvalue()).hexdigest(), content, str(background))
-    about = {"digest": digest, "background": list(background), "source": PHOTOS if dataset else RENDERS}
-    store.write(f"{folder}/views.json", json.dumps(about).encode())
-    return folder, digest
-
-
-def _pictures(
-    dataset: Dataset | None, chosen: list[int], cameras: Cameras, study: Study, entry: SceneEntry,
-    stream: PreparedStream, store: Store, progress: Progress,
-) -> np.ndarray:  # fmt: skip
-    pictures = np.empty((len(chosen), cameras.height, cameras.width, 3), np.float32)
-    if dataset is not None:
-        for i, view in enumerate(chosen):
-            pictures[i] = dataset.image(view).numpy()
-            progress(f"{entry.name}: loading photos", (i + 1) / len(chosen))
-        return pictures
-    scene = decode_stream(read_stream(store.root / stream.path)[0]).scene
-    for i, image in enumerate(views_of(scene, cameras.select(chosen), study.renderer, entry.background)):
-        pictures[i] = image.numpy()
-        progress(f"{entry.name}: drawing references", (i + 1) / len(chosen))
-    return pictures
-
-
-def load_views(store: Store, folder: str) -> ReferenceViews:
-    """Opens the references of a prepared scene; pictures are mapped, not read."""
-    about = read_json(store.root / folder / "views.json")
-    if about is None:
-        raise InvalidValueError(f"{store.root / folder} has no references: the store is not complete")
-    cameras = load_cameras(store.root / folder / "cameras.json")
-    pictures = np.load(store.root / folder / "references.npy", mmap_mode="r", allow_pickle=False)
-    red, green, blue = about["background"]
-    return ReferenceViews(
-        cameras, lambda view: torch.from_numpy(pictures[view].copy()), str(about["source"]), (red, green, blue)
-    )
-
-
 def _save_masks(
     study: Study, scene: str, row: Row, prepared: PreparedStream, store: Store
 ) -> dict[tuple[str, Loss, int], LossMask]:
@@ -339,27 +262,6 @@ def _save_masks(
             if not (store.root / name).is_file():
                 store.write(name, mask_bytes(stream, mask, loss, seed))
     return masks
-
-
-def _camera_file(entry: SceneEntry) -> Path:
-    if entry.cameras is None:
-        raise InvalidValueError(f"scene '{entry.name}' has neither photos nor cameras")
-    return entry.cameras
-
-
-def _camera_content(cameras: Cameras) -> dict[str, Any]:
-    poses, intrinsics = cameras.viewmats.tolist(), cameras.Ks.tolist()
-    return {"w": cameras.width, "h": cameras.height, "names": list(cameras.names), "poses": poses, "Ks": intrinsics}
-
-
-def _stamp(dataset: Dataset, chosen: list[int]) -> str:
-    """Changes when a photo does."""
-    stats = [dataset.image_paths[view].stat() for view in chosen]
-    return canonical({"files": [[stat.st_size, stat.st_mtime_ns] for stat in stats]})
-
-
-def _digest(*texts: str) -> str:
-    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:24]
 
 
 def _safe(name: str) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
+from splatwire.evaluate.results import LPIPS_OF_MASKED
 from splatwire.evaluate.study.definition import Study
 from splatwire.evaluate.study.masks import Equivalence, equivalence
 from splatwire.evaluate.study.pictures import safe, save_pictures, take_pictures
@@ -61,7 +62,7 @@ def write_outputs(result: StudyResult, store: Store, folder: Path, progress: Pro
     for kind, name, text in (
         ("records", "records.csv", to_csv(records)),
         ("summary", "summary.csv", summary_csv(everything)),
-        ("markdown", "tables.md", _markdown(result.study, result.skipped, every)),
+        ("markdown", "tables.md", _markdown(result.study, [*_mask_notes(result), *result.skipped], every)),
         ("latex", "tables.tex", "\n".join(table.latex() for table in every)),
         ("json", "results.json", json.dumps(_json(result, everything), indent=1) + "\n"),
         ("report", "report.html", render_study_report(result, everything, tables, pictures)),
@@ -101,12 +102,20 @@ def _markdown(study: Study, skipped: Sequence[str], tables: Sequence[Table]) -> 
     )
 
 
+def _mask_notes(result: StudyResult) -> list[str]:
+    lpips = f"; LPIPS: {LPIPS_OF_MASKED}" if "lpips" in result.study.metrics else ""
+    masked = [name for name, scene in result.scenes.items() if scene.masked]
+    return [f"Compared inside the masks of the photos: {', '.join(masked)}{lpips}."] if masked else []
+
+
 def _json(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any]:
     study = result.study
     return {
         "protocol": study.name,
         "seeds": list(study.seeds),
         "losses": [loss.label for loss in study.losses],
+        "references": {name: scene.reference for name, scene in result.scenes.items()},
+        "masked": [name for name, scene in result.scenes.items() if scene.masked],
         "skipped": list(result.skipped),
         "num_units": len(result.records),
         "rows": [_without_infinity(summary.to_json()) for summary in summaries],

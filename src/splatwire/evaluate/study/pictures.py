@@ -129,7 +129,7 @@ def _drawn(workshop: Workshop, cell: Cell, view: int) -> np.ndarray:
     unit, views = cell.unit, workshop.views(cell.unit)
     scene = concealed(workshop.received(unit)[1], unit)
     image = next(iter(views_of(scene, views.cameras.select([view]), unit.renderer, views.background)))
-    pixels = to_pixels(image)
+    pixels = to_pixels(views.compared(view, image).image[0])
     workshop.store.write(name, png_bytes(pixels))
     return pixels
 

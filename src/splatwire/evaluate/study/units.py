@@ -11,7 +11,10 @@ from splatwire.evaluate.study.definition import WEIGHTS, Loss, Row, Study, canon
 from splatwire.evaluate.study.inputs import PreparedScene
 
 _ROOMS = ("channel", "codec", "conceal", "data", "entropy", "metrics", "model", "ops", "packets", "render", "scene")
-_OWN = ("evaluate/study/masks.py", "evaluate/study/work.py", "evaluate/study/records.py", "evaluate/study/inputs.py")
+_OWN = (
+    "evaluate/views.py",
+    *(f"evaluate/study/{name}.py" for name in ("masks", "work", "records", "inputs", "references")),
+)
 
 
 @dataclass(frozen=True)

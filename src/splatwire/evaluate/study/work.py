@@ -17,13 +17,13 @@ from torch import Tensor
 from splatwire.codec import decode_stream
 from splatwire.conceal import conceal, create_concealer
 from splatwire.errors import SplatwireError
-from splatwire.evaluate.study.inputs import load_views
 from splatwire.evaluate.study.masks import LossMask, draw_mask
 from splatwire.evaluate.study.records import records_to_bytes
+from splatwire.evaluate.study.references import load_views
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
-from splatwire.evaluate.views import ReferenceViews, spread, views_of
-from splatwire.metrics import Lpips, find_lpips, psnr, ssim
+from splatwire.evaluate.views import Compared, ReferenceViews, spread, views_of
+from splatwire.metrics import Lpips, find_lpips
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import SceneStream, read_stream
 from splatwire.scene import Anchors, Attribute, Erasures
@@ -93,7 +93,7 @@ class Workshop:
         records = []
         for view, (image, drawn) in enumerate(_timed(views_of(scene, views.cameras, unit.renderer, views.background))):
             began = time.perf_counter()
-            scores = self._scores(unit, view, image, views.reference(view), lpips=view in wanted)
+            scores = self._scores(unit, view, views.compared(view, image), lpips=view in wanted)
             timings = {"seconds_render": drawn, "seconds_score": time.perf_counter() - began}
             place = {"view": views.cameras.names[view], "view_index": view}
             records.append({**common, **place, **scores, **timings})
@@ -156,19 +156,17 @@ class Workshop:
             "num_bytes_received": received,
         }
 
-    def _scores(
-        self, unit: Unit, view: int, image: Float[Tensor, "H W 3"], reference: Float[Tensor, "H W 3"], *, lpips: bool
-    ) -> dict[str, float | None]:
-        value = float(psnr(image[None], reference[None])[0])
+    def _scores(self, unit: Unit, view: int, both: Compared, *, lpips: bool) -> dict[str, float | None]:
+        value = both.psnr()
         equal = math.isinf(value)  # then the slower metrics need not be computed
         scores: dict[str, float | None] = {"psnr": value} if "psnr" in unit.metrics else {}
         if "ssim" in unit.metrics:
-            scores["ssim"] = 1.0 if equal else float(ssim(image[None], reference[None])[0])
+            scores["ssim"] = 1.0 if equal else both.ssim()
         if lpips:
-            scores["lpips"] = 0.0 if equal else self._distance(unit, view, image, reference)
+            scores["lpips"] = 0.0 if equal else self._distance(unit, view, both)
         return scores
 
-    def _distance(self, unit: Unit, view: int, image: Tensor, reference: Tensor) -> float:
+    def _distance(self, unit: Unit, view: int, both: Compared) -> float:
         if self._lpips is None:
             self._lpips = find_lpips()
         if self._lpips is None:
@@ -176,12 +174,12 @@ class Workshop:
         key = (unit.views, view)
         features = self._features.get(key)
         if features is None:
-            features = self._lpips.features(reference[None])
+            features = self._lpips.features(both.reference)
             size = sum(tensor.nbytes for tensor in features)
             while self._features and (len(self._features) + 1) * size > _MAX_FEATURE_BYTES:
                 self._features.popitem(last=False)
             self._features[key] = features
-        return float(self._lpips.distance(self._lpips.features(image[None]), features)[0])
+        return float(self._lpips.distance(self._lpips.features(both.image), features)[0])
 
     @staticmethod
     def _keep(cache: "OrderedDict[Any, Value]", key: Any, most: int, make: Callable[[], Value]) -> Value:
