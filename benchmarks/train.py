@@ -2,9 +2,15 @@
 
 Goals: decoded test PSNR at least official - 0.10 dB, total bytes at most official x 1.02, an iteration at most half the
 official time at equal anchors. Seconds are processor time with one thread, beside wall time, so that the figures can
-be compared on a busy machine; the official figures are wall time of two idle cores.
+be compared on a busy machine; the official figures are wall time, of two idle cores or of an H200 (`official_gpu`).
 
     python benchmarks/train.py [--data DIR] [--run snowmiku_small_2400] [--iterations N] [--threads 2] [--output SCENE]
+
+On a GPU, iterations per second and anchors beside the official ones every 1,000 iterations, first without waiting for
+the end of the schedule, then with quality and size:
+
+    python benchmarks/train.py --run bonsai_30k --device cuda --until 12000
+    python benchmarks/train.py --run bonsai_30k --device cuda
 """
 
 import argparse
@@ -18,6 +24,7 @@ from typing import Any
 import numba
 import torch
 
+from splatwire.cli.train import check_device
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import open_dataset
 from splatwire.model.scene_file import save_scene
@@ -34,17 +41,49 @@ class Marks:
 
     def __init__(self) -> None:
         self.rows: list[dict[str, Any]] = []
-        self._wall, self._cpu = time.perf_counter(), time.process_time()
+        self._start = time.perf_counter()
+        self._wall, self._cpu = self._start, time.process_time()
 
     def __call__(self, now: Progress) -> None:
         if now.iteration % MARK:
             return
         wall, cpu = time.perf_counter(), time.process_time()
-        self.rows.append({"it": now.iteration, "anchors": now.num_anchors, "l1": now.l1, "loss": now.loss,
-                          "its_per_s": MARK / (wall - self._wall), "cpu_s_per_it": (cpu - self._cpu) / MARK,
+        self.rows.append({"it": now.iteration, "s": wall - self._start, "anchors": now.num_anchors,
+                          "l1": now.l1, "loss": now.loss, "its_per_s": MARK / (wall - self._wall),
+                          "cpu_s_per_it": (cpu - self._cpu) / MARK,
                           "estimated_bytes": now.estimated_bytes})  # fmt: skip
         self._wall, self._cpu = wall, cpu
         print(json.dumps(self.rows[-1]), flush=True)
+
+
+def speed(rows: list[dict[str, Any]], official: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Our iterations per second beside the official ones, over the same iterations.
+
+    `ratio_at_equal_anchors` takes the time of an iteration as proportional to its anchors.
+    """
+    seconds, compared = {0: 0.0, **{row["it"]: row["s"] for row in rows}}, []
+    anchors = {row["it"]: row["anchors"] for row in rows}
+    for before, mark in zip([{"it": 0}, *official[:-1]], official, strict=True):
+        if before["it"] not in seconds or mark["it"] not in anchors:
+            continue
+        ours = (mark["it"] - before["it"]) / (seconds[mark["it"]] - seconds[before["it"]])
+        ratio = ours / mark["its_per_s"]
+        compared.append({"it": mark["it"], "its_per_s": ours, "official_its_per_s": mark["its_per_s"],
+                         "anchors": anchors[mark["it"]], "official_anchors": mark["anchors"], "ratio": ratio,
+                         "ratio_at_equal_anchors": ratio * anchors[mark["it"]] / mark["anchors"]})  # fmt: skip
+    return compared
+
+
+def machine(device: str) -> dict[str, Any]:
+    """What the figures depend on."""
+    memory = {"peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20)}
+    if device == "cpu":
+        return memory
+    return {
+        **memory,
+        "gpu": torch.cuda.get_device_name(),
+        "peak_gpu_gib": torch.cuda.max_memory_allocated() / (1 << 30),
+    }
 
 
 def main() -> None:
@@ -53,6 +92,8 @@ def main() -> None:
     parser.add_argument("--run", choices=RUNS, default="snowmiku_small_2400")
     parser.add_argument("--iterations", type=int, help="length of the run; the official run's if absent")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    parser.add_argument("--until", type=int, help="stop after so many iterations of the schedule: the speed alone")
     parser.add_argument("--output", type=Path)
     arguments = parser.parse_args()
     torch.set_num_threads(arguments.threads)
@@ -65,17 +106,24 @@ def main() -> None:
     train, test = open_dataset(folder, split="train"), open_dataset(folder, split="test")
     marks = Marks()
     options = RunOptions(test_interval=0)
-    result = train_scene(train, test, config, options=options, listener=Listener(progress=marks))
+    stop = arguments.until or config.marks.iterations
+    listener = Listener(marks, should_stop=lambda: bool(marks.rows) and marks.rows[-1]["it"] >= stop)
+    result = train_scene(train, test, config, options=options, listener=listener, device=check_device(arguments.device))
+    summary: dict[str, Any] = {
+        "run": arguments.run, "device": arguments.device, "iterations": config.marks.iterations, "until": stop,
+        "threads": arguments.threads, "seconds": result.seconds, **machine(arguments.device),
+        "official_gpu": official.get("gpu"), "speed": speed(marks.rows, official["marks"]), "marks": marks.rows,
+        "official_marks": official["marks"],
+    }  # fmt: skip
+    if result.stopped:
+        print(json.dumps(summary, indent=1))
+        return
     if arguments.output:
         save_scene(result.scene, arguments.output)
     stream = encode_scene(result.scene)
     decoded = assess_scene(decode_stream(stream).scene, test, test.num_views, iterations)
     assert result.test is not None
-    summary = {
-        "run": arguments.run,
-        "iterations": config.marks.iterations,
-        "threads": arguments.threads,
-        "seconds": result.seconds,
+    summary |= {
         "test_psnr": result.test.psnr,
         "decoded_psnr": decoded.psnr,
         "decoded_ssim": decoded.ssim,
@@ -86,9 +134,6 @@ def main() -> None:
         "bytes_ratio": stream.num_bytes / official["total_bytes_files_plus_mlps"],
         "anchors": result.scene.anchors.num_anchors,
         "official_anchors": official["anchors_kept"],
-        "peak_memory_gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 << 20),
-        "marks": marks.rows,
-        "official_marks": official["marks"],
     }
     print(json.dumps(summary, indent=1))
 

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 import types
 from pathlib import Path
 
@@ -88,19 +89,35 @@ def test_points_of_gaussians_are_the_visible_ones(tmp_path: Path) -> None:
         import_points(tmp_path / "b.ply")
 
 
-def test_a_gpu_is_refused_with_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    check_device("auto")
-    check_device("cpu")
+def test_a_gpu_is_refused_with_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check_device("cpu") == "cpu"
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert check_device("auto") == "cpu"
+    assert capsys.readouterr().err == ""
     with pytest.raises(BackendUnavailableError, match="no CUDA device"):
         check_device("cuda")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(BackendUnavailableError, match=r"pip install 'splatwire\[gpu\]'"):
         check_device("cuda")
+    assert check_device("auto") == "cpu"
+    assert "training on the CPU: backend 'cuda' is not available: gsplat is missing" in capsys.readouterr().err
     monkeypatch.setattr("importlib.util.find_spec", lambda name: types.SimpleNamespace())
-    with pytest.raises(BackendUnavailableError, match="does not train on a GPU yet"):
+    monkeypatch.setitem(sys.modules, "gsplat", None)
+    with pytest.raises(BackendUnavailableError, match="'gsplat'"):
         check_device("cuda")
+    assert check_device("auto") == "cpu"
+
+
+def test_a_gpu_on_which_gsplat_draws_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str] = []
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: types.SimpleNamespace())
+    monkeypatch.setattr("splatwire.render.gsplat_backend.check_gsplat", lambda: drawn.append("one"))
+    assert [check_device(name) for name in ("auto", "cuda", "cpu")] == ["cuda", "cuda", "cpu"]
+    assert drawn == ["one", "one"]
 
 
 BAD = {

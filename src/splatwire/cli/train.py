@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from splatwire.train import Listener, Progress, QualityReport, TrainConfig, TrainResult
 
 _DEVICES = ("auto", "cpu", "cuda")
+_PLACES = {"cpu": "CPU", "cuda": "GPU"}
 _PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 _PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
 CPU_ITERATIONS = 2400
@@ -53,7 +54,7 @@ class Train:
     white_background: bool = False
     """White instead of black where photos are transparent and behind the scene."""
     device: str = "auto"
-    """auto, cpu or cuda."""
+    """auto, cpu or cuda (which draws with gsplat); auto is cuda where that works."""
     init: Path | None = None
     """3DGS PLY or .splat file whose Gaussians' centres are the first anchors, instead of the data's points."""
     seed: int = 0
@@ -71,7 +72,7 @@ class Train:
 
     def run(self) -> None:
         """Runs the verb."""
-        self._check()
+        device = self._check()
         import numpy as np
         from PIL import Image
 
@@ -88,7 +89,7 @@ class Train:
             config = self._config()
             print(
                 f"recipe {config.preset}{' (chosen by the data)' if self.preset == 'auto' else ''}, "
-                f"{config.marks.iterations:,} iterations on the CPU",
+                f"{config.marks.iterations:,} iterations on the {_PLACES[device]}",
                 file=sys.stderr,
             )
             train, test = self._datasets(config)
@@ -110,7 +111,7 @@ class Train:
                 Image.fromarray(pixels).save(self.preview)
 
         with _watch(save_preview) as listener:
-            result = train_scene(train, test, config, state=state, options=options, listener=listener)
+            result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)
         if result.stopped:
             print(
                 f"stopped after iteration {result.state.iteration:,} of {config.marks.iterations:,}; "
@@ -121,8 +122,7 @@ class Train:
         save_scene(result.scene, output)
         self._report(result, config)
 
-    def _check(self) -> None:
-        check_device(self.device)
+    def _check(self) -> str:
         if self.init is not None and self.resume:
             raise InvalidValueError("--init is for the start of a run: the checkpoint of --resume has its anchors")
         if self.output == "-":
@@ -131,6 +131,7 @@ class Train:
             raise InvalidValueError(f"--preview must end in {', '.join(_PICTURES)}, not {self.preview}")
         if self.checkpoint_interval < 1 or self.test_interval < 0:
             raise InvalidValueError("--checkpoint-interval must be 1 or more, --test-interval 0 or more")
+        return check_device(self.device)
 
     def _config(self) -> "TrainConfig":
         from splatwire.data import dataset_layout
@@ -189,8 +190,10 @@ class Train:
         print_summary(f"{scene.anchors.num_anchors:,} anchors{quality}, {result.seconds:,.0f} s -> {self.output}")
 
 
-def check_device(name: str) -> None:
-    """Checks that a run can have the device that it asks for; `auto` is the CPU, which this release trains on.
+def check_device(name: str) -> str:
+    """Checks that a run can have the device that it asks for, and returns its name, `cpu` or `cuda`.
+
+    `auto` is the GPU where torch finds one and gsplat draws on it; if only gsplat is missing, that is said.
 
     Raises:
         UnknownNameError: There is no such device.
@@ -198,18 +201,36 @@ def check_device(name: str) -> None:
     """
     if name not in _DEVICES:
         raise UnknownNameError("device", name, _DEVICES)
-    if name != "cuda":
-        return
+    if name == "cpu":
+        return "cpu"
+    import torch
+
+    if name == "auto" and not torch.cuda.is_available():
+        return "cpu"
+    try:
+        _check_gpu()
+    except BackendUnavailableError as error:
+        if name == "cuda":
+            raise
+        print(f"training on the CPU: {error}", file=sys.stderr)
+        return "cpu"
+    return "cuda"
+
+
+def _check_gpu() -> None:
     import importlib.util
 
     import torch
 
-    instead = "train on the CPU with --device auto"
+    instead = "train on the CPU with --device cpu"
     if not torch.cuda.is_available():
         raise BackendUnavailableError("cuda", f"torch finds no CUDA device; install its CUDA build, or {instead}")
     if importlib.util.find_spec("gsplat") is None:
         raise BackendUnavailableError("cuda", f"gsplat is missing; pip install 'splatwire[gpu]', or {instead}")
-    raise BackendUnavailableError("cuda", f"this release does not train on a GPU yet; {instead}")
+    from splatwire.render.gsplat_backend import check_gsplat
+
+    print("trying gsplat, which compiles its kernels when it is new", file=sys.stderr)
+    check_gsplat()
 
 
 @contextmanager

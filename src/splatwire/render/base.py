@@ -1,12 +1,14 @@
 """What a renderer is, and the names of the ones there are."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.errors import UnknownNameError
+from splatwire.errors import BackendUnavailableError, UnknownNameError
 from splatwire.scene import Cameras, Gaussians
 
 
@@ -26,6 +28,43 @@ class Renderer(Protocol):
 
         Returns:
             RGB, not clamped, on the device of the Gaussians.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """One view as training draws it.
+
+    Attributes:
+        image: RGB, not clamped; differentiable in the Gaussians.
+        centers: A tensor whose `.grad`, after `backward`, is the gradient in the Gaussians' 2D centres, per pixel, zero
+            for those that are not drawn; None if nobody asked for it.
+    """
+
+    image: Float[Tensor, "H W 3"]
+    centers: Float[Tensor, "1 G 2"] | None
+
+    @property
+    def d_centers(self) -> Float[Tensor, "G 2"] | None:
+        """Gradient in the 2D centres, per pixel; None if nobody asked for it, and before `backward`."""
+        return None if self.centers is None or self.centers.grad is None else self.centers.grad[0]
+
+
+@runtime_checkable  # the test run checks annotations
+class TrainingRenderer(Protocol):
+    """Draws one view where the Gaussians are, differentiable, and tells what pulls at their 2D centres."""
+
+    def __call__(
+        self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool
+    ) -> Drawing:
+        """Draws the only view of `cameras`.
+
+        Args:
+            gaussians: What to draw.
+            cameras: Where from, one view.
+            background: RGB behind everything.
+            watched: Whether the gradient in the 2D centres will be asked for.
         """
         ...
 
@@ -68,3 +107,20 @@ def create_renderer(name: str) -> Renderer:
     if name not in _RENDERERS:
         raise UnknownNameError("renderer", name, _RENDERERS)
     return _RENDERERS[name]()
+
+
+def create_training_renderer(device: torch.device) -> TrainingRenderer:
+    """Creates the renderer that training uses for tensors on a device.
+
+    Raises:
+        BackendUnavailableError: There is none, or it needs a package or a device that is not here.
+    """
+    if device.type == "cpu":
+        from splatwire.render.cpu import draw_cpu
+
+        return draw_cpu
+    if device.type != "cuda":
+        raise BackendUnavailableError(str(device), "training draws on the CPU and, with gsplat, on CUDA devices")
+    from splatwire.render.gsplat_backend import GsplatRenderer
+
+    return GsplatRenderer().draw

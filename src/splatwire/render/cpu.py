@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.model.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.render.base import Drawing
 from splatwire.scene import Cameras, Gaussians
 
 MAX_ENTRIES = 1 << 23
@@ -43,6 +44,12 @@ def render_cpu(
         shift = None if probe is None else probe[view]
         views.append(_Rasterize.apply(cameras, view, shift, *inputs))
     return torch.stack(views).to(gaussians.means.device)
+
+
+def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
+    """Draws a view for training; see `splatwire.render.base.TrainingRenderer`."""
+    probe = torch.zeros(1, gaussians.num_gaussians, 2, requires_grad=True) if watched else None
+    return Drawing(render_cpu(gaussians, cameras, background=background, probe=probe)[0], probe)
 
 
 class _Rasterize(torch.autograd.Function):

@@ -38,10 +38,21 @@ def _render_view(
     gaussians: Gaussians, cameras: Cameras, view: int, background: Float[Tensor, "3"]
 ) -> Float[Tensor, "H W 3"]:
     flat = project(gaussians.means, gaussians.scales, rotation_matrices(gaussians.quats), cameras, view)
+    return render_projected(flat, gaussians.opacities, gaussians.colors, cameras, background)
+
+
+def render_projected(
+    flat: Projected,
+    opacities: Float[Tensor, "G"],
+    colors: Float[Tensor, "G 3"],
+    cameras: Cameras,
+    background: Float[Tensor, "3"],
+) -> Float[Tensor, "H W 3"]:
+    """Draws Gaussians that are on the image already; of the cameras, only the size of their images counts."""
     order = torch.argsort(flat.depths.detach(), stable=True)
     order = order[flat.touches_image(cameras.width, cameras.height)[order]]
     flat = Projected(flat.means2d[order], flat.covs2d[order], flat.depths[order], flat.radii[order])
-    opacities, colors = gaussians.opacities[order], gaussians.colors[order]
+    opacities, colors = opacities[order], colors[order]
     bands = []
     for top in range(0, cameras.height, _ROWS_AT_A_TIME):
         bottom = min(top + _ROWS_AT_A_TIME, cameras.height)

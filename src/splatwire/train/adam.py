@@ -13,7 +13,7 @@ BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
 
 @torch.no_grad()
 def adam_update(parameter: Tensor, gradient: Tensor, moments: Moments, rate: float) -> None:
-    """Updates `parameter` and `moments` in place.
+    """Updates `parameter` and `moments` in place, compiled, on the CPU.
 
     Args:
         parameter: Any shape, contiguous.

@@ -10,7 +10,8 @@ from splatwire.entropy.rate import bits, gaussian_likelihood, mixture_likelihood
 from splatwire.model import Linear, Mlp, ModelConfig
 from splatwire.model.prior_field import MIN_SCALE, PriorOutputs, split_prior_outputs
 from splatwire.train.config import TrainConfig
-from splatwire.train.grid import GridCorners, find_corners, interpolate_signs
+from splatwire.train.grid import GridCorners, find_corners
+from splatwire.train.kernels import COMPILED, Kernels, Uniform, uniform_from_host
 from splatwire.train.state import TrainState, channels_of, network
 
 
@@ -63,15 +64,19 @@ def adaptive_steps(step_logits: Float[Tensor, "N 3"], config: ModelConfig) -> Fl
     return step_logits.new_tensor(config.base_steps) * (1 + torch.tanh(step_logits))
 
 
-def grid_features(state: TrainState, cache: AnchorCache, index: Int64[Tensor, "M"]) -> Float[Tensor, "M H"]:
+def grid_features(
+    state: TrainState, cache: AnchorCache, index: Int64[Tensor, "M"], kernels: Kernels = COMPILED
+) -> Float[Tensor, "M H"]:
     """Interpolates the hash grid at some anchors; differentiable in the tables."""
     volume, planes = state.parameters["grid.volume"], state.parameters["grid.planes"]
-    return interpolate_signs(volume, planes, cache.corners(state), index)
+    return kernels.interpolate_signs(volume, planes, cache.corners(state), index)
 
 
-def add_noise(values: Tensor, step: Tensor | float, generator: torch.Generator) -> Tensor:
+def add_noise(
+    values: Tensor, step: Tensor | float, generator: torch.Generator, uniform: Uniform = uniform_from_host
+) -> Tensor:
     """Adds uniform noise as wide as the quantisation step, which stands for rounding."""
-    noise = torch.rand(values.shape, generator=generator).to(values.device) - 0.5
+    noise = uniform(values.shape, generator, values.device) - 0.5
     return values + noise * step
 
 
@@ -81,6 +86,7 @@ def sample_rate(
     features: Float[Tensor, "M H"],
     index: Int64[Tensor, "M"],
     mask: tuple[Float[Tensor, "M K"], Float[Tensor, "M"]],
+    uniform: Uniform = uniform_from_host,
 ) -> SampleRate:
     """Estimates the bits of a sample of anchors, with noise in place of rounding.
 
@@ -90,14 +96,15 @@ def sample_rate(
         features: Hash-grid features of the sample.
         index: The anchors of the sample.
         mask: Straight-through masks of its offsets and of the anchors themselves.
+        uniform: Draws the noise.
     """
     parameters, layout = state.parameters, config.model.layout
     outputs = split_prior_outputs(network(parameters, "prior")(features), config.model)
     steps = adaptive_steps(outputs.step_logits, config.model)
     feature_step, scaling_step, offset_step = steps.split(1, dim=1)
-    feature = add_noise(parameters["features"][index], feature_step, state.generator)
-    scaling = add_noise(parameters["log_scalings"][index].exp(), scaling_step, state.generator)
-    offset = add_noise(parameters["offsets"][index].flatten(1), offset_step, state.generator)
+    feature = add_noise(parameters["features"][index], feature_step, state.generator, uniform)
+    scaling = add_noise(parameters["log_scalings"][index].exp(), scaling_step, state.generator, uniform)
+    offset = add_noise(parameters["offsets"][index].flatten(1), offset_step, state.generator, uniform)
 
     first = gaussian_likelihood(feature, outputs.feature_mean, outputs.feature_scale.clamp(min=MIN_SCALE), feature_step)
     second, weight = _channel_likelihood(state, config, feature, outputs, feature_step)

@@ -12,23 +12,25 @@ from splatwire.train.state import TrainState, channels_of, heads_of, network
 
 
 @torch.no_grad()
-def export_scene(state: TrainState, config: TrainConfig) -> AnchorScene:
-    """Returns the scene as it stands, on the CPU, anchors that draw nothing left out.
+def export_scene(state: TrainState, config: TrainConfig, device: torch.device | None = None) -> AnchorScene:
+    """Returns the scene as it stands, anchors that draw nothing left out.
 
     Args:
         state: The state; left as it is.
         config: The recipe.
+        device: Where the scene is wanted; the CPU if absent.
 
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    parameters = {name: value.detach().cpu() for name, value in state.parameters.items()}
+    device = device or torch.device("cpu")
+    parameters = {name: value.detach().to(device) for name, value in state.parameters.items()}
     mask = torch.sigmoid(parameters["mask_logits"]) > config.mask_threshold
     kept = mask.any(dim=1)
     if not bool(kept.any()):
         raise InvalidValueError("training has left no anchor in the scene: lambda is too large for it")
     anchors = Anchors(
-        positions=state.positions.cpu()[kept],
+        positions=state.positions.to(device)[kept],
         features=parameters["features"][kept].clone(),
         scalings=parameters["log_scalings"][kept].exp(),
         offsets=parameters["offsets"][kept] * mask[kept][:, :, None],
@@ -37,8 +39,8 @@ def export_scene(state: TrainState, config: TrainConfig) -> AnchorScene:
     grid = HashGrid(
         volume=_signs(parameters["grid.volume"]),
         planes=_signs(parameters["grid.planes"]),
-        bounds_min=state.bounds_min.cpu(),
-        bounds_max=state.bounds_max.cpu(),
+        bounds_min=state.bounds_min.to(device),
+        bounds_max=state.bounds_max.to(device),
     )
     channels = channels_of(parameters, len(config.model.layout.feature_groups))
     context = ContextModel(grid, _copy(network(parameters, "prior")), tuple(_copy(mlp) for mlp in channels))

@@ -19,7 +19,7 @@ class Photo:
 
     Attributes:
         image: RGB in [0, 1].
-        moments: Its blurred values and blurred squares on the CPU; None elsewhere, and of a photo with a mask.
+        moments: Its blurred values and blurred squares; None of a photo with a mask, which change with the picture.
         mask: True where it counts; None where all of it does.
     """
 
@@ -30,20 +30,24 @@ class Photo:
 
 def prepare_photo(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> Photo:
     """Computes what `photometric_loss` needs of a photo, once."""
-    if image.device.type != "cpu" or mask is not None:
+    if mask is not None:
         return Photo(image, None, mask)
+    if image.device.type != "cpu":
+        from splatwire.train.plain import prepare_photo_plain
+
+        return prepare_photo_plain(image)
     from splatwire.train import _loss_kernels as kernels
 
     pixels = image.contiguous().numpy()
     moments = np.empty((2, *pixels.shape), np.float32)
-    kernels.blur(_rows(np.stack([pixels, pixels * pixels])), _taps(), _rows(moments))
+    kernels.blur(_rows(np.stack([pixels, pixels * pixels])), window_taps(), _rows(moments))
     return Photo(image, torch.from_numpy(moments))
 
 
 def photometric_loss(
     image: Float[Tensor, "H W 3"], photo: Photo, dssim: float
 ) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
-    """Computes the loss of a picture; differentiable in it.
+    """Computes the loss of a picture on the CPU, compiled; differentiable in it.
 
     Args:
         image: The picture, RGB, not clamped.
@@ -79,7 +83,7 @@ class _PhotometricLoss(torch.autograd.Function):
 
         assert photo.moments is not None
         x, y = image.detach().contiguous().numpy(), photo.image.numpy()
-        blurred, own, taps = photo.moments.numpy(), np.empty((3, *x.shape), np.float32), _taps()
+        blurred, own, taps = photo.moments.numpy(), np.empty((3, *x.shape), np.float32), window_taps()
         kernels.products(_flat(x), _flat(y), own.reshape(3, -1))
         moments = np.empty_like(own)
         kernels.blur(_rows(own), taps, _rows(moments))
@@ -102,7 +106,8 @@ class _PhotometricLoss(torch.autograd.Function):
         return gradient * upstream[0], None, None
 
 
-def _taps() -> np.ndarray:
+def window_taps() -> np.ndarray:
+    """Weights of SSIM's Gaussian window along one axis."""
     x = np.arange(WINDOW, dtype=np.float64) - WINDOW // 2
     taps = np.exp(-x * x / (2 * SIGMA**2))
     return (taps / taps.sum()).astype(np.float32)

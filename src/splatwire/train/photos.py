@@ -1,4 +1,4 @@
-"""The training photos: all of them are read once before training starts, then kept as bytes."""
+"""The training photos: all are read once before training starts, then kept as bytes, near where they are used."""
 
 import torch
 from jaxtyping import Bool, UInt8
@@ -10,6 +10,8 @@ from splatwire.train.losses import Photo, prepare_photo
 
 PREPARED_BYTES = 1 << 30
 """Photos stay prepared for the loss as long as they fit in this; the others are prepared again each time."""
+DEVICE_BYTES = 4 << 30
+"""Photos stay on the device as long as they fit in this; the others come from the host each time."""
 
 
 class PhotoStore:
@@ -17,29 +19,35 @@ class PhotoStore:
 
     Args:
         dataset: The dataset.
+        device: Where photos are wanted.
+        device_bytes: Room for them there.
 
     Raises:
         DatasetError: If a photo or mask is missing or damaged, or a mask leaves nothing.
     """
 
-    def __init__(self, dataset: Dataset, device: torch.device) -> None:
+    def __init__(self, dataset: Dataset, device: torch.device, device_bytes: int = DEVICE_BYTES) -> None:
         self._device = device
+        pixels = dataset.cameras.width * dataset.cameras.height
+        near = device_bytes // (3 * pixels)
         self._bytes: list[UInt8[Tensor, "H W 3"]] = [
-            torch.round(dataset.image(view) * 255).to(torch.uint8) for view in range(dataset.num_views)
+            torch.round(dataset.image(view) * 255).to(torch.uint8).to(device if view < near else "cpu")
+            for view in range(dataset.num_views)
         ]
         self._masks = [dataset.mask(view) for view in range(dataset.num_views)]
         blank = [name for name, mask in zip(dataset.cameras.names, self._masks, strict=True) if _blank(mask)]
         if blank:
             raise DatasetError(f"the mask of view '{blank[0]}' leaves nothing of its photo: remove the view")
         self._prepared: dict[int, Photo] = {}
-        pixels = dataset.cameras.width * dataset.cameras.height
         self._room = PREPARED_BYTES // (3 * pixels * 3 * 4)
 
     def photo(self, view: int) -> Photo:
         """Returns the photo of a view."""
         if view in self._prepared:
             return self._prepared[view]
-        photo = prepare_photo(self._bytes[view].to(self._device).float() / 255, self._masks[view])
+        mask = self._masks[view]
+        image = self._bytes[view].to(self._device).float() / 255
+        photo = prepare_photo(image, None if mask is None else mask.to(self._device))
         if len(self._prepared) < self._room:
             self._prepared[view] = photo
         return photo

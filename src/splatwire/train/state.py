@@ -1,7 +1,7 @@
 """The state of a run: plain tensors, and the one place where rows of anchors are added and removed."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -104,6 +104,25 @@ class TrainState:
     def device(self) -> torch.device:
         """Where the tensors are."""
         return self.voxels.device
+
+
+def move_state(state: TrainState, device: torch.device) -> TrainState:
+    """Returns the state on a device: itself where it is there already, otherwise a copy. The generator stays."""
+    if state.device == device:
+        return state
+    statistics = {name: rows.to(device) for name, rows in vars(state.statistics).items()}
+    return replace(
+        state,
+        voxels=state.voxels.to(device),
+        parameters={name: value.detach().to(device).requires_grad_() for name, value in state.parameters.items()},
+        moments={
+            name: Moments(moments.first.to(device), moments.second.to(device), moments.steps)
+            for name, moments in state.moments.items()
+        },
+        statistics=GrowthStatistics(**statistics),
+        bounds_min=state.bounds_min.to(device),
+        bounds_max=state.bounds_max.to(device),
+    )
 
 
 def group_of(name: str) -> str:

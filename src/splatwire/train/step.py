@@ -9,9 +9,8 @@ from torch import Tensor
 from splatwire.errors import DivergedError
 from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians
 from splatwire.model.projection import project
-from splatwire.render.cpu import render_cpu
+from splatwire.render.base import Drawing
 from splatwire.scene import Anchors, Cameras
-from splatwire.train.adam import adam_update
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import (
     AnchorCache,
@@ -25,7 +24,8 @@ from splatwire.train.context import (
 from splatwire.train.grid import sign_bits
 from splatwire.train.growth import adjust_anchors, gather_statistics
 from splatwire.train.initial import grid_bounds
-from splatwire.train.losses import Photo, photometric_loss
+from splatwire.train.kernels import Kernels, choose_kernels
+from splatwire.train.losses import Photo
 from splatwire.train.schedule import Phase, changes_anchors, gathers_statistics, learning_rates, phase_of
 from splatwire.train.state import Moments, TrainState, group_of, heads_of, network
 
@@ -51,16 +51,21 @@ class StepReport:
 class _Drawn:
     """A picture and what it came from."""
 
-    image: Float[Tensor, "H W 3"]
+    drawing: Drawing
     spawned: SpawnedGaussians
     visible: Int64[Tensor, "M"]
-    probe: Float[Tensor, "1 G 2"] | None
 
 
 def train_step(
-    state: TrainState, config: TrainConfig, cameras: Cameras, view: int, photo: Photo, cache: AnchorCache
+    state: TrainState,
+    config: TrainConfig,
+    cameras: Cameras,
+    view: int,
+    photo: Photo,
+    cache: AnchorCache,
+    kernels: Kernels | None = None,
 ) -> StepReport:
-    """Does one iteration in place.
+    """Does one iteration in place, on the device of the state.
 
     Args:
         state: The state.
@@ -69,10 +74,13 @@ def train_step(
         view: The view to learn from.
         photo: Its photo.
         cache: A cache that belongs to this run.
+        kernels: What does the heavy parts; chosen by the device of the state if absent.
 
     Raises:
+        BackendUnavailableError: If nothing can draw on that device here.
         DivergedError: If the loss is not finite.
     """
+    kernels = kernels or choose_kernels(state.device)
     state.iteration += 1
     phase = phase_of(config.marks, state.iteration)
     if state.iteration == config.marks.context_start + 1:
@@ -80,8 +88,8 @@ def train_step(
         calibrate_prior(state, config)
     watching = gathers_statistics(config.marks, state.iteration)
     sample = _draw_sample(state, config) if phase is Phase.CONTEXT else None
-    drawn, rate, num_sampled = _forward(state, config, cameras, view, cache, sample, phase, watching)
-    loss, l1 = photometric_loss(drawn.image, photo, config.weights.dssim)
+    drawn, rate, num_sampled = _forward(state, config, cameras, view, cache, sample, phase, watching, kernels)
+    loss, l1 = kernels.photometric_loss(drawn.drawing.image, photo, config.weights.dssim)
     scales = drawn.spawned.gaussians.scales
     if len(scales):
         loss = loss + config.weights.volume * scales.prod(dim=1).mean()
@@ -92,13 +100,13 @@ def train_step(
         raise DivergedError(state.iteration)
     if loss.requires_grad:
         loss.backward()
-    if watching and drawn.probe is not None and drawn.probe.grad is not None:
+    if watching and (d_centers := drawn.drawing.d_centers) is not None:
         spawned = drawn.spawned
         place = (spawned.gaussians, drawn.visible[spawned.anchor_index], spawned.offset_index)
-        gather_statistics(state, drawn.visible, place, drawn.probe.grad[0], cameras, view)
+        gather_statistics(state, drawn.visible, place, d_centers, cameras, view)
     if changes_anchors(config.marks, state.iteration):
         adjust_anchors(state, config)
-    _update(state, config)
+    _update(state, config, kernels)
     bits_per_anchor = float(rate.detach()) / max(num_sampled, 1) if rate is not None else None
     return StepReport(value, float(l1), bits_per_anchor, len(scales))
 
@@ -118,6 +126,7 @@ def _forward(
     sample: Int64[Tensor, "S"] | None,
     phase: Phase,
     watching: bool,
+    kernels: Kernels,
 ) -> tuple[_Drawn, Tensor | None, int]:
     """Draws the view with the noise of the phase; returns it, the bits of the sample, and its size."""
     parameters, positions = state.parameters, cache.positions(state)
@@ -130,11 +139,12 @@ def _forward(
     if phase is Phase.NOISE:
         steps = config.model.base_steps
     elif sample is not None:
-        features = grid_features(state, cache, torch.cat([visible, sample]))
+        features = grid_features(state, cache, torch.cat([visible, sample]), kernels)
         logits = step_columns(network(parameters, "prior"))(features[: len(visible)])
         steps = adaptive_steps(logits, config.model).split(1, dim=1)
-        rate = sample_rate(state, config, features[len(visible) :], sample, _masks(state, config, sample)).bits
-    drawn = _draw(state, config, cameras, view, positions, visible, steps, watching)
+        masks = _masks(state, config, sample)
+        rate = sample_rate(state, config, features[len(visible) :], sample, masks, kernels.uniform).bits
+    drawn = _draw(state, config, cameras, view, positions, visible, steps, watching, kernels)
     return drawn, rate, 0 if sample is None else len(sample)
 
 
@@ -147,15 +157,16 @@ def _draw(
     visible: Int64[Tensor, "M"],
     steps: tuple[Tensor, ...] | tuple[float, ...] | None,
     watching: bool,
+    kernels: Kernels,
 ) -> _Drawn:
     parameters = state.parameters
     features = parameters["features"][visible]
     scalings = parameters["log_scalings"][visible].exp()
     offsets = parameters["offsets"][visible].flatten(1)
     if steps is not None:
-        features = add_noise(features, steps[0], state.generator)
-        scalings = add_noise(scalings, steps[1], state.generator)
-        offsets = add_noise(offsets, steps[2], state.generator)
+        features = add_noise(features, steps[0], state.generator, kernels.uniform)
+        scalings = add_noise(scalings, steps[1], state.generator, kernels.uniform)
+        offsets = add_noise(offsets, steps[2], state.generator, kernels.uniform)
     weight, _ = _masks(state, config, visible)
     exists = weight.detach() > 0.5
     offsets = offsets.view(-1, config.model.layout.num_offsets, 3)
@@ -163,11 +174,9 @@ def _draw(
     everything = torch.ones(len(visible), dtype=torch.bool, device=visible.device)
     center = cameras.centers[view].to(positions)
     spawned = spawn_gaussians(anchors, heads_of(parameters), center, everything, mask_weight=weight)
-    count = spawned.gaussians.num_gaussians
-    probe = torch.zeros(1, count, 2, requires_grad=True) if watching else None
     background = positions.new_tensor(config.background)
-    image = render_cpu(spawned.gaussians, cameras.select([view]), background=background, probe=probe)[0]
-    return _Drawn(image, spawned, visible, probe)
+    drawing = kernels.draw(spawned.gaussians, cameras.select([view]), background=background, watched=watching)
+    return _Drawn(drawing, spawned, visible)
 
 
 def _masks(
@@ -190,7 +199,7 @@ def _bits_per_parameter(
     return sample_bits / max(num_sampled * per_anchor, 1) + grid / (state.num_anchors * per_anchor)
 
 
-def _update(state: TrainState, config: TrainConfig) -> None:
+def _update(state: TrainState, config: TrainConfig, kernels: Kernels) -> None:
     """Applies Adam to every parameter that has a gradient; new anchors wait for the next iteration."""
     rates = learning_rates(config, state.iteration, state.camera_extent)
     for name, parameter in state.parameters.items():
@@ -198,5 +207,5 @@ def _update(state: TrainState, config: TrainConfig) -> None:
             continue
         if name not in state.moments:
             state.moments[name] = Moments(torch.zeros_like(parameter), torch.zeros_like(parameter))
-        adam_update(parameter, parameter.grad, state.moments[name], rates[group_of(name)])
+        kernels.adam_update(parameter, parameter.grad, state.moments[name], rates[group_of(name)])
         parameter.grad = None

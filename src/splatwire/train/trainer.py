@@ -1,12 +1,13 @@
 """The loop around the step: views in random order, test pictures, checkpoints, news for whoever listens."""
 
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.data import Dataset
@@ -14,15 +15,18 @@ from splatwire.entropy.rate import binary_entropy_bits
 from splatwire.errors import DatasetError, DivergedError
 from splatwire.metrics import psnr, ssim
 from splatwire.model import AnchorScene
+from splatwire.render.base import Renderer, create_renderer
 from splatwire.render.render import iterate_views
+from splatwire.scene import Cameras
 from splatwire.train.checkpoint import save_checkpoint
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache
 from splatwire.train.export import export_scene
 from splatwire.train.grid import sign_bits
 from splatwire.train.initial import initial_state
+from splatwire.train.kernels import Kernels, choose_kernels
 from splatwire.train.photos import PhotoStore, check_photos
-from splatwire.train.state import TrainState
+from splatwire.train.state import TrainState, move_state
 from splatwire.train.step import StepReport, train_step
 
 _MEMORY = 0.98
@@ -113,8 +117,8 @@ class TrainResult:
     """What a run left.
 
     Attributes:
-        scene: The scene as it stands.
-        state: The state.
+        scene: The scene as it stands, on the CPU.
+        state: The state, where it was trained.
         test: The last test; None without test views, or if the run was stopped.
         stopped: True if the listener ended the run early.
         seconds: Time in the loop, without tests.
@@ -135,6 +139,7 @@ def train_scene(
     state: TrainState | None = None,
     options: RunOptions | None = None,
     listener: Listener | None = None,
+    device: str = "cpu",
 ) -> TrainResult:
     """Trains a scene, or goes on with one.
 
@@ -142,24 +147,28 @@ def train_scene(
         train: Training views and points.
         test: Test views, if any.
         config: The recipe.
-        state: Where to go on from (it is changed); None to start.
+        state: Where to go on from (it is changed if it is on the device already); None to start.
         options: Checkpoints and tests.
         listener: Who wants to know.
+        device: Where to train: `cpu`, or `cuda` with gsplat.
 
     Raises:
+        BackendUnavailableError: If the device, or what draws on it, is not here; before anything else.
         DatasetError: If the photos, poses or points cannot be trained on; before the first iteration.
         DivergedError: If the loss stops being finite.
         OSError: If a checkpoint cannot be written.
     """
     options, listener = options or RunOptions(), listener or Listener()
-    photos = PhotoStore(train, torch.device("cpu"))
+    place = torch.device(device)
+    run = _Run(config, options, listener, train, test, place, choose_kernels(place))
+    photos = PhotoStore(train, place)
     if test is not None:
         check_photos(test)
     if state is None:
         state = initial_state(train, config)
     if max(state.queue, default=0) >= train.num_views:
         raise DatasetError("the checkpoint is of a run with more training views than there are here")
-    run = _Run(config, options, listener, train, test)
+    state = move_state(state, place)
     stopped = run.loop(state, photos)
     if options.checkpoint is not None:
         save_checkpoint(state, config, options.checkpoint)
@@ -176,18 +185,20 @@ class _Run:
     listener: Listener
     train: Dataset
     test_views: Dataset | None
+    device: torch.device
+    kernels: Kernels
     seconds: float = 0.0
     means: dict[str, float] = field(default_factory=dict)
 
     def loop(self, state: TrainState, photos: PhotoStore) -> bool:
         """Trains to the end; returns True if it was stopped before."""
-        cache, cameras = AnchorCache(self.config.model), self.train.cameras
+        cache, cameras = AnchorCache(self.config.model), self._cameras()
         while state.iteration < self.config.marks.iterations:
             started = time.perf_counter()
             if not state.queue:
                 state.queue = torch.randperm(cameras.num_views, generator=state.generator).tolist()
             view = state.queue.pop()
-            report = train_step(state, self.config, cameras, view, photos.photo(view), cache)
+            report = train_step(state, self.config, cameras, view, photos.photo(view), cache, self.kernels)
             elapsed = time.perf_counter() - started
             self.seconds += elapsed
             self.listener.progress(self._progress(state, report, elapsed))
@@ -200,9 +211,16 @@ class _Run:
         """Draws test views and tells the listener."""
         if self.test_views is None:
             return None
-        report = assess_scene(export_scene(state, self.config), self.test_views, num_views, state.iteration)
+        scene = export_scene(state, self.config, self.device)
+        renderer = create_renderer("cpu" if self.device.type == "cpu" else "gsplat")
+        report = assess_scene(scene, self.test_views, num_views, state.iteration, renderer)
         self.listener.tested(report)
         return report
+
+    def _cameras(self) -> Cameras:
+        """The training cameras where the state is, so that they are not sent there in each iteration."""
+        cameras = self.train.cameras
+        return replace(cameras, viewmats=cameras.viewmats.to(self.device), Ks=cameras.Ks.to(self.device))
 
     def _keep(self, state: TrainState) -> None:
         last = state.iteration == self.config.marks.iterations
@@ -233,7 +251,9 @@ class _Run:
         )
 
 
-def assess_scene(scene: AnchorScene, dataset: Dataset, num_views: int, iteration: int) -> QualityReport:
+def assess_scene(
+    scene: AnchorScene, dataset: Dataset, num_views: int, iteration: int, renderer: str | Renderer = "cpu"
+) -> QualityReport:
     """Draws the first views of a dataset evenly spread over it, and compares them with the photos.
 
     Args:
@@ -241,6 +261,7 @@ def assess_scene(scene: AnchorScene, dataset: Dataset, num_views: int, iteration
         dataset: Test views.
         num_views: At most so many.
         iteration: For the report.
+        renderer: What draws them.
     """
     count = min(num_views, dataset.num_views)
     views = [i * dataset.num_views // count for i in range(count)]
@@ -248,16 +269,26 @@ def assess_scene(scene: AnchorScene, dataset: Dataset, num_views: int, iteration
     background = torch.tensor(dataset.background)
     scores: list[tuple[float, float]] = []
     preview = None
-    for i, image in enumerate(iterate_views(scene, chosen.cameras, background=background)):
-        photo = chosen.image(i)
-        mask = chosen.mask(i)
-        compared = (image[None], photo[None], None if mask is None else mask[None])
-        scores.append((float(psnr(*compared)[0]), float(ssim(*compared)[0])))
+    for i, drawn in enumerate(iterate_views(scene, chosen.cameras, renderer=renderer, background=background)):
+        photo, image = chosen.image(i), drawn.cpu()
+        scores.append(_scores(image, photo, chosen.mask(i)))
         if preview is None:
             preview = torch.cat([photo, image], dim=1)
     assert preview is not None
     means = torch.tensor(scores, dtype=torch.float64).mean(dim=0)
     return QualityReport(iteration, float(means[0]), float(means[1]), count, preview)
+
+
+def _scores(
+    image: Float[Tensor, "H W 3"], photo: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None
+) -> tuple[float, float]:
+    """PSNR and SSIM of what the mask leaves of a picture."""
+    if mask is None:
+        return float(psnr(image[None], photo[None])[0]), float(ssim(image[None], photo[None])[0])
+    there = torch.where(mask[:, :, None], image, photo)
+    share = max(float(mask.float().mean()), 1 / mask.numel())
+    structure = 1 - (1 - float(ssim(there[None], photo[None])[0])) / share
+    return float(psnr(there[None], photo[None])[0]) + 10 * math.log10(share), structure
 
 
 @torch.no_grad()

@@ -1,0 +1,50 @@
+"""A module that stands for gsplat where there is no GPU: the one function we call, on the plain reference renderer."""
+
+import types
+
+import torch
+
+from splatwire.model.projection import DILATION, NEAR_DEPTH, TILE, Projected, project
+from splatwire.render.reference import render_projected, rotation_matrices
+from splatwire.scene import Cameras
+
+
+def rasterization(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    colors: torch.Tensor,
+    viewmats: torch.Tensor,
+    Ks: torch.Tensor,
+    width: int,
+    height: int,
+    *,
+    near_plane: float,
+    eps2d: float,
+    tile_size: int,
+    packed: bool,
+    backgrounds: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor, dict[str, torch.Tensor]]:
+    """Pictures, nothing for their alpha, and 2D centres: pixels whose centres are at a half, part of the graph."""
+    assert (near_plane, eps2d, tile_size, packed) == (NEAR_DEPTH, DILATION, TILE, False)
+    assert len({t.device for t in (means, quats, scales, opacities, colors, viewmats, Ks, backgrounds)}) == 1
+    assert all(t.dtype == torch.float32 for t in (means, quats, scales, opacities, colors, viewmats, Ks, backgrounds))
+    assert means.shape[0] > 0
+    cameras = Cameras(viewmats, Ks, width, height, tuple(str(view) for view in range(len(viewmats))))
+    flat = [project(means, scales, rotation_matrices(quats), cameras, view) for view in range(len(viewmats))]
+    centers = torch.stack([view.means2d + 0.5 for view in flat])
+    images = [
+        render_projected(
+            Projected(center - 0.5, view.covs2d, view.depths, view.radii), opacities, colors, cameras, back
+        )
+        for center, view, back in zip(centers, flat, backgrounds, strict=True)
+    ]
+    return torch.stack(images), torch.empty(0), {"means2d": centers}
+
+
+def module() -> types.ModuleType:
+    """What `import gsplat` should give."""
+    fake = types.ModuleType("gsplat")
+    fake.rasterization = rasterization  # type: ignore[attr-defined]
+    return fake

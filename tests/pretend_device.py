@@ -1,0 +1,97 @@
+"""A device that is not the CPU, for machines that have no other: tensors on it hold CPU tensors and refuse to meet any.
+
+On it, as on a GPU, an operation with a tensor of the CPU fails (numbers excepted), `.numpy()` fails, and only `.to`
+and `.cpu` cross over. It answers to the name of torch's `meta` device, which nothing else here uses.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from torch.overrides import TorchFunctionMode
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_map_only
+
+DEVICE = torch.device("meta")
+_CROSSING = (torch.ops.aten._to_copy.default, torch.ops.aten.copy_.default)
+
+
+class PretendTensor(torch.Tensor):
+    """A tensor that says it is elsewhere."""
+
+    inner: torch.Tensor
+
+    @staticmethod
+    def __new__(cls, inner: torch.Tensor) -> "PretendTensor":
+        made: PretendTensor = torch.Tensor._make_wrapper_subclass(
+            cls, inner.shape, strides=inner.stride(), storage_offset=inner.storage_offset(), dtype=inner.dtype,
+            device=DEVICE,
+        )  # fmt: skip
+        made.inner = inner
+        return made
+
+    def __repr__(self) -> str:
+        return f"pretend({self.inner!r})"
+
+    @classmethod
+    def __torch_dispatch__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        return _run(func, args, kwargs or {})
+
+
+@contextmanager
+def pretend_device() -> Iterator[None]:
+    """While it is active, what is created on `DEVICE` or sent there becomes a `PretendTensor`."""
+    with _Operations(), _Literals():
+        yield
+
+
+class _Literals(TorchFunctionMode):
+    """Tensors from numbers, which torch makes without telling anybody."""
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = dict(kwargs or {})
+        if func is torch.Tensor.new_tensor and isinstance(args[0], PretendTensor):
+            return torch.tensor(args[1], dtype=args[0].dtype).to(DEVICE)
+        if func is torch.tensor and kwargs.get("device") == DEVICE:
+            del kwargs["device"]
+            return torch.tensor(*args, **kwargs).to(DEVICE)
+        if func is torch.Tensor.__getitem__ and isinstance(args[0], PretendTensor):
+            index = tuple(_on_device(part) for part in (args[1] if isinstance(args[1], tuple) else (args[1],)))
+            return func(args[0], index)
+        return func(*args, **kwargs)
+
+
+def _on_device(index: Any) -> Any:
+    return torch.tensor(index).to(DEVICE) if isinstance(index, list) else index
+
+
+class _Operations(TorchDispatchMode):
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        return _run(func, args, kwargs or {})
+
+
+def _run(func: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Any:
+    wrappers: dict[int, PretendTensor] = {}
+    strangers: list[torch.Tensor] = []
+
+    def unwrapped(value: torch.Tensor) -> torch.Tensor:
+        if isinstance(value, PretendTensor):
+            wrappers[id(value.inner)] = value
+            return value.inner
+        if value.dim():
+            strangers.append(value)
+        return value
+
+    plain_args, plain_kwargs = tree_map_only(torch.Tensor, unwrapped, (args, kwargs))
+    assert not (wrappers and strangers) or func in _CROSSING, f"{func}: a tensor of the CPU met one of the device"
+    target = plain_kwargs.get("device")
+    if target is not None:
+        plain_kwargs["device"] = torch.device("cpu")
+    result = func(*plain_args, **plain_kwargs)
+    elsewhere = target == DEVICE if target is not None else bool(wrappers)
+    if func is torch.ops.aten.copy_.default:
+        elsewhere = isinstance(args[0], PretendTensor)
+    if not elsewhere:
+        return result
+    return tree_map_only(torch.Tensor, lambda r: wrappers[id(r)] if id(r) in wrappers else PretendTensor(r), result)
