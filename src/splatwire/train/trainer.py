@@ -1,13 +1,12 @@
 """The loop around the step: views in random order, test pictures, checkpoints, news for whoever listens."""
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.data import Dataset
@@ -271,24 +270,14 @@ def assess_scene(
     preview = None
     for i, drawn in enumerate(iterate_views(scene, chosen.cameras, renderer=renderer, background=background)):
         photo, image = chosen.image(i), drawn.cpu()
-        scores.append(_scores(image, photo, chosen.mask(i)))
+        mask = chosen.mask(i)
+        compared = (image[None], photo[None], None if mask is None else mask[None])
+        scores.append((float(psnr(*compared)[0]), float(ssim(*compared)[0])))
         if preview is None:
             preview = torch.cat([photo, image], dim=1)
     assert preview is not None
     means = torch.tensor(scores, dtype=torch.float64).mean(dim=0)
     return QualityReport(iteration, float(means[0]), float(means[1]), count, preview)
-
-
-def _scores(
-    image: Float[Tensor, "H W 3"], photo: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None
-) -> tuple[float, float]:
-    """PSNR and SSIM of what the mask leaves of a picture."""
-    if mask is None:
-        return float(psnr(image[None], photo[None])[0]), float(ssim(image[None], photo[None])[0])
-    there = torch.where(mask[:, :, None], image, photo)
-    share = max(float(mask.float().mean()), 1 / mask.numel())
-    structure = 1 - (1 - float(ssim(there[None], photo[None])[0])) / share
-    return float(psnr(there[None], photo[None])[0]) + 10 * math.log10(share), structure
 
 
 @torch.no_grad()
