@@ -9,8 +9,8 @@ from typing import no_type_check
 import numpy as np
 from numba import njit, prange
 
-SPLAT = 12
-"""Columns of a splat: x, y, three exponents, opacity, three colours, half height, half width, depth.
+SPLAT = 10
+"""Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth.
 
 The exponents are the inverse covariance times -log2(e)/2 (diagonal) and -log2(e) (off-diagonal), so that a pixel's
 falloff is 2 ** ((A dx + B dy) dx + C dy dy).
@@ -80,9 +80,9 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
         splats[g, 2] = -0.5 * LOG2E * yy / det
         splats[g, 3] = LOG2E * xy / det
         splats[g, 4] = -0.5 * LOG2E * xx / det
-        splats[g, 5] = opacity
+        splats[g, 5] = math.log2(opacity)
         splats[g, 6], splats[g, 7], splats[g, 8] = colors[g, 0], colors[g, 1], colors[g, 2]
-        splats[g, 9], splats[g, 10], splats[g, 11] = half_y, half_x, z
+        splats[g, 9] = z
 
 
 @njit(cache=True, inline="always")

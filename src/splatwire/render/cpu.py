@@ -15,7 +15,7 @@ from splatwire.render.base import Drawing
 from splatwire.scene import Cameras, Gaussians
 
 MAX_ENTRIES = 1 << 23
-"""Most (Gaussian, tile) pairs listed at a time, 12 bytes each and 36 for gradients; fuller pictures go in bands."""
+"""Most (Gaussian, tile) pairs listed at a time, 10 bytes each and 36 for gradients; fuller pictures go in bands."""
 _LOCK = threading.Lock()  # one of numba's threading layers does not allow two callers at once
 
 
@@ -83,15 +83,16 @@ class _Band(NamedTuple):
     first_row: int
     starts: np.ndarray
     ids: np.ndarray
-    entries: np.ndarray
-    entry_start: np.ndarray
+    spans: np.ndarray
+    places: np.ndarray
+    place_starts: np.ndarray
 
 
 class _Picture:
     """One view's projected Gaussians and, where one band is enough, the lists of them per tile."""
 
     def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int) -> None:
-        from splatwire.render import _cpu_kernels, _cpu_project
+        from splatwire.render import _cpu_lists, _cpu_project
 
         num = arrays[0].shape[0]
         self.size = (cameras.height, cameras.width)
@@ -100,7 +101,7 @@ class _Picture:
         self.tiles = np.empty((num, 4), np.int32)
         self.camera = _camera_arguments(cameras, view)
         _cpu_project.project_splats(*arrays, *self.camera, self.splats, self.tiles)
-        self.order = _cpu_kernels.depth_order(self.splats[:, 11], self.tiles)
+        self.order = _cpu_lists.depth_order(self.splats[:, 9], self.tiles)
         cuts = self._band_rows()
         self.cuts = list(itertools.pairwise(cuts))
         self.only_band = self._fill(*self.cuts[0]) if len(self.cuts) == 1 else None
@@ -111,7 +112,7 @@ class _Picture:
 
         image, left_over = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
         for band in self._bands():
-            lists = (band.starts, band.ids, self.grid_x, band.first_row)
+            lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
             _cpu_kernels.draw_tiles(self.splats, *lists, background, image, left_over)
         return image, left_over
 
@@ -121,10 +122,10 @@ class _Picture:
 
         sums = np.zeros((self.splats.shape[0], _cpu_gradients.SUMS), np.float32)
         for band in self._bands():
-            rows = np.zeros((band.ids.shape[0], _cpu_gradients.SUMS), np.float32)
-            lists = (band.starts, band.ids, band.entries, self.grid_x, band.first_row)
+            rows = np.zeros(band.ids.shape[0] * _cpu_gradients.SUMS, np.float32)
+            lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
             _cpu_gradients.draw_tiles_back(self.splats, *lists, image, d_image, rows)
-            _cpu_gradients.add_rows(rows, band.entry_start, sums)
+            _cpu_gradients.add_rows(rows, self.order, band.places, band.place_starts, sums)
         results = [np.zeros_like(a) for a in arrays] + [np.zeros((self.splats.shape[0], 2), np.float32)]
         _cpu_project.project_back(*arrays[:4], *self.camera, self.splats, self.tiles, sums, *results)
         return results
@@ -147,13 +148,10 @@ class _Picture:
         return [*cuts, self.grid_y]
 
     def _fill(self, first: int, last: int) -> _Band:
-        from splatwire.render import _cpu_kernels
+        from splatwire.render import _cpu_lists
 
-        rows = np.minimum(self.tiles[:, 3], last) - np.maximum(self.tiles[:, 1], first)
-        counts = rows.clip(min=0).astype(np.int64) * (self.tiles[:, 2] - self.tiles[:, 0])
-        entry_start = np.concatenate([[0], np.cumsum(counts)])
-        starts, ids, entries = _cpu_kernels.fill_tiles(self.order, self.tiles, self.grid_x, first, last, entry_start)
-        return _Band(first, starts, ids, entries, entry_start)
+        strips = _cpu_lists.reach_columns(self.splats, self.order, self.tiles, first, last)
+        return _Band(first, *_cpu_lists.fill_tiles(self.order, self.tiles, *strips, self.grid_x, first, last))
 
 
 def _camera_arguments(cameras: Cameras, view: int) -> tuple[Any, ...]:

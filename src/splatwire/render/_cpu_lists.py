@@ -1,0 +1,134 @@
+"""Compiled lists of the Gaussians that each tile draws: what is drawn is in `splatwire.render.reference`.
+
+A Gaussian is listed where its ellipse of alpha >= 1/255 reaches a pixel, with the rows that it reaches there. That is
+worked out per column of tiles, tighter than its bounding box: a slanted Gaussian misses many tiles of its box.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import njit, prange
+
+from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
+
+_MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
+_LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
+
+
+@njit(cache=True)
+@no_type_check
+def depth_order(depths, tiles):
+    """Indices of the drawn Gaussians, nearest first, equal depths in their own order (radix sort)."""
+    count = 0
+    for g in range(depths.shape[0]):
+        count += tiles[g, 2] > tiles[g, 0]
+    order, spare = np.empty(count, np.int32), np.empty(count, np.int32)
+    keys, spare_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
+    k = 0
+    for g in range(depths.shape[0]):
+        if tiles[g, 2] > tiles[g, 0]:
+            order[k] = g
+            keys[k] = np.float32(depths[g]).view(np.uint32)  # positive floats sort like their bits
+            k += 1
+    for digit in range(3):
+        shift = np.uint32(11 * digit)
+        starts = np.zeros(2049, np.int64)
+        for i in range(count):
+            starts[((keys[i] >> shift) & np.uint32(2047)) + 1] += 1
+        for d in range(2048):
+            starts[d + 1] += starts[d]
+        for i in range(count):
+            d = (keys[i] >> shift) & np.uint32(2047)
+            spare[starts[d]], spare_keys[starts[d]] = order[i], keys[i]
+            starts[d] += 1
+        order, spare, keys, spare_keys = spare, order, spare_keys, keys
+    return order
+
+
+@njit(cache=True, inline="always", error_model="numpy")
+@no_type_check
+def _reach(splat, tile, top, bottom, strips):
+    """Writes down, for each column of tiles, which rows in [top, bottom) a splat's ellipse of alpha >= 1/255 reaches.
+
+    The ellipse is lowest where dx = `lowest` and highest at the mirrored place, or as near to that as the column goes.
+    """
+    A, B, C = np.float64(splat[2]), np.float64(splat[3]), np.float64(splat[4])
+    level = max(MIN_LEVEL - _MARGIN - splat[5], _LOWEST)
+    curve = C - B * B / (4 * A)
+    if not curve < 0:  # rounding made it something other than an ellipse
+        strips[:, 0], strips[:, 1] = top, bottom
+        return
+    lowest = -B / (2 * A) * np.sqrt(level / curve)
+    half, inside = -0.5 / C, B * B - 4 * A * C
+    for i in range(tile[2] - tile[0]):
+        first = (tile[0] + i) * TILE - np.float64(splat[0])
+        low_dx, high_dx = min(max(-lowest, first), first + TILE - 1), min(max(lowest, first), first + TILE - 1)
+        above, below = inside * low_dx * low_dx + 4 * C * level, inside * high_dx * high_dx + 4 * C * level
+        strips[i, 0] = strips[i, 1] = 0
+        if above >= 0 and below >= 0:
+            low = splat[1] + half * (B * low_dx - np.sqrt(above))
+            high = splat[1] + half * (B * high_dx + np.sqrt(below))
+            strips[i, 0] = np.int32(np.ceil(min(max(low, top), bottom)))
+            strips[i, 1] = np.int32(np.floor(min(max(high, top - 1.0), bottom - 1.0))) + 1
+
+
+@njit(cache=True, parallel=True)
+@no_type_check
+def reach_columns(splats, order, tiles, first_row, last_row):
+    """The rows of pixels [low, high) that Gaussians reach in each of their columns of tiles, in the given order.
+
+    Returns them and where those of each Gaussian start.
+    """
+    starts = np.zeros(order.shape[0] + 1, np.int64)
+    for k in range(order.shape[0]):
+        starts[k + 1] = starts[k] + tiles[order[k], 2] - tiles[order[k], 0]
+    strips = np.empty((starts[-1], 2), np.int32)
+    for k in prange(order.shape[0]):
+        tile = tiles[order[k]]
+        top, bottom = max(tile[1], first_row) * TILE, min(tile[3], last_row) * TILE
+        if top < bottom:
+            _reach(splats[order[k]], tile, top, bottom, strips[starts[k] : starts[k + 1]])
+        else:
+            strips[starts[k] : starts[k + 1]] = 0
+    return strips, starts
+
+
+@njit(cache=True)
+@no_type_check
+def fill_tiles(order, tiles, strips, strip_starts, grid_x, first_row, last_row):
+    """Lists the Gaussians of each tile in the tile rows [first_row, last_row), nearest first.
+
+    Returns where each tile's list starts; the lists; for each entry the rows of the tile that the Gaussian reaches;
+    the places of each Gaussian's entries, Gaussian by Gaussian in the given order; where each one's places start.
+    """
+    starts, place_starts = np.zeros((last_row - first_row) * grid_x + 1, np.int64), np.zeros_like(strip_starts)
+    for k in range(order.shape[0]):
+        place_starts[k + 1] = place_starts[k]
+        for s in range(strip_starts[k], strip_starts[k + 1]):
+            low, high = _tile_rows(strips[s])
+            for ty in range(low, high):
+                starts[(ty - first_row) * grid_x + tiles[order[k], 0] + s - strip_starts[k] + 1] += 1
+            place_starts[k + 1] += high - low
+    for t in range(starts.shape[0] - 1):
+        starts[t + 1] += starts[t]
+    num, heads, place = starts[-1], starts[:-1].copy(), 0
+    ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
+    for k in range(order.shape[0]):
+        for s in range(strip_starts[k], strip_starts[k + 1]):
+            low, high = _tile_rows(strips[s])
+            for ty in range(low, high):
+                t = (ty - first_row) * grid_x + tiles[order[k], 0] + s - strip_starts[k]
+                at = heads[t]
+                heads[t] += 1
+                ids[at], places[place] = order[k], at
+                spans[at, 0], spans[at, 1] = max(strips[s, 0] - ty * TILE, 0), min(strips[s, 1] - ty * TILE, TILE)
+                place += 1
+    return starts, ids, spans, places, place_starts
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _tile_rows(strip):
+    """The rows of tiles in which rows of pixels lie, none if there are none."""
+    low = strip[0] // TILE
+    return low, (strip[1] + TILE - 1) // TILE if strip[1] > strip[0] else low

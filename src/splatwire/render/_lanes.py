@@ -1,0 +1,207 @@
+"""Sixteen floats as one value inside compiled functions: one row of a tile, in registers.
+
+Left to itself the compiler does turn a plain loop over pixels into vector instructions, but it cannot keep sums per
+column in registers while it walks down the rows, and those cost a fraction of sums per pixel. `Lanes` asks for what is
+wanted: 512 bits where the processor has them, otherwise as many shorter registers as it takes.
+
+For numba functions only: the functions below, + - * / of lanes with lanes or float32, >=, <= and &.
+"""
+
+import operator
+from collections.abc import Callable
+from typing import Any, no_type_check
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
+
+LANES = 16
+_FLOATS, _INTS, _BITS = (ir.VectorType(kind, LANES) for kind in (ir.FloatType(), ir.IntType(32), ir.IntType(1)))
+_FLAGS = ("nsz", "arcp", "contract")  # not "reassoc", which would take the rounding out of `power_of_two`
+_SHIFTER = 1.5 * (1 << 23)  # a float this large has no digits behind the point: adding it rounds
+# 2 ** f on [-1/2, 1/2], lowest power first: the polynomial of degree five of least relative error.
+_EXP2 = (1.0000001, 0.69314694, 0.2402212, 0.055507127, 0.00967554, 0.00132766)
+
+
+class _Vector(types.Type):
+    """Type of sixteen floats, or of sixteen bits that say for which of them something holds."""
+
+
+_LANES, _MASK = _Vector("Lanes"), _Vector("Mask")
+
+
+@register_model(_Vector)
+class _VectorModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: types.Type) -> None:
+        super().__init__(manager, kind, _BITS if kind == _MASK else _FLOATS)
+
+
+def _spread(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
+    first = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(first, first, ir.Constant(_INTS, [0] * LANES))
+
+
+@no_type_check
+def _define(operation: Any, result: types.Type, inside: types.Type, build: Callable[..., ir.Value]) -> None:
+    """Defines an operator for vectors; a number on one side counts as sixteen."""
+
+    @type_callable(operation)
+    def typer(context):
+        def resolve(a, b):
+            if inside in (a, b) and all(k == inside or (inside == _LANES and k == types.float32) for k in (a, b)):
+                return result
+            return None
+
+        return resolve
+
+    def lower(context, builder, signature, arguments):
+        pairs = zip(signature.args, arguments, strict=True)
+        return build(builder, *[v if k == inside else _spread(builder, v) for k, v in pairs])
+
+    for kinds in ((inside, inside), (inside, types.float32), (types.float32, inside)):
+        lower_builtin(operation, *kinds)(lower)
+
+
+for _add in (operator.add, operator.iadd):
+    _define(_add, _LANES, _LANES, lambda builder, a, b: builder.fadd(a, b, flags=_FLAGS))
+_define(operator.sub, _LANES, _LANES, lambda builder, a, b: builder.fsub(a, b, flags=_FLAGS))
+_define(operator.mul, _LANES, _LANES, lambda builder, a, b: builder.fmul(a, b, flags=_FLAGS))
+_define(operator.truediv, _LANES, _LANES, lambda builder, a, b: builder.fdiv(a, b, flags=_FLAGS))
+_define(operator.ge, _MASK, _LANES, lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+_define(operator.le, _MASK, _LANES, lambda builder, a, b: builder.fcmp_ordered("<=", a, b))
+_define(operator.and_, _MASK, _MASK, lambda builder, a, b: builder.and_(a, b))
+
+
+@no_type_check
+def _address(context, builder, array_type, array, index, kind=_FLOATS):
+    values = context.make_array(array_type)(context, builder, array)
+    return builder.bitcast(builder.gep(values.data, [index]), kind.as_pointer())
+
+
+@intrinsic
+@no_type_check
+def load(typingctx, array, index):
+    """Sixteen numbers of a flat float32 array from `index` on; nobody checks that they are there."""
+
+    def build(context, builder, signature, arguments):
+        return builder.load(_address(context, builder, signature.args[0], *arguments), align=4)
+
+    return _LANES(array, types.intp), build
+
+
+@intrinsic
+@no_type_check
+def store(typingctx, array, index, value):
+    """Writes sixteen numbers to a flat float32 array from `index` on; nobody checks that there is room."""
+
+    def build(context, builder, signature, arguments):
+        array, index, value = arguments
+        builder.store(value, _address(context, builder, signature.args[0], array, index), align=4)
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp, _LANES), build
+
+
+@intrinsic
+@no_type_check
+def spread(typingctx, value):
+    """One number sixteen times."""
+
+    def build(context, builder, signature, arguments):
+        return _spread(builder, arguments[0])
+
+    return _LANES(types.float32), build
+
+
+@intrinsic
+@no_type_check
+def choose(typingctx, mask, yes, no):
+    """`yes` where the mask says so, `no` elsewhere."""
+
+    def build(context, builder, signature, arguments):
+        return builder.select(*arguments)
+
+    return _LANES(_MASK, _LANES, _LANES), build
+
+
+@intrinsic
+@no_type_check
+def smaller(typingctx, a, b):
+    """The smaller of two, lane by lane."""
+
+    def build(context, builder, signature, arguments):
+        return builder.select(builder.fcmp_ordered("<", *arguments), *arguments)
+
+    return _LANES(_LANES, _LANES), build
+
+
+@intrinsic
+@no_type_check
+def power_of_two(typingctx, power):
+    """2 ** power to 2e-7 relative for powers in [-126, 127]; a number without meaning for others."""
+
+    def build(context, builder, signature, arguments):
+        (power,) = arguments
+
+        def constant(value):
+            return ir.Constant(_FLOATS, [value] * LANES)
+
+        shifted = builder.fadd(power, constant(_SHIFTER))
+        f = builder.fsub(power, builder.fsub(shifted, constant(_SHIFTER)))
+        result = constant(_EXP2[-1])
+        for coefficient in reversed(_EXP2[:-1]):
+            result = builder.fadd(builder.fmul(result, f, flags=_FLAGS), constant(coefficient), flags=_FLAGS)
+        exponent = builder.shl(builder.bitcast(shifted, _INTS), ir.Constant(_INTS, [23] * LANES))
+        return builder.bitcast(builder.add(builder.bitcast(result, _INTS), exponent), _FLOATS)
+
+    return _LANES(_LANES), build
+
+
+@intrinsic
+@no_type_check
+def pairs(typingctx, a, b):
+    """Sums of neighbours: those of `a`, then those of `b`. Four times over, sixteen of them become their totals."""
+
+    def build(context, builder, signature, arguments):
+        sides = [builder.shuffle_vector(*arguments, ir.Constant(_INTS, [*range(s, 2 * LANES, 2)])) for s in (0, 1)]
+        return builder.fadd(*sides, flags=_FLAGS)
+
+    return _LANES(_LANES, _LANES), build
+
+
+@intrinsic
+@no_type_check
+def store_first(typingctx, array, index, value, count):
+    """Writes the first `count` of sixteen numbers, a number known when compiling, from `index` on."""
+    if not isinstance(count, types.IntegerLiteral):
+        return None
+
+    def build(context, builder, signature, arguments):
+        array, index, value, _ = arguments
+        address, at = _address(context, builder, signature.args[0], array, index, ir.FloatType()), 0
+        for width in (8, 4, 2, 1):
+            if count.literal_value & width:
+                picked = ir.Constant(ir.VectorType(ir.IntType(32), width), [*range(at, at + width)])
+                part = builder.shuffle_vector(value, value, picked)
+                place = builder.gep(address, [ir.Constant(ir.IntType(64), at)])
+                builder.store(part, builder.bitcast(place, part.type.as_pointer()), align=4)
+                at += width
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp, _LANES, count), build
+
+
+@intrinsic
+@no_type_check
+def prefetch(typingctx, array, index):
+    """Asks for the memory at `index` of a flat array, which will be read soon."""
+
+    def build(context, builder, signature, arguments):
+        byte, number = ir.IntType(8), ir.IntType(32)
+        address = _address(context, builder, signature.args[0], *arguments, byte)
+        kind = ir.FunctionType(ir.VoidType(), [byte.as_pointer(), number, number, number])
+        function = builder.module.declare_intrinsic("llvm.prefetch", [byte.as_pointer()], kind)
+        builder.call(function, [address, *(ir.Constant(number, n) for n in (0, 3, 1))])  # to read, to keep, data
+        return context.get_dummy_value()
+
+    return types.none(array, types.intp), build
