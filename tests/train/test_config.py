@@ -34,6 +34,8 @@ def test_phases_keep_their_proportions(iterations: int) -> None:
     order = [scaled.noise_start, scaled.growth_pause_end, scaled.context_start, scaled.growth_end, scaled.iterations]
     assert order == sorted(order)
     assert scaled.growth_interval >= 50
+    chosen = create_config(iterations=iterations, growth_interval=100).marks
+    assert chosen == dataclasses.replace(scaled, growth_interval=100)
 
 
 def test_a_run_of_2400_is_the_recorded_one() -> None:
@@ -45,7 +47,7 @@ def test_a_run_of_2400_is_the_recorded_one() -> None:
 def test_bad_settings_are_refused() -> None:
     with pytest.raises(UnknownNameError, match="mipnerf360"):
         create_config("mip")
-    for bad in ({"lmbda": -1.0}, {"lmbda": math.nan}, {"voxel_size": -0.1}, {"iterations": 0}):
+    for bad in ({"lmbda": -1.0}, {"lmbda": math.nan}, {"voxel_size": -0.1}, {"iterations": 0}, {"growth_interval": 0}):
         with pytest.raises(InvalidValueError):
             create_config(**bad)
     with pytest.raises(InvalidValueError, match="recipe"):

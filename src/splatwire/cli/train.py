@@ -47,6 +47,8 @@ class Train:
     """Length of the run; all phases keep their proportions. 2,400 if absent (the published schedules have 30,000)."""
     voxel_size: float | None = None
     """Spacing of anchors in world units, 0 to derive it from the points. The recipe's own if absent."""
+    growth_interval: int | None = None
+    """Iterations between two changes of the anchors. In proportion to the length, and at least 50, if absent."""
     images: str | None = None
     """Image folder instead of images (images_4, for example)."""
     max_width: int = 1600
@@ -145,6 +147,7 @@ class Train:
             lmbda=self.lmbda,
             iterations=CPU_ITERATIONS if self.iterations is None else self.iterations,
             voxel_size=self.voxel_size,
+            growth_interval=self.growth_interval,
             background=(1.0, 1.0, 1.0) if self.white_background else (0.0, 0.0, 0.0),
             seed=self.seed,
         )

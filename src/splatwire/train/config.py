@@ -211,6 +211,7 @@ def create_config(
     lmbda: float | None = None,
     iterations: int = FULL_ITERATIONS,
     voxel_size: float | None = None,
+    growth_interval: int | None = None,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 0,
 ) -> TrainConfig:
@@ -221,6 +222,7 @@ def create_config(
         lmbda: Weight of the rate; the preset's where absent.
         iterations: Length of the run; all phases keep their proportions.
         voxel_size: Spacing of anchor positions, world units, 0 to derive it from the points; the preset's where absent.
+        growth_interval: Iterations between two changes of the anchors; in proportion, and at least 50, where absent.
         background: RGB behind the scene.
         seed: Of everything random.
 
@@ -239,11 +241,18 @@ def create_config(
         raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
     if iterations < MIN_ITERATIONS:
         raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
+    marks = Marks().scaled(iterations)
+    if growth_interval is not None:
+        if growth_interval < 1:
+            raise InvalidValueError(
+                f"there is at least 1 iteration between changes of the anchors, not {growth_interval}"
+            )
+        marks = dataclasses.replace(marks, growth_interval=growth_interval)
     mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
     return TrainConfig(
         preset=preset,
         voxel_size=voxel,
-        marks=Marks().scaled(iterations),
+        marks=marks,
         rates=LearningRates(mask_logits=LearningRate(0.01, mask_rate)),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=rate),
