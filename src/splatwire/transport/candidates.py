@@ -22,7 +22,7 @@ from splatwire.transport.protection import Protection
 SAFETIES = (None, 0.0, 1.5, 3.0, 6.0, 12.0)
 """Repair of a tier: None, or what replaces the mean loss plus so many standard deviations of random losses; bursts lose
 more unevenly, and take the larger ones."""
-SIDE_MULTIPLES = (0.0, *(1 + step / 20 for step in range(1, 21)), 2.2, 2.5, 3.0, 3.6, 4.5, 6.0, 8.0)
+SIDE_MULTIPLES = (0.0, *(1 + step / 50 for step in range(1, 61)), *(2.2 * 1.1**step for step in range(1, 15)))
 """Repair of the side information as multiples of what replaces the mean loss."""
 LEADS = (0.35, 0.7, 1.0)
 FINE_SYMBOL_BYTES = 96
