@@ -1,0 +1,81 @@
+"""Training on a real GPU, where there is one; `test_device` has what can be known without."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+import torch
+
+from splatwire.data import Dataset
+from splatwire.train import RunOptions, export_scene, load_checkpoint, train_scene
+from splatwire.train.config import TrainConfig
+from splatwire.train.context import AnchorCache
+from splatwire.train.initial import initial_state
+from splatwire.train.kernels import choose_kernels, uniform_from_host
+from splatwire.train.losses import prepare_photo
+from splatwire.train.photos import PhotoStore
+from splatwire.train.state import TrainState, move_state
+from splatwire.train.step import StepReport, train_step
+from splatwire.train.trainer import assess_scene
+
+pytestmark = [
+    pytest.mark.gpu,
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
+]
+DEVICE = "cuda"
+
+
+@pytest.fixture(autouse=True)
+def _gsplat() -> None:
+    pytest.importorskip("gsplat", reason="needs the gpu extra")
+
+
+def _next(state: TrainState, dataset: Dataset, config: TrainConfig) -> tuple[StepReport, dict[str, torch.Tensor]]:
+    """One iteration where the state is, with the noise of the CPU; its gradients."""
+    found: dict[str, torch.Tensor] = {}
+    for name, value in state.parameters.items():
+        value.register_hook(lambda gradient, name=name: found.__setitem__(name, gradient.cpu()))
+    kernels = dataclasses.replace(choose_kernels(state.device), uniform=uniform_from_host)
+    photo = PhotoStore(dataset, state.device).photo(1)
+    cameras = dataset.cameras
+    cameras = dataclasses.replace(cameras, viewmats=cameras.viewmats.to(state.device), Ks=cameras.Ks.to(state.device))
+    return train_step(state, config, cameras, 1, photo, AnchorCache(config.model), kernels), found
+
+
+@pytest.mark.parametrize("iterations", [3, 25, 45])  # pictures only; fixed noise; adaptive noise and rate
+def test_an_iteration_is_that_of_the_cpu(iterations: int, dataset: Dataset, config: TrainConfig) -> None:
+    state, cache = initial_state(dataset, config), AnchorCache(config.model)
+    for _ in range(iterations):
+        train_step(state, config, dataset.cameras, 1, prepare_photo(dataset.image(1)), cache)
+    generator = torch.Generator()
+    generator.set_state(state.generator.get_state())
+    other = dataclasses.replace(move_state(state, torch.device(DEVICE)), generator=generator)
+    expected, gradients = _next(state, dataset, config)
+    report, found = _next(other, dataset, config)
+    assert report.num_gaussians == pytest.approx(expected.num_gaussians, rel=0.01)
+    assert report.loss == pytest.approx(expected.loss, rel=5e-3)
+    bits = expected.bits_per_anchor
+    assert report.bits_per_anchor == (None if bits is None else pytest.approx(bits, rel=1e-3))
+    assert found.keys() == gradients.keys()
+    for name, gradient in gradients.items():
+        assert float((found[name] - gradient).norm() / gradient.norm()) < 0.1, name
+    for name, rows in vars(state.statistics).items():
+        assert float((vars(other.statistics)[name].cpu() - rows).norm() / rows.norm()) < 0.05, name
+
+
+def test_a_run_makes_the_pictures_better_and_goes_on_elsewhere(
+    dataset: Dataset, config: TrainConfig, tmp_path: Path
+) -> None:
+    growth = dataclasses.replace(config.growth, gradient_threshold=2e-4)
+    config = dataclasses.replace(config, marks=config.marks.scaled(200), growth=growth)
+    train, test = dataset.select([0, 1, 2, 4, 5, 6]), dataset.select([3, 7])
+    before = assess_scene(export_scene(initial_state(train, config), config), train, 6, 0).psnr
+    path = tmp_path / "run.checkpoint"
+    result = train_scene(train, test, config, options=RunOptions(path, 90, 100), device=DEVICE)
+    assert result.test is not None
+    assert result.state.device.type == torch.device(DEVICE).type
+    after = assess_scene(result.scene, train, 6, 200)  # with the CPU renderer
+    assert after.psnr > before + 3
+    state, recipe = load_checkpoint(path)
+    again = train_scene(train, None, recipe, state=state)  # nothing is left to do, and that works on the CPU
+    assert torch.equal(again.scene.anchors.features, result.scene.anchors.features)
