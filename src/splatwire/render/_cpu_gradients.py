@@ -29,10 +29,24 @@ from splatwire.render._cpu_kernels import (
     _finished,
     _new_buffer,
 )
-from splatwire.render._lanes import choose, load, pairs, power_of_two, smaller, spread, store, store_first
+from splatwire.render._lanes import (
+    LANES,
+    choose,
+    load,
+    pairs,
+    power_of_two,
+    prefetch,
+    smaller,
+    spread,
+    store,
+    store_first,
+)
 
 SUMS = 9
 """Sums per Gaussian: h, h dx, h dy, h dx^2, h dx dy, h dy^2 with h the gradient of the exponent; gradient of RGB."""
+SPARE = LANES - SUMS
+"""Numbers that must follow the last row of sums, whatever they are: rows are read sixteen numbers at a time."""
+_AHEAD_ROWS = 16
 
 
 @njit(cache=True, inline="never", error_model="numpy")
@@ -121,6 +135,10 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
 def add_rows(rows_of_sums, order, places, place_starts, sums):
     """Adds each Gaussian's rows to its `sums`, in the order of its tiles."""
     for k in prange(order.shape[0]):
+        first = order[k] * SUMS
+        added = load(sums, first)
         for place in range(place_starts[k], place_starts[k + 1]):
-            for i in range(SUMS):
-                sums[order[k], i] += rows_of_sums[places[place] * SUMS + i]
+            if place + _AHEAD_ROWS < places.shape[0]:
+                prefetch(rows_of_sums, places[place + _AHEAD_ROWS] * SUMS)
+            added += load(rows_of_sums, places[place] * SUMS)
+        store_first(sums, first, added, SUMS)

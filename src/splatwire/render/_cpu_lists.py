@@ -10,7 +10,9 @@ import numpy as np
 from numba import njit, prange
 
 from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
+from splatwire.render._lanes import prefetch
 
+_AHEAD = 16
 _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
 _LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
 
@@ -72,6 +74,14 @@ def _reach(splat, tile, top, bottom, strips):
             strips[i, 1] = np.int32(np.floor(min(max(high, top - 1.0), bottom - 1.0))) + 1
 
 
+@njit(cache=True, inline="always")
+@no_type_check
+def _ask_for(table, order, k):
+    """Has a row of a table fetched that comes after some more in the given order."""
+    if k + _AHEAD < order.shape[0]:
+        prefetch(table, np.int64(order[k + _AHEAD]) * table.shape[1])
+
+
 @njit(cache=True, parallel=True)
 @no_type_check
 def reach_columns(splats, order, tiles, first_row, last_row):
@@ -81,9 +91,11 @@ def reach_columns(splats, order, tiles, first_row, last_row):
     """
     starts = np.zeros(order.shape[0] + 1, np.int64)
     for k in range(order.shape[0]):
+        _ask_for(tiles, order, k)
         starts[k + 1] = starts[k] + tiles[order[k], 2] - tiles[order[k], 0]
     strips = np.empty((starts[-1], 2), np.int32)
     for k in prange(order.shape[0]):
+        _ask_for(splats, order, k)
         tile = tiles[order[k]]
         top, bottom = max(tile[1], first_row) * TILE, min(tile[3], last_row) * TILE
         if top < bottom:
@@ -102,26 +114,32 @@ def fill_tiles(order, tiles, strips, strip_starts, grid_x, first_row, last_row):
     the places of each Gaussian's entries, Gaussian by Gaussian in the given order; where each one's places start.
     """
     starts, place_starts = np.zeros((last_row - first_row) * grid_x + 1, np.int64), np.zeros_like(strip_starts)
+    place = 0
     for k in range(order.shape[0]):
-        place_starts[k + 1] = place_starts[k]
+        _ask_for(tiles, order, k)
+        first_tile = tiles[order[k], 0] - first_row * grid_x - strip_starts[k]
         for s in range(strip_starts[k], strip_starts[k + 1]):
             low, high = _tile_rows(strips[s])
             for ty in range(low, high):
-                starts[(ty - first_row) * grid_x + tiles[order[k], 0] + s - strip_starts[k] + 1] += 1
-            place_starts[k + 1] += high - low
+                starts[first_tile + s + ty * grid_x + 1] += 1
+            place += high - low
+        place_starts[k + 1] = place
     for t in range(starts.shape[0] - 1):
         starts[t + 1] += starts[t]
     num, heads, place = starts[-1], starts[:-1].copy(), 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
     for k in range(order.shape[0]):
+        _ask_for(tiles, order, k)
+        g = order[k]
+        first_tile = tiles[g, 0] - first_row * grid_x - strip_starts[k]
         for s in range(strip_starts[k], strip_starts[k + 1]):
+            top, bottom = strips[s]
             low, high = _tile_rows(strips[s])
             for ty in range(low, high):
-                t = (ty - first_row) * grid_x + tiles[order[k], 0] + s - strip_starts[k]
-                at = heads[t]
-                heads[t] += 1
-                ids[at], places[place] = order[k], at
-                spans[at, 0], spans[at, 1] = max(strips[s, 0] - ty * TILE, 0), min(strips[s, 1] - ty * TILE, TILE)
+                at = heads[first_tile + s + ty * grid_x]
+                heads[first_tile + s + ty * grid_x] = at + 1
+                ids[at], places[place] = g, at
+                spans[at, 0], spans[at, 1] = max(top - ty * TILE, 0), min(bottom - ty * TILE, TILE)
                 place += 1
     return starts, ids, spans, places, place_starts
 

@@ -141,31 +141,59 @@ def _project_back_one(
     clamped_x, clamped_y = _clamped(x, fx, cx, width, margin), _clamped(y, fy, cy, height, margin)
     qw, qx, qy, qz = np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3])
     r = _axes(qw, qx, qy, qz)
-    row_x, row_y, d_row_x, d_row_y, d_r = np.empty(3), np.empty(3), np.zeros(3), np.zeros(3), np.empty(9)
-    for i in range(3):
-        row_x[i] = fx / z * (pose[0, i] - clamped_x * pose[2, i])
-        row_y[i] = fy / z * (pose[1, i] - clamped_y * pose[2, i])
-    for k in range(3):
-        along_x = row_x[0] * r[k] + row_x[1] * r[3 + k] + row_x[2] * r[6 + k]
-        along_y = row_y[0] * r[k] + row_y[1] * r[3 + k] + row_y[2] * r[6 + k]
-        d_a = (2 * dxx * along_x + dxy * along_y) * scale[k]
-        d_b = (2 * dyy * along_y + dxy * along_x) * scale[k]
-        d_scale[k] = d_a * along_x + d_b * along_y
-        for i in range(3):
-            d_r[3 * i + k] = (d_a * row_x[i] + d_b * row_y[i]) * scale[k]
-            d_row_x[i] += d_a * scale[k] * r[3 * i + k]
-            d_row_y[i] += d_b * scale[k] * r[3 * i + k]
-    d_x, d_y, d_z = fx * du, fy * dv, 0.0
-    for i in range(3):
-        d_z -= (d_row_x[i] * row_x[i] + d_row_y[i] * row_y[i]) / z
-        if x == clamped_x:
-            d_x -= d_row_x[i] * fx / z * pose[2, i]
-        if y == clamped_y:
-            d_y -= d_row_y[i] * fy / z * pose[2, i]
+    row_x, row_y = _row(pose, 0, fx / z, clamped_x), _row(pose, 1, fy / z, clamped_y)
+    a0, b0 = _column_back(row_x, row_y, (r[0], r[3], r[6]), scale, 0, dxx, dxy, dyy, d_scale)
+    a1, b1 = _column_back(row_x, row_y, (r[1], r[4], r[7]), scale, 1, dxx, dxy, dyy, d_scale)
+    a2, b2 = _column_back(row_x, row_y, (r[2], r[5], r[8]), scale, 2, dxx, dxy, dyy, d_scale)
+    d_x, d_y = fx * du, fy * dv
+    # What the rows of the Jacobian get: they depend on the depth and, where the angle is not clamped, on the angle.
+    row_x_0, row_x_1, row_x_2 = _turned(r, a0, a1, a2)
+    row_y_0, row_y_1, row_y_2 = _turned(r, b0, b1, b2)
+    d_z = -(row_x_0 * row_x[0] + row_x_1 * row_x[1] + row_x_2 * row_x[2]) / z
+    d_z -= (row_y_0 * row_y[0] + row_y_1 * row_y[1] + row_y_2 * row_y[2]) / z
+    if x == clamped_x:
+        d_x -= (row_x_0 * pose[2, 0] + row_x_1 * pose[2, 1] + row_x_2 * pose[2, 2]) * fx / z
+    if y == clamped_y:
+        d_y -= (row_y_0 * pose[2, 0] + row_y_1 * pose[2, 1] + row_y_2 * pose[2, 2]) * fy / z
     d_z -= (d_x * x + d_y * y) / z
     for i in range(3):
         d_mean[i] = pose[0, i] * d_x / z + pose[1, i] * d_y / z + pose[2, i] * d_z
+    d_r = (
+        a0 * row_x[0] + b0 * row_y[0], a1 * row_x[0] + b1 * row_y[0], a2 * row_x[0] + b2 * row_y[0],
+        a0 * row_x[1] + b0 * row_y[1], a1 * row_x[1] + b1 * row_y[1], a2 * row_x[1] + b2 * row_y[1],
+        a0 * row_x[2] + b0 * row_y[2], a1 * row_x[2] + b1 * row_y[2], a2 * row_x[2] + b2 * row_y[2],
+    )  # fmt: skip
     _axes_back(qw, qx, qy, qz, d_r, d_quat)
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _row(pose, axis, by, slope):
+    """A row of the Jacobian of the projection, along the world's axes. No arrays here: they would be allocated."""
+    return (
+        by * (pose[axis, 0] - slope * pose[2, 0]),
+        by * (pose[axis, 1] - slope * pose[2, 1]),
+        by * (pose[axis, 2] - slope * pose[2, 2]),
+    )
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _turned(r, a, b, c):
+    """The rotation matrix times a vector."""
+    return r[0] * a + r[1] * b + r[2] * c, r[3] * a + r[4] * b + r[5] * c, r[6] * a + r[7] * b + r[8] * c
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
+    """Gradient of one scale, and of its scaled axis along image x and y, times the scale."""
+    along_x = row_x[0] * axis[0] + row_x[1] * axis[1] + row_x[2] * axis[2]
+    along_y = row_y[0] * axis[0] + row_y[1] * axis[1] + row_y[2] * axis[2]
+    scale = np.float64(scales[k])
+    d_a, d_b = (2 * dxx * along_x + dxy * along_y) * scale, (2 * dyy * along_y + dxy * along_x) * scale
+    d_scale[k] = d_a * along_x + d_b * along_y
+    return d_a * scale, d_b * scale
 
 
 @njit(cache=True)

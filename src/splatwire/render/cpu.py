@@ -120,13 +120,15 @@ class _Picture:
         """Returns the gradients of means, quats, scales, opacities, colors, and of the 2D means."""
         from splatwire.render import _cpu_gradients, _cpu_project
 
-        sums = np.zeros((self.splats.shape[0], _cpu_gradients.SUMS), np.float32)
+        num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
+        flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():
-            rows = np.zeros(band.ids.shape[0] * _cpu_gradients.SUMS, np.float32)
+            rows = np.zeros(band.ids.shape[0] * width + spare, np.float32)
             lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
             _cpu_gradients.draw_tiles_back(self.splats, *lists, image, d_image, rows)
-            _cpu_gradients.add_rows(rows, self.order, band.places, band.place_starts, sums)
-        results = [np.zeros_like(a) for a in arrays] + [np.zeros((self.splats.shape[0], 2), np.float32)]
+            _cpu_gradients.add_rows(rows, self.order, band.places, band.place_starts, flat)
+        results = [np.zeros_like(a) for a in arrays] + [np.zeros((num, 2), np.float32)]
+        sums = flat[: num * width].reshape(num, width)
         _cpu_project.project_back(*arrays[:4], *self.camera, self.splats, self.tiles, sums, *results)
         return results
 
