@@ -14,7 +14,6 @@ from splatwire.render._cpu_kernels import (
     _B,
     _COLUMN,
     _G,
-    _INTERLEAVE,
     _LIVE,
     _MAX_LEVEL,
     _MIN_TRANSMITTANCE,
@@ -28,6 +27,7 @@ from splatwire.render._cpu_kernels import (
     _ask_for,
     _finished,
     _new_buffer,
+    tile_order,
 )
 from splatwire.render._lanes import (
     LANES,
@@ -121,13 +121,11 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
 @no_type_check
 def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums):
     """Fills `rows_of_sums` (zeroed by the caller), one row per entry, from the picture and its gradient."""
-    num_tiles = starts.shape[0] - 1
-    per = (num_tiles + _INTERLEAVE - 1) // _INTERLEAVE
-    for p in prange(per * _INTERLEAVE):
-        t = (p % per) * _INTERLEAVE + p // per
-        if t < num_tiles:
-            left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
-            _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
+    order = tile_order(starts.shape[0] - 1, grid_x)
+    for p in prange(order.shape[0]):
+        t = order[p]
+        left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
+        _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
 
 
 @njit(cache=True, parallel=True)

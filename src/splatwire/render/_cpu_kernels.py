@@ -18,7 +18,8 @@ PIXELS = TILE * TILE
 MIN_LEVEL = np.float32(np.log2(1.0 / 255.0))
 _MAX_LEVEL = np.float32(np.log2(0.99))
 _MIN_TRANSMITTANCE = np.float32(1e-4)
-_INTERLEAVE = 16
+_BLOCK = 4  # tiles
+_SPREAD = 16
 _AHEAD = 4
 # Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns.
 _LIVE, _R, _G, _B, _REST, _COLUMN = (k * PIXELS for k in range(6))
@@ -111,14 +112,33 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
                 image[top + row, left + column, c] = buf[i + _R + c * PIXELS] + t * background[c]
 
 
+@njit(cache=True)
+@no_type_check
+def tile_order(num_tiles, grid_x):
+    """Tiles in the order to draw them in: by blocks, since neighbours draw the same Gaussians; equal shares are alike.
+
+    Blocks are taken from all over the image, one after the other, because threads get one piece of the order each and
+    some parts of an image take longer than others.
+    """
+    grid_y, at = num_tiles // grid_x, 0
+    order = np.empty(num_tiles, np.int64)
+    across, down = (grid_x + _BLOCK - 1) // _BLOCK, (grid_y + _BLOCK - 1) // _BLOCK
+    for first in range(_SPREAD):
+        for block in range(first, across * down, _SPREAD):
+            left, top = block % across * _BLOCK, block // across * _BLOCK
+            for ty in range(top, min(top + _BLOCK, grid_y)):
+                for tx in range(left, min(left + _BLOCK, grid_x)):
+                    order[at] = ty * grid_x + tx
+                    at += 1
+    return order
+
+
 @njit(cache=True, parallel=True)
 @no_type_check
 def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image, left_over):
     """Draws the tiles whose lists `fill_tiles` made."""
-    num_tiles = starts.shape[0] - 1
-    per = (num_tiles + _INTERLEAVE - 1) // _INTERLEAVE
-    for p in prange(per * _INTERLEAVE):
-        t = (p % per) * _INTERLEAVE + p // per  # every thread gets tiles from all over the image
-        if t < num_tiles:
-            left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
-            _draw_tile(splats, ids, spans, starts[t], starts[t + 1], left, top, background, image, left_over)
+    order = tile_order(starts.shape[0] - 1, grid_x)
+    for p in prange(order.shape[0]):
+        t = order[p]
+        left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
+        _draw_tile(splats, ids, spans, starts[t], starts[t + 1], left, top, background, image, left_over)
