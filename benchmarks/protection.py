@@ -3,10 +3,10 @@
 Datagrams: the planner chooses, side information included. `.pak` packets: side information is delivered (the paper's
 assumption), and parity goes over the packets of a top tier (any K of K + R packets restore it). In both, a sketch of
 important anchors in the side information may take a part of the 8 %; how much is left for parity, how large the tier
-is and whether there is a sketch at all is chosen on training photos with losses other than those reported. In the mean
-over datagrams, transfers without side information count as black pictures, as often as in 5000 simulated ones.
+is and whether there is a sketch at all is chosen on training photos with losses other than those reported. The mean
+over datagrams is that of `frontier.py`: transfers that deliver nothing count as black pictures, as often as they occur.
 
-    python benchmarks/protection.py SCENE --data PHOTOS [--limit 0.08] [--views 4] [--seeds 5] [--sketch 0.01 0.025]
+    python benchmarks/protection.py SCENE --data PHOTOS [--limit 0.08] [--views 4] [--pictures 8] [--sketch 0.01 0.025]
 """
 
 import argparse
@@ -29,14 +29,11 @@ from splatwire.packets import PRESETS, SceneStream
 from splatwire.render.importance import footprint_importance
 from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
 from splatwire.train.gnn_data import calibration_data
-from splatwire.transport.damage import BLANK_PSNR
-from splatwire.transport.outline import StreamLoad, draw_losses, head_arrives, outline_transfer
+from splatwire.transport.outline import draw_losses
 from splatwire.transport.planner import plan_protection
-from splatwire.transport.protection import Protection
 
 PAK_TIERS = (0.02, 0.05, 0.1, 0.2)
 PLANNED = 12
-COUNTED = 5000
 CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 
 
@@ -52,20 +49,11 @@ def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.
     loss = parse_loss(loss_name)
     plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=1e12, trials=60, drawn=4,
                            seed=PLANNING_SEED, most_protection=arguments.limit, head_target=0.99)  # fmt: skip
-    scores = variants[plan.offer].scores(plan.protection, loss_name, 1e12, arguments.seeds)
-    arrives = head_share(variants[plan.offer].offer.load, plan.protection, loss)
-    seen = float(np.mean([score for score in scores if score != BLANK_PSNR]))
-    return {"unit": "datagram", "loss": loss_name, "psnr": arrives * seen + (1 - arrives) * BLANK_PSNR, "all": scores,
-            "protection_share": plan.protection_share, "side_information_arrives": arrives,
-            "psnr_where_it_arrives": seen, "head_share": plan.protection.head_share,
+    found = variants[plan.offer].expected(plan.protection, loss_name, 1e12, arguments.pictures)
+    return {"unit": "datagram", "loss": loss_name, **found,
+            "protection_share": plan.protection_share, "head_share": plan.protection.head_share,
             "repair": plan.protection.tier_repair, "side_repair": plan.protection.side_repair,
             "tier_spread": plan.protection.tier_spread, "sketch_bytes": plan.concealment_bytes}  # fmt: skip
-
-
-def head_share(load: StreamLoad, protection: Protection, loss) -> float:
-    """Share of many transfers in which the side information arrives; the few that are drawn cannot tell."""
-    outline = outline_transfer(load, protection)
-    return float(head_arrives(outline, draw_losses(loss, COUNTED, len(outline.kind), REPORTED_SEED)).mean())
 
 
 class Pak(NamedTuple):
@@ -145,7 +133,7 @@ def over_paks(
     """The way that is best on the planning views, scored on the reported ones."""
     planned = [pak_scores(way, pictures[way.sketch][1], loss_name, PLANNED, PLANNING_SEED) for way in ways]
     way = ways[int(np.argmax([np.mean(scores) for scores in planned]))]
-    scores = pak_scores(way, pictures[way.sketch][0], loss_name, arguments.seeds, REPORTED_SEED)
+    scores = pak_scores(way, pictures[way.sketch][0], loss_name, arguments.pictures, REPORTED_SEED)
     return {"unit": "pak", "loss": loss_name, "tier": way.share, "psnr": float(np.mean(scores)), "all": scores,
             "packets_of_tier": int(way.top.sum()), "parity_packets": way.repair,
             "sketch_bytes": way.spent - way.repair * way.num_bytes,
@@ -158,9 +146,9 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--limit", type=float, default=0.08)
     parser.add_argument("--views", type=int, default=4)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--pictures", type=int, default=8)
     parser.add_argument("--conceal", default="scene_free")
-    parser.add_argument("--tiers", nargs="+", type=float, default=[0.02, 0.08])
+    parser.add_argument("--tiers", nargs="+", type=float, default=[0.02, 0.03, 0.05])
     parser.add_argument("--sketch", nargs="*", type=float, default=[0.01, 0.025], help="shares of the stream's bytes")
     arguments = parser.parse_args()
     bench = Bench(arguments)

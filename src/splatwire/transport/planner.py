@@ -91,7 +91,7 @@ def plan_protection(
         loss: The channel, in datagrams.
         budget_bytes: Bytes that may be sent, datagram headers included; a deadline is its time times the rate.
         trials: Simulated transfers of each protection of the packets.
-        drawn: Simulated transfers, out of as many others, whose pictures decide between the best (`Offer.picture`).
+        drawn: Simulated transfers, out of a thousand others, whose pictures decide between the best (`Offer.picture`).
         seed: Of the simulated losses, which all candidates share.
         most_protection: Most protection as a share of all bytes.
         head_target: Share of transfers in which the side information must arrive, if any candidate gets there.
@@ -125,7 +125,7 @@ def plan_protection(
     )
     finalists = _finalists(plans, plain, head_target)
     if any(offer.picture is not None for offer in offers):
-        fresh = losses(offers, loss, trials, seed + 1)
+        fresh = losses(offers, loss, len(traces), seed + 1)
         for number, plan in enumerate(finalists):
             finalists[number] = _drawn(offers[plan.offer], plan, fresh, budget_bytes, drawn)
             report(0.7 + 0.3 * (number + 1) / len(finalists))
@@ -172,22 +172,24 @@ def _finalists(plans: Sequence[Plan], plain: Sequence[Plan], head_target: float)
 def _drawn(offer: Offer, plan: Plan, traces: np.ndarray, budget_bytes: float | int, drawn: int) -> Plan:
     """Corrects what is expected of a plan by pictures.
 
-    The curves judge many transfers, pictures a few, spread evenly from the worst to the best. What the
-    pictures show beyond what the curves say of the same transfers is added to the curves' mean. Drawn blindly, a rare
-    failure of a code among the few would weigh as if it were frequent.
+    Transfers that deliver everything or nothing are counted. The curves judge the others, pictures a few of them,
+    spread evenly from the worst to the best: what these show beyond what the curves say of the same transfers is added
+    to the curves' mean. Drawn blindly, a rare failure of a code among the few would weigh as if it were frequent.
     """
     if offer.picture is None:
         return plan
     outline = outline_transfer(offer.load, plan.protection)
     arrival = arrival_within(outline, traces, budget_bytes)
+    everything = arrival.head & arrival.packets.all(axis=1)
     curves = np.where(arrival.head, offer.damage.psnr(lost_shares(offer.load, arrival.packets)), BLANK_PSNR)
-    there = np.flatnonzero(arrival.head)
-    if not len(there):
-        return plan
-    ranked = there[np.argsort(curves[there], kind="stable")]
-    chosen = ranked[((np.arange(drawn) + 0.5) / drawn * len(ranked)).astype(np.int64)]
-    gap = np.mean([offer.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
-    return replace(plan, psnr=float(curves.mean() + gap * arrival.head.mean()))
+    if everything.any():
+        curves[everything] = offer.picture(np.ones_like(arrival.packets[0]))
+    parts = np.flatnonzero(arrival.head & ~everything)
+    if len(parts):
+        ranked = parts[np.argsort(curves[parts], kind="stable")]
+        chosen = ranked[((np.arange(drawn) + 0.5) / drawn * len(ranked)).astype(np.int64)]
+        curves[parts] += np.mean([offer.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
+    return replace(plan, psnr=float(curves.mean()))
 
 
 def _best(plans: Sequence[Plan]) -> Plan:
