@@ -6,11 +6,10 @@ from typing import no_type_check
 import numpy as np
 from numba import njit, prange
 
-_FAST = {"contract", "arcp", "afn"}
 _CHUNK = 1 << 14
 
 
-@njit(cache=True, fastmath=_FAST, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 @no_type_check
 def _update_run(p, g, m, v, begin, end, step_size, inverse_root, beta1, beta2, epsilon):
     one = np.float32(1)

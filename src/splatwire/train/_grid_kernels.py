@@ -25,7 +25,7 @@ def clip_gradient(values, gradient):
             gradient[i] = 0
 
 
-@njit(cache=True, fastmath={"contract"}, inline="never")
+@njit(cache=True, inline="never")
 @no_type_check
 def _gather_chunk(table, rows, weights, index, begin, end, column, out):
     if table.shape[1] == 4:  # spelt out: four sums in registers instead of a loop through memory
@@ -62,7 +62,7 @@ def interpolate(table, rows3, weights3, rows2, weights2, index, out):
             _gather_chunk(table, rows2[level], weights2[level], index, begin, end, (levels3 + level) * depth, out)
 
 
-@njit(cache=True, fastmath={"contract"}, inline="never")
+@njit(cache=True, inline="never")
 @no_type_check
 def _scatter_level(upstream, rows, weights, index, column, gradient):
     if gradient.shape[1] == 4:

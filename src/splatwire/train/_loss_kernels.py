@@ -1,7 +1,9 @@
 """Compiled pieces of the photometric loss. What they add up to is in `splatwire.train.losses`.
 
 Rows hold whole pixels, three numbers each; a blur along a row therefore steps by three. The loops over a row are
-functions of their own so that the compiler makes vector instructions of them.
+functions of their own so that the compiler makes vector instructions of them. None of them is compiled with fast-math:
+a process that compiles such a function and one that reads it from the cache may run two versions of it, which then round
+differently, and two runs with the same seed part.
 """
 
 from typing import no_type_check
@@ -9,12 +11,11 @@ from typing import no_type_check
 import numpy as np
 from numba import njit, prange
 
-_FAST = {"nsz", "arcp", "contract", "afn", "reassoc"}
 _HALF = 5
 _PAD = 3 * _HALF
 
 
-@njit(cache=True, fastmath=_FAST, inline="never")
+@njit(cache=True, inline="never")
 @no_type_check
 def _axpy(out, source, start, factor):
     for i in range(out.shape[0]):
@@ -40,7 +41,7 @@ def blur(planes, taps, out):
             _axpy(target, column, 3 * t, taps[t])
 
 
-@njit(cache=True, fastmath=_FAST, parallel=True)
+@njit(cache=True, parallel=True)
 @no_type_check
 def products(x, y, out):
     """Fills (3, n) with x, x * x and x * y."""
@@ -48,11 +49,10 @@ def products(x, y, out):
         out[0, i], out[1, i], out[2, i] = x[i], x[i] * x[i], x[i] * y[i]
 
 
-@njit(cache=True, fastmath=_FAST, inline="never", error_model="numpy")
+@njit(cache=True, inline="never", error_model="numpy")
 @no_type_check
-def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2):
-    """Sums SSIM and |x - y| over a row; replaces the blurred values by the gradient of SSIM in each of them."""
-    total = error = np.float32(0)
+def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
+    """Fills `ssim` for a row; replaces the blurred values by the gradient of SSIM in each of them."""
     one, two = np.float32(1), np.float32(2)
     for i in range(x.shape[0]):
         mx, my = mean_x[i], mean_y[i]
@@ -66,9 +66,7 @@ def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2):
         mean_x[i] = two * (my * a2 * i1 * i2 - value * mx * i1) - my * d_xy - two * mx * d_xx
         xx[i] = d_xx
         xy[i] = d_xy
-        total += value
-        error += abs(x[i] - y[i])
-    return total, error
+        ssim[i] = value
 
 
 @njit(cache=True, parallel=True)
@@ -77,13 +75,18 @@ def similarity(moments, blurred, x, y, c1, c2, sums):
     """Fills `sums` (H, 2) with SSIM and absolute error per row; `moments` become gradients (`_similarity_row`)."""
     first, second = np.float32(c1), np.float32(c2)
     for r in prange(x.shape[0]):
-        total, error = _similarity_row(
-            moments[0, r], moments[1, r], moments[2, r], blurred[0, r], blurred[1, r], x[r], y[r], first, second
+        ssim = np.empty(x.shape[1], np.float32)
+        _similarity_row(
+            moments[0, r], moments[1, r], moments[2, r], blurred[0, r], blurred[1, r], x[r], y[r], first, second, ssim
         )
+        total = error = 0.0
+        for i in range(x.shape[1]):
+            total += ssim[i]
+            error += abs(x[r, i] - y[r, i])
         sums[r, 0], sums[r, 1] = total, error
 
 
-@njit(cache=True, fastmath=_FAST, parallel=True)
+@njit(cache=True, parallel=True)
 @no_type_check
 def combine(gradients, x, y, dssim, out):
     """Gradient of the loss from the blurred gradients of SSIM in x, x * x and x * y."""

@@ -1,0 +1,50 @@
+"""A process that compiles the kernels and one that finds them compiled compute the same bits.
+
+With fast-math they need not: the first one runs a helper as it was compiled by itself, the second one the copy that its
+caller was compiled with, and each version rounds in its own way.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+SCRIPT = """
+import hashlib
+import numpy as np
+import torch
+from splatwire.train._grid_kernels import interpolate, scatter
+from splatwire.train.adam import adam_update
+from splatwire.train.losses import photometric_loss, prepare_photo
+from splatwire.train.state import Moments
+
+torch.set_num_threads(1)
+draw = torch.Generator().manual_seed(3)
+photo, image = (torch.rand(37, 53, 3, generator=draw) for _ in range(2))
+image.requires_grad_()
+loss, error = photometric_loss(image, prepare_photo(photo), 0.2)
+loss.backward()
+value, moments = torch.rand(50_001, generator=draw), Moments(torch.zeros(50_001), torch.zeros(50_001))
+for _ in range(3):
+    adam_update(value, torch.rand(50_001, generator=draw) - 0.5, moments, 1e-3)
+rng = np.random.default_rng(3)
+table, index = rng.random((64, 4), dtype=np.float32), np.arange(90)
+rows = [rng.integers(0, 64, (levels, 90, corners)).astype(np.int32) for levels, corners in ((3, 8), (2, 4))]
+weights = [rng.random(r.shape, dtype=np.float32) for r in rows]
+out, gradient = np.zeros((90, 20), np.float32), np.zeros_like(table)
+interpolate(table, rows[0], weights[0], rows[1], weights[1], index, out)
+scatter(out, rows[0], weights[0], rows[1], weights[1], index, gradient)
+found = [loss.detach().numpy(), error.numpy(), image.grad.numpy(), value.numpy(), out, gradient]
+print([hashlib.sha256(part.tobytes()).hexdigest()[:12] for part in found])
+"""
+
+
+def test_compiling_changes_no_bit(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    answers = [
+        subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, timeout=300)
+        for _ in range(2)
+    ]
+    assert [answer.stderr for answer in answers] == ["", ""]
+    assert answers[0].stdout == answers[1].stdout
+    assert any(tmp_path.rglob("*.nbc")), "nothing was compiled"
