@@ -2,8 +2,8 @@
 
 Rows hold whole pixels, three numbers each; a blur along a row therefore steps by three. The loops over a row are
 functions of their own so that the compiler makes vector instructions of them. None of them is compiled with fast-math:
-a process that compiles such a function and one that reads it from the cache may run two versions of it, which then round
-differently, and two runs with the same seed part.
+a process that compiles such a function and one that reads it from the cache may run two versions of it, which then
+round differently, and two runs with the same seed part.
 """
 
 from typing import no_type_check
