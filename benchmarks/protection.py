@@ -48,7 +48,7 @@ def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.
     """The planner's choice within the limit."""
     loss = parse_loss(loss_name)
     plan = plan_protection([variant.offer for variant in variants], loss, budget_bytes=1e12, trials=60, drawn=4,
-                           seed=PLANNING_SEED, most_protection=arguments.limit, head_target=0.99)  # fmt: skip
+                           seed=PLANNING_SEED, most_protection=arguments.limit)  # fmt: skip
     found = variants[plan.offer].expected(plan.protection, loss_name, 1e12, arguments.pictures)
     return {"unit": "datagram", "loss": loss_name, **found,
             "protection_share": plan.protection_share, "head_share": plan.protection.head_share,
