@@ -30,8 +30,9 @@ SHORT_LIST = 16
 """Plans that are judged again by all simulated transfers: side information that fails once in a hundred costs a quarter
 of a decibel, and a hundred transfers do not tell."""
 FINALISTS = 4
-NEAR_DB = 0.5
-"""Pictures decide between plans that the damage curves hold to be this close to the best; curves err less than that."""
+NEAR_DB = 4.0
+"""Plain plans are drawn as long as the damage curves hold them to be this close to the best. Where the end of a pass is
+cut off, curves put a stream without tiers up to 3 dB too low: half of it is lost there, and it is concealed well."""
 ALIKE_DB = 0.002
 """Plans closer than that are equals: then the one that protects more wins, since the budget is there to be spent and
 simulated transfers know little of rare losses."""
