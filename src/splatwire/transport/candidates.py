@@ -104,15 +104,19 @@ def _head_shares(counts: Sequence[int]) -> list[tuple[int, float]]:
 def plain_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> dict[str, Protection]:
     """What anybody would try first: the same parity over everything (`whole`), and none on packets (`conceal`).
 
+    Tiers, if there are any, are mixed: sent in one go, the most important one would be at the mercy of one burst.
+
     Args:
         load: The stream.
         traces: Simulated fates of datagrams, bool (T, n).
         search: The budget and how often the side information must arrive.
     """
 
+    mixed = 1.0 if load.num_tiers > 1 else 0.0
+
     def alike(step: int) -> Protection:
         repair = step / _ALIKE_STEPS
-        return Protection(side_repair=repair, side_lead=1.0, tier_repair=(repair,) * load.num_tiers)
+        return Protection(side_repair=repair, side_lead=1.0, tier_repair=(repair,) * load.num_tiers, tier_spread=mixed)
 
     def size(step: int) -> int:
         return int(outline_transfer(load, alike(step)).num_bytes.sum())
@@ -120,7 +124,10 @@ def plain_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> di
     steps = range(int(MOST_REPAIR * _ALIKE_STEPS) + 1)
     whole = alike(max(bisect.bisect_right(steps, search.budget_bytes, key=size) - 1, 0))
     rate = min(1 - float(traces.mean()), 0.95)
-    return {"whole": whole, "conceal": _side(load, traces, rate, search, Protection(side_lead=PLAIN_LEAD))}
+    return {
+        "whole": whole,
+        "conceal": _side(load, traces, rate, search, Protection(side_lead=PLAIN_LEAD, tier_spread=mixed)),
+    }
 
 
 def arrival_within(outline: Outline, traces: np.ndarray, budget_bytes: float | int) -> Arrival:
