@@ -111,7 +111,6 @@ def plain_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> di
         traces: Simulated fates of datagrams, bool (T, n).
         search: The budget and how often the side information must arrive.
     """
-
     mixed = 1.0 if load.num_tiers > 1 else 0.0
 
     def alike(step: int) -> Protection:
