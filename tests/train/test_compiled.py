@@ -28,8 +28,10 @@ value, moments = torch.rand(50_001, generator=draw), Moments(torch.zeros(50_001)
 for _ in range(3):
     adam_update(value, torch.rand(50_001, generator=draw) - 0.5, moments, 1e-3)
 rng = np.random.default_rng(3)
-table, index = rng.random((64, 4), dtype=np.float32), np.arange(90)
+table, index = rng.random((320, 4), dtype=np.float32), np.arange(90)
 rows = [rng.integers(0, 64, (levels, 90, corners)).astype(np.int32) for levels, corners in ((3, 8), (2, 4))]
+for level in range(5):  # each level has rows of its own, as in a hash grid: levels are summed side by side
+    rows[level // 3][level % 3] += 64 * level
 weights = [rng.random(r.shape, dtype=np.float32) for r in rows]
 out, gradient = np.zeros((90, 20), np.float32), np.zeros_like(table)
 interpolate(table, rows[0], weights[0], rows[1], weights[1], index, out)
