@@ -1,22 +1,13 @@
 """Our renderers against gsplat's, where there is a GPU."""
 
-import pytest
 import torch
 
+from gpu import DEVICE, NEEDS_GPU
 from splatwire.render import create_renderer
 from splatwire.render.base import create_training_renderer
 from splatwire.scene import Cameras, Gaussians
 
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
-]
-DEVICE = "cuda"
-
-
-@pytest.fixture(autouse=True)
-def _gsplat() -> None:
-    pytest.importorskip("gsplat", reason="needs the gpu extra")
+pytestmark = NEEDS_GPU
 
 
 def _gaussians(max_opacity: float) -> Gaussians:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from gpu import DEVICE, NEEDS_GPU
 from splatwire.data import Dataset
 from splatwire.train import RunOptions, export_scene, load_checkpoint, train_scene
 from splatwire.train.config import TrainConfig
@@ -18,16 +19,7 @@ from splatwire.train.state import TrainState, move_state
 from splatwire.train.step import StepReport, train_step
 from splatwire.train.trainer import assess_scene
 
-pytestmark = [
-    pytest.mark.gpu,
-    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
-]
-DEVICE = "cuda"
-
-
-@pytest.fixture(autouse=True)
-def _gsplat() -> None:
-    pytest.importorskip("gsplat", reason="needs the gpu extra")
+pytestmark = NEEDS_GPU
 
 
 def _next(state: TrainState, dataset: Dataset, config: TrainConfig) -> tuple[StepReport, dict[str, torch.Tensor]]:
