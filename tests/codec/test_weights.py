@@ -3,8 +3,10 @@ import pytest
 
 from splatwire.codec.integer_network import IntegerLinear
 from splatwire.codec.weight_bytes import read_mlp, write_mlp
-from splatwire.codec.weights import QuantisedMlp, quantise_mlp
+from splatwire.codec.weights import QuantisedMlp, quantise_linear, quantise_mlp
 from splatwire.entropy.byte_io import ByteReader, ByteWriter
+from splatwire.entropy.coder import encode_symbols
+from splatwire.entropy.integers import scale_index, write_integers, zero_mean_rows
 from splatwire.errors import BitstreamError
 
 
@@ -34,6 +36,76 @@ def test_integer_and_dequantised_network_agree() -> None:
     layers = (mlp.hidden.dequantised(), mlp.output.dequantised())
     integer = mlp.integer()(np.rint(inputs * 2**14)) / 2**16
     assert np.abs(integer - evaluate(layers, inputs, True)).max() < 2e-3
+
+
+def num_bytes(mlp: QuantisedMlp) -> int:
+    writer = ByteWriter()
+    write_mlp(writer, mlp)
+    return len(writer.bytes())
+
+
+def test_inputs_that_follow_from_others_save_bits_at_the_same_error() -> None:
+    rng = np.random.default_rng(4)
+    layers = [(rng.normal(size=(20, 48)), rng.normal(size=20)), (rng.normal(size=(7, 20)) * 0.3, rng.normal(size=7))]
+    alone = rng.normal(size=(4000, 48))
+    follow = alone[:, :12] @ rng.normal(size=(12, 48)) / 12**0.5 + 0.05 * alone
+    sizes, errors = [], []
+    for inputs in (alone, follow):
+        mlp = quantise_mlp(*layers, inputs[:2000], np.full(7, 0.02), leaky=True)
+        others = mlp.integer()(np.rint(inputs[2000:] * 2**14)) / 2**16  # anchors that the rounding has not seen
+        sizes.append(num_bytes(mlp))
+        errors.append((others - evaluate(layers, inputs[2000:], True)).std())
+    assert sizes[1] < 0.8 * sizes[0]
+    assert max(errors) < 0.03
+
+
+def test_one_weight_makes_up_for_another() -> None:
+    # two inputs that are always equal: only the sum of their weights matters, rounded as finely as one
+    inputs = np.repeat(np.linspace(-1, 1, 201)[:, None], 2, axis=1)
+    layer = quantise_linear(np.array([[0.3, 0.45]]), np.zeros(1), inputs, np.array([0.05]))
+    weight, _ = layer.dequantised()
+    step = 2.0**-16 * (layer.row_steps[0] << layer.column_shifts.min())
+    assert abs(weight.sum() - 0.75) <= step / 2 + 1e-3
+    assert np.abs(layer.symbols).max() < 12
+
+
+def test_bias_takes_up_the_mean_of_the_rounding_error() -> None:
+    rng = np.random.default_rng(5)
+    inputs = 100 + rng.normal(size=(500, 3))
+    weight, bias = rng.normal(size=(4, 3)), rng.normal(size=4)
+    layer = quantise_linear(weight, bias, inputs, np.full(4, 0.1))
+    rounded, new_bias = layer.dequantised()
+    error = inputs @ (rounded - weight).T + new_bias - bias
+    assert np.abs(rounded - weight).max() > 0.01  # each weight alone would be off by a hundred times as much
+    assert np.abs(error.mean(axis=0)).max() < 0.002
+    assert error.std() < 0.15
+
+
+def test_networks_without_column_scales_are_still_read() -> None:
+    mlp, _, _ = network(np.random.default_rng(6), False)
+    writer = ByteWriter()
+    for size in (12, 20, 7):
+        writer.unsigned(size)
+    writer.u8(0)
+    for layer in (mlp.hidden, mlp.output):
+        scales = scale_index(layer.symbols.std(axis=1))
+        for values in (layer.row_steps, layer.column_shifts, layer.bias, scales):
+            write_integers(writer, values)
+        writer.blob(
+            encode_symbols(layer.symbols.ravel().astype(np.int64), zero_mean_rows(scales, len(layer.symbols[0])))
+        )
+    again = read_mlp(ByteReader(writer.bytes(), "network"), "test", 12, 7)
+    assert (again.hidden.symbols == mlp.hidden.symbols).all()
+    assert (again.output.symbols == mlp.output.symbols).all()
+
+
+def test_unknown_flags_are_refused() -> None:
+    writer = ByteWriter()
+    for value in (12, 20, 7):
+        writer.unsigned(value)
+    writer.u8(4)
+    with pytest.raises(BitstreamError, match="flags 4"):
+        read_mlp(ByteReader(writer.bytes(), "network"), "test", 12, 7)
 
 
 def test_networks_come_back_from_bytes() -> None:

@@ -10,7 +10,7 @@ from splatwire.model.channel_context import channel_parameters
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior_field import PriorOutputs, split_prior_outputs
 
-SAMPLE_ANCHORS = 4000
+SAMPLE_ANCHORS = 16_000
 SAMPLE_SEED = 0
 
 NOISE_REFERENCE = 0.035
@@ -87,10 +87,12 @@ def _fit_channel(
 def _fit_heads(
     scene: AnchorScene, features: torch.Tensor, positions: torch.Tensor
 ) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
-    # Views are not known here: directions are taken from the sphere, distances from the extent of the anchors.
+    # Views are not known here: directions are taken from the sphere, distances from the extent of the anchors, half to
+    # twice as far, so that neither is taken for something that features say.
     generator = torch.Generator().manual_seed(SAMPLE_SEED)
     direction = torch.nn.functional.normalize(torch.randn(len(features), 3, generator=generator), dim=1)
-    distance = (positions - positions.median(dim=0).values).norm(dim=1, keepdim=True)
+    extent = (positions - positions.median(dim=0).values).norm(dim=1, keepdim=True)
+    distance = extent * 2 ** (2 * torch.rand(len(features), 1, generator=generator) - 1)
     inputs = torch.cat([features, direction, distance], dim=1)
     heads = (scene.heads.opacity, scene.heads.covariance, scene.heads.color)
     opacity, covariance, color = (

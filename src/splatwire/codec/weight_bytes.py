@@ -1,16 +1,23 @@
-"""Quantised networks as bytes: every array under a normal distribution fitted to it, every matrix row with its own."""
+"""Quantised networks as bytes: every array under a normal distribution fitted to it.
+
+In a matrix the scale of a weight is that of its row times that of its column: columns whose input matters less have
+wider steps, and fewer bits. (Streams of before have a scale for each row only; a flag says which.)
+"""
 
 import numpy as np
 
 from splatwire.codec.weights import MAX_SHIFT, MAX_STEP, QuantisedLinear, QuantisedMlp
 from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import decode_symbols, encode_symbols
-from splatwire.entropy.integers import MAX_SYMBOL, read_integers, scale_index, write_integers, zero_mean_rows
-from splatwire.entropy.tables import NUM_SCALES
+from splatwire.entropy.integers import MAX_SYMBOL, read_integers, scale_index, write_integers, zero_mean_cells
+from splatwire.entropy.tables import NUM_SCALES, SCALE_STEPS
 from splatwire.errors import BitstreamError
 
 MAX_WIDTH = 4096
 MAX_WEIGHTS = 1 << 20
+LEAKY = 1
+WITH_COLUMN_SCALES = 2
+FIT_ROUNDS = 4
 
 
 def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
@@ -18,7 +25,7 @@ def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
     out, hidden = mlp.output.symbols.shape
     for size in (mlp.hidden.symbols.shape[1], hidden, out):
         writer.unsigned(size)
-    writer.u8(int(mlp.leaky))
+    writer.u8(int(mlp.leaky) | WITH_COLUMN_SCALES)
     _write_linear(writer, mlp.hidden)
     _write_linear(writer, mlp.output)
 
@@ -36,36 +43,50 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int) -> Quanti
         BitstreamError: If its shape or a number is impossible.
     """
     shape = [reader.unsigned() for _ in range(3)]
-    leaky = reader.u8()
+    flags = reader.u8()
     hidden = shape[1]
-    if shape[0] != inputs or shape[2] != outputs or not 0 < hidden <= MAX_WIDTH or leaky > 1:
+    if flags > (LEAKY | WITH_COLUMN_SCALES):
+        raise BitstreamError(f"{what} network: flags {flags} that this version does not know")
+    if shape[0] != inputs or shape[2] != outputs or not 0 < hidden <= MAX_WIDTH:
         raise BitstreamError(f"{what} network: shape {shape} where {inputs} inputs and {outputs} outputs are needed")
     if max(inputs, outputs) * hidden > MAX_WEIGHTS:
         raise BitstreamError(f"{what} network: {shape} is too large")
-    return QuantisedMlp(
-        _read_linear(reader, what, inputs, hidden), _read_linear(reader, what, hidden, outputs), bool(leaky)
-    )
+    columns = bool(flags & WITH_COLUMN_SCALES)
+    first = _read_linear(reader, what, inputs, hidden, columns)
+    return QuantisedMlp(first, _read_linear(reader, what, hidden, outputs, columns), bool(flags & LEAKY))
 
 
 def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:
-    scales = scale_index(np.sqrt((layer.symbols.astype(np.float64) ** 2).mean(axis=1)))
-    for values in (layer.row_steps, layer.column_shifts, layer.bias, scales):
+    rows, columns = _fitted_scales(layer.symbols)
+    for values in (layer.row_steps, layer.column_shifts, layer.bias, rows, columns):
         write_integers(writer, values)
-    writer.blob(encode_symbols(layer.symbols.ravel().astype(np.int64), zero_mean_rows(scales, layer.symbols.shape[1])))
+    writer.blob(encode_symbols(layer.symbols.ravel().astype(np.int64), zero_mean_cells(rows, columns)))
 
 
-def _read_linear(reader: ByteReader, what: str, inputs: int, outputs: int) -> QuantisedLinear:
+def _fitted_scales(symbols: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Entries of the scale table for rows, and how many entries further columns are: most likely factors, in turns."""
+    square = symbols.astype(np.float64) ** 2 + 1e-3
+    column = np.ones(symbols.shape[1])
+    for _ in range(FIT_ROUNDS):
+        row = (square / column).mean(axis=1)
+        column = (square / row[:, None]).mean(axis=0)
+    return scale_index(np.sqrt(row)), np.rint(SCALE_STEPS * np.log2(column) / 2).astype(np.int64)
+
+
+def _read_linear(reader: ByteReader, what: str, inputs: int, outputs: int, columns: bool) -> QuantisedLinear:
     steps, shifts = read_integers(reader, outputs), read_integers(reader, inputs)
     bias, scales = read_integers(reader, outputs), read_integers(reader, outputs)
+    further = read_integers(reader, inputs) if columns else np.zeros(inputs, dtype=np.int64)
     for name, values, low, high in (
         ("row step", steps, 1, MAX_STEP),
         ("column shift", shifts, 0, MAX_SHIFT),
         ("bias", bias, -MAX_SYMBOL, MAX_SYMBOL),
         ("row scale", scales, 0, NUM_SCALES - 1),
+        ("column scale", further, -NUM_SCALES, NUM_SCALES),
     ):
         if values.min() < low or values.max() > high:
             raise BitstreamError(f"{what} network: a {name} is not between {low} and {high}")
-    symbols = decode_symbols(reader.blob(), zero_mean_rows(scales, inputs))
+    symbols = decode_symbols(reader.blob(), zero_mean_cells(scales, further))
     if np.abs(symbols).max() > MAX_SYMBOL:
         raise BitstreamError(f"{what} network: a weight is beyond the range of the format")
     return QuantisedLinear(symbols.reshape(outputs, inputs).astype(np.int32), steps, shifts, bias.astype(np.int32))

@@ -20,7 +20,8 @@ def scale_index(scale: npt.ArrayLike) -> np.ndarray:
 def write_integers(writer: ByteWriter, values: np.ndarray) -> None:
     """Appends integers of which the reader knows the number, under one fitted normal."""
     mean = round(float(values.mean())) if len(values) else 0
-    scale = int(scale_index(np.sqrt(((values - mean) ** 2).mean() + 0.05))) if len(values) else 0
+    variance = ((values.astype(np.float64) - mean) ** 2).mean() if len(values) else 0.0
+    scale = int(scale_index(np.sqrt(variance + 0.05))) if len(values) else 0
     writer.signed(mean)
     writer.unsigned(scale)
     writer.blob(encode_symbols(values.astype(np.int64), _normal(mean, scale, len(values))))
@@ -41,6 +42,12 @@ def read_integers(reader: ByteReader, count: int) -> np.ndarray:
 def zero_mean_rows(scales: np.ndarray, width: int) -> Mixtures:
     """Distributions of a matrix, row after row: each row with its own entry of the scale table and mean 0."""
     return Mixtures.normals(np.zeros(len(scales) * width), np.repeat(scales, width))
+
+
+def zero_mean_cells(rows: np.ndarray, columns: np.ndarray) -> Mixtures:
+    """Distributions of a matrix, row after row, of mean 0: entries of rows, `columns` entries further on."""
+    index = np.clip(rows[:, None] + columns[None, :], 0, NUM_SCALES - 1)
+    return Mixtures.normals(np.zeros(index.size), index.ravel())
 
 
 def _normal(mean: int, scale: int, count: int) -> Mixtures:
