@@ -1,0 +1,151 @@
+"""Previews: what is sent comes back, nothing that is not one gets through, and anything that does can be drawn."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scenes import tiny_cameras
+from splatwire.codec.preview import (
+    BITS,
+    MAX_GAUSSIANS,
+    MAX_PREVIEW_BYTES,
+    MOST_AWAY,
+    SIZES,
+    Preview,
+    PreviewFrame,
+    gaussians_within,
+    preview_gaussians,
+    read_preview,
+    write_preview,
+)
+from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.render.cpu import render_cpu
+from splatwire.scene import Gaussians
+
+MOST = np.array([(1 << bits) - 1 for bits in BITS])
+FRAME = PreviewFrame.fitting((0.1, -2.0, 3.0), 1.7, (-1.0, -0.5, 0.0, -5.0), (1.0, 0.7, 2.0, 0.5))
+
+
+def preview_of(count: int, seed: int = 0) -> Preview:
+    levels = np.random.default_rng(seed).integers(0, MOST + 1, (count, len(BITS)))
+    return Preview(FRAME, (1, 20, 255), levels)
+
+
+@given(st.integers(1, MAX_GAUSSIANS), st.integers(0, 1000))
+def test_round_trip(count: int, seed: int) -> None:
+    preview = preview_of(count, seed)
+    data = write_preview(preview)
+    back = read_preview(data)
+    assert len(data) <= MAX_PREVIEW_BYTES
+    assert (back.frame, back.background) == (preview.frame, preview.background)
+    assert np.array_equal(back.levels, preview.levels)
+    assert gaussians_within(len(data)) == count
+
+
+def test_numbers_come_back_within_half_a_step() -> None:
+    generator = torch.Generator().manual_seed(0)
+    low = torch.tensor([*FRAME.low[:3], *FRAME.low[3:] * 3, 0, 0, 0, 1 / 32], dtype=torch.float64)
+    high = torch.tensor([*FRAME.high[:3], *FRAME.high[3:] * 3, 1, 1, 1, 31 / 32], dtype=torch.float64)
+    values = low + (high - low) * torch.rand(50, 10, generator=generator, dtype=torch.float64)
+    sent = FRAME.values(FRAME.levels(values).round())
+    assert bool(((sent - values).abs() <= (high - low) / torch.from_numpy(MOST) / 2 + 1e-6).all())
+    assert torch.equal(FRAME.levels((low - 1)[None]).round()[0], torch.zeros(10).double())
+    assert torch.equal(FRAME.levels((high + 1)[None]).round()[0], torch.from_numpy(MOST).double())
+
+
+def test_pinned_bytes() -> None:
+    """A change here needs a new version of the section."""
+    data = write_preview(Preview(FRAME, (1, 20, 255), np.array([[1, 2, 3, 4, 5, 6, 7, 8, 9, 10], MOST])))
+    header = "01020114ff" + "cdcccc3d000000c000004040" + "9a99d93f" + "000080bf000000bf000000000000a0c0"
+    assert data.hex() == header + "0000803f3333333f000000400000003f" + "010203214c7426bf" + "ff" * 6 + "f0"
+    gaussians, background = preview_gaussians(data)
+    assert background == (1 / 255, 20 / 255, 1.0)
+    assert gaussians.opacities.tolist() == [21 / 32, 31 / 32]
+    assert gaussians.colors[1].tolist() == [1, 1, 1]
+    expected = 0.1 + 1.7 * np.sinh(1.0)
+    assert gaussians.means[1, 0].item() == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("count", [1, 7, MAX_GAUSSIANS])
+def test_every_cut_and_every_tail_is_told(count: int) -> None:
+    data = write_preview(preview_of(count))
+    for size in range(len(data)):
+        with pytest.raises(BitstreamError):
+            read_preview(data[:size])
+    for bad in (data + b"\0", data + bytes(MAX_PREVIEW_BYTES)):
+        with pytest.raises(BitstreamError, match="preview: "):
+            read_preview(bad)
+
+
+def test_what_is_wrong_is_said() -> None:
+    data = bytearray(write_preview(preview_of(3)))
+    for place, value, told in (
+        (0, b"\x02", "version 2"),
+        (1, b"\0", "1 to 133 Gaussians"),
+        (5, np.float32("nan").tobytes(), "middle"),
+        (17, np.float32(0).tobytes(), "spread"),
+        (21, np.float32(-9).tobytes(), "range of x"),
+        (49, np.float32(-6).tobytes(), "range of sizes"),
+        (len(data) - 1, bytes([data[-1] | 1]), "bits behind"),
+    ):
+        bad = bytes(data[:place]) + value + bytes(data[place + len(value) :])
+        bad = bad[:53] if place == 1 else bad
+        with pytest.raises(UnsupportedVersionError if place == 0 else BitstreamError, match=told):
+            read_preview(bad)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=1100) | st.integers(0, 200).map(lambda n: bytes([1, n])).flatmap(
+    lambda head: st.binary(min_size=0, max_size=1100).map(lambda rest: head + rest)))  # fmt: skip
+def test_any_bytes_give_a_preview_or_an_error(data: bytes) -> None:
+    try:
+        gaussians, background = preview_gaussians(data)
+    except BitstreamError:
+        return
+    check(gaussians)
+    assert all(0 <= value <= 1 for value in background)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.data())
+def test_flipped_bytes_give_something_drawable_or_an_error(data: st.DataObject) -> None:
+    good = bytearray(write_preview(preview_of(5)))
+    for _ in range(data.draw(st.integers(1, 4))):
+        good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
+    try:
+        gaussians, _ = preview_gaussians(bytes(good))
+    except BitstreamError:
+        return
+    check(gaussians)
+
+
+def check(gaussians: Gaussians) -> None:
+    fields = [getattr(gaussians, field.name) for field in dataclasses.fields(gaussians)]
+    assert all(bool(values.isfinite().all()) and values.dtype == torch.float32 for values in fields)
+    assert bool((gaussians.scales > 0).all())
+    camera = tiny_cameras(num_views=1, width=16, height=12)
+    assert render_cpu(gaussians, camera, background=torch.zeros(3)).shape == (1, 12, 16, 3)
+
+
+def test_the_largest_numbers_can_be_drawn() -> None:
+    rng = np.random.default_rng(0)
+    for spread in (2.0**-20, 1.0, 2.0**20):
+        frame = PreviewFrame(
+            (2.0**20, -(2.0**20), 0.0), spread, (*[-MOST_AWAY] * 3, SIZES[0]), (*[MOST_AWAY] * 3, SIZES[1])
+        )
+        check(Preview(frame, (0, 0, 0), rng.integers(0, MOST + 1, (MAX_GAUSSIANS, len(BITS)))).gaussians())
+
+
+def test_a_preview_that_cannot_be_sent_is_not_made() -> None:
+    with pytest.raises(InvalidValueError, match="1 to 133"):
+        preview_of(MAX_GAUSSIANS + 1)
+    with pytest.raises(InvalidValueError, match="fit its bits"):
+        Preview(FRAME, (0, 0, 0), np.full((1, 10), 256))
+    with pytest.raises(InvalidValueError, match="spread"):
+        PreviewFrame.fitting((0.0,) * 3, 0.0, (0.0,) * 4, (0.0,) * 4)
+    assert gaussians_within(0) == gaussians_within(60) == 0
+    assert gaussians_within(10**6) == MAX_GAUSSIANS == 133
