@@ -133,7 +133,7 @@ def sketch_for_stream(
     started, show = time.perf_counter(), progress or (lambda task, share: None)
     if views.background is not None:
         data = replace(data, scene=replace(data.scene, background=views.background))
-    sensitivity_views = _fewer(views, config.views, config.width)
+    sensitivity_views = fewer_views(views, config.views, config.width)
     sensitivity = render_sensitivity(
         data.scene, sensitivity_views.cameras, probes=config.probes, seed=config.seed,
         progress=lambda share: show("what each anchor is worth", share),
@@ -143,7 +143,7 @@ def sketch_for_stream(
     material = sketch_material(data.context, sensitivity)
     buckets = buckets_of(data.context)
     section = _of_size(material, buckets, config, round(config.share * stream_bytes), show)
-    scored = _Scores(data, _fewer(views, config.scored_views, config.width), config)
+    scored = _Scores(data, fewer_views(views, config.scored_views, config.width), config)
     section = _best_growth(scored, section, config, show)
     show("held-out losses", 0.0)
     quality = {"no loss": scored.mean(None, scored.held_out)}
@@ -201,7 +201,7 @@ def _best_growth(scored: "_Scores", section: SketchSection, config: SketchConfig
     return replace(section, exponent=exponent, trust=trust)
 
 
-def _fewer(views: SketchViews, count: int, width: int) -> SketchViews:
+def fewer_views(views: SketchViews, count: int, width: int) -> SketchViews:
     """At most `count` views, spread evenly, at most `width` wide."""
     total = views.cameras.num_views
     chosen = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int)).tolist()

@@ -1,0 +1,294 @@
+"""Fits a preview: as many explicit Gaussians as one datagram holds, to the training photos."""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from splatwire.codec.preview import (
+    MAX_PREVIEW_BYTES,
+    MOST_AWAY,
+    Preview,
+    PreviewFrame,
+    gaussians_within,
+    preview_gaussians,
+    write_preview,
+)
+from splatwire.errors import InvalidValueError
+from splatwire.metrics import psnr
+from splatwire.model import AnchorScene
+from splatwire.ops.knn import nearest_neighbors
+from splatwire.render import iterate_views
+from splatwire.render.base import create_training_renderer
+from splatwire.render.importance import footprint_importance
+from splatwire.scene import Cameras, Gaussians
+from splatwire.train.calibrate_render import Progress, SketchViews, fewer_views
+
+_PLACE, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
+RATES = (_PLACE, _PLACE, _PLACE, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
+"""Learning rates of a Gaussian's numbers, which are those of `PreviewFrame.values`; that of the background is 0.01."""
+BACKGROUND_RATE = 0.01
+_LOWEST = (*[-MOST_AWAY] * 3, *[-6.0] * 3, 0.0, 0.0, 0.0, 1 / 32)
+_HIGHEST = (*[MOST_AWAY] * 3, *[3.0] * 3, 1.0, 1.0, 1.0, 31 / 32)
+_FIRST_OPACITY = 0.8
+_SPLIT_SHIFT, _SPLIT_SHRINK = 0.6, 0.5
+"""Where halves of a split Gaussian go, in standard deviations, and what their longest axis loses, as a logarithm."""
+_ERROR_VIEWS = 12
+
+
+@dataclass(frozen=True)
+class PreviewConfig:
+    """A fit.
+
+    Attributes:
+        num_bytes: Most bytes of the preview.
+        steps: Steps, one view each.
+        rounds: How often Gaussians that hardly show are moved to where the error is.
+        moved: Share of the Gaussians that are moved at a time.
+        still: Share of the steps after which none is moved any more, and
+        rounding: after which the numbers are rounded to those that can be sent.
+        views: Most views that are fitted to, and
+        width: how wide they are at most, pixels.
+        scored_views: Most views that the result is compared in, and
+        scored_width: how wide these are at most.
+        seed: Seed of everything random.
+    """
+
+    num_bytes: int = MAX_PREVIEW_BYTES
+    steps: int = 3000
+    rounds: int = 20
+    moved: float = 0.05
+    still: float = 0.6
+    rounding: float = 0.7
+    views: int = 100
+    width: int = 120
+    scored_views: int = 25
+    scored_width: int = 400
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        counts = ("steps", "views", "width", "scored_views", "scored_width")
+        bad = [name for name in counts if getattr(self, name) < 1]
+        bad += [name for name in ("moved", "still", "rounding") if not 0 < getattr(self, name) < 1]
+        bad += [] if gaussians_within(self.num_bytes) else ["num_bytes"]
+        bad += [name for name in ("rounds", "seed") if getattr(self, name) < 0]
+        if bad:
+            told = ", ".join(f"{name}={getattr(self, name)}" for name in bad)
+            raise InvalidValueError(f"a preview cannot be fitted with {told}")
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewResult:
+    """What came out.
+
+    Attributes:
+        section: Bytes of the section.
+        num_gaussians: How many it has.
+        psnr: Decibels of `background` alone, of the `preview`, and of the `complete` scene.
+        seconds: Time taken.
+    """
+
+    section: bytes
+    num_gaussians: int
+    psnr: dict[str, float]
+    seconds: float
+
+
+def preview_for_scene(
+    scene: AnchorScene,
+    views: SketchViews,
+    config: PreviewConfig | None = None,
+    *,
+    test: SketchViews | None = None,
+    progress: Progress | None = None,
+) -> PreviewResult:
+    """Makes the section `preview` for a scene.
+
+    Args:
+        scene: The complete scene: where the first Gaussians are, and what is shown where there are no photos.
+        views: What is fitted to.
+        config: The run.
+        test: Views that the result is compared in; None for those that it was fitted to.
+        progress: Called with what is done and the share of it that is done.
+
+    Raises:
+        InvalidValueError: If no view shows anything of the scene.
+    """
+    config, show, started = config or PreviewConfig(), progress or (lambda task, share: None), time.perf_counter()
+    seen = fewer_views(views, config.views, config.width)
+    preview = _Fit(scene, _pictures(scene, seen), config).run(show)
+    section = write_preview(preview)
+    scored = fewer_views(views if test is None else test, config.scored_views, config.scored_width)
+    quality = _scores(scene, section, _pictures(scene, scored), show)
+    return PreviewResult(section, preview.num_gaussians, quality, time.perf_counter() - started)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pictures:
+    """What views show; `masks` are None where everything counts."""
+
+    cameras: Cameras
+    images: list[Tensor]
+    masks: list[Tensor | None]
+
+
+def _pictures(scene: AnchorScene, views: SketchViews) -> _Pictures:
+    numbers = range(views.cameras.num_views)
+    if views.photo is None:
+        behind = None if views.background is None else torch.tensor(views.background)
+        images = list(iterate_views(scene, views.cameras, background=behind))
+    else:
+        images = [views.photo(view) for view in numbers]
+    return _Pictures(views.cameras, images, [None if views.mask is None else views.mask(view) for view in numbers])
+
+
+class _Fit:
+    """Gaussians on their way to a preview.
+
+    Their numbers are those of `PreviewFrame.values`, each over its learning rate, so that one rate does for all.
+    """
+
+    def __init__(self, scene: AnchorScene, pictures: _Pictures, config: PreviewConfig) -> None:
+        self._pictures, self._config = pictures, config
+        self._draw = create_training_renderer(torch.device("cpu"))
+        self._generator = torch.Generator().manual_seed(config.seed)
+        self._rates = torch.tensor(RATES)
+        self.frame, values = self._first(scene, gaussians_within(config.num_bytes))
+        self._raw = (values / self._rates).requires_grad_()
+        self._behind = (torch.tensor(scene.background) / BACKGROUND_RATE).requires_grad_()
+        self._rounded = False
+
+    def run(self, show: Progress) -> Preview:
+        """Fits, and rounds."""
+        config, num_views = self._config, self._pictures.cameras.num_views
+        optimizer = torch.optim.Adam([self._raw, self._behind], lr=1.0, betas=(0.9, 0.99))
+        every = max(1, round(config.still * config.steps / (config.rounds + 1)))
+        moments = {every * (number + 1) for number in range(config.rounds)}
+        for step in range(config.steps):
+            if step == round(config.rounding * config.steps):
+                self._round()
+            elif step in moments and not self._rounded:
+                self._move(optimizer)
+            optimizer.param_groups[0]["lr"] = 0.02 + 0.49 * (1 + math.cos(math.pi * step / config.steps))
+            view = int(torch.randint(num_views, (1,), generator=self._generator))
+            error = (self._image(self._gaussians(), view) - self._pictures.images[view]).square()
+            mask = self._pictures.masks[view]
+            optimizer.zero_grad()
+            (error.mean() if mask is None else error[mask].mean()).backward()
+            optimizer.step()
+            self._clamp()
+            if step % 50 == 0:
+                show("fitting a preview", step / config.steps)
+        show("fitting a preview", 1.0)
+        if not self._rounded:
+            self._round()
+        with torch.no_grad():
+            levels = self.frame.levels(self._raw * self._rates).round().long().numpy()
+            red, green, blue = (self._behind * BACKGROUND_RATE * 255).round().int().tolist()
+        return Preview(self.frame, (red, green, blue), levels)
+
+    def _first(self, scene: AnchorScene, count: int) -> tuple[PreviewFrame, Float[Tensor, "G 10"]]:
+        """Anchors drawn by their share of the pictures, as far apart as they are large."""
+        share = footprint_importance(scene, self._pictures.cameras).share
+        shown = int((share > 0).sum())
+        if not shown:
+            raise InvalidValueError("no view shows anything of the scene: there is nothing to preview")
+        chosen = torch.multinomial(share, min(count, shown), generator=self._generator)
+        places = scene.anchors.positions[chosen]
+        middle = places.median(dim=0).values
+        spread = 0.5 * float((self._pictures.cameras.centers - middle).norm(dim=1).median())
+        frame = PreviewFrame.fitting(middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0))
+        values = torch.full((len(places), len(RATES)), 0.5)
+        values[:, :3] = torch.asinh((places - middle) / frame.spread)
+        near = nearest_neighbors(places, places, 3)[1].amax(dim=1, keepdim=True)
+        values[:, 3:6] = (near / 2 / frame.spread).clamp(min=1e-2).log()
+        values[:, 9] = _FIRST_OPACITY
+        return frame, values
+
+    def _gaussians(self) -> Gaussians:
+        values = self._raw * self._rates
+        if self._rounded:
+            levels = self.frame.levels(values)
+            values = self.frame.values(levels + (levels.round() - levels).detach())
+        return self.frame.gaussians(values)
+
+    def _image(self, gaussians: Gaussians, view: int) -> Float[Tensor, "H W 3"]:
+        camera, behind = self._pictures.cameras.select([view]), self._behind * BACKGROUND_RATE
+        return self._draw(gaussians, camera, background=behind, watched=False).image
+
+    @torch.no_grad()
+    def _round(self) -> None:
+        """From here on only what can be sent is drawn; gradients go through as if it were not rounded."""
+        values = self._raw * self._rates
+        low, high = values.amin(dim=0), values.amax(dim=0)
+        low = torch.cat([low[:3], low[3:6].amin()[None]])
+        high = torch.cat([high[:3], high[3:6].amax()[None]])
+        self.frame = PreviewFrame.fitting(self.frame.middle, self.frame.spread, low.tolist(), high.tolist())
+        self._rounded = True
+
+    @torch.no_grad()
+    def _clamp(self) -> None:
+        self._raw.clamp_(torch.tensor(_LOWEST) / self._rates, torch.tensor(_HIGHEST) / self._rates)
+        self._behind.clamp_(0, 1 / BACKGROUND_RATE)
+
+    def _move(self, optimizer: torch.optim.Optimizer) -> None:
+        """Splits Gaussians where the error is; those that show least become the second halves."""
+        shown, wrong = self._shares()
+        count = max(1, round(self._config.moved * len(shown)))
+        least = shown.argsort()[:count]
+        wrong[least] = -1
+        worst = wrong.argsort(descending=True)[:count]
+        with torch.no_grad():
+            values = self._raw * self._rates
+            halves = values[worst]
+            axis = halves[:, 3:6].argmax(dim=1)
+            rows = torch.arange(count)
+            shift = torch.zeros(count, 3)
+            shift[rows, axis] = _SPLIT_SHIFT * halves[rows, 3 + axis].exp() / halves[rows, axis].cosh()
+            halves[rows, 3 + axis] -= _SPLIT_SHRINK
+            for places, sign in ((worst, -1), (least, 1)):
+                values[places] = torch.cat([halves[:, :3] + sign * shift, halves[:, 3:]], dim=1)
+                optimizer.state[self._raw]["exp_avg"][places] = 0
+            self._raw.copy_(values / self._rates)
+
+    def _shares(self) -> tuple[Float[Tensor, "G"], Float[Tensor, "G"]]:
+        """How much of the pictures each Gaussian is, and how much of their squared error lies under it."""
+        with torch.no_grad():
+            now = self._gaussians()
+        shown, wrong = torch.zeros(now.num_gaussians), torch.zeros(now.num_gaussians)
+        last = self._pictures.cameras.num_views - 1
+        for view in np.unique(np.linspace(0, last, min(_ERROR_VIEWS, last + 1)).round().astype(int)).tolist():
+            colors = now.colors.clone().requires_grad_()
+            image = self._image(Gaussians(now.means, now.quats, now.scales, now.opacities, colors), view)
+            error = (image.detach() - self._pictures.images[view]).square().sum(dim=2, keepdim=True)
+            mask = self._pictures.masks[view]
+            error = error if mask is None else error * mask[:, :, None]
+            shown += torch.autograd.grad(image.sum(), colors, retain_graph=True)[0][:, 0]
+            wrong += torch.autograd.grad((image * error).sum(), colors)[0][:, 0]
+        return shown, wrong
+
+
+@torch.no_grad()
+def _scores(scene: AnchorScene, section: bytes, pictures: _Pictures, show: Progress) -> dict[str, float]:
+    """Mean PSNR of what a receiver of these bytes draws."""
+    gaussians, background = preview_gaussians(section)
+    draw, behind = create_training_renderer(torch.device("cpu")), torch.tensor(background)
+    totals = dict.fromkeys(("background", "preview", "complete"), 0.0)
+    complete = iterate_views(scene, pictures.cameras)
+    for view, (truth, image, mask) in enumerate(zip(complete, pictures.images, pictures.masks, strict=True)):
+        drawn = draw(gaussians, pictures.cameras.select([view]), background=behind, watched=False).image
+        rows = {"background": behind.expand_as(image), "preview": drawn.clamp(0, 1), "complete": truth}
+        for name, picture in rows.items():
+            totals[name] += _decibels(picture, image, mask)
+        show("comparing pictures", (view + 1) / len(pictures.images))
+    return {name: total / len(pictures.images) for name, total in totals.items()}
+
+
+def _decibels(
+    picture: Float[Tensor, "H W 3"], image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None
+) -> float:
+    return min(float(psnr(picture[None], image[None], None if mask is None else mask[None])[0]), 100.0)
