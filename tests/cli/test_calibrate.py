@@ -83,3 +83,31 @@ def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
         outcome = run(*words)
         assert outcome.status == 2
         assert told in outcome.err
+
+
+def test_a_preview_travels_in_the_stream(run, journey, tmp_path, monkeypatch):
+    from splatwire.codec.preview import preview_gaussians
+    from splatwire.codec.sections import split_sections
+    from splatwire.train import calibrate_preview as fit
+
+    settings = fit.PreviewConfig
+    monkeypatch.setattr(fit, "PreviewConfig", lambda seed: settings(steps=60, rounds=2, width=48, seed=seed))
+    target, words = tmp_path / "previewed.swz", ("--method", "preview", "--json", "--cameras", journey / "cameras.json")
+    content = run("calibrate", journey / "tiny.swz", "-o", target, *words).json
+    inspected = run("inspect", target, "--json").json
+    assert content["scored"] == "the views it was fitted to"
+    assert inspected["num_bytes"] == content["stream_bytes"] == target.stat().st_size
+    assert 0 <= content["num_bytes"] - inspected["side_info_parts"]["preview"] < 10
+    assert set(content["psnr"]) == {"background", "preview", "complete"}
+    stream = read_stream(target)[0]
+    section = split_sections(stream.side_info)[1]["preview"]
+    assert len(section) == content["preview_bytes"]
+    assert preview_gaussians(section)[0].num_gaussians == content["num_gaussians"]
+    assert stream.packets == read_stream(journey / "tiny.swz")[0].packets
+    again = run("calibrate", target, "-o", tmp_path / "again.swz", *words[:2], "--cameras", journey / "cameras.json")
+    assert "dB" in again.out
+    assert (tmp_path / "again.swz").read_bytes() == target.read_bytes()
+    for source, output, told in (("tiny.swz", "w", "must end in .swz"), ("lossy.swz", "w.swz", "packets were lost")):
+        outcome = run("calibrate", journey / source, "-o", tmp_path / output, "--method", "preview")
+        assert outcome.status == 2
+        assert told in outcome.err

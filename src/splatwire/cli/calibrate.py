@@ -1,4 +1,4 @@
-"""`splatwire calibrate`: weights of the GNN concealer, or a sketch, for one scene."""
+"""`splatwire calibrate`: weights of the GNN concealer, a sketch, or a preview, for one scene."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ import tyro
 from splatwire.cli._files import is_stream
 from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
+from splatwire.cli.calibrate_preview import calibrate_preview
 from splatwire.cli.calibrate_sketch import calibrate_sketch
 from splatwire.errors import InvalidValueError, UnknownNameError
 
@@ -23,12 +24,12 @@ if TYPE_CHECKING:
     )
 
 
-METHODS = ("gnn", "sketch")
+METHODS = ("gnn", "sketch", "preview")
 
 
 @dataclass(frozen=True)
 class Calibrate:
-    """Calibrate a concealer on one scene and put the result into its stream (a GNN's weights also into a file)."""
+    """Calibrate a concealer or a preview on one scene and put it into the stream (a GNN's weights also into a file)."""
 
     source: tyro.conf.Positional[Path]
     """Complete stream, or scene file (it is encoded first)."""
@@ -36,7 +37,8 @@ class Calibrate:
     """Stream to write, with the weights in it (a name that ends in .swz), or weights file; a checkpoint goes to the
     same name with .checkpoint added."""
     method: str = "gnn"
-    """gnn (a network), or sketch: coarse copies of the anchors that matter most in the picture (--conceal sketch)."""
+    """gnn (a network); sketch: coarse copies of the anchors that matter most in the picture (--conceal sketch); or
+    preview: a hundred Gaussians that a receiver has to look at before anything else has arrived."""
     preset: str = "paper"
     """paper (feature-focused), full (every attribute) or compact (few weights)."""
     bits: int | None = None
@@ -49,9 +51,10 @@ class Calibrate:
     render_weight: float = 0.0
     """Weight of the rendering loss; needs --cameras."""
     cameras: Path | None = None
-    """Cameras file for the rendering loss, or for a sketch without photos."""
+    """Cameras file for the rendering loss, or for a sketch or a preview without photos."""
     data: Path | None = None
-    """Posed photos for a sketch, of which the training views are used; a sphere of views without these and cameras."""
+    """Posed photos for a sketch or a preview, of which the training views are used; a sphere of views without these and
+    cameras."""
     share: float = 0.04
     """Bytes of a sketch over those of the stream."""
     render_width: int = 200
@@ -71,8 +74,8 @@ class Calibrate:
         """Runs the verb."""
         if self.method not in METHODS:
             raise UnknownNameError("calibration method", self.method, METHODS)
-        if self.method == "sketch":
-            calibrate_sketch(self)
+        if self.method != "gnn":
+            (calibrate_sketch if self.method == "sketch" else calibrate_preview)(self)
             return
         from splatwire.conceal.gnn.weights import PRECISIONS, save_weights
         from splatwire.train.calibrate_gnn import calibrate

@@ -10,9 +10,9 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
+    from splatwire.scene import Anchors
     from splatwire.scene.background import Background
     from splatwire.train.calibrate_render import SketchViews
-    from splatwire.train.gnn_data import CalibrationData
 
 
 @runtime_checkable
@@ -62,18 +62,21 @@ def calibrate_sketch(options: SketchOptions) -> None:
     Raises:
         InvalidValueError: If the output is no stream, or the options make no sense.
     """
-    from splatwire.codec import add_concealment, without_concealment
+    from splatwire.codec import add_concealment, decode_stream, without_concealment
     from splatwire.conceal.sketch import SECTION
     from splatwire.packets import write_stream
     from splatwire.train.calibrate_render import SketchConfig, sketch_for_stream
+    from splatwire.train.gnn_data import calibration_data
 
     if options.output.suffix != ".swz":
         raise InvalidValueError(f"a sketch travels in the stream: the output must end in .swz, not {options.output}")
     background = chosen_background(options.background)
     config = SketchConfig(share=options.share, drop_rate=options.drop_rate, seed=options.seed)
     with progress_bars() as show:
-        stream, data = _complete(options.source, show)
-        views, source = _views(data, options, data.scene.background if background is None else background)
+        stream = complete_stream(options.source, show)
+        data = calibration_data(stream, decode_stream(stream, progress=lambda share: show("decoding", share)))
+        behind = data.scene.background if background is None else background
+        views, source = calibration_views(data.context.anchors, options, behind)
         bare = without_concealment(stream, SECTION)
         result = sketch_for_stream(data, views, bare.num_bytes, config, progress=show)
     richer = add_concealment(bare, SECTION, result.section)
@@ -108,20 +111,25 @@ def _print(report: dict[str, Any], *, as_json: bool) -> None:
     print(f"{size:,} bytes in a stream of {total:,} ({share:.2f} %) -> {report['output']}")
 
 
-def _complete(source: Path, show: Reporter) -> "tuple[SceneStream, CalibrationData]":
-    from splatwire.codec import decode_stream, encode_scene
+def complete_stream(source: Path, show: Reporter) -> "SceneStream":
+    """The stream that a person named; a scene is encoded first."""
+    from splatwire.codec import encode_scene
     from splatwire.model.scene_file import load_scene
     from splatwire.packets import PRESETS, read_stream
-    from splatwire.train.gnn_data import calibration_data
 
     if is_stream(source):
-        stream, _ = read_stream(source)
-    else:
-        stream = encode_scene(load_scene(source), PRESETS["paper"], progress=lambda share: show("encoding", share))
-    return stream, calibration_data(stream, decode_stream(stream, progress=lambda share: show("decoding", share)))
+        return read_stream(source)[0]
+    return encode_scene(load_scene(source), PRESETS["paper"], progress=lambda share: show("encoding", share))
 
 
-def _views(data: "CalibrationData", options: SketchOptions, background: "Background") -> "tuple[SketchViews, str]":
+def calibration_views(
+    anchors: "Anchors", options: SketchOptions, background: "Background"
+) -> "tuple[SketchViews, str]":
+    """Where a scene is looked at from: training photos, cameras, or a sphere of views; and which of them, in words.
+
+    Raises:
+        InvalidValueError: If photos and cameras were given.
+    """
     from splatwire.data import load_cameras, open_dataset
     from splatwire.render.importance import surrounding_cameras
     from splatwire.train.calibrate_render import SketchViews
@@ -136,5 +144,5 @@ def _views(data: "CalibrationData", options: SketchOptions, background: "Backgro
     if options.cameras is not None:
         cameras = load_cameras(options.cameras)
         return SketchViews(cameras, None, background), "against the complete scene in the cameras given"
-    cameras = surrounding_cameras(data.context.anchors)
+    cameras = surrounding_cameras(anchors)
     return SketchViews(cameras, None, background), "against the complete scene on a sphere of views"
