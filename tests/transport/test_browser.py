@@ -7,6 +7,7 @@ import io
 import random
 import shutil
 import subprocess
+import zlib
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -87,11 +88,21 @@ def test_the_page_reads_frames_as_the_core_writes_them(tmp_path):
         'import { crc32, Transfer } from "./receiver.mjs";\n'
         'console.log(crc32(new TextEncoder().encode("123456789")).toString(16));\n'
         'console.log(Buffer.from(new Transfer("scène", 7n, 0).request()).toString("hex"));\n'
+        "for (const word of process.argv.slice(2)) {\n"
+        '  const transfer = new Transfer("", 7n, 0);\n'
+        '  transfer.receive(Uint8Array.from(Buffer.from(word, "hex")), 0);\n'
+        "  console.log(transfer.welcome ? Buffer.from(transfer.welcome.preview).toString() : transfer.finished);\n"
+        "}\n"
     )
-    done = subprocess.run(["node", str(script)], capture_output=True, text=True, timeout=30, check=True)
-    from splatwire.transport.wire import Request, encode
+    from splatwire.transport.wire import Request, TierHead, Welcome, encode
 
-    assert done.stdout.split() == ["cbf43926", encode(Request(7, bytes(16), "scène")).hex()]
+    tiers = (TierHead(1, 0, 0),) * 3
+    welcome = encode(Welcome(7, 2, 3, 400, bytes(32), 256, 3, 1150, 0, tiers, b"preview"))[:-4]
+    bodies = (welcome, welcome[:-1], welcome + b"x", welcome[:69], welcome[:69] + b"\0" + welcome[70:])
+    words = [(body + zlib.crc32(body).to_bytes(4, "little")).hex() for body in bodies]
+    done = subprocess.run(["node", str(script), *words], capture_output=True, text=True, timeout=30, check=True)
+    lines = ["cbf43926", encode(Request(7, bytes(16), "scène")).hex(), "preview"]
+    assert done.stdout.splitlines() == lines + ["the server announces something impossible"] * 4
 
 
 def test_the_page_server_gives_its_files_and_nothing_else():

@@ -8,6 +8,7 @@ import pytest
 from splatwire.packets import Packet, PacketId, packet_to_bytes
 from splatwire.transport import Event, PacketArrived, Receiver, Server, ServerLimits, make_program
 from splatwire.transport.wire import (
+    VERSION,
     Bye,
     Challenge,
     Data,
@@ -72,7 +73,7 @@ def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int)
         case 0:
             return rng.randbytes(rng.randrange(1400))
         case 1:
-            return bytes([0x10 | rng.randrange(16)]) + rng.randbytes(rng.randrange(1250))
+            return bytes([VERSION << 4 | rng.randrange(16)]) + rng.randbytes(rng.randrange(1250))
         case 2 | 3:  # mutated: bits, cuts, additions
             data = bytearray(rng.choice(seen))
             for _ in range(rng.randrange(1, 4)):
@@ -94,7 +95,7 @@ def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int)
                         Parity(mine, number(), number() & 0xFFFF, number(), rng.randbytes(rng.randrange(1, 1153))),
                         Feedback(mine, number(), number(), number(), number(), tuple(number() for _ in range(250))),
                         Welcome(number(), mine, number(), number(), bytes(32), 65535, number(), 65535,
-                                number(), (TierHead(number(), 65535, 65535),) * 8),
+                                number(), (TierHead(number(), 65535, 65535),) * 8, rng.randbytes(number() & 1023)),
                         Refuse(number(), rng.randrange(256)),
                         Challenge(number(), rng.randbytes(16)),
                         Request(number(), rng.randbytes(16), "scene"),

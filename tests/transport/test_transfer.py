@@ -1,6 +1,7 @@
 """Both ends over a network in memory: what arrives is what was sent, whatever the network does."""
 
 import dataclasses
+import itertools
 import random
 
 import pytest
@@ -23,8 +24,22 @@ from splatwire.transport import (
 )
 from splatwire.transport.layout import head_object, split_head_object
 from splatwire.transport.outline import StreamLoad, outline_transfer
+from splatwire.transport.preview import FIXED_SECTIONS, SECTION, stream_preview
 from splatwire.transport.transfer import Transfer
-from splatwire.transport.wire import DATA, PARITY, SIDE, Feedback, Refuse, Request, Side, Welcome, decode, encode
+from splatwire.transport.wire import (
+    DATA,
+    MAX_PREVIEW,
+    PARITY,
+    SIDE,
+    Feedback,
+    Hello,
+    Refuse,
+    Request,
+    Side,
+    Welcome,
+    decode,
+    encode,
+)
 from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -302,3 +317,48 @@ def test_what_is_sent_again_of_the_head_is_news():
     assert len(again) >= missing
     assert len(set(again)) == len(again)
     assert not scheduled & set(again)
+
+
+def test_a_preview_comes_with_the_first_answer():
+    """It is there when no symbol of the side information ever comes, and any bytes will do."""
+    preview = random.Random(0).randbytes(MAX_PREVIEW)
+    program = make_program(STREAM, preview=preview)
+    sent = itertools.count()
+    lost = Link(lambda: next(sent) >= 2)  # challenge and welcome arrive, nothing after them
+    result = transfer(program, down=lost, options=ReceiverOptions(deadline_s=1.0))
+    receiver = result.receiver
+    assert (receiver.finished, receiver.stream()) == (Finished("deadline", False), None)
+    assert receiver.preview == preview
+    assert result.events[0] == Welcomed(len(STREAM.packets), program.head_bytes, preview)
+    complete(transfer(program, down=Link(bernoulli(0.3, random.Random(3)))))
+    assert transfer(PROGRAM).receiver.preview == b""
+    with pytest.raises(InvalidValueError, match="at most 1024"):
+        make_program(STREAM, preview=bytes(MAX_PREVIEW + 1))
+
+
+def test_nobody_without_a_token_is_sent_a_preview():
+    rng = random.Random(0)
+    server = Server({"scene": make_program(STREAM, preview=bytes(1000))}, secret=SECRET, random=rng.randbytes)
+    assert len(server.receive("me", encode(Hello(1, "")), 0.0)) < 40
+    assert server.receive("me", encode(Request(1, bytes(16), "")), 0.0) is None
+
+
+def test_the_preview_is_found_in_the_side_information():
+    from splatwire.codec import add_concealment
+    from splatwire.codec import preview as codec
+    from splatwire.codec.sections import FIXED_SECTIONS as NAMES
+
+    assert (len(NAMES), codec.SECTION, codec.MAX_PREVIEW_BYTES) == (FIXED_SECTIONS, SECTION, MAX_PREVIEW)
+    side_info = b"".join(bytes([n]) + b"x" * n for n in range(FIXED_SECTIONS))
+    bare = dataclasses.replace(STREAM, side_info=side_info)
+    assert stream_preview(side_info) == b""
+    richer = add_concealment(add_concealment(bare, "gnn", b"weights"), "preview", b"scene")
+    assert stream_preview(add_concealment(richer, "sketch", b"copies").side_info) == b"scene"
+    for damaged in (
+        side_info[:-1],
+        richer.side_info[:-1],
+        b"",
+        add_concealment(bare, "preview", bytes(1025)).side_info,
+    ):
+        with pytest.raises(BitstreamError):
+            stream_preview(damaged)

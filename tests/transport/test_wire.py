@@ -1,4 +1,5 @@
 import contextlib
+import zlib
 
 import numpy as np
 import pytest
@@ -24,12 +25,13 @@ from splatwire.transport.wire import (
 
 u16, u32, u64 = (st.integers(0, (1 << bits) - 1) for bits in (16, 32, 64))
 names = st.text("abc-é.", max_size=20)
-tiers = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=8).map(tuple)
+tiers = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=wire.MAX_TIERS).map(tuple)
+previews = st.binary(max_size=wire.MAX_PREVIEW)
 frames = st.one_of(
     st.builds(Hello, u64, names),
     st.builds(Challenge, u64, st.binary(min_size=16, max_size=16)),
     st.builds(Request, u64, st.binary(min_size=16, max_size=16), names),
-    st.builds(Welcome, u64, u32, u32, u64, st.binary(min_size=32, max_size=32), u16, u32, u16, u32, tiers),
+    st.builds(Welcome, u64, u32, u32, u64, st.binary(min_size=32, max_size=32), u16, u32, u16, u32, tiers, previews),
     st.builds(Side, u32, u32, u16, u32, st.binary(min_size=1, max_size=1100)),
     st.builds(Data, u32, u32, u32, st.binary(min_size=1, max_size=1150)),
     st.builds(Parity, u32, u32, u16, u32, st.binary(min_size=1, max_size=1152)),
@@ -64,14 +66,29 @@ def test_every_flipped_bit_and_every_cut_is_found(frame, data):
 
 def test_pinned_bytes():
     """A change here is a change of the protocol and needs a new version."""
-    assert wire.encode(Data(1, 2, 3, b"packet")).hex() == "26010000000200000003000000" + b"packet".hex()
-    assert wire.encode(Bye(0x01020304)).hex() == "290403020172c1e6c2"
-    assert wire.encode(Side(1, 2, 3, 4, b"symbol")).hex() == "25010000000200000003000400000073796d626f6c839c579a"
+    assert wire.encode(Data(1, 2, 3, b"packet")).hex() == "36010000000200000003000000" + b"packet".hex()
+    assert wire.encode(Bye(0x01020304)).hex() == "3904030201f05606a2"
+    assert wire.encode(Side(1, 2, 3, 4, b"symbol")).hex() == "35010000000200000003000400000073796d626f6c6f8eb3d1"
     feedback = wire.encode(Feedback(1, 2, 3, 4, 5, (6, 7)))
-    assert feedback.hex() == "2801000000020000000300000004000000050000000200060000000700000016abaed9"
-    welcome = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (TierHead(9, 10, 11),)))
-    head = "24" + "0100000000000000" + "02000000" + "03000000" + "0400000000000000" + "00" * 32
-    assert welcome.hex() == head + "0500" + "06000000" + "0700" + "08000000" + "01" + "090000000a000b00" + "7caa1bfd"
+    assert feedback.hex() == "380100000002000000030000000400000005000000020006000000070000000626d037"
+    welcome = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (TierHead(9, 10, 11),), b"scene"))
+    head = "34" + "0100000000000000" + "02000000" + "03000000" + "0400000000000000" + "00" * 32
+    rest = "0500" + "06000000" + "0700" + "08000000" + "01" + "090000000a000b00" + "0500" + b"scene".hex()
+    assert welcome.hex() == head + rest + "30c06198"
+
+
+def test_a_welcome_says_how_long_its_preview_is():
+    tiers, most = (TierHead(1, 0, 0),) * wire.MAX_TIERS, bytes(range(256)) * (wire.MAX_PREVIEW // 256)
+    largest = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, tiers, most))
+    assert len(largest) == 1180 <= wire.MAX_DATAGRAM
+    assert wire.decode(largest).preview == most
+    plain = Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, tiers[:1], b"preview")
+    assert wire.decode(wire.encode(plain._replace(preview=b""))).preview == b""
+    body = wire.encode(plain)[:-4]
+    for size, content in ((0, b"preview"), (6, b"preview"), (8, b"preview"), (65_535, b""), (1025, bytes(1025))):
+        bad = body[:-9] + size.to_bytes(2, "little") + content
+        with pytest.raises(BitstreamError, match="contradicts itself"):
+            wire.decode(bad + zlib.crc32(bad).to_bytes(4, "little"))
 
 
 def test_the_greeting_is_as_large_as_any_answer():
@@ -82,6 +99,8 @@ def test_the_greeting_is_as_large_as_any_answer():
 def test_other_versions_say_so():
     with pytest.raises(UnsupportedVersionError, match="protocol version 1"):
         wire.decode(b"\x11" + bytes(30))
+    with pytest.raises(UnsupportedVersionError, match="protocol version 2, not 3"):
+        wire.decode(b"\x24" + bytes(78))
 
 
 def test_names_are_printable_and_short():
@@ -94,7 +113,7 @@ def test_random_bytes_are_never_more_than_an_error():
     rng = np.random.default_rng(0)
     accepted = 0
     for _ in range(5000):
-        data = bytes([0x10 | int(rng.integers(16))]) + rng.bytes(int(rng.integers(0, 1300)))
+        data = bytes([wire.VERSION << 4 | int(rng.integers(16))]) + rng.bytes(int(rng.integers(0, 1300)))
         with contextlib.suppress(BitstreamError):
             accepted += not isinstance(wire.decode(data), Data)
     assert accepted == 0

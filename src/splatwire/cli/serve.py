@@ -218,9 +218,11 @@ def load_program(path: str, protection: "Protection") -> "Program":
 
     Raises:
         InvalidValueError: If it is incomplete, or its packets do not fit datagrams.
+        BitstreamError: If it cannot be read.
     """
     from splatwire.packets import read_stream
     from splatwire.transport import make_program
+    from splatwire.transport.preview import stream_preview
 
     stream, _ = read_stream(Path(path))
-    return make_program(stream, protection)
+    return make_program(stream, protection, preview=stream_preview(stream.side_info))

@@ -12,10 +12,13 @@ class Welcomed:
     Attributes:
         num_packets: Packets of the complete stream.
         head_bytes: Bytes of manifest and side information.
+        preview: What can be shown until they are there (`splatwire.codec.preview`), if it can be read; empty where the
+            stream has none.
     """
 
     num_packets: int
     head_bytes: int
+    preview: bytes = b""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from splatwire.transport.protection import (
     tier_sizes,
 )
 from splatwire.transport.timetable import interleaved, timetable
-from splatwire.transport.wire import DATA_OVERHEAD, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD, TierHead
+from splatwire.transport.wire import DATA_OVERHEAD, MAX_PREVIEW, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD, TierHead
 
 MAX_PACKET_BYTES = 1150
 FINEST_BY_ITSELF = 256
@@ -46,6 +46,7 @@ class Program:
         tiers: Protection of the packets.
         parity: Repair symbols of each group.
         schedule: What is sent once, in order: kind, segment or group (0 for a packet), symbol or index.
+        preview: What the welcome shows of the scene.
     """
 
     stream_id: int
@@ -59,6 +60,7 @@ class Program:
     tiers: tuple[TierHead, ...]
     parity: tuple[tuple[bytes, ...], ...]
     schedule: tuple[tuple[int, int, int], ...]
+    preview: bytes = b""
 
     @functools.cached_property
     def reliable_schedule(self) -> tuple[tuple[int, int, int], ...]:
@@ -87,7 +89,11 @@ class Program:
 
 
 def make_program(
-    stream: SceneStream, protection: Protection | None = None, *, order: Sequence[Packet] | None = None
+    stream: SceneStream,
+    protection: Protection | None = None,
+    *,
+    order: Sequence[Packet] | None = None,
+    preview: bytes = b"",
 ) -> Program:
     """Prepares a stream for sending.
 
@@ -95,9 +101,10 @@ def make_program(
         stream: The complete stream; its packets must fit datagrams.
         protection: Where redundancy goes.
         order: Its packets in sending order; None interleaves blocks and lanes.
+        preview: What the welcome shows of the scene (`splatwire.transport.preview.stream_preview`).
 
     Raises:
-        InvalidValueError: If packets are missing or too large for a datagram.
+        InvalidValueError: If packets are missing, or one of them or the preview is too large for a datagram.
         BackendUnavailableError: If parity is asked for and the package `raptorq` is not installed.
     """
     protection = protection or Protection()
@@ -106,6 +113,8 @@ def make_program(
         raise InvalidValueError(
             f"{len(stream.packets)} of {manifest.num_packets} packets: only a complete stream is served"
         )
+    if len(preview) > MAX_PREVIEW:
+        raise InvalidValueError(f"a preview of {len(preview):,} bytes: a welcome carries at most {MAX_PREVIEW}")
     plan = manifest.plan
     tier_of = [plan.tier_of(block) for block in range(plan.num_blocks)]
     ordered = list(order) if order is not None else interleaved(stream.packets, tier_of)
@@ -125,6 +134,7 @@ def make_program(
     return Program(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, carried,
         tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
+        preview,
     )  # fmt: skip
 
 

@@ -117,6 +117,11 @@ class Receiver:
         return self._welcome
 
     @property
+    def preview(self) -> bytes:
+        """What the welcome shows of the scene, as it came; empty before it, and where there is none."""
+        return self._welcome.preview if self._welcome else b""
+
+    @property
     def collector(self) -> PacketCollector | None:
         """The packets so far."""
         return self._collector
@@ -192,7 +197,7 @@ class Receiver:
                     return self._finish(problem)
                 self._welcome, self._heard_at, self._feedback_at = frame, now, now + FEEDBACK_S
                 self._head, self._collector = HeadCollector(frame), PacketCollector(frame)
-                return [self._feedback(now)], [Welcomed(frame.num_packets, frame.object_bytes)]
+                return [self._feedback(now)], [Welcomed(frame.num_packets, frame.object_bytes, frame.preview)]
         self.num_rejected += 1
         return [], []
 

@@ -148,7 +148,7 @@ class Server:
             Welcome(
                 frame.nonce, transfer.session, program.stream_id, program.head_bytes, program.head_digest,
                 program.symbol_bytes, len(program.packets), program.packet_bytes, program.carried,
-                program.tiers,
+                program.tiers, program.preview,
             )
         )  # fmt: skip
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 
-VERSION = 2
+VERSION = 3
 MAX_DATAGRAM = 1200
 """No datagram is larger: every path carries that many bytes (RFC 9000, 14)."""
 HELLO_BYTES = MAX_DATAGRAM
@@ -21,6 +21,8 @@ MAX_NAME = 64
 MAX_NACKS = 250
 MAX_TIERS = 10
 """Runs of packets: a stream's eight tiers, what is in the head object, and what has no parity."""
+MAX_PREVIEW = 1024
+"""Most bytes of a preview: a welcome with it and `MAX_TIERS` runs is a datagram of 1180 bytes."""
 TOKEN_BYTES = 16
 DIGEST_BYTES = 32
 
@@ -38,6 +40,7 @@ _CHALLENGE = struct.Struct(f"<BQ{TOKEN_BYTES}s")
 _REQUEST = struct.Struct(f"<BQ{TOKEN_BYTES}sB")
 _WELCOME = struct.Struct(f"<BQIIQ{DIGEST_BYTES}sHIHIB")
 _TIER = struct.Struct("<IHH")
+_SIZE = struct.Struct("<H")
 _SIDE = struct.Struct("<BIIHI")
 _DATA = struct.Struct("<BIII")
 _PARITY = struct.Struct("<BIIHI")
@@ -101,6 +104,7 @@ class Welcome(NamedTuple):
         packet_bytes: Most bytes of one.
         carried: Packets in the head object: the first ones in sending order.
         tiers: Protection of the packets; together they are all packets.
+        preview: Something to show until the scene is there; not looked into here, and empty where there is none.
     """
 
     nonce: int
@@ -113,6 +117,7 @@ class Welcome(NamedTuple):
     packet_bytes: int
     carried: int
     tiers: tuple[TierHead, ...]
+    preview: bytes = b""
 
 
 class Side(NamedTuple):
@@ -215,8 +220,9 @@ def encode(frame: Frame) -> bytes:
             name = frame.name.encode()
             return _closed(_REQUEST.pack(VERSION << 4 | REQUEST, frame.nonce, frame.token, len(name)) + name)
         case Welcome():
-            head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:-1], len(frame.tiers))
-            return _closed(head + b"".join(_TIER.pack(*tier) for tier in frame.tiers))
+            head = _WELCOME.pack(VERSION << 4 | WELCOME, *frame[:-2], len(frame.tiers))
+            tiers = b"".join(_TIER.pack(*tier) for tier in frame.tiers)
+            return _closed(head + tiers + _SIZE.pack(len(frame.preview)) + frame.preview)
         case Feedback():
             head = _FEEDBACK.pack(VERSION << 4 | FEEDBACK, *frame[:-1], len(frame.nacks))
             return _closed(head + struct.pack(f"<{len(frame.nacks)}I", *frame.nacks))
@@ -297,10 +303,12 @@ def _request(body: bytes) -> Request:
 
 def _welcome(body: bytes) -> Welcome:
     *fields, count = _WELCOME.unpack_from(body)
-    if not 1 <= count <= MAX_TIERS or len(body) != _WELCOME.size + count * _TIER.size:
+    end = _WELCOME.size + count * _TIER.size
+    (size,) = _SIZE.unpack_from(body, end)
+    if not 1 <= count <= MAX_TIERS or size > MAX_PREVIEW or len(body) != end + _SIZE.size + size:
         raise BitstreamError("a welcome whose size contradicts itself")
-    tiers = tuple(TierHead(*tier) for tier in _TIER.iter_unpack(body[_WELCOME.size :]))
-    return Welcome._make([*fields[1:], tiers])
+    tiers = tuple(TierHead(*tier) for tier in _TIER.iter_unpack(body[_WELCOME.size : end]))
+    return Welcome._make([*fields[1:], tiers, body[end + _SIZE.size :]])
 
 
 def _feedback(body: bytes) -> Feedback:

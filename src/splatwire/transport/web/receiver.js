@@ -2,12 +2,13 @@
 // datagrams. The datagrams are those of docs/transport.md; erasure coding is not needed here, lost packets are asked
 // for again until `deadline`.
 
-const VERSION = 2;
+const VERSION = 3;
 const REQUEST = 3, WELCOME = 4, SIDE = 5, DATA = 6, FEEDBACK = 8, BYE = 9, REFUSE = 10, END = 11;
 const REFUSALS = ["", "no such stream", "the server is full", "the server stopped"];
 const FEEDBACK_MS = 20, AGAIN_MS = 120, REORDER = 48, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17;
 const HANDSHAKES = 5, HANDSHAKE_PAUSE_MS = 100;
 const MOST_HEAD_BYTES = 2 ** 28, MOST_PACKETS = 2 ** 21, MOST_DATAGRAM = 1200;
+const MOST_TIERS = 10, MOST_PREVIEW = 1024;
 
 const CRC_TABLE = Uint32Array.from({ length: 256 }, (_, n) => {
   for (let k = 0; k < 8; k++) n = n & 1 ? 0xedb88320 ^ (n >>> 1) : n >>> 1;
@@ -37,6 +38,15 @@ function kindOf(bytes) {
   if (kind === DATA) return kind; // the packet in it has a checksum of its own
   const end = bytes.length - 4;
   return crc32(bytes.subarray(0, end)) === view(bytes).getUint32(end, true) ? kind : 0;
+}
+
+// What a welcome shows of the scene, which may be empty (docs/format.md, section `preview`); null if its sizes contradict
+// each other.
+function previewOf(bytes) {
+  const numbers = view(bytes), tiers = bytes[69], at = 70 + 8 * tiers;
+  if (!(tiers >= 1 && tiers <= MOST_TIERS) || at + 2 > bytes.length - 4) return null;
+  const size = numbers.getUint16(at, true);
+  return size <= MOST_PREVIEW && at + 2 + size === bytes.length - 4 ? bytes.slice(at + 2, at + 2 + size) : null;
 }
 
 // The state of one transfer; bytes and time in, bytes out, as in the Python core.
@@ -93,7 +103,10 @@ export class Transfer {
 
   welcomed(bytes, now) {
     const numbers = view(bytes);
+    const preview = previewOf(bytes);
+    if (!preview) return void (this.finished = "the server announces something impossible");
     const welcome = {
+      preview,
       session: numbers.getUint32(9, true),
       streamId: numbers.getUint32(13, true),
       headBytes: Number(numbers.getBigUint64(17, true)),
