@@ -19,6 +19,7 @@ from splatwire.codec.preview import (
     PreviewFrame,
     gaussians_within,
     preview_gaussians,
+    preview_splats,
     read_preview,
     write_preview,
 )
@@ -129,6 +130,14 @@ def check(gaussians: Gaussians) -> None:
     assert bool((gaussians.scales > 0).all())
     camera = tiny_cameras(num_views=1, width=16, height=12)
     assert render_cpu(gaussians, camera, background=torch.zeros(3)).shape == (1, 12, 16, 3)
+
+
+def test_explicit_gaussians_show_the_same() -> None:
+    data, camera = write_preview(preview_of(20)), tiny_cameras(num_views=1, width=32, height=24)
+    (gaussians, background), (splats, same) = preview_gaussians(data), preview_splats(data)
+    assert background == same
+    pictures = [render_cpu(g, camera, background=torch.zeros(3)) for g in (gaussians, splats.seen_from(torch.zeros(3)))]
+    assert bool((pictures[0] - pictures[1]).abs().max() < 1e-5)
 
 
 def test_the_largest_numbers_can_be_drawn() -> None:

@@ -1,22 +1,36 @@
 """A scene that arrives over UDP while it is looked at."""
 
 import asyncio
+import queue
 import threading
 import time
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 import torch
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.preview import Preview, PreviewFrame, preview_gaussians, write_preview
 from splatwire.errors import MissingSideInfoError
 from splatwire.packets import Packetization, SceneStream
 from splatwire.render import render_scene
-from splatwire.transport import ReceiverOptions
+from splatwire.render.cpu import render_cpu
+from splatwire.transport import (
+    Event,
+    Finished,
+    PacketArrived,
+    Receiver,
+    ReceiverOptions,
+    SideInfoArrived,
+    Welcomed,
+)
 from splatwire.transport.address import parse_url
-from splatwire.view.live import LiveTransfer
-from splatwire.view.model import Settings, Viewer
+from splatwire.view.live import LiveTransfer, PreviewSource
+from splatwire.view.looks import first_look
+from splatwire.view.model import LAYERS, Settings, Viewer
+from splatwire.view.sources import LiveSource
 
 CAMERA = tiny_cameras(num_views=1, width=48, height=32)
 
@@ -79,6 +93,109 @@ def test_what_arrives_is_shown_and_in_the_end_everything(stream, port):
     assert status.anchors_known == stream.manifest.num_anchors
     truth = render_scene(decode_stream(stream).scene, CAMERA)[0]
     assert torch.equal(viewer.frame(Settings(), CAMERA).image, (truth * 255).round().to(torch.uint8))
+
+
+def preview_bytes() -> bytes:
+    frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
+    return write_preview(Preview(frame, (0, 51, 102), np.random.default_rng(0).integers(0, 16, (20, 10))))
+
+
+class Scripted:
+    """Receives what a test hands over, when it does."""
+
+    def __init__(self, *events: Event) -> None:
+        self._events: queue.Queue[Event] = queue.Queue()
+        self.hand_over(*events)
+
+    def hand_over(self, *events: Event) -> None:
+        for event in events:
+            self._events.put(event)
+
+    async def __call__(self, note) -> Receiver:
+        while True:
+            while self._events.empty():  # in slices, so that it can be stopped
+                await asyncio.sleep(0.01)
+            note(event := self._events.get())
+            if isinstance(event, Finished):
+                return Receiver(1, 0.0)
+
+
+def arrival(stream: SceneStream) -> list[Event]:
+    packets = [PacketArrived(packet, False) for packet in stream.packets]
+    return [SideInfoArrived(stream.manifest, stream.side_info), *packets, Finished("complete", True)]
+
+
+def wait_for(what) -> None:
+    end = time.monotonic() + 30
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_a_preview_is_shown_until_there_is_a_scene(stream):
+    preview = preview_bytes()
+    script = Scripted(Welcomed(len(stream.packets), 1000, preview))
+    transfer = LiveTransfer("udp://somewhere", script)
+    source = transfer.start(lambda *_: None)
+    assert isinstance(source, PreviewSource)
+    viewer = Viewer(source)
+    gaussians, background = preview_gaussians(preview)
+    truth = render_cpu(gaussians, CAMERA, background=torch.tensor(background))[0].clamp(0, 1)
+    for layer in LAYERS:
+        frame = viewer.frame(Settings(layer=layer), CAMERA)
+        assert int((frame.image.int() - (truth * 255).round().int()).abs().max()) <= 1
+        assert (frame.status.bytes_sent, frame.status.psnr, frame.status.note) == (
+            len(preview), None, "a preview, until the scene is there",
+        )  # fmt: skip
+    assert first_look(source.anchors, None).fov > 0
+    assert not source.has_scene
+    script.hand_over(*arrival(stream))
+    wait_for(lambda: source.has_scene)
+    viewer.source = source.open()
+    wait_for(lambda: viewer.source.note == "everything has arrived")
+    assert viewer.frame(Settings(), CAMERA).status.anchors_known == stream.manifest.num_anchors
+    transfer.stop()
+
+
+def test_a_preview_stays_when_no_scene_comes():
+    transfer = LiveTransfer(
+        "udp://somewhere", Scripted(Welcomed(5, 1000, preview_bytes()), Finished("deadline", False))
+    )
+    source = transfer.start(lambda *_: None)
+    wait_for(lambda: "no scene arrived (deadline)" in source.status().note)
+    with pytest.raises(MissingSideInfoError, match="deadline"):
+        source.open()
+    transfer.stop()
+
+
+def test_a_damaged_preview_is_told_and_does_no_harm(stream):
+    transfer = LiveTransfer("udp://somewhere", Scripted(Welcomed(5, 1000, b"\x01nonsense"), *arrival(stream)[:-1]))
+    source = transfer.start(lambda *_: None)
+    assert isinstance(source, LiveSource)
+    assert "receiving; what should have been its preview: " in source.note
+    transfer.stop()
+
+
+def test_the_page_goes_over_to_the_scene(stream):
+    pytest.importorskip("viser", reason="the viewer's extra is not installed")
+    from splatwire.view.server import ViewerServer
+
+    script = Scripted(Welcomed(len(stream.packets), 1000, preview_bytes()))
+    transfer = LiveTransfer("udp://somewhere", script)
+    source = transfer.start(lambda *_: None)
+    viewer = Viewer(source)
+    server = ViewerServer(viewer, Settings(), first_look(source.anchors, None), ("grow",), port=0)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        assert viewer.source is source
+        script.hand_over(*arrival(stream))
+        wait_for(lambda: isinstance(viewer.source, LiveSource))
+        wait_for(lambda: "drop" in server.concealers)
+    finally:
+        server.stop()
+        thread.join(30)
+        transfer.stop()
 
 
 def test_a_transfer_can_be_stopped_at_any_time(port):

@@ -61,6 +61,7 @@ class View:
     def run(self) -> None:
         """Runs the verb until Ctrl-C."""
         from splatwire.conceal import concealer_names, create_concealer
+        from splatwire.view.live import PreviewSource
         from splatwire.view.looks import first_look
         from splatwire.view.model import Settings, Viewer
         from splatwire.view.server import ViewerServer, require_viser
@@ -82,12 +83,14 @@ class View:
                 viewer, settings, first_look(source.anchors, cameras), names,
                 host=self.host, port=self.port, still_height=self.height, play_s=max(play_s, 2.0),
             )  # fmt: skip
+            count, early = source.anchors.num_anchors, isinstance(source, PreviewSource)
             with _stopping(server.stop):
                 if self.json:
-                    about = {"anchors": source.anchors.num_anchors, "live": source.live, "concealers": names}
+                    about = {"anchors": count, "preview": early, "live": source.live, "concealers": names}
                     print_json({"url": server.url, **about})
                 else:
-                    print_summary(f"{source.anchors.num_anchors} anchors at {server.url} (Ctrl-C ends it)")
+                    what = f"a preview of {count} Gaussians" if early else f"{count} anchors"
+                    print_summary(f"{what} at {server.url} (Ctrl-C ends it)")
                 server.run()
         finally:
             if transfer is not None:

@@ -15,8 +15,10 @@ from torch import Tensor
 
 from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Gaussians
 from splatwire.scene.background import Background
+from splatwire.scene.splats import Splats
 
 SECTION = "preview"
 """Name of the section."""
@@ -152,6 +154,17 @@ class Preview:
             values.means.float(), values.quats.float(), values.scales.float(), values.opacities.float(),
             values.colors.float(),
         )  # fmt: skip
+
+
+def preview_splats(data: bytes) -> tuple[Splats, Background]:
+    """The same as explicit Gaussians of one colour from everywhere, as files and viewers have them.
+
+    Raises:
+        BitstreamError: If the bytes are no preview.
+    """
+    shown, background = preview_gaussians(data)
+    sh = (shown.colors[:, None, :] - 0.5) / DC
+    return Splats(shown.means, shown.quats, shown.scales, shown.opacities, sh), background
 
 
 def _sent(values: Sequence[float]) -> list[float]:

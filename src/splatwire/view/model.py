@@ -19,6 +19,7 @@ from splatwire.render import render_scene
 from splatwire.render.base import create_renderer
 from splatwire.scene import Anchors, Cameras
 from splatwire.scene.background import Background
+from splatwire.scene.splats import Splats
 from splatwire.view.looks import heat
 
 LAYERS = ("received", "lossless", "difference", "lost anchors")
@@ -96,6 +97,19 @@ class Frame:
     status: Status
 
 
+@dataclass(frozen=True, eq=False)
+class PreviewScene:
+    """Something to look at before there is a scene.
+
+    Attributes:
+        splats: What is drawn.
+        background: RGB behind it.
+    """
+
+    splats: Splats
+    background: Background
+
+
 @runtime_checkable
 class Source(Protocol):
     """Where the scene comes from: a file whose transfer is played, or a server that sends it now."""
@@ -116,8 +130,8 @@ class Source(Protocol):
     def known(self) -> Bool[Tensor, "N"]:
         """Anchors that were there at the last call of `scene`."""
 
-    def scene(self, settings: Settings) -> AnchorScene:
-        """The concealed scene under these settings; tensors may be changed by the next call."""
+    def scene(self, settings: Settings) -> AnchorScene | PreviewScene:
+        """The concealed scene under these settings, or its preview; tensors may be changed by the next call."""
 
     def reference(self) -> AnchorScene | None:
         """The scene without loss, once it is known."""
@@ -162,7 +176,10 @@ class Viewer:
             raise InvalidValueError(f"a viewer shows {', '.join(LAYERS)}, not {settings.layer!r}")
         began = time.perf_counter()
         scene = self.source.scene(settings)
-        image, quality = self._draw(settings, scene, cameras, score)
+        if isinstance(scene, PreviewScene):
+            image, quality = self._preview(scene, cameras), None
+        else:
+            image, quality = self._draw(settings, scene, cameras, score)
         seconds = time.perf_counter() - began
         status = dataclasses.replace(self.source.status(), psnr=quality, draw_ms=seconds * 1e3)
         return Frame((image * 255).round().to(torch.uint8), status)
@@ -184,6 +201,10 @@ class Viewer:
         if settings.layer == "difference":
             picture = heat((picture - truth).abs().mean(dim=2) / ERROR_AT_FULL_HEAT)
         return picture, quality
+
+    def _preview(self, preview: PreviewScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
+        behind = torch.tensor(preview.background) if self._background is None else self._background
+        return render_scene(preview.splats, cameras, renderer=self._render, background=behind)[0]
 
     def _damage(self, anchors: Anchors) -> Float[Tensor, "N"]:
         """Share of lost anchors around each one, 1 for those that are lost; kept while nothing arrives."""

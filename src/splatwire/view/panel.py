@@ -54,6 +54,16 @@ class Panel:
         self.playing = bool(self._play.value)
         changed()
 
+    @property
+    def concealers(self) -> tuple[str, ...]:
+        """Names to choose from."""
+        return tuple(self._concealer.options)
+
+    def offer(self, concealers: tuple[str, ...]) -> None:
+        """Adds to them."""
+        have = self.concealers
+        self._concealer.options = (*have, *(name for name in concealers if name not in have))
+
     def move_to(self, progress: float) -> None:
         """Moves the transfer to some share; at its end the play button comes up."""
         self._setting = True

@@ -9,7 +9,9 @@ import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
+from splatwire.conceal import concealer_names
 from splatwire.errors import BackendUnavailableError, InvalidValueError, SplatwireError
+from splatwire.view.live import PreviewSource
 from splatwire.view.looks import FirstLook, Look, Pace
 from splatwire.view.model import Settings, Viewer
 from splatwire.view.panel import Panel
@@ -67,7 +69,7 @@ class ViewerServer:
         self._viewer, self._first, self._still_height, self._play_s = viewer, first, still_height, play_s
         self._clients: dict[int, _Client] = {}
         self._news = threading.Condition()
-        self._stopped = False
+        self._stopped = self._cannot_open = False
         self._settings_at = self._drawn_at = time.monotonic()
         port = free_port(host, port)
         with contextlib.redirect_stdout(io.StringIO()):  # a banner that nobody asked for
@@ -90,6 +92,11 @@ class ViewerServer:
     def settings(self) -> Settings:
         """What is chosen now."""
         return self._panel.settings
+
+    @property
+    def concealers(self) -> tuple[str, ...]:
+        """What can be chosen now."""
+        return self._panel.concealers
 
     @property
     def playing(self) -> bool:
@@ -154,6 +161,7 @@ class ViewerServer:
 
     def _next_work(self) -> tuple[_Client, Look, bool] | None:
         """Whose picture is due, and whether a sharp one: moving views first, sharp pictures when all is quiet."""
+        self._open()
         source, settings, now = self._viewer.source, self._panel.settings, time.monotonic()
         if isinstance(source, LiveSource) and source.has_news:
             self._settings_at = now
@@ -168,6 +176,21 @@ class ViewerServer:
                 if not client.sharp and now - max(client.changed_at, self._settings_at) > STILL_S:
                     return client, client.look, True
         return None
+
+    def _open(self) -> None:
+        """Puts the scene in the place of its preview once it is there."""
+        preview = self._viewer.source
+        if not isinstance(preview, PreviewSource) or not preview.has_scene or self._cannot_open:
+            return
+        try:
+            scene = preview.open()
+        except SplatwireError as error:  # the preview is better than nothing
+            self._panel.complain(str(error))
+            self._cannot_open = True
+            return
+        self._viewer.source = scene
+        self._panel.offer(concealer_names(scene.sections))
+        self._settings_at = time.monotonic()
 
     def _draw(self, client: _Client, look: Look, sharp: bool) -> None:
         settings, at, pace = self._panel.settings, self._settings_at, client.pace
