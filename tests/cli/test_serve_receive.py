@@ -8,14 +8,18 @@ from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
 
+import numpy as np
 import pytest
+import torch
 
 from processes import told_by
 from scenes import tiny_scene
 from splatwire.cli.main import main
 from splatwire.cli.receive import parse_seconds
-from splatwire.codec import encode_scene
+from splatwire.codec import add_concealment, encode_scene
+from splatwire.codec.preview import Preview, PreviewFrame, preview_splats, write_preview
 from splatwire.errors import InvalidValueError
+from splatwire.importers.splats import import_ply
 from splatwire.packets import PRESETS, Packetization, read_stream, write_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -52,6 +56,40 @@ def test_a_stream_arrives_as_it_was(url: str, stream_file: Path, tmp_path: Path,
     assert facts["finished"] == "complete"
     assert facts["packets"]["num_missing"] == 0
     assert (tmp_path / "got.swz").read_bytes() == stream_file.read_bytes()
+
+
+def test_only_the_preview_arrived(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A server so slow that no scene comes in time; the file beside the output is a scene that can be drawn."""
+    frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
+    levels = np.random.default_rng(0).integers(0, 16, (20, 10))
+    preview = write_preview(Preview(frame, (0, 51, 102), levels))
+    for name, content in (("good.swz", preview), ("bad.swz", preview[:-1])):
+        write_stream(add_concealment(read_stream(stream_file)[0], "preview", content), tmp_path / name)
+    with serving(str(tmp_path / "good.swz"), str(tmp_path / "bad.swz"), "--rate", "0.001") as facts:
+        url = f"udp://127.0.0.1:{facts['port']}"
+        assert call("receive", url, "-o", str(tmp_path / "seen.swz"), "--deadline", "500ms") == 2
+        told = capsys.readouterr().err.strip().splitlines()[-1]
+        file = tmp_path / "seen.preview.ply"
+        assert (
+            f"no scene arrived (deadline); its preview did: 20 Gaussians before 0.000 0.200 0.400 (RGB) -> {file}"
+            in told
+        )
+        assert not (tmp_path / "seen.swz").exists()
+        expected, there = preview_splats(preview)[0], import_ply(file)
+        assert torch.allclose(there.means, expected.means)
+        assert torch.allclose(there.scales, expected.scales)
+        assert torch.allclose(there.sh, expected.sh, atol=1e-6)
+        assert call("receive", f"{url}/bad", "-o", str(tmp_path / "b.swz"), "--deadline", "500ms") == 2
+        assert "(deadline), and what should have been its preview: " in capsys.readouterr().err
+        assert not (tmp_path / "b.preview.ply").exists()
+        assert call("receive", url, "-o", "-", "--deadline", "500ms") == 2
+        assert "name a file" in capsys.readouterr().err
+    with serving(str(tmp_path / "good.swz")) as facts:
+        words = ("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(tmp_path / "all.swz"), "--json")
+        assert call(*words) == 0
+        content = json.loads(capsys.readouterr().out)
+        assert 0 < content["seconds_to_preview"] <= content["seconds_to_side_info"]
+        assert not (tmp_path / "all.preview.ply").exists()
 
 
 def test_a_scene_is_written_on_the_spot(url: str, tmp_path: Path):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from splatwire.cli._files import output_path, read_report_json
+from splatwire.cli._files import STANDARD, output_path, prepared_output, read_report_json
 from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
 
 if TYPE_CHECKING:
@@ -22,12 +22,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Receive:
-    """Receive a stream over UDP or QUIC; what arrived by the deadline is enough for a scene."""
+    """Receive a stream over UDP or QUIC; what arrived by the deadline is enough for a scene or its preview."""
 
     url: tyro.conf.Positional[str]
     """udp://HOST[:PORT][/NAME] or quic://HOST[:PORT][/NAME]."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; with --conceal a scene."""
+    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; with --conceal a scene. If
+    only the preview arrived, that is written beside it, as NAME.preview.ply."""
     deadline: str | None = None
     """Take what is there after this time, e.g. 2s or 500ms; without it, wait for everything."""
     nack: bool = True
@@ -62,7 +63,8 @@ class Receive:
             stream, over = receiver.stream(), receiver.finished
             reason = over.reason if over else "stopped"
             if stream is None:
-                raise MissingSideInfoError(f"{self.url}: no scene arrived ({reason})")
+                instead = self._keep_preview(receiver.preview)
+                raise MissingSideInfoError(f"{self.url}: no scene arrived ({reason}){instead}")
             if concealer is None:
                 write_stream(stream, path)
             else:
@@ -94,6 +96,25 @@ class Receive:
             trust = Trust(authority, self.fingerprint, self.insecure)
             return asyncio.run(receive_quic(address, options, trust, note, tap))
 
+    def _keep_preview(self, preview: bytes) -> str:
+        """Writes the preview beside the output that there is not, as a PLY of 3DGS; says what became of it."""
+        from splatwire.codec.preview import preview_splats
+        from splatwire.errors import BitstreamError
+        from splatwire.exporters import write_ply
+
+        if not preview:
+            return ""
+        try:
+            splats, background = preview_splats(preview)
+        except BitstreamError as error:
+            return f", and what should have been its {error}"
+        if self.output == STANDARD:
+            return "; its preview did, but standard output is for the scene: name a file with -o to keep it"
+        path = prepared_output(Path(self.output).resolve().with_suffix(".preview.ply"))
+        write_ply([splats], path)
+        behind = " ".join(f"{value:.3f}" for value in background)
+        return f"; its preview did: {splats.num_gaussians} Gaussians before {behind} (RGB) -> {path}"
+
     def _concealer(self) -> Any:
         if self.conceal is None:
             return None
@@ -111,6 +132,7 @@ class Receive:
                     "output": self.output,
                     "finished": reason,
                     "seconds": moments.seconds(),
+                    "seconds_to_preview": moments.preview,
                     "seconds_to_side_info": moments.side_info,
                     "bytes_received": receiver.num_bytes,
                     "datagrams_received": receiver.num_datagrams,
@@ -132,6 +154,7 @@ class Moments:
         self._began = time.perf_counter()
         self._packets = 0
         self._expected = 1
+        self.preview: float | None = None
         self.side_info: float | None = None
         self.end: float | None = None
 
@@ -146,6 +169,7 @@ class Moments:
         match event:
             case Welcomed():
                 self._expected = max(event.num_packets, 1)
+                self.preview = time.perf_counter() - self._began if event.preview else None
             case SideInfoArrived():
                 self.side_info = time.perf_counter() - self._began
             case PacketArrived():
