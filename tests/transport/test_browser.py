@@ -28,7 +28,7 @@ needs_browser = pytest.mark.skipif(executable() is None, reason="Chromium is not
 def digests(name: str) -> dict[str, str]:
     stream, program = {"scene": STREAM, "other": OTHER}[name], PROGRAMS[name]
     head = head_object(stream.manifest, stream.side_info, program.packets[: program.carried])
-    parts = {"head": head, "packets": b"".join(program.packets)}
+    parts = {"head": head, "packets": b"".join(program.packets), "preview": program.preview}
     return {key: hashlib.sha256(value).hexdigest() for key, value in parts.items()}
 
 
@@ -57,7 +57,7 @@ def test_a_browser_receives_every_byte_and_shows_it():
                     for url in (clean, lossy):
                         result = opened(chrome, page.url(url=url, **asked))
                         assert result["finished"] == "complete", result
-                        assert {key: result[key] for key in ("head", "packets")} == digests("scene")
+                        assert {key: result[key] for key in ("head", "packets", "preview")} == digests("scene")
                         assert result["counts"]["packets"] == len(STREAM.packets)
                         assert result["counts"]["rejected"] == 0
                     text = chrome.evaluate("document.body.innerText")
@@ -66,7 +66,7 @@ def test_a_browser_receives_every_byte_and_shows_it():
                     picture = Image.open(io.BytesIO(base64.b64decode(chrome.screenshot())))
                     assert np.asarray(picture.convert("L")).std() > 5, "an empty page"
                     other = opened(chrome, page.url(url=clean, name="other", **asked))
-                    assert {key: other[key] for key in ("head", "packets")} == digests("other")
+                    assert {key: other[key] for key in ("head", "packets", "preview")} == digests("other")
                     assert opened(chrome, page.url(url=clean, name="no", **asked))["finished"] == "no such stream"
                     wrong = opened(chrome, page.url(url=clean, fingerprint="0" * 64, go="1"))
                     assert wrong["finished"].startswith("failed")

@@ -31,7 +31,8 @@ from splatwire.transport.quic_server import QuicServer
 
 STREAM = datagram_stream(num_anchors=5000, side_bytes=40_000)
 OTHER = datagram_stream(num_anchors=500, seed=9, side_bytes=3000)
-PROGRAMS = {"scene": make_program(STREAM), "other": make_program(OTHER, Protection(head_share=0.4))}
+PREVIEW = bytes(range(256)) * 4
+PROGRAMS = {"scene": make_program(STREAM, preview=PREVIEW), "other": make_program(OTHER, Protection(head_share=0.4))}
 IDENTITY = self_signed()
 PINNED = Trust(fingerprint=IDENTITY.fingerprint)
 
@@ -68,7 +69,7 @@ def test_a_stream_crosses_in_the_order_of_the_program_and_no_byte_twice():
             assert receiver.num_bytes < 1.03 * plain
             assert server.core.num_served == 1
         kinds = [type(event) for event in events]
-        assert kinds[0] is Welcomed
+        assert events[0] == Welcomed(len(STREAM.packets), PROGRAMS["scene"].head_bytes, PREVIEW)
         assert kinds.count(PacketArrived) == len(STREAM.packets)
         before = kinds.index(SideInfoArrived)
         assert before < kinds.index(PacketArrived)
