@@ -36,6 +36,17 @@ def test_encode_takes_a_packetization(run, journey, tmp_path):
     assert asked.items() <= packetization.items()
 
 
+def test_encode_fits_the_context_model_again(run, journey, tmp_path):
+    words = ("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--json", "--refine")
+    sizes = [run(*words, steps).json["parts"]["packet_payloads"] for steps in (0, 80, 80)]
+    assert sizes[1] < 0.97 * sizes[0]
+    assert sizes[2] == sizes[1]
+    outcome = run("encode", journey / "tiny.scene", "-o", tmp_path / "b.swz", "--refine", -1)
+    assert outcome.status == 2
+    assert "refinement" in outcome.err
+    assert not (tmp_path / "b.swz").exists()
+
+
 @pytest.mark.parametrize("preset", ["paper", "datagram"])
 def test_encode_gives_important_anchors_packets_of_their_own(run, journey, tmp_path, preset):
     words = ("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--preset", preset, "--tiers", 0.1, 0.2)

@@ -11,7 +11,7 @@ from PIL import Image
 from scenes import SMALL_CONFIG, VOXEL_SIZE, tiny_cameras, tiny_scene
 from splatwire.data import Dataset, SparsePoints
 from splatwire.render.render import render_scene
-from splatwire.train.config import LossWeights, Marks, TrainConfig
+from splatwire.train.config import LossWeights, Marks, RefineConfig, TrainConfig
 
 NUM_VIEWS = 8
 
@@ -38,5 +38,8 @@ def config() -> TrainConfig:
         growth_end=50, growth_interval=6,
     )  # fmt: skip
     weights = LossWeights(sample_share=0.3)
-    recipe = TrainConfig(model=SMALL_CONFIG, voxel_size=VOXEL_SIZE, hidden=(16, 16, 8), marks=marks, weights=weights)
+    recipe = TrainConfig(
+        model=SMALL_CONFIG, voxel_size=VOXEL_SIZE, hidden=(16, 16, 8), marks=marks, weights=weights,
+        refine=RefineConfig(steps=5),
+    )  # fmt: skip
     return dataclasses.replace(recipe, growth=dataclasses.replace(recipe.growth, gradient_threshold=1e-5))

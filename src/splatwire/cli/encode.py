@@ -43,6 +43,11 @@ class Encode:
     """Shares of the anchors, most important first, that get packets of their own: 0.05, or 0.05 0.15."""
     data: Path | None = None
     """Photos whose training cameras say what is important; cameras around the scene if not given."""
+    refine: int = 0
+    """Steps in which the context model is fitted to the scene again before: 600 take a minute or two and save 1 to 5 %
+    of the bytes. `train` does so by itself."""
+    seed: int = 0
+    """Seed of that."""
     background: BackgroundOption = None
     """RGB from 0 to 1 behind everything, to be recorded in the stream; the scene file's own where absent."""
     json: JsonFlag = False
@@ -51,6 +56,9 @@ class Encode:
     def run(self) -> None:
         """Runs the verb."""
         packetization, background = self.packetization(), chosen_background(self.background)
+        from splatwire.train.config import RefineConfig
+
+        config = RefineConfig(steps=self.refine, seed=self.seed)
         from splatwire.codec import encode_scene
         from splatwire.model.scene_file import load_scene
         from splatwire.packets import measure_sizes, write_stream
@@ -59,8 +67,12 @@ class Encode:
             scene = load_scene(source)
         scene = scene if background is None else replace(scene, background=background)
         tiers = self._tiers(scene)
-        started = time.perf_counter()
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
+            if config.steps:
+                from splatwire.train.refine import refine_context
+
+                scene = refine_context(scene, config, progress=lambda share: report("fitting the context model", share))
+            started = time.perf_counter()
             stream = encode_scene(scene, packetization, tiers=tiers, progress=lambda share: report("encoding", share))
             seconds = time.perf_counter() - started
             write_stream(stream, path)

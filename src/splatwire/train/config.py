@@ -139,6 +139,38 @@ class LossWeights:
 
 
 @dataclass(frozen=True)
+class RefineConfig:
+    """How the context model is fitted again once the attributes stand still (`splatwire.train.refine`).
+
+    Attributes:
+        steps: Steps of Adam; 0 leaves the context model as it is.
+        batch: Anchors of a step.
+        network_rate: Learning rate of the networks at the start; outputs are in units of the spread that they predict.
+        grid_rate: Learning rate of the numbers behind the grid's signs at the start.
+        latent: Magnitude that these numbers start with.
+        step_weight: Bits that a squared change of a quantisation step's logit counts as: coarser steps would save bits,
+            but change the scene.
+        grid_weight: What a bit of the grid counts as: side information has to be protected.
+        seed: Of the choice of anchors.
+    """
+
+    steps: int = 600
+    batch: int = 4000
+    network_rate: float = 0.005
+    grid_rate: float = 0.001
+    latent: float = 0.01
+    step_weight: float = 30.0
+    grid_weight: float = 1.3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.steps < 0 or self.batch < 1:
+            raise InvalidValueError(
+                f"a refinement has 0 or more steps of 1 anchor or more, not {self.steps} of {self.batch}"
+            )
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """A whole recipe.
 
@@ -151,6 +183,7 @@ class TrainConfig:
         rates: Learning rates.
         growth: Which anchors are added and removed.
         weights: Weights of the loss.
+        refine: What is done to the context model at the end.
         mask_threshold: A mask is 1 where the sigmoid of its logit is above this.
         random_points: Points drawn in a box when the data has none, at most one for every four pixels of a view.
         background: RGB behind the scene.
@@ -166,6 +199,7 @@ class TrainConfig:
     rates: LearningRates = LearningRates()
     growth: GrowthRules = GrowthRules()
     weights: LossWeights = LossWeights()
+    refine: RefineConfig = RefineConfig()
     mask_threshold: float = 0.01
     random_points: int = 100_000
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -212,6 +246,7 @@ def create_config(
     iterations: int = FULL_ITERATIONS,
     voxel_size: float | None = None,
     growth_interval: int | None = None,
+    refine_steps: int | None = None,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 0,
 ) -> TrainConfig:
@@ -223,6 +258,8 @@ def create_config(
         iterations: Length of the run; all phases keep their proportions.
         voxel_size: Spacing of anchor positions, world units, 0 to derive it from the points; the preset's where absent.
         growth_interval: Iterations between two changes of the anchors; in proportion, and at least 50, where absent.
+        refine_steps: Steps in which the context model is fitted again at the end; where absent a quarter of the
+            iterations, and at most those of `RefineConfig`.
         background: RGB behind the scene.
         seed: Of everything random.
 
@@ -248,6 +285,7 @@ def create_config(
                 f"there is at least 1 iteration between changes of the anchors, not {growth_interval}"
             )
         marks = dataclasses.replace(marks, growth_interval=growth_interval)
+    steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
     mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
     return TrainConfig(
         preset=preset,
@@ -256,6 +294,7 @@ def create_config(
         rates=LearningRates(mask_logits=LearningRate(0.01, mask_rate)),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=rate),
+        refine=RefineConfig(steps=steps, seed=seed),
         background=background,
         test_views=chosen.test_views,
         seed=seed,
@@ -283,6 +322,7 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
             "rates": LearningRates(**rates),
             "growth": GrowthRules(**value["growth"]),
             "weights": LossWeights(**value["weights"]),
+            "refine": RefineConfig(**value.get("refine", {})),
         }  # fmt: skip
         return _record(TrainConfig, {**value, **parts})
     except (KeyError, TypeError, ValueError, AttributeError) as error:

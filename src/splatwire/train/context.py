@@ -28,6 +28,21 @@ class SampleRate:
     num_anchors: int
 
 
+@dataclass(frozen=True, eq=False)
+class AttributeBits:
+    """Bits of every number of some anchors.
+
+    Attributes:
+        features: Of each feature channel.
+        scalings: Of each scaling.
+        offsets: Of each offset's coordinates, one offset after another, as if all of them existed.
+    """
+
+    features: Float[Tensor, "M F"]
+    scalings: Float[Tensor, "M S"]
+    offsets: Float[Tensor, "M O"]
+
+
 class AnchorCache:
     """What follows from the anchors' positions alone; computed again only when the anchors or the box change."""
 
@@ -106,33 +121,53 @@ def sample_rate(
     scaling = add_noise(parameters["log_scalings"][index].exp(), scaling_step, state.generator, uniform)
     offset = add_noise(parameters["offsets"][index].flatten(1), offset_step, state.generator, uniform)
 
-    first = gaussian_likelihood(feature, outputs.feature_mean, outputs.feature_scale.clamp(min=MIN_SCALE), feature_step)
-    second, weight = _channel_likelihood(state, config, feature, outputs, feature_step)
-    feature_bits = bits(mixture_likelihood(first, second, outputs.feature_weight - weight)).sum(dim=1)
-    scaling_bits = bits(
-        gaussian_likelihood(scaling, outputs.scaling_mean, outputs.scaling_scale.clamp(min=MIN_SCALE), scaling_step)
-    ).sum(dim=1)
-    offset_bits = bits(
-        gaussian_likelihood(offset, outputs.offset_mean, outputs.offset_scale.clamp(min=MIN_SCALE), offset_step)
-    )
+    channels = channels_of(parameters, len(layout.feature_groups))
+    found = attribute_bits(outputs, channels, layout.feature_groups, steps, (feature, scaling, offset))
     offset_mask, anchor_mask = mask
-    offset_bits = (offset_bits.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
-    total = ((feature_bits + scaling_bits + offset_bits) * anchor_mask).sum()
+    offset_bits = (found.offsets.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
+    total = ((found.features.sum(dim=1) + found.scalings.sum(dim=1) + offset_bits) * anchor_mask).sum()
     return SampleRate(total, len(index))
 
 
+def attribute_bits(
+    outputs: PriorOutputs,
+    channels: tuple[Mlp, ...],
+    groups: tuple[int, ...],
+    steps: Float[Tensor, "M 3"],
+    values: tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]],
+) -> AttributeBits:
+    """Prices every number of some anchors (HACPP_SPEC 5).
+
+    Args:
+        outputs: What the prior network says of them.
+        channels: Channel networks, one for each group.
+        groups: Sizes of the groups of feature channels.
+        steps: Quantisation steps of features, scalings and offsets.
+        values: Features, scalings and offsets, rounded to their steps or with noise in place of that.
+    """
+    feature_step, scaling_step, offset_step = steps.split(1, dim=1)
+    feature, scaling, offset = values
+    first = gaussian_likelihood(feature, outputs.feature_mean, outputs.feature_scale.clamp(min=MIN_SCALE), feature_step)
+    second, weight = _channel_likelihood(channels, groups, feature, outputs, feature_step)
+    return AttributeBits(
+        bits(mixture_likelihood(first, second, outputs.feature_weight - weight)),
+        bits(gaussian_likelihood(
+            scaling, outputs.scaling_mean, outputs.scaling_scale.clamp(min=MIN_SCALE), scaling_step)),
+        bits(gaussian_likelihood(offset, outputs.offset_mean, outputs.offset_scale.clamp(min=MIN_SCALE), offset_step)),
+    )  # fmt: skip
+
+
 def _channel_likelihood(
-    state: TrainState,
-    config: TrainConfig,
+    channels: tuple[Mlp, ...],
+    groups: tuple[int, ...],
     feature: Float[Tensor, "M F"],
     outputs: PriorOutputs,
     step: Float[Tensor, "M 1"],
 ) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M F"]]:
     """Likelihood under the channel networks' Gaussians, and their weight logits; groups see those before them."""
-    groups = config.model.layout.feature_groups
     shared = torch.cat([outputs.feature_mean, outputs.feature_scale, outputs.feature_weight], dim=1)
     parts, before = [], 0
-    for mlp, size in zip(channels_of(state.parameters, len(groups)), groups, strict=True):
+    for mlp, size in zip(channels, groups, strict=True):
         parts.append(mlp(torch.cat([feature[:, :before], shared], dim=1)).chunk(3, dim=1))
         before += size
     mean, scale, weight = (torch.cat(columns, dim=1) for columns in zip(*parts, strict=True))

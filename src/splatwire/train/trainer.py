@@ -25,6 +25,7 @@ from splatwire.train.grid import sign_bits
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import Kernels, choose_kernels
 from splatwire.train.photos import PhotoStore, check_photos
+from splatwire.train.refine import refine_context
 from splatwire.train.state import TrainState, move_state
 from splatwire.train.step import StepReport, train_step
 
@@ -87,11 +88,13 @@ class Listener:
         progress: After every iteration.
         tested: After test views were drawn.
         should_stop: Asked after every iteration; True ends the run with a checkpoint.
+        refining: While the context model is fitted again at the end; the share that is done.
     """
 
     progress: Callable[[Progress], None] = lambda progress: None
     tested: Callable[[QualityReport], None] = lambda report: None
     should_stop: Callable[[], bool] = lambda: False
+    refining: Callable[[float], None] = lambda share: None
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,7 @@ class TrainResult:
     """What a run left.
 
     Attributes:
-        scene: The scene as it stands, on the CPU.
+        scene: The scene as it stands, on the CPU; its context model fitted again unless the run was stopped.
         state: The state, where it was trained.
         test: The last test; None without test views, or if the run was stopped.
         stopped: True if the listener ended the run early.
@@ -172,7 +175,12 @@ def train_scene(
     if options.checkpoint is not None:
         save_checkpoint(state, config, options.checkpoint)
     report = None if test is None or stopped else run.test(state, test.num_views)
-    return TrainResult(export_scene(state, config), state, report, stopped, run.seconds)
+    scene = export_scene(state, config)
+    if not stopped:
+        started = time.perf_counter()
+        scene = refine_context(scene, config.refine, progress=listener.refining)
+        run.seconds += time.perf_counter() - started
+    return TrainResult(scene, state, report, stopped, run.seconds)
 
 
 @dataclass

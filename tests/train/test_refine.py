@@ -1,0 +1,100 @@
+"""Fitting a finished scene's context model again: fewer bytes, the same picture."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from scenes import tiny_scene
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.encoder import scene_in_order
+from splatwire.errors import DivergedError, InvalidValueError
+from splatwire.model import AnchorScene
+from splatwire.train.config import RefineConfig
+from splatwire.train.refine import refine_context
+
+CONFIG = RefineConfig(steps=60, batch=300)
+
+
+@pytest.fixture(scope="module")
+def scene() -> AnchorScene:
+    """Attributes that the place tells much of, and a context model that knows nothing of it."""
+    scene = tiny_scene(seed=5, num_anchors=1200)
+    place = scene.anchors.positions - scene.anchors.positions.mean(dim=0)
+    wave = torch.sin(
+        place @ torch.randn(3, scene.anchors.features.shape[1], generator=torch.Generator().manual_seed(1))
+    )
+    return dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, features=40 * wave))
+
+
+def test_bytes_fall_and_the_scene_stays(scene: AnchorScene) -> None:
+    refined = refine_context(scene, CONFIG)
+    before, after = encode_scene(scene), encode_scene(refined)
+    assert after.num_bytes < 0.9 * before.num_bytes
+    original = scene_in_order(scene, "morton").anchors
+    for name, step in zip(("features", "scalings", "offsets"), scene.config.base_steps, strict=True):
+        error = (getattr(decode_stream(after).scene.anchors, name) - getattr(original, name)).abs()
+        assert error.mean() < 0.3 * step
+        assert error.max() < 1.2 * step
+
+
+def test_only_the_context_model_changes(scene: AnchorScene) -> None:
+    refined = refine_context(scene, CONFIG)
+    assert refined.anchors is scene.anchors
+    assert refined.heads is scene.heads
+    assert refined.context.grid.volume.abs().eq(1).all()
+    assert not torch.equal(refined.context.grid.volume, scene.context.grid.volume)
+    assert not refined.context.prior.output.weight.requires_grad
+
+
+def test_the_seed_decides(scene: AnchorScene) -> None:
+    config = dataclasses.replace(CONFIG, steps=5)
+    weights = [
+        refine_context(scene, c).context.prior.hidden.weight
+        for c in (config, config, dataclasses.replace(config, seed=1))
+    ]
+    assert torch.equal(weights[0], weights[1])
+    assert not torch.equal(weights[0], weights[2])
+
+
+def test_anchors_that_draw_nothing_have_no_say(scene: AnchorScene) -> None:
+    mask = scene.anchors.mask.clone()
+    mask[:100] = False
+    wild = scene.anchors.features.clone()
+    wild[:100] = 1e6
+    config = dataclasses.replace(CONFIG, steps=3)
+    weights = [
+        refine_context(
+            dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, mask=mask, features=features)), config
+        ).context.prior.hidden.weight
+        for features in (scene.anchors.features, wild)
+    ]
+    assert torch.equal(*weights)
+
+
+def test_no_steps_and_no_anchors_leave_the_scene_alone(scene: AnchorScene) -> None:
+    assert refine_context(scene, RefineConfig(steps=0)) is scene
+    empty = dataclasses.replace(
+        scene, anchors=dataclasses.replace(scene.anchors, mask=torch.zeros_like(scene.anchors.mask))
+    )
+    assert refine_context(empty, CONFIG) is empty
+
+
+def test_progress_is_told(scene: AnchorScene) -> None:
+    shares: list[float] = []
+    refine_context(scene, dataclasses.replace(CONFIG, steps=4), progress=shares.append)
+    assert shares == [0.25, 0.5, 0.75, 1.0]
+
+
+def test_bits_that_are_no_number_end_it(scene: AnchorScene) -> None:
+    features = scene.anchors.features.clone()
+    features[0, 0] = float("nan")
+    broken = dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, features=features))
+    with pytest.raises(DivergedError):
+        refine_context(broken, dataclasses.replace(CONFIG, batch=1200))
+
+
+def test_impossible_numbers_are_refused() -> None:
+    for changes in ({"steps": -1}, {"batch": 0}):
+        with pytest.raises(InvalidValueError, match="refinement"):
+            RefineConfig(**changes)
