@@ -4,7 +4,8 @@
 the whole stream alike, (c) no parity on packets, lost ones concealed, (d) our planner: importance tiers, parity where
 it pays, the rest concealed. (b) and (c) send the stream without tiers, (d) whichever the planner chooses, with tiers or
 without. All are cut at the same budget of bytes, conceal, and meet the same losses; whoever does not get the side
-information sees black. A budget below 1 is a deadline before the last byte.
+information sees black, or the preview where the stream has one (the planner's tiered stream). A budget below 1 is a
+deadline before the last byte.
 
 The planner knows the loss model, not the losses: it draws its own, and looks through training cameras. What is reported
 is a mean over 2000 simulated transfers: those that deliver everything and those that deliver nothing are counted, of
@@ -16,6 +17,7 @@ transfers looks like the best one in most sets of 6.) `--update` scores rows tha
 """
 
 import argparse
+import functools
 import json
 import math
 import sys
@@ -24,17 +26,21 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.channel import parse_loss
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.data import open_dataset
 from splatwire.evaluate.damage import LossyPictures, known_anchors, offer_of, packet_members
 from splatwire.evaluate.views import spread
 from splatwire.model.scene_file import load_scene
 from splatwire.packets import PRESETS, SceneStream, read_stream
 from splatwire.render.importance import footprint_importance
+from splatwire.train.calibrate_preview import preview_for_scene
+from splatwire.train.calibrate_render import SketchViews
 from splatwire.transport.candidates import Search, arrival_within, plain_candidates
 from splatwire.transport.damage import BLANK_PSNR
 from splatwire.transport.outline import StreamLoad, draw_losses, outline_transfer
 from splatwire.transport.planner import HEAD_TRIALS, losses, plan_protection
+from splatwire.transport.preview import stream_preview
 from splatwire.transport.protection import Protection
 
 LOSSES = [f"bernoulli:{rate}" for rate in (0.01, 0.05, 0.1, 0.2, 0.3)] + [
@@ -54,11 +60,13 @@ class Variant:
     def __init__(self, stream: SceneStream, pictures: LossyPictures, planning: LossyPictures, spent: int = 0) -> None:
         self.pictures, self.planning, self.members, self.cache = pictures, planning, packet_members(stream), {}
         self.offer = offer_of(stream, planning, concealment_bytes=spent, seed=7)
+        preview = stream_preview(stream.side_info)
+        self.blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
 
     def psnr(self, head: bool, packets: np.ndarray) -> float:
         """Mean PSNR of the views for what arrived."""
         if not head:
-            return BLANK_PSNR
+            return self.blank
         key = packets.tobytes()
         if key not in self.cache:
             self.cache[key] = self.pictures.psnr(known_anchors(self.members, packets, self.pictures.num_anchors))
@@ -68,7 +76,7 @@ class Variant:
         """Mean PSNR over many transfers with the reported losses, and how it comes about."""
         outline, load = outline_transfer(self.offer.load, protection), self.offer.load
         traces = draw_losses(parse_loss(loss_name), COUNTED, len(outline.kind), REPORTED_SEED)
-        arrival = arrival_within(outline, traces, budget)
+        arrival = arrival_within(outline, traces, self.offer.left(budget))
         everything = arrival.head & arrival.packets.all(axis=1)
         parts = np.flatnonzero(arrival.head & ~everything)
         ranked = parts[np.argsort((~arrival.packets[parts]) @ load.anchors, kind="stable")]
@@ -76,7 +84,7 @@ class Variant:
         chosen = ranked[((np.arange(count) + 0.5) / max(count, 1) * len(ranked)).astype(np.int64)]
         drawn = [self.psnr(True, arrival.packets[trial]) for trial in chosen]
         black, whole, part = (~arrival.head).mean(), everything.mean(), len(parts) / COUNTED
-        psnr = black * BLANK_PSNR + part * float(np.mean(drawn or [0.0]))
+        psnr = black * self.blank + part * float(np.mean(drawn or [0.0]))
         psnr += whole * self.psnr(True, np.ones(len(self.members), dtype=np.bool_))
         return {"psnr": float(psnr), "nothing": float(black), "everything": float(whole), "drawn": drawn}
 
@@ -93,6 +101,16 @@ class Bench:
         self.test = test.select(spread(test.num_views, arguments.views))
         self.photos = [self.test.image(view) for view in range(self.test.num_views)]
         self.concealer = arguments.conceal
+
+    @functools.cached_property
+    def preview(self) -> bytes:
+        """A preview, fitted to the training photos."""
+        views = SketchViews(self.train.cameras, self.train.image, self.train.background)
+        return preview_for_scene(self.scene, views).section
+
+    def with_preview(self, stream: SceneStream) -> SceneStream:
+        """The stream with the preview in it."""
+        return add_concealment(stream, PREVIEW, self.preview)
 
     def variant(self, stream: SceneStream, concealer: str, spent: int = 0) -> Variant:
         """A stream of the scene, with what the planner knows of it: training photos."""
@@ -204,6 +222,7 @@ def main() -> None:
         return
     bench = Bench(arguments)
     streams = [encode_scene(bench.scene, PRESETS["datagram"], tiers=tiers) for tiers in (None, bench.tiers)]
+    streams[1] = bench.with_preview(streams[1])
     variants = [bench.variant(stream, bench.concealer) for stream in streams]
     plain, whole = variants[0], np.ones(len(variants[0].members), dtype=np.bool_)
     ceiling, plain_bytes = plain.psnr(True, whole), bare(plain.offer.load)

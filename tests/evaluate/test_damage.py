@@ -3,7 +3,8 @@ import pytest
 import torch
 
 from scenes import tiny_cameras, tiny_scene
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec.preview import Preview, PreviewFrame, preview_gaussians, write_preview
 from splatwire.conceal import conceal
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.damage import (
@@ -18,7 +19,9 @@ from splatwire.evaluate.damage import (
 from splatwire.model import PartialScene
 from splatwire.packets import PRESETS
 from splatwire.render import iterate_views
+from splatwire.render.cpu import render_cpu
 from splatwire.render.importance import footprint_importance
+from splatwire.transport.damage import BLANK_PSNR
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +74,21 @@ def test_pictures_are_those_of_concealing_from_scratch(complete: PartialScene, c
         LossyPictures(complete, cameras, concealer, photos=photos[:1])
 
 
+def test_an_offer_with_a_preview_never_shows_nothing() -> None:
+    scene, cameras = tiny_scene(), tiny_cameras()
+    frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
+    section = write_preview(Preview(frame, (0, 51, 102), np.random.default_rng(0).integers(0, 16, (20, 10))))
+    stream = add_concealment(encode_scene(scene, PRESETS["datagram"]), "preview", section)
+    shown, background = preview_gaussians(section)
+    photos = render_cpu(shown, cameras, background=torch.tensor(background)).clamp(0, 1)
+    pictures = LossyPictures(decode_stream(stream), cameras, "drop", photos=[photo + 0.1 for photo in photos])
+    offer = offer_of(stream, pictures, concealment_bytes=7)
+    assert offer.blank_psnr == pytest.approx(20.0, abs=0.01)
+    assert offer.preview_bytes == len(section)
+    assert offer.concealment_bytes == 7 + len(section)
+    assert offer.left(1000) == 1000 - len(section)
+
+
 def test_an_offer_says_what_a_stream_weighs_and_shows() -> None:
     scene, cameras = tiny_scene(), tiny_cameras()
     stream = encode_scene(scene, PRESETS["datagram"], tiers=footprint_importance(scene, cameras).tiers((0.3,)))
@@ -78,6 +96,7 @@ def test_an_offer_says_what_a_stream_weighs_and_shows() -> None:
     offer = offer_of(stream, LossyPictures(decoded, cameras, "drop"), concealment_bytes=7)
     assert offer.load.num_tiers == len(offer.damage.mse) == 2
     assert offer.concealment_bytes == 7
+    assert (offer.preview_bytes, offer.blank_psnr) == (0, BLANK_PSNR)
     members = packet_members(stream)
     assert [len(anchors) for anchors in members] == offer.load.anchors.tolist()
     everything = np.ones(len(members), dtype=np.bool_)

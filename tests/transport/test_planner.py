@@ -138,6 +138,26 @@ def test_without_room_for_side_information_nothing_is_seen(load: StreamLoad, dam
     assert plan.psnr == pytest.approx(-10 * np.log10(BLANK_MSE))
 
 
+def test_a_preview_counts_and_is_what_is_seen_at_least(load: StreamLoad, damage: Damage) -> None:
+    budget = _budget(load, 1.3)
+    shown = Offer(load, damage, concealment_bytes=900, preview_bytes=1000, blank_psnr=20.0)
+    for limit, loss in ((1.0, 0.0), (0.04, 0.2)):
+        with_preview, plain = (
+            plan_protection([offer], Bernoulli(loss), budget_bytes=budget, trials=20, most_protection=limit)
+            for offer in (shown, Offer(load, damage))
+        )
+        assert with_preview.concealment_bytes == 1900
+        assert with_preview.protection_share <= limit
+        assert with_preview.sent_bytes <= budget
+        if loss:
+            assert plain.head_arrives < 0.999
+            assert with_preview.psnr > plain.psnr
+    nothing = plan_protection([shown], Bernoulli(0.2), budget_bytes=30_000, trials=20)
+    assert nothing.psnr == pytest.approx(20.0)
+    with pytest.raises(InvalidValueError, match="preview"):
+        Offer(load, damage, preview_bytes=-1)
+
+
 def test_same_seed_same_plan(load: StreamLoad, damage: Damage) -> None:
     plans = [
         plan_protection([Offer(load, damage)], Bernoulli(0.1), budget_bytes=_budget(load, 1.2), trials=10, seed=3)

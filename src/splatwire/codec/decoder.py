@@ -13,6 +13,7 @@ from splatwire.codec.background import read_background
 from splatwire.codec.coding_params import CodingContext, dequantise, factor_table, prior_columns, step_indices
 from splatwire.codec.digest import update_digest
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
+from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.separated import SECTION as MASKS
 from splatwire.codec.separated import decode_masks, decode_parts
 from splatwire.codec.side_info import SideInfo, read_side_info
@@ -241,7 +242,9 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> PartialScene:
     background = read_background(info.sections)
     scene = AnchorScene(anchors, heads, model, info.voxel_size, info.config, background=background)
     erasures = Erasures(torch.from_numpy(arrays.received))
-    concealment = {name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, MASKS)}
+    concealment = {
+        name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, MASKS, PREVIEW)
+    }
     return PartialScene(scene, erasures, _prior(info, arrays), concealment)
 
 

@@ -9,6 +9,8 @@ import torch
 from jaxtyping import Bool, UInt8
 from torch import Tensor
 
+from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.preview import preview_splats
 from splatwire.codec.sections import split_sections
 from splatwire.codec.tiers import arrange_stream, read_tiers
 from splatwire.conceal import conceal
@@ -18,7 +20,7 @@ from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import SceneStream
 from splatwire.render import iterate_views
 from splatwire.scene import Anchors, Cameras, Erasures
-from splatwire.transport.damage import Damage, Offer
+from splatwire.transport.damage import BLANK_PSNR, Damage, Offer
 from splatwire.transport.outline import StreamLoad
 from splatwire.transport.timetable import interleaved
 
@@ -90,6 +92,17 @@ class LossyPictures:
         """Mean PSNR of the views, decibels."""
         return float((-10 * np.log10(self.errors(known))).mean())
 
+    def preview_psnr(self, preview: bytes) -> float:
+        """Mean PSNR of what a receiver shows that has nothing but a preview, decibels.
+
+        Raises:
+            BitstreamError: If the bytes are no preview.
+        """
+        shown, background = preview_splats(preview)
+        pictures = iterate_views(shown, self._cameras, background=torch.tensor(background))
+        errors = [float((a - b).double().square().mean()) for a, b in zip(pictures, self._references, strict=True)]
+        return float((-10 * np.log10(self._base + np.array(errors))).mean())
+
 
 def measure_damage(
     pictures: LossyPictures,
@@ -140,18 +153,21 @@ def offer_of(
     Args:
         stream: The stream.
         pictures: Of what it decodes to.
-        concealment_bytes: Bytes of its side information that count as protection.
+        concealment_bytes: Bytes of its side information that count as protection; those of a preview are added.
         seed: Of the losses that the damage is measured with.
         progress: Called with the share of the work that is done.
     """
-    tiers = torch.from_numpy(read_tiers(split_sections(stream.side_info)[1], stream.manifest))
+    sections = split_sections(stream.side_info)[1]
+    tiers, preview = torch.from_numpy(read_tiers(sections, stream.manifest)), sections.get(PREVIEW, b"")
     damage = measure_damage(pictures, tiers, seed=seed, progress=progress)
     members = packet_members(stream)
 
     def picture(packets: np.ndarray) -> float:
         return pictures.psnr(known_anchors(members, packets, pictures.num_anchors))
 
-    return Offer(StreamLoad.of_stream(stream), damage, picture, concealment_bytes)
+    blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
+    # it travels twice, in the welcome and with the side information
+    return Offer(StreamLoad.of_stream(stream), damage, picture, concealment_bytes + len(preview), len(preview), blank)
 
 
 def packet_members(stream: SceneStream) -> list[Tensor]:

@@ -9,7 +9,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.transport.outline import StreamLoad
 
 BLANK_MSE = 0.25
-"""What is seen without side information: nothing."""
+"""What is seen without side information and without a preview: nothing."""
 BLANK_PSNR = -10 * float(np.log10(BLANK_MSE))
 
 Picture = Callable[[np.ndarray], float]
@@ -68,8 +68,10 @@ class Offer:
         damage: What losses of each tier cost.
         picture: Draws what arrived of this stream; the best of what `damage` suggests are compared by it. None decides
             by `damage` alone.
-        concealment_bytes: Bytes of its side information that are there for a concealer only, such as a sketch: they
-            count as protection.
+        concealment_bytes: Bytes of its side information that are there for the case of losses only, such as a sketch:
+            they count as protection.
+        preview_bytes: Bytes of the preview in the welcome; they count as protection and against the budget.
+        blank_psnr: What is seen without side information, decibels: the preview's, if there is one.
 
     Raises:
         InvalidValueError: If tiers and damage do not fit.
@@ -79,6 +81,8 @@ class Offer:
     damage: Damage
     picture: Picture | None = None
     concealment_bytes: int = 0
+    preview_bytes: int = 0
+    blank_psnr: float = BLANK_PSNR
 
     def __post_init__(self) -> None:
         if len(self.damage.mse) != self.load.num_tiers:
@@ -87,6 +91,12 @@ class Offer:
             raise InvalidValueError(
                 f"{self.concealment_bytes} bytes for concealers in a head object of {self.load.head_bytes}"
             )
+        if self.preview_bytes < 0 or not np.isfinite(self.blank_psnr):
+            raise InvalidValueError(f"a preview of {self.preview_bytes} bytes and {self.blank_psnr} dB")
+
+    def left(self, budget_bytes: float | int) -> float:
+        """What a budget leaves for datagrams after the welcome."""
+        return float(max(budget_bytes - self.preview_bytes, 0))
 
 
 def lost_shares(load: StreamLoad, packets: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from splatwire.transport.candidates import (
     largest_head,
     plain_candidates,
 )
-from splatwire.transport.damage import BLANK_PSNR, Offer, lost_shares
+from splatwire.transport.damage import Offer, lost_shares
 from splatwire.transport.outline import LossProcess, draw_losses, outline_transfer
 from splatwire.transport.protection import Protection
 
@@ -49,8 +49,8 @@ class Plan:
         head_arrives: Share of the transfers in which the side information arrives.
         lost: Mean share of each tier's anchors that is lost.
         sizes: Bytes of a whole pass by what they are for.
-        sent_bytes: Bytes that are sent within the budget.
-        concealment_bytes: Bytes of the side information that only concealers need.
+        sent_bytes: Bytes that are sent within the budget, a preview in the welcome included.
+        concealment_bytes: Bytes of the side information that only concealers need, and of previews.
     """
 
     protection: Protection
@@ -110,7 +110,8 @@ def plan_protection(
     traces = losses(offers, loss, max(HEAD_TRIALS, trials), seed)
     plans, plain = list[Plan](), list[Plan]()
     for number, offer in enumerate(offers):
-        search = Search(budget_bytes, most_protection, head_target, offer.concealment_bytes)
+        spent = offer.concealment_bytes + offer.preview_bytes
+        search = Search(offer.left(budget_bytes), most_protection, head_target, spent)
         first = [] if traces.all() else list(plain_candidates(offer.load, traces, search).values())
         tried = candidates(offer.load, traces, search)
         for done, candidate in enumerate([*tried, *first]):
@@ -142,15 +143,15 @@ def losses(offers: Sequence[Offer], loss: LossProcess, trials: int, seed: int) -
 
 def _judge(offer: Offer, number: int, protection: Protection, traces: np.ndarray, budget_bytes: float | int) -> Plan:
     """What the damage curves say of a protection."""
-    outline = outline_transfer(offer.load, protection)
-    arrival = arrival_within(outline, traces, budget_bytes)
+    outline, budget = outline_transfer(offer.load, protection), offer.left(budget_bytes)
+    arrival = arrival_within(outline, traces, budget)
     lost = lost_shares(offer.load, arrival.packets)
-    psnr = np.where(arrival.head, offer.damage.psnr(lost), BLANK_PSNR)
-    sent = int(outline.num_bytes[: outline.sent_within(budget_bytes)].sum())
+    psnr = np.where(arrival.head, offer.damage.psnr(lost), offer.blank_psnr)
+    sent = int(outline.num_bytes[: outline.sent_within(budget)].sum()) + offer.preview_bytes
     mean_lost = tuple(float(share) for share in lost.mean(axis=0))
     return Plan(
         protection, number, float(psnr.mean()), float(arrival.head.mean()), mean_lost, outline.bytes_by_kind(), sent,
-        offer.concealment_bytes,
+        offer.concealment_bytes + offer.preview_bytes,
     )  # fmt: skip
 
 
@@ -180,9 +181,9 @@ def _drawn(offer: Offer, plan: Plan, traces: np.ndarray, budget_bytes: float | i
     if offer.picture is None:
         return plan
     outline = outline_transfer(offer.load, plan.protection)
-    arrival = arrival_within(outline, traces, budget_bytes)
+    arrival = arrival_within(outline, traces, offer.left(budget_bytes))
     everything = arrival.head & arrival.packets.all(axis=1)
-    curves = np.where(arrival.head, offer.damage.psnr(lost_shares(offer.load, arrival.packets)), BLANK_PSNR)
+    curves = np.where(arrival.head, offer.damage.psnr(lost_shares(offer.load, arrival.packets)), offer.blank_psnr)
     if everything.any():
         curves[everything] = offer.picture(np.ones_like(arrival.packets[0]))
     parts = np.flatnonzero(arrival.head & ~everything)
