@@ -8,6 +8,7 @@ over datagrams is that of `frontier.py`: transfers without side information show
 are part of the 8 %.
 
     python benchmarks/protection.py SCENE --data PHOTOS [--limit 0.08] [--views 4] [--pictures 8] [--sketch 0.01 0.025]
+        [--units datagram pak]
 """
 
 import argparse
@@ -151,6 +152,7 @@ def main() -> None:
     parser.add_argument("--conceal", default="scene_free")
     parser.add_argument("--tiers", nargs="+", type=float, default=[0.02, 0.03, 0.05])
     parser.add_argument("--sketch", nargs="*", type=float, default=[0.01, 0.025], help="shares of the stream's bytes")
+    parser.add_argument("--units", nargs="+", choices=("datagram", "pak"), default=["datagram", "pak"])
     arguments = parser.parse_args()
     bench = Bench(arguments)
     flat, tiered = (
@@ -161,11 +163,14 @@ def main() -> None:
     variants = [bench.variant(stream, bench.concealer) for stream in (flat, tiered)]
     variants += [bench.variant(add_concealment(tiered, SECTION, s), SECTION, len(s)) for s in sections]
     whole = variants[0].psnr(True, np.ones(len(variants[0].members), dtype=np.bool_))
-    rows = [over_datagrams(variants, name, arguments) for name in CHANNELS]
-    print([round(whole - row["psnr"], 2) for row in rows], "dB, datagrams", file=sys.stderr, flush=True)
-    ways = pak_ways(bench, sections, arguments.limit)
-    pictures = [(variant.pictures, variant.planning) for variant in [variants[1], *variants[2:]]]
-    rows += [over_paks(ways, pictures, name, arguments) for name in CHANNELS]
+    rows = []
+    if "datagram" in arguments.units:
+        rows += [over_datagrams(variants, name, arguments) for name in CHANNELS]
+        print([round(whole - row["psnr"], 2) for row in rows], "dB, datagrams", file=sys.stderr, flush=True)
+    if "pak" in arguments.units:
+        ways = pak_ways(bench, sections, arguments.limit)
+        pictures = [(variant.pictures, variant.planning) for variant in [variants[1], *variants[2:]]]
+        rows += [over_paks(ways, pictures, name, arguments) for name in CHANNELS]
     for row in rows:
         row["drop_db"] = whole - row["psnr"]
     print([round(row["drop_db"], 2) for row in rows], file=sys.stderr, flush=True)

@@ -118,6 +118,49 @@ def test_side_information_is_sent_again_on_request():
     assert result.receiver.stream().side_info == STREAM.side_info
 
 
+@pytest.mark.parametrize("burst", [1, 20])
+def test_what_is_sent_again_is_limited_and_goes_to_what_matters(burst):
+    """The head object first, then tier 0; the receiver learns that no more will come."""
+    stream = tiered_stream()
+    program = make_program(stream, Protection(side_repair=0.0, side_lead=0.0, resend=0.08))
+    one_pass = sum(program.sizes().values())
+    important = sum(packet.id.block < 1 for packet in stream.packets)
+    lost_important, spent = 0, []
+    for seed in range(6):
+        rng = random.Random(seed)
+        lost = bernoulli(0.2, rng) if burst == 1 else bursts(0.2, burst, rng)
+        result = transfer(program, down=Link(lost, rate=2e6), seed=seed)
+        assert result.receiver.finished.ok
+        assert result.receiver.stream().side_info == stream.side_info
+        spent.append((result.bytes_down - 5_000) / one_pass - 1)  # without handshake and what says that it is over
+        lost_important += important - sum(packet.id.block < 1 for packet in result.receiver.stream().packets)
+        if burst == 1:  # a burst may also miss everything
+            assert result.receiver.finished.reason == "sent"
+            assert len(result.receiver.stream().packets) < len(stream.packets)
+    assert lost_important <= 0.08 * 6 * important  # of all, a fifth
+    if burst == 1:
+        assert max(spent) <= 0.08
+    else:  # one burst may take the whole head object, which is sent again in any case
+        assert sum(spent) / len(spent) <= 0.08
+
+
+def test_nothing_is_sent_again_where_nothing_may_be():
+    program = make_program(STREAM, Protection(side_repair=2.0, resend=0.0))
+    result = transfer(program, down=Link(bernoulli(0.1, random.Random(3))))
+    assert result.receiver.finished == Finished("sent", True)
+    assert len(result.receiver.stream().packets) < len(STREAM.packets)
+    with pytest.raises(InvalidValueError, match="resend"):
+        Protection(resend=-0.1)
+
+
+def test_side_information_is_sent_again_before_everything_has_left():
+    program = make_program(datagram_stream(num_anchors=60_000), Protection(side_repair=0.0, side_lead=0.0, resend=4.0))
+    result = transfer(program, down=Link(bernoulli(0.2, random.Random(4)), rate=1e6))
+    kinds = [type(event) for event in result.events]
+    assert kinds.index(SideInfoArrived) < 0.3 * len(kinds)
+    assert result.receiver.finished == Finished("complete", True)
+
+
 def test_a_full_link_is_used_and_not_flooded():
     """10 Mbit/s with a queue of 100 ms, with and without 20 % of random loss."""
     stream = make_program(datagram_stream(num_anchors=120_000, side_bytes=200_000))

@@ -62,6 +62,9 @@ class Serve:
     """Parity of a tier leaves between its middle and this share of the packets."""
     tier_spread: float = 0.0
     """How far tiers overlap in time: 0 sends one after the other, 1 mixes them evenly over the whole transfer."""
+    resend: float | None = None
+    """Most bytes that are sent again because a client asks, as a share of the stream: side information (always), then
+    the most important packets. Without it whatever is asked for is sent again."""
     clients: int = 256
     """Most clients at once."""
     json: JsonFlag = False
@@ -102,7 +105,7 @@ class Serve:
         return Protection(
             side_repair=self.side_repair, side_lead=self.side_lead, side_symbol_bytes=self.side_symbol,
             head_share=self.head_share, tiers=tuple(tiers), tier_repair=parse_tiers(self.protect),
-            parity_until=self.parity_until, tier_spread=self.tier_spread,
+            parity_until=self.parity_until, tier_spread=self.tier_spread, resend=self.resend,
         )  # fmt: skip
 
     def limits(self) -> "ServerLimits":

@@ -47,6 +47,7 @@ class Program:
         parity: Repair symbols of each group.
         schedule: What is sent once, in order: kind, segment or group (0 for a packet), symbol or index.
         preview: What the welcome shows of the scene.
+        resend: Most bytes that are sent again on request, as a share of one pass; None for no such limit.
     """
 
     stream_id: int
@@ -61,6 +62,7 @@ class Program:
     parity: tuple[tuple[bytes, ...], ...]
     schedule: tuple[tuple[int, int, int], ...]
     preview: bytes = b""
+    resend: float | None = None
 
     @functools.cached_property
     def reliable_schedule(self) -> tuple[tuple[int, int, int], ...]:
@@ -73,6 +75,16 @@ class Program:
         """The first symbol of each segment that no schedule has."""
         counts = Counter(segment for kind, segment, _ in self.schedule if kind == SIDE)
         return min(counts.values())
+
+    @functools.cached_property
+    def resend_bytes(self) -> float:
+        """Most bytes that are sent again on request; infinite without a limit."""
+        return math.inf if self.resend is None else self.resend * sum(self.sizes().values())
+
+    @functools.cached_property
+    def head_end(self) -> int:
+        """How much of the schedule it takes until every symbol of the head object has left once."""
+        return 1 + max(place for place, (kind, _, _) in enumerate(self.schedule) if kind == SIDE)
 
     def sizes(self) -> dict[str, int]:
         """Bytes of one complete pass, by what they are for; headers of datagrams (not of UDP and IP) included."""
@@ -127,14 +139,14 @@ def make_program(
     carried = carried_packets(len(packets), protection)
     data = head_object(manifest, stream.side_info, packets[:carried])
     symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
-    head, scheduled = _head_symbols(data, symbol_bytes, protection.side_repair)
+    head, scheduled = _head_symbols(data, symbol_bytes, protection)
     members = [tier_of[packet.id.block] for packet in ordered]
     tiers = protected_tiers(members, protection)
     parity = _parity(packets, tiers, framed_bytes(largest))
     return Program(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, carried,
         tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
-        preview,
+        preview, protection.resend,
     )  # fmt: skip
 
 
@@ -144,15 +156,18 @@ def side_symbol_bytes(num_bytes: int) -> int:
     return min(max(finer, FINEST_BY_ITSELF), SIDE_SYMBOL_BYTES)
 
 
-def _head_symbols(data: bytes, symbol_bytes: int, share: float) -> tuple[tuple[tuple[bytes, ...], ...], list[int]]:
+def _head_symbols(
+    data: bytes, symbol_bytes: int, protection: Protection
+) -> tuple[tuple[tuple[bytes, ...], ...], list[int]]:
     """The symbols of each segment, and how many of them the schedule has; no reserve where no repair is wanted."""
     segments = Segments(len(data), symbol_bytes)
     out, scheduled = [], []
     for segment in range(segments.num_segments):
         piece = data[segments.span(segment)]
         size = segments.size(segment)
-        repair = min(round(share * size), MAX_REPAIR)
-        whole = min(repair + math.ceil(RESERVE * size), MAX_REPAIR) if repair else 0
+        repair = min(round(protection.side_repair * size), MAX_REPAIR)
+        wanted = repair > 0 or protection.resend is not None
+        whole = min(repair + math.ceil(RESERVE * size), MAX_REPAIR) if wanted else 0
         out.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, whole)))
         scheduled.append(size + repair)
     return tuple(out), scheduled

@@ -10,6 +10,7 @@ from splatwire.transport.wire import MAX_DATAGRAM, MAX_TIERS, SIDE_OVERHEAD, Tie
 
 SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
 MIN_SYMBOL_BYTES = 64
+MOST_RESENT = 4.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,10 @@ class Protection:
         tier_spread: How far tiers overlap in time: 0 sends one after the other, 1 mixes all of them evenly over the
             whole transfer. A tier that is sent in one go is short, and one burst takes much of it; a tier that is
             spread loses its own share of whatever is cut off at the end.
+        resend: Most bytes that are sent again because a client asks, as a share of one pass, 0 to 4. What the head
+            object lacks is sent in any case and counts first; what is left is for packets in the order in which they
+            are missed, which is that of importance while tiers travel one after the other. None: whatever is asked for,
+            up to the limits of the server.
 
     Raises:
         InvalidValueError: If a number is out of range, or tiers are given in both ways.
@@ -61,11 +66,12 @@ class Protection:
     tier_repair: tuple[float, ...] = ()
     parity_until: float = 1.0
     tier_spread: float = 0.0
+    resend: float | None = None
 
     def __post_init__(self) -> None:
         checks = [("side_repair", self.side_repair, 2.0), ("side_lead", self.side_lead, 1.0)]
         checks += [("parity_until", self.parity_until, 1.0), ("tier_spread", self.tier_spread, 1.0)]
-        checks += [("head_share", self.head_share, 1.0)]
+        checks += [("head_share", self.head_share, 1.0), ("resend", self.resend or 0.0, MOST_RESENT)]
         checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
         for tier in self.tiers:
             checks += [("share of a tier", tier.share, 1.0), ("repair of a tier", tier.repair, 2.0)]

@@ -46,6 +46,9 @@ MOST_AHEAD = 1 << 17
 GRACE_S = 0.15
 """Time after the end of the sending that late packets get."""
 BYES = 3
+ENDS_IN_VAIN = 25
+"""A server that says so often that everything was sent, and sends nothing in between although it is asked, does not
+want to send again (`Protection.resend`). It says so ten times a second: no round trip beyond 2.5 s is waited for."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,7 @@ class Receiver:
         self._feedback_at = now
         self._asked: dict[int, float] = {}
         self._ended_at: float | None = None
+        self._ends_in_vain = 0
 
     @property
     def welcome(self) -> Welcome | None:
@@ -226,6 +230,9 @@ class Receiver:
                 events += [PacketArrived(packet, True) for packet in self._collector.add_parity(frame)]
             case End():
                 self._ended_at = now if self._ended_at is None else self._ended_at
+                self._ends_in_vain += 1
+        if not isinstance(frame, End):
+            self._ends_in_vain = 0
         if self.finished:
             return [encode(Bye(self._welcome.session))] * BYES, [*events, self.finished]
         if self._manifest is not None and self._collector.num_packets == self._welcome.num_packets:
@@ -258,7 +265,7 @@ class Receiver:
         if now - self._heard_at > self.options.silence_s:
             return "the server fell silent"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S
-        if ended and self._manifest is not None and not self.options.nack:
+        if ended and self._manifest is not None and (not self.options.nack or self._ends_in_vain >= ENDS_IN_VAIN):
             return "sent"
         return None
 

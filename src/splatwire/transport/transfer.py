@@ -5,13 +5,25 @@ from dataclasses import dataclass
 
 from splatwire.transport.pacing import MAX_RATE, START_RATE, Pacer, RateControl
 from splatwire.transport.program import Program
-from splatwire.transport.wire import DATA, SIDE, End, Feedback, encode, encode_data, encode_symbol
+from splatwire.transport.wire import (
+    DATA,
+    DATA_OVERHEAD,
+    SIDE,
+    SIDE_OVERHEAD,
+    End,
+    Feedback,
+    encode,
+    encode_data,
+    encode_symbol,
+)
 
 END_INTERVAL_S = 0.1
 RESEND_S = 0.05
 """A packet is not sent again within this time, or within a round trip if that is longer."""
 RECENT = 8192
 """Datagrams whose sending time is remembered."""
+HEAD_SAFETY = 1.3
+"""Bytes kept free for symbols of the head object that a client lacks, over their own: some are lost again."""
 QUIET_S = 1.0
 """Receivers report 50 times a second; one that was not heard for so long is sent nothing until it is heard again."""
 
@@ -72,6 +84,8 @@ class Transfer:
         self._sent_times: deque[tuple[int, float]] = deque(maxlen=RECENT)
         self._last: Feedback | None = None
         self._head_cursor = program.head_reserve
+        self._head_left_at: float | None = None
+        self._again_bytes = 0
         self._end_at = 0.0
         self._most_bytes = int(limits.passes * sum(program.sizes().values())) + 100_000
 
@@ -99,6 +113,8 @@ class Transfer:
         elif self._next < len(self._schedule):
             item = self._schedule[self._next]
             self._next += 1
+            if self._next == self.program.head_end:
+                self._head_left_at = now
         else:
             self._end_at = now + END_INTERVAL_S
             return self._leave(encode(End(self.session, self._sequence)), now)
@@ -151,20 +167,30 @@ class Transfer:
             self._pacer.rate = self.control.rate
 
     def _ask_again(self, frame: Feedback, now: float) -> None:
-        """Queues what the client misses, unless it was sent again a moment ago."""
+        """Queues what the client misses, unless it was sent again a moment ago, as far as the program's limit goes.
+
+        The head object comes first: as long as the client lacks symbols of it, what they need is kept free.
+        """
         wait = max(RESEND_S, 1.25 * (self.control.round_trip or 0.0))
+        symbol_bytes = self.program.symbol_bytes + SIDE_OVERHEAD
+        missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.program.head)))
+        if missing and self._head_left_at is not None and now - self._head_left_at >= wait:
+            self._head_left_at = now
+            items = self._more_head(missing)
+            self._again_bytes += len(items) * symbol_bytes
+            self._again.extendleft(items)
+        left = self.program.resend_bytes - self._again_bytes - HEAD_SAFETY * missing * symbol_bytes
         for index in frame.nacks:
             item = (DATA, 0, index)
-            if index < len(self.program.packets) and now - self._sent_again.get(item, -1e9) >= wait:
-                self._sent_again[item] = now
-                self._again.append(item)
-        everything_sent = self._next >= len(self._schedule)
-        if not frame.side_missing or not everything_sent or self._reliable_head:
-            return
-        if now - self._sent_again.get((SIDE, 0, 0), -1e9) < wait:
-            return
-        self._sent_again[(SIDE, 0, 0)] = now
-        self._again.extendleft(self._more_head(frame.side_missing))
+            if index >= len(self.program.packets) or now - self._sent_again.get(item, -1e9) < wait:
+                continue
+            size = len(self.program.packets[index]) + DATA_OVERHEAD
+            if size > left:
+                break
+            left -= size
+            self._again_bytes += size
+            self._sent_again[item] = now
+            self._again.append(item)
 
     def _more_head(self, missing: int) -> list[tuple[int, int, int]]:
         """Symbols of all segments in turn, somewhat more of them than are missing.
@@ -173,7 +199,8 @@ class Transfer:
         """
         head = self.program.head
         longest = max(map(len, head))
-        count = min(missing + missing // 2 + 2, 512)
+        spare = missing // 2 if self.program.resend is None else missing // 4  # less where bytes are counted
+        count = min(missing + spare + 2, 512)
         items: list[tuple[int, int, int]] = []
         while len(items) < count:
             symbol = self._head_cursor % longest

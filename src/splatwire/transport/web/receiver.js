@@ -5,7 +5,7 @@
 const VERSION = 3;
 const REQUEST = 3, WELCOME = 4, SIDE = 5, DATA = 6, FEEDBACK = 8, BYE = 9, REFUSE = 10, END = 11;
 const REFUSALS = ["", "no such stream", "the server is full", "the server stopped"];
-const FEEDBACK_MS = 20, AGAIN_MS = 120, REORDER = 48, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17;
+const FEEDBACK_MS = 20, AGAIN_MS = 120, REORDER = 48, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17, ENDS_IN_VAIN = 25;
 const HANDSHAKES = 5, HANDSHAKE_PAUSE_MS = 100;
 const MOST_HEAD_BYTES = 2 ** 28, MOST_PACKETS = 2 ** 21, MOST_DATAGRAM = 1200;
 const MOST_TIERS = 10, MOST_PREVIEW = 1024;
@@ -67,6 +67,7 @@ export class Transfer {
     this.received = 0;
     this.highest = -1;
     this.endedAt = null;
+    this.endsInVain = 0;
     this.finished = null;
     this.sideInfoMs = null;
   }
@@ -96,8 +97,13 @@ export class Transfer {
     this.counts.datagrams++;
     this.received++;
     if (sequence > this.largest) [this.largest, this.largestAt] = [sequence, now];
-    if (kind === END) this.endedAt ??= now;
-    else this.data(bytes, numbers);
+    if (kind === END) {
+      this.endedAt ??= now;
+      this.endsInVain++;
+    } else {
+      this.endsInVain = 0;
+      this.data(bytes, numbers);
+    }
     this.look();
   }
 
@@ -185,7 +191,9 @@ export class Transfer {
   }
 
   look() {
-    if (this.headComplete && this.packets.size === this.welcome.packets) this.finished = "complete";
+    if (!this.headComplete) return;
+    if (this.packets.size === this.welcome.packets) this.finished = "complete";
+    else if (this.endsInVain >= ENDS_IN_VAIN) this.finished = "sent";
   }
 
   feedback(now) {

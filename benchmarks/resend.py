@@ -1,0 +1,190 @@
+"""What a limited way back leaves of 20 % datagram loss: side information and the most important packets are sent again.
+
+No repair symbols are sent ahead: the head object leaves first, then the tiers, and whatever is missed is sent again in
+that order until `--limit` of all bytes is spent (`Protection.resend`; previews and sketches count, too). What the head
+object lacks is sent in any case, so one transfer may spend more: the mean keeps the limit, on other losses than those
+reported. Both ends and a network of 40 ms and 8 Mbit/s are simulated datagram by datagram, and a fifth of the
+receiver's reports is lost at random. Whether there is a sketch is chosen on training photos; the mean PSNR against test
+photos counts all `--transfers`; of those that lost something, `--pictures` are drawn.
+
+    python benchmarks/resend.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
+"""
+
+import argparse
+import importlib.util
+import itertools
+import json
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from frontier import REPORTED_SEED, Bench, Variant
+from protection import sketches
+
+from splatwire.channel import parse_loss
+from splatwire.codec import add_concealment, encode_scene
+from splatwire.conceal.sketch import SECTION
+from splatwire.evaluate.damage import LossyPictures, known_anchors
+from splatwire.packets import PRESETS, SceneStream
+from splatwire.transport import Protection, ServerLimits, make_program
+from splatwire.transport.preview import stream_preview
+from splatwire.transport.program import Program
+
+NETWORK = Path(__file__).parents[1] / "tests" / "transport" / "network.py"
+CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
+RATE = 1e6
+MOST_DATAGRAMS = 20_000
+ROUNDS = 6
+FIRST_PLANNED = 100_000
+"""Seeds of transfers that are looked at before; those that are reported start at 0."""
+
+
+def network():
+    """The network in memory that the tests have."""
+    spec = importlib.util.spec_from_file_location("network", NETWORK)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["network"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+class Outcome(NamedTuple):
+    """One transfer.
+
+    Attributes:
+        head: Whether the side information arrived.
+        packets: Which packets did, in sending order, bool (P).
+        spent: Bytes that the server sent beyond one pass without protection, as a share of all bytes.
+    """
+
+    head: bool
+    packets: np.ndarray
+    spent: float
+
+
+def fates(loss_name: str, seed: int):
+    """Whether each datagram of a path is lost, one after another."""
+    rng = np.random.Generator(np.random.PCG64([REPORTED_SEED, seed]))
+    received = parse_loss(loss_name).received(MOST_DATAGRAMS, rng)
+    return itertools.cycle((~received).tolist()).__next__
+
+
+def one(program: Program, plain_bytes: int, loss_name: str, seed: int) -> Outcome:
+    """Simulates a transfer to its end."""
+    net = network()
+    # reports are few: losses in runs of twenty datagrams would be losses of seconds there
+    down, up = net.Link(fates(loss_name, 2 * seed)), net.Link(fates("bernoulli:0.2", 2 * seed + 1))
+    limits = ServerLimits(fixed_rate=RATE)
+    result = net.transfer(program, down=down, up=up, seed=seed, limits=limits, most_s=120)
+    collector, stream = result.receiver.collector, result.receiver.stream()
+    packets = np.zeros(len(program.packets), dtype=np.bool_)
+    if collector is not None and stream is not None:
+        packets[:] = True
+        packets[collector.missing(0, len(packets))] = False
+    return Outcome(stream is not None, packets, 1 - plain_bytes / max(result.bytes_down, plain_bytes))
+
+
+def score(variant: Variant, outcomes: list[Outcome], pictures: int, planning: bool) -> dict:
+    """Mean PSNR over transfers: nothing and everything are counted, some of the others drawn."""
+    views = variant.planning if planning else variant.pictures
+    parts = [o for o in outcomes if o.head and not o.packets.all()]
+    parts.sort(key=lambda o: int((~o.packets) @ variant.offer.load.anchors))
+    count = min(pictures, len(parts))
+    chosen = [parts[int((n + 0.5) / count * len(parts))] for n in range(count)]
+    drawn = [views.psnr(known_anchors(variant.members, o.packets, views.num_anchors)) for o in chosen]
+    nothing = sum(not o.head for o in outcomes) / len(outcomes)
+    everything = sum(o.head and bool(o.packets.all()) for o in outcomes) / len(outcomes)
+    blank = variant.offer.blank_psnr if planning else variant.blank
+    psnr = nothing * blank + everything * whole_psnr(views)
+    psnr += (1 - nothing - everything) * float(np.mean(drawn)) if drawn else 0.0
+    return {"psnr": psnr, "nothing": nothing, "everything": everything, "drawn": drawn}
+
+
+def whole_psnr(views: LossyPictures) -> float:
+    return views.psnr(torch.ones(views.num_anchors, dtype=torch.bool))
+
+
+class Way(NamedTuple):
+    """A way to spend the limit: a sketch or none, and what is left for sending again.
+
+    Attributes:
+        variant: The stream.
+        sketch_bytes: Bytes of its sketch.
+        program: What is sent, with the limit on what is sent again.
+        plain_bytes: One pass without any protection.
+        score: What is expected, from training photos and other losses than those that are reported.
+    """
+
+    variant: Variant
+    sketch_bytes: int
+    program: Program
+    plain_bytes: int
+    score: float
+
+
+def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options) -> Way | None:
+    """Lowers what may be sent again until the mean over simulated transfers keeps the limit."""
+    preview = stream_preview(stream.side_info)
+    plain = sum(make_program(stream, Protection(side_repair=0.0)).sizes().values()) - len(preview) - sketch_bytes
+    share = options.limit / (1 - options.limit) - (2 * len(preview) + sketch_bytes) / plain
+    for _ in range(ROUNDS):
+        if share < 0:
+            return None
+        protection = Protection(side_repair=0.0, side_lead=options.side_lead, resend=share)
+        program = make_program(stream, protection, preview=preview)
+        seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
+        outcomes = [one(program, plain, loss_name, seed) for seed in seeds]
+        spent = float(np.mean([outcome.spent for outcome in outcomes]))
+        if spent <= options.limit:
+            return Way(variant, sketch_bytes, program, plain, score(variant, outcomes, 4, True)["psnr"])
+        share -= 1.2 * (spent - options.limit) / (1 - options.limit)
+    return None
+
+
+def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, options) -> dict:
+    """The way that is best on training photos, scored on test photos."""
+    ways = [planned(variant, stream, size, loss_name, options) for variant, stream, size in found]
+    way = max((way for way in ways if way is not None), key=lambda way: way.score)
+    outcomes = [one(way.program, way.plain_bytes, loss_name, seed) for seed in range(options.transfers)]
+    row = {"loss": loss_name, **score(way.variant, outcomes, options.pictures, False)}
+    spent = [outcome.spent for outcome in outcomes]
+    return row | {
+        "drop_db": whole_psnr(way.variant.pictures) - row["psnr"], "spent_mean": float(np.mean(spent)),
+        "spent_most": max(spent), "resend": way.program.resend, "sketch_bytes": way.sketch_bytes,
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--limit", type=float, default=0.08)
+    parser.add_argument("--side-lead", type=float, default=0.3)
+    parser.add_argument("--views", type=int, default=3)
+    parser.add_argument("--transfers", type=int, default=100)
+    parser.add_argument("--planned", type=int, default=40, help="transfers that a choice is made by")
+    parser.add_argument("--sketch", nargs="*", type=float, default=[0.015, 0.03], help="shares of the stream's bytes")
+    parser.add_argument("--pictures", type=int, default=10)
+    parser.add_argument("--conceal", default="scene_free")
+    parser.add_argument("--tiers", nargs="+", type=float, default=[0.03, 0.05, 0.1, 0.2])
+    arguments = parser.parse_args()
+    bench = Bench(arguments)
+    stream = bench.with_preview(encode_scene(bench.scene, PRESETS["datagram"], tiers=bench.tiers))
+    found = [(bench.variant(stream, bench.concealer), stream, 0)]
+    for section in sketches(bench, stream, arguments.sketch):
+        richer = add_concealment(stream, SECTION, section)
+        found.append((bench.variant(richer, SECTION, len(section)), richer, len(section)))
+    rows = [row_of(found, loss_name, arguments) for loss_name in CHANNELS]
+    for row in rows:
+        text = f"{row['loss']}: -{row['drop_db']:.2f} dB, {row['spent_mean']:.2%} spent, sketch {row['sketch_bytes']}"
+        print(text, file=sys.stderr, flush=True)
+    whole = whole_psnr(found[0][0].pictures)
+    print(json.dumps({"scene": arguments.scene.name, "concealer": bench.concealer, "whole_psnr": whole,
+                      "limit": arguments.limit, "tiers": arguments.tiers, "transfers": arguments.transfers,
+                      "rows": rows}, indent=1))  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
