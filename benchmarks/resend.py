@@ -137,9 +137,11 @@ def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name:
         seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
         outcomes = [one(program, plain, loss_name, seed) for seed in seeds]
         spent = float(np.mean([outcome.spent for outcome in outcomes]))
+        print(f"sketch {sketch_bytes}: resend {share:.3f} spends {spent:.2%}", file=sys.stderr, flush=True)
         if spent <= options.limit:
             return Way(variant, sketch_bytes, program, plain, score(variant, outcomes, 4, True)["psnr"])
-        share -= 1.2 * (spent - options.limit) / (1 - options.limit)
+        # less does not always spend less: what the head object lacks is sent in any case
+        share = min(share - 1.5 * (spent - options.limit), 0.9 * share)
     return None
 
 
