@@ -3,9 +3,9 @@
 No repair symbols are sent ahead: the head object leaves first, then the tiers, and whatever is missed is sent again in
 that order until `--limit` of all bytes is spent (`Protection.resend`; previews and sketches count, too). What the head
 object lacks is sent in any case, so one transfer may spend more: the mean keeps the limit, on other losses than those
-reported. Both ends and a network of 40 ms and 8 Mbit/s are simulated datagram by datagram, and a fifth of the
-receiver's reports is lost at random. Whether there is a sketch is chosen on training photos; the mean PSNR against test
-photos counts all `--transfers`; of those that lost something, `--pictures` are drawn.
+reported. Both ends and a network of 40 ms and 8 Mbit/s are simulated datagram by datagram; the server's greetings
+arrive, a fifth of what the receiver says is lost at random. Whether there is a sketch is chosen on training photos; the
+mean PSNR against test photos counts all `--transfers`; of those that lost something, `--pictures` are drawn.
 
     python benchmarks/resend.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
 """
@@ -36,6 +36,8 @@ NETWORK = Path(__file__).parents[1] / "tests" / "transport" / "network.py"
 CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 RATE = 1e6
 MOST_DATAGRAMS = 20_000
+GREETINGS = 2
+"""Datagrams from the server before the transfer: challenge and welcome."""
 ROUNDS = 6
 FIRST_PLANNED = 100_000
 """Seeds of transfers that are looked at before; those that are reported start at 0."""
@@ -74,8 +76,9 @@ def fates(loss_name: str, seed: int):
 def one(program: Program, plain_bytes: int, loss_name: str, seed: int) -> Outcome:
     """Simulates a transfer to its end."""
     net = network()
-    # reports are few: losses in runs of twenty datagrams would be losses of seconds there
-    down, up = net.Link(fates(loss_name, 2 * seed)), net.Link(fates("bernoulli:0.2", 2 * seed + 1))
+    # reports and greetings are few: losses in runs of twenty datagrams would be losses of seconds there
+    fate = itertools.chain((False,) * GREETINGS, iter(fates(loss_name, 2 * seed), None))
+    down, up = net.Link(fate.__next__), net.Link(fates("bernoulli:0.2", 2 * seed + 1))
     limits = ServerLimits(fixed_rate=RATE)
     result = net.transfer(program, down=down, up=up, seed=seed, limits=limits, most_s=120)
     collector, stream = result.receiver.collector, result.receiver.stream()
