@@ -8,7 +8,7 @@ from splatwire.codec.weights import QuantisedMlp, quantise_mlp
 from splatwire.model import AnchorScene, Mlp
 from splatwire.model.channel_context import channel_parameters
 from splatwire.model.hash_grid import interpolate_hash_grid
-from splatwire.model.prior_field import PriorOutputs, split_prior_outputs
+from splatwire.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
 
 SAMPLE_ANCHORS = 16_000
 SAMPLE_SEED = 0
@@ -64,9 +64,7 @@ def _prior_tolerance(outputs: PriorOutputs, scene: AnchorScene) -> np.ndarray:
 
 
 def _spread(scale: torch.Tensor, step: float) -> np.ndarray:
-    """Typical spread of each channel: its predicted scale and the rounding of its symbols together."""
-    typical = scale.clamp(min=step * 1e-3).median(dim=0).values.double().numpy()
-    return np.sqrt(typical**2 + step**2 / 12)
+    return typical_spread(scale.double(), step).numpy()
 
 
 def _fit_channel(

@@ -24,8 +24,9 @@ MAX_SHIFT = 12
 MAX_STEP = 65535
 
 RIDGE = 0.003
-"""Added to the variance of each input, as a share of it: correlations of a sample are not relied upon further than that
-(at 0.0001 the error on other anchors is no longer that of the sample's; 0.01 saves as much)."""
+"""Added to the variance of each input, as a share of it: correlations of a sample are not relied upon beyond that.
+With 0.001, 0.003 and 0.01 snowmiku_15k's networks took 53.5, 52.8 and 52.7 kB (with scales by row only); with 0.001 and
+8,000 anchors one network's error on other anchors was half as large again as on these."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,3 +84,14 @@ def evaluate_prior(context: ContextModel, positions: Float[Tensor, "N 3"], confi
     for start in range(0, len(positions), _CHUNK):
         outputs[start : start + _CHUNK] = context.prior(feature[start : start + _CHUNK])
     return prior_of(split_prior_outputs(outputs, config), feature, config)
+
+
+def typical_spread(scale: Float[Tensor, "N D"], step: float) -> Float[Tensor, "D"]:
+    """Typical spread of each channel: its median predicted scale and the rounding of its symbols together.
+
+    Args:
+        scale: Predicted scales of some anchors.
+        step: Base step of the attribute.
+    """
+    typical = scale.clamp(min=step * 1e-3).median(dim=0).values
+    return (typical**2 + step**2 / 12).sqrt()

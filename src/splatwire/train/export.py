@@ -43,8 +43,8 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
         bounds_max=state.bounds_max.to(device),
     )
     channels = channels_of(parameters, len(config.model.layout.feature_groups))
-    context = ContextModel(grid, _copy(network(parameters, "prior")), tuple(_copy(mlp) for mlp in channels))
-    heads = GaussianHeads(*(_copy(mlp) for mlp in vars(heads_of(parameters)).values()))
+    context = ContextModel(grid, copied_mlp(network(parameters, "prior")), tuple(copied_mlp(mlp) for mlp in channels))
+    heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(heads_of(parameters)).values()))
     return AnchorScene(anchors, heads, context, state.voxel_size, config.model, background=config.background)
 
 
@@ -52,7 +52,8 @@ def _signs(values: Tensor) -> Tensor:
     return hard_sign(values).to(torch.int8)
 
 
-def _copy(mlp: Mlp) -> Mlp:
-    """Copied: training goes on in place while the scene is being drawn or written."""
+@torch.no_grad()
+def copied_mlp(mlp: Mlp) -> Mlp:
+    """Copies a network out of training, which goes on in place while the scene is being drawn or written."""
     hidden, output = (Linear(layer.weight.clone(), layer.bias.clone()) for layer in (mlp.hidden, mlp.output))
     return Mlp(hidden, output, mlp.negative_slope)

@@ -18,10 +18,11 @@ from torch import Tensor
 from splatwire.errors import DivergedError
 from splatwire.model import AnchorScene, ContextModel, HashGrid, HashGridConfig, Linear, Mlp, ModelConfig
 from splatwire.model.hash_grid import unit_coordinates
-from splatwire.model.prior_field import PriorOutputs, split_prior_outputs
+from splatwire.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
 from splatwire.scene import Anchors
 from splatwire.train.config import RefineConfig
 from splatwire.train.context import AttributeBits, adaptive_steps, attribute_bits
+from splatwire.train.export import copied_mlp
 from splatwire.train.grid import GridCorners, find_corners, hard_sign, interpolate_signs, straight_through_sign
 
 _CHUNK = 8192
@@ -140,7 +141,7 @@ def refine_context(
         optimiser.step()
         progress((step + 1) / config.steps)
     context = ContextModel(
-        signs.grid(scene.context.grid), _detached(prior.mlp()), tuple(_detached(part.mlp()) for part in channels)
+        signs.grid(scene.context.grid), copied_mlp(prior.mlp()), tuple(copied_mlp(part.mlp()) for part in channels)
     )
     return dataclasses.replace(scene, context=context)
 
@@ -195,11 +196,9 @@ def _fixed(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
 
 def _units(outputs: PriorOutputs, config: ModelConfig) -> list[Float[Tensor, "out"]]:
     """Units of the prior network's outputs, then of each channel network's: the spread that they speak of."""
+    scales = (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale)
     feature, scaling, offset = (
-        (scale.clamp(min=step * 1e-3).median(dim=0).values ** 2 + step**2 / 12).sqrt()
-        for scale, step in zip(
-            (outputs.feature_scale, outputs.scaling_scale, outputs.offset_scale), config.base_steps, strict=True
-        )
+        typical_spread(scale, step) for scale, step in zip(scales, config.base_steps, strict=True)
     )
     one = torch.ones_like(feature)
     units = [torch.cat([feature, feature, one, scaling, scaling, offset, offset, torch.full((3,), _STEP_SCALE)])]
@@ -212,8 +211,3 @@ def _level_of_row(config: HashGridConfig) -> Int64[Tensor, "rows"]:
     """The level of each row of the tables, volume, xy, xz and yz one after another."""
     sizes = [*config.rows(3), *(rows for _ in range(3) for rows in config.rows(2))]
     return torch.arange(len(sizes)).repeat_interleave(torch.tensor(sizes))
-
-
-def _detached(mlp: Mlp) -> Mlp:
-    hidden, output = (Linear(layer.weight.detach().clone(), layer.bias.detach()) for layer in (mlp.hidden, mlp.output))
-    return Mlp(hidden, output, mlp.negative_slope)
