@@ -232,6 +232,23 @@ def test_what_anybody_would_try_is_tried(load: StreamLoad, damage: Damage) -> No
     assert plan.psnr >= psnr - 0.05
 
 
+def test_a_plain_way_wins_where_nothing_is_gained(load: StreamLoad) -> None:
+    """Pictures that differ by less than a few of them tell are no reason to leave what anybody would do."""
+    flat = dataclasses.replace(load, tiers=np.zeros(300, dtype=np.int64))
+    tiered_mse = np.outer([3e-3, 6e-4, 1e-4], SHARES)
+
+    def offers(gain: float) -> list[Offer]:
+        return [Offer(flat, Damage(SHARES, tiered_mse[:1], 1e-3), lambda packets: 25.0),
+                Offer(load, Damage(SHARES, tiered_mse, 1e-3), lambda packets: 25.0 + gain)]  # fmt: skip
+
+    budget = _budget(flat, 1.1)
+    near, far = (plan_protection(offers(gain), Bernoulli(0.2), budget_bytes=budget, trials=20) for gain in (0.02, 0.2))
+    traces = losses(offers(0.0), Bernoulli(0.2), 1000, 0)
+    assert near.offer == 0
+    assert near.protection == plain_candidates(flat, traces, Search(budget))["conceal"]
+    assert far.offer == 1
+
+
 def test_tiers_may_be_spread_over_the_transfer(load: StreamLoad) -> None:
     plain, half, mixed = (
         outline_transfer(load, Protection(tier_repair=(0.4,), tier_spread=spread)) for spread in (0.0, 0.5, 1.0)
