@@ -1,11 +1,12 @@
 """What a limited way back leaves of 20 % datagram loss: side information and the most important packets are sent again.
 
-No repair symbols are sent ahead: the head object leaves first, then the tiers, and whatever is missed is sent again in
-that order until `--limit` of all bytes is spent (`Protection.resend`; previews and sketches count, too). What the head
-object lacks is sent in any case, so one transfer may spend more: the mean keeps the limit, on other losses than those
-reported. Both ends and a network of 40 ms and 8 Mbit/s are simulated datagram by datagram; the server's greetings
-arrive, a fifth of what the receiver says is lost at random. Whether there is a sketch is chosen on training photos; the
-mean PSNR against test photos counts all `--transfers`; of those that lost something, `--pictures` are drawn.
+No repair symbols are sent ahead: the head object leaves first, then the tiers. What the head object lacks is sent again
+in any case, and of the packets the first ones (`Protection.resend_until`), in every transfer alike: their share is
+chosen so that the mean over other losses than those reported, and one standard error above it, keeps `--limit` of all
+bytes (previews and sketches count, too). So a transfer that loses more spends more. Both ends and a network of 40 ms
+and 8 Mbit/s are simulated datagram by datagram; the server's greetings arrive, a fifth of what the receiver says is
+lost at random. Whether there is a sketch is chosen on training photos; the mean PSNR against test photos counts all
+`--transfers`; of those that lost something, `--pictures` are drawn.
 
     python benchmarks/resend.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
 """
@@ -14,6 +15,7 @@ import argparse
 import importlib.util
 import itertools
 import json
+import math
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -39,6 +41,8 @@ MOST_DATAGRAMS = 20_000
 GREETINGS = 2
 """Datagrams from the server before the transfer: challenge and welcome."""
 ROUNDS = 6
+NEAR = 0.003
+"""Share of all bytes by which the limit may be missed from below."""
 FIRST_PLANNED = 100_000
 """Seeds of transfers that are looked at before; those that are reported start at 0."""
 
@@ -128,24 +132,29 @@ class Way(NamedTuple):
 
 
 def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options) -> Way | None:
-    """Lowers what may be sent again until the mean over simulated transfers keeps the limit."""
+    """Looks for the most packets that may be sent again within the limit."""
     preview = stream_preview(stream.side_info)
-    plain = sum(make_program(stream, Protection(side_repair=0.0)).sizes().values()) - len(preview) - sketch_bytes
-    share = options.limit / (1 - options.limit) - (2 * len(preview) + sketch_bytes) / plain
+    sizes = make_program(stream, Protection(side_repair=0.0)).sizes()
+    plain = sum(sizes.values()) - len(preview) - sketch_bytes
+    lost = 1 - parse_loss(loss_name).received(200_000, np.random.Generator(np.random.PCG64(FIRST_PLANNED))).mean()
+    per_packets = lost / (1 - lost) * sizes["packets"] / plain  # spent where all packets may be sent again
+    share, best = float(np.clip((options.limit - sizes["side"] / plain * lost) / per_packets, 0, 1)), None
     for _ in range(ROUNDS):
-        if share < 0:
-            return None
-        protection = Protection(side_repair=0.0, side_lead=options.side_lead, resend=share)
+        protection = Protection(side_repair=0.0, side_lead=options.side_lead, resend_until=share)
         program = make_program(stream, protection, preview=preview)
         seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
         outcomes = [one(program, plain, loss_name, seed) for seed in seeds]
-        spent = float(np.mean([outcome.spent for outcome in outcomes]))
-        print(f"sketch {sketch_bytes}: resend {share:.3f} spends {spent:.2%}", file=sys.stderr, flush=True)
-        if spent <= options.limit:
-            return Way(variant, sketch_bytes, program, plain, score(variant, outcomes, 4, True)["psnr"])
-        # less does not always spend less: what the head object lacks is sent in any case
-        share = min(share - 1.5 * (spent - options.limit), 0.9 * share)
-    return None
+        spent = np.array([outcome.spent for outcome in outcomes])
+        room = options.limit - float(spent.mean() + spent.std() / math.sqrt(len(spent)))
+        print(f"sketch {sketch_bytes}: until {share:.3f} spends {spent.mean():.2%}", file=sys.stderr, flush=True)
+        if room >= 0 and (best is None or share > best[1].resendable / len(program.packets)):
+            best = (outcomes, program)
+        if 0 <= room < NEAR or (share == 0 and room < 0) or (share == 1 and room >= 0):
+            break
+        share = float(np.clip(share + (room - NEAR / 2) / per_packets, 0, 1))
+    if best is None:
+        return None
+    return Way(variant, sketch_bytes, best[1], plain, score(variant, best[0], 6, True)["psnr"])
 
 
 def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, options) -> dict:
@@ -157,7 +166,8 @@ def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, option
     spent = [outcome.spent for outcome in outcomes]
     return row | {
         "drop_db": whole_psnr(way.variant.pictures) - row["psnr"], "spent_mean": float(np.mean(spent)),
-        "spent_most": max(spent), "resend": way.program.resend, "sketch_bytes": way.sketch_bytes,
+        "spent_most": max(spent), "resend_until": way.program.num_resendable / len(way.program.packets),
+        "sketch_bytes": way.sketch_bytes,
     }  # fmt: skip
 
 

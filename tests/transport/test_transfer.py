@@ -144,6 +144,26 @@ def test_what_is_sent_again_is_limited_and_goes_to_what_matters(burst):
         assert sum(spent) / len(spent) <= 0.08
 
 
+@pytest.mark.parametrize("burst", [1, 20])
+def test_only_the_first_packets_are_sent_again(burst):
+    """All of tier 0 arrives, whatever a transfer loses, and nothing is spent on the rest."""
+    stream = tiered_stream()
+    important = sum(packet.id.block < 1 for packet in stream.packets)
+    share = important / len(stream.packets)
+    program = make_program(stream, Protection(side_repair=0.0, side_lead=0.0, resend_until=share))
+    for seed in range(4):
+        rng = random.Random(seed)
+        lost = bernoulli(0.2, rng) if burst == 1 else bursts(0.2, burst, rng)
+        result = transfer(program, down=Link(lost, rate=2e6), seed=seed)
+        assert result.receiver.finished.ok
+        assert sum(packet.id.block < 1 for packet in result.receiver.stream().packets) == important
+        resent = result.datagrams_down - len(program.schedule)
+        assert resent < 3 * (0.5 * sum(map(len, program.head)) + important)
+        if burst == 1:
+            assert result.receiver.finished.reason == "sent"
+            assert len(result.receiver.stream().packets) < len(stream.packets)
+
+
 def test_nothing_is_sent_again_where_nothing_may_be():
     program = make_program(STREAM, Protection(side_repair=2.0, resend=0.0))
     result = transfer(program, down=Link(bernoulli(0.1, random.Random(3))))
@@ -151,6 +171,8 @@ def test_nothing_is_sent_again_where_nothing_may_be():
     assert len(result.receiver.stream().packets) < len(STREAM.packets)
     with pytest.raises(InvalidValueError, match="resend"):
         Protection(resend=-0.1)
+    with pytest.raises(InvalidValueError, match="resend_until"):
+        Protection(resend_until=1.1)
 
 
 def test_side_information_is_sent_again_before_everything_has_left():

@@ -65,6 +65,9 @@ class Serve:
     resend: float | None = None
     """Most bytes that are sent again because a client asks, as a share of the stream: side information (always), then
     the most important packets. Without it whatever is asked for is sent again."""
+    resend_until: float = 1.0
+    """Share of the packets, the first in sending order (of a stream with tiers the most important ones), that are sent
+    again at all."""
     clients: int = 256
     """Most clients at once."""
     json: JsonFlag = False
@@ -106,6 +109,7 @@ class Serve:
             side_repair=self.side_repair, side_lead=self.side_lead, side_symbol_bytes=self.side_symbol,
             head_share=self.head_share, tiers=tuple(tiers), tier_repair=parse_tiers(self.protect),
             parity_until=self.parity_until, tier_spread=self.tier_spread, resend=self.resend,
+            resend_until=self.resend_until,
         )  # fmt: skip
 
     def limits(self) -> "ServerLimits":

@@ -48,6 +48,7 @@ class Program:
         schedule: What is sent once, in order: kind, segment or group (0 for a packet), symbol or index.
         preview: What the welcome shows of the scene.
         resend: Most bytes that are sent again on request, as a share of one pass; None for no such limit.
+        resendable: Packets that are sent again at all, the first ones; None for all.
     """
 
     stream_id: int
@@ -63,6 +64,7 @@ class Program:
     schedule: tuple[tuple[int, int, int], ...]
     preview: bytes = b""
     resend: float | None = None
+    resendable: int | None = None
 
     @functools.cached_property
     def reliable_schedule(self) -> tuple[tuple[int, int, int], ...]:
@@ -80,6 +82,16 @@ class Program:
     def resend_bytes(self) -> float:
         """Most bytes that are sent again on request; infinite without a limit."""
         return math.inf if self.resend is None else self.resend * sum(self.sizes().values())
+
+    @property
+    def counts_bytes(self) -> bool:
+        """Whether what is sent again is limited; then little is sent beyond what a client lacks."""
+        return self.resend is not None or self.num_resendable < len(self.packets)
+
+    @functools.cached_property
+    def num_resendable(self) -> int:
+        """Packets that are sent again on request, the first ones."""
+        return len(self.packets) if self.resendable is None else self.resendable
 
     @functools.cached_property
     def head_end(self) -> int:
@@ -146,7 +158,7 @@ def make_program(
     return Program(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, carried,
         tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
-        preview, protection.resend,
+        preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
 
 
@@ -166,7 +178,7 @@ def _head_symbols(
         piece = data[segments.span(segment)]
         size = segments.size(segment)
         repair = min(round(protection.side_repair * size), MAX_REPAIR)
-        wanted = repair > 0 or protection.resend is not None
+        wanted = repair > 0 or protection.limits_resending
         whole = min(repair + math.ceil(RESERVE * size), MAX_REPAIR) if wanted else 0
         out.append((*source_symbols(piece, symbol_bytes), *repair_symbols(piece, symbol_bytes, whole)))
         scheduled.append(size + repair)

@@ -53,6 +53,9 @@ class Protection:
             object lacks is sent in any case and counts first; what is left is for packets in the order in which they
             are missed, which is that of importance while tiers travel one after the other. None: whatever is asked for,
             up to the limits of the server.
+        resend_until: Share of the packets, the first in sending order, that are sent again at all, 0 to 1. Of a stream
+            with tiers these are the important ones: what is spent then goes to them in every transfer, where `resend`
+            alone runs out in those that lose most and buys little in those that lose least.
 
     Raises:
         InvalidValueError: If a number is out of range, or tiers are given in both ways.
@@ -67,11 +70,13 @@ class Protection:
     parity_until: float = 1.0
     tier_spread: float = 0.0
     resend: float | None = None
+    resend_until: float = 1.0
 
     def __post_init__(self) -> None:
         checks = [("side_repair", self.side_repair, 2.0), ("side_lead", self.side_lead, 1.0)]
         checks += [("parity_until", self.parity_until, 1.0), ("tier_spread", self.tier_spread, 1.0)]
         checks += [("head_share", self.head_share, 1.0), ("resend", self.resend or 0.0, MOST_RESENT)]
+        checks += [("resend_until", self.resend_until, 1.0)]
         checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
         for tier in self.tiers:
             checks += [("share of a tier", tier.share, 1.0), ("repair of a tier", tier.repair, 2.0)]
@@ -88,6 +93,11 @@ class Protection:
             raise InvalidValueError("parity goes by place in the sending order or by the stream's tiers, not by both")
         if sum(tier.share for tier in self.tiers) > 1 + 1e-9 or len(self.tiers) >= MAX_TIERS:
             raise InvalidValueError("the tiers' shares add up to more than 1, or there are too many tiers")
+
+    @property
+    def limits_resending(self) -> bool:
+        """Whether less is sent again than what is asked for."""
+        return self.resend is not None or self.resend_until < 1
 
 
 def carried_packets(num_packets: int, protection: Protection) -> int:

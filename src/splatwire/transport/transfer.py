@@ -182,7 +182,7 @@ class Transfer:
         left = self.program.resend_bytes - self._again_bytes - HEAD_SAFETY * missing * symbol_bytes
         for index in frame.nacks:
             item = (DATA, 0, index)
-            if index >= len(self.program.packets) or now - self._sent_again.get(item, -1e9) < wait:
+            if index >= self.program.num_resendable or now - self._sent_again.get(item, -1e9) < wait:
                 continue
             size = len(self.program.packets[index]) + DATA_OVERHEAD
             if size > left:
@@ -199,7 +199,7 @@ class Transfer:
         """
         head = self.program.head
         longest = max(map(len, head))
-        spare = missing // 2 if self.program.resend is None else missing // 4  # less where bytes are counted
+        spare = missing // 4 if self.program.counts_bytes else missing // 2
         count = min(missing + spare + 2, 512)
         items: list[tuple[int, int, int]] = []
         while len(items) < count:
