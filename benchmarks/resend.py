@@ -3,10 +3,10 @@
 No repair symbols are sent ahead: the head object leaves first, then the tiers. What the head object lacks is sent again
 in any case, and of the packets the first ones (`Protection.resend_until`), in every transfer alike: their share is
 chosen so that the mean over other losses than those reported, and one standard error above it, keeps `--limit` of all
-bytes (previews and sketches count, too). So a transfer that loses more spends more. Both ends and a network of 40 ms
-and 8 Mbit/s are simulated datagram by datagram; the server's greetings arrive, a fifth of what the receiver says is
-lost at random. Whether there is a sketch is chosen on training photos; the mean PSNR against test photos counts all
-`--transfers`; of those that lost something, `--pictures` are drawn.
+bytes (sketches count, too). So a transfer that loses more spends more. There is no preview: the side information always
+arrives. Both ends and a network of 40 ms and 8 Mbit/s are simulated datagram by datagram; the server's greetings
+arrive, a fifth of what the receiver says is lost at random. Whether there is a sketch is chosen on training photos; the
+mean PSNR against test photos counts all `--transfers`; of those that lost something, `--pictures` are drawn.
 
     python benchmarks/resend.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
 """
@@ -31,7 +31,6 @@ from splatwire.conceal.sketch import SECTION
 from splatwire.evaluate.damage import LossyPictures, known_anchors
 from splatwire.packets import PRESETS, SceneStream
 from splatwire.transport import Protection, ServerLimits, make_program
-from splatwire.transport.preview import stream_preview
 from splatwire.transport.program import Program
 
 NETWORK = Path(__file__).parents[1] / "tests" / "transport" / "network.py"
@@ -133,15 +132,14 @@ class Way(NamedTuple):
 
 def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name: str, options) -> Way | None:
     """Looks for the most packets that may be sent again within the limit."""
-    preview = stream_preview(stream.side_info)
     sizes = make_program(stream, Protection(side_repair=0.0)).sizes()
-    plain = sum(sizes.values()) - len(preview) - sketch_bytes
+    plain = sum(sizes.values()) - sketch_bytes
     lost = 1 - parse_loss(loss_name).received(200_000, np.random.Generator(np.random.PCG64(FIRST_PLANNED))).mean()
     per_packets = lost / (1 - lost) * sizes["packets"] / plain  # spent where all packets may be sent again
     share, best = float(np.clip((options.limit - sizes["side"] / plain * lost) / per_packets, 0, 1)), None
     for _ in range(ROUNDS):
         protection = Protection(side_repair=0.0, side_lead=options.side_lead, resend_until=share)
-        program = make_program(stream, protection, preview=preview)
+        program = make_program(stream, protection)
         seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
         outcomes = [one(program, plain, loss_name, seed) for seed in seeds]
         spent = np.array([outcome.spent for outcome in outcomes])
@@ -186,7 +184,7 @@ def main() -> None:
     parser.add_argument("--tiers", nargs="+", type=float, default=[0.03, 0.05, 0.1, 0.2])
     arguments = parser.parse_args()
     bench = Bench(arguments)
-    stream = bench.with_preview(encode_scene(bench.scene, PRESETS["datagram"], tiers=bench.tiers))
+    stream = encode_scene(bench.scene, PRESETS["datagram"], tiers=bench.tiers)
     found = [(bench.variant(stream, bench.concealer), stream, 0)]
     for section in sketches(bench, stream, arguments.sketch):
         richer = add_concealment(stream, SECTION, section)

@@ -81,6 +81,8 @@ class Transfer:
         self._heard = False
         self._again: deque[tuple[int, int, int]] = deque()
         self._sent_again: dict[tuple[int, int, int], float] = {}
+        self._waiting: set[tuple[int, int, int]] = set()
+        self._head_waiting = 0
         self._sent_times: deque[tuple[int, float]] = deque(maxlen=RECENT)
         self._last: Feedback | None = None
         self._head_cursor = program.head_reserve
@@ -110,6 +112,7 @@ class Transfer:
             return None
         if self._again:
             item = self._again.popleft()
+            self._left_again(item, now)
         elif self._next < len(self._schedule):
             item = self._schedule[self._next]
             self._next += 1
@@ -130,6 +133,15 @@ class Transfer:
         if believable:
             self._measure(frame, now)
         self._ask_again(frame, now)
+
+    def _left_again(self, item: tuple[int, int, int], now: float) -> None:
+        """Notes when something leaves again: what waits to leave is not asked for once more."""
+        if item[0] == SIDE:
+            self._head_waiting -= 1
+            self._head_left_at = now if self._head_waiting == 0 else None
+        else:
+            self._waiting.discard(item)
+            self._sent_again[item] = now
 
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
         if kind == DATA:
@@ -175,32 +187,33 @@ class Transfer:
         symbol_bytes = self.program.symbol_bytes + SIDE_OVERHEAD
         missing = 0 if self._reliable_head else min(frame.side_missing, sum(map(len, self.program.head)))
         if missing and self._head_left_at is not None and now - self._head_left_at >= wait:
-            self._head_left_at = now
             items = self._more_head(missing)
+            self._head_left_at, self._head_waiting = None, len(items)
             self._again_bytes += len(items) * symbol_bytes
             self._again.extendleft(items)
         left = self.program.resend_bytes - self._again_bytes - HEAD_SAFETY * missing * symbol_bytes
         for index in frame.nacks:
             item = (DATA, 0, index)
-            if index >= self.program.num_resendable or now - self._sent_again.get(item, -1e9) < wait:
+            if index >= self.program.num_resendable or item in self._waiting:
+                continue
+            if now - self._sent_again.get(item, -1e9) < wait:
                 continue
             size = len(self.program.packets[index]) + DATA_OVERHEAD
             if size > left:
                 break
             left -= size
             self._again_bytes += size
-            self._sent_again[item] = now
+            self._waiting.add(item)
             self._again.append(item)
 
     def _more_head(self, missing: int) -> list[tuple[int, int, int]]:
-        """Symbols of all segments in turn, somewhat more of them than are missing.
+        """Symbols of all segments in turn, somewhat more of them than are missing unless bytes are counted.
 
         The reserve first, every symbol of which is news to the client; of those that were sent it has most.
         """
         head = self.program.head
         longest = max(map(len, head))
-        spare = missing // 4 if self.program.counts_bytes else missing // 2
-        count = min(missing + spare + 2, 512)
+        count = min(missing + 1 if self.program.counts_bytes else missing + missing // 2 + 2, 512)
         items: list[tuple[int, int, int]] = []
         while len(items) < count:
             symbol = self._head_cursor % longest
