@@ -42,9 +42,9 @@ ALIKE_DB = 0.002
 """Plans closer than that are equals: then the one that protects more wins, since the budget is there to be spent and
 simulated transfers know little of rare losses."""
 PRUDENT_DB = 0.05
-"""What anybody would try first wins unless a plan is better by more than that, if all transfers lose something: a few
-views and transfers do not tell less apart. Transfers that deliver everything or nothing are counted, and need no such
-margin."""
+"""What anybody would try first wins unless a plan is better by more than that (and by more than a standard error of the
+pictures), if all transfers lose something: a few views and transfers do not tell less apart. Transfers that deliver
+everything or nothing are counted, and need no such margin."""
 
 
 @dataclass(frozen=True)
@@ -183,10 +183,18 @@ def _finalists(plans: Sequence[Plan], plain: Sequence[Plan], head_target: float)
 
 @dataclass(frozen=True)
 class _Scored:
-    """A plan, the share of its transfers that deliver neither everything nor nothing, and whether it is a plain way."""
+    """A plan that pictures have judged.
+
+    Attributes:
+        plan: It, with what is expected now.
+        partly: Share of its transfers that deliver neither everything nor nothing.
+        error: Standard error of what is expected, as far as it is due to the few transfers that were drawn, decibels.
+        plain: Whether it is what anybody would try first.
+    """
 
     plan: Plan
     partly: float
+    error: float = 0.0
     plain: bool = False
 
 
@@ -201,18 +209,20 @@ def _scored(offer: Offer, plan: Plan, traces: np.ndarray, budget_bytes: float | 
     arrival = arrival_within(outline, traces, offer.left(budget_bytes))
     everything, lost = arrival.head & arrival.packets.all(axis=1), lost_shares(offer.load, arrival.packets)
     curves = np.where(arrival.head, offer.damage.psnr(lost), offer.blank_psnr)
-    parts = np.flatnonzero(arrival.head & ~everything)
+    parts, error = np.flatnonzero(arrival.head & ~everything), 0.0
     if offer.picture is not None and everything.any():
         curves[everything] = offer.picture(np.ones_like(arrival.packets[0]))
     if offer.picture is not None and len(parts):
         ranked = parts[np.argsort(curves[parts], kind="stable")]
         chosen = ranked[((np.arange(drawn) + 0.5) / drawn * len(ranked)).astype(np.int64)]
-        curves[parts] += np.mean([offer.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
+        beyond = np.array([offer.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
+        curves[parts] += beyond.mean()
+        error = float(beyond.std()) / math.sqrt(len(chosen)) * len(parts) / len(traces)
     judged = replace(
         plan, psnr=float(curves.mean()), head_arrives=float(arrival.head.mean()),
         lost=tuple(float(share) for share in lost.mean(axis=0)),
     )  # fmt: skip
-    return _Scored(judged, len(parts) / len(traces))
+    return _Scored(judged, len(parts) / len(traces), error)
 
 
 def _best(scored: Sequence[_Scored]) -> Plan:
@@ -227,4 +237,4 @@ def _best(scored: Sequence[_Scored]) -> Plan:
 
 
 def _margin(one: _Scored, other: _Scored) -> float:
-    return ALIKE_DB + PRUDENT_DB * max(one.partly, other.partly)
+    return ALIKE_DB + max(PRUDENT_DB * max(one.partly, other.partly), math.hypot(one.error, other.error))
