@@ -25,6 +25,20 @@ def test_plan_gives_options_that_serve_understands(run, datagrams):
     assert settings.side_repair == pytest.approx(content["protection"]["side_repair"], abs=1e-3)
 
 
+def test_with_a_way_back_the_plan_says_what_is_sent_again(run, datagrams):
+    words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--way-back")
+    whole, part = (run("plan", datagrams, *words, "--budget", budget).json for budget in (2.0, 1.25))
+    assert whole["protection"]["resend_until"] == 1.0
+    assert whole["lost"] == [0.0, 0.0]
+    assert whole["options"] == "--side-repair 0.000 --side-lead 0.3"
+    assert 0 < part["protection"]["resend_until"] < 1
+    assert part["lost"][0] < part["lost"][1]
+    assert part["sent_bytes"] <= part["budget_bytes"]
+    assert part["options"].endswith(f"--resend-until {part['protection']['resend_until']:.6g}")
+    outcome = run("plan", datagrams, *words, "--most-protection", 0.001)
+    assert "needs more than 0.1% of all bytes" in outcome.err
+
+
 def test_a_deadline_is_a_budget(run, datagrams):
     words = ("--views", 1, "--trials", 5, "--json", "--loss", "none")
     content = run("plan", datagrams, "--deadline", 0.5, "--rate", 2.0, *words).json

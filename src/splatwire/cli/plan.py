@@ -13,6 +13,7 @@ from splatwire.errors import InvalidValueError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from splatwire.channel import LossModel
     from splatwire.model import PartialScene
     from splatwire.packets import SceneStream
     from splatwire.scene import Cameras
@@ -37,6 +38,8 @@ class PlanCommand:
     """With --deadline: megabits per second."""
     most_protection: float = 1.0
     """Most protection as a share of all bytes: 0.08 for 8 %."""
+    way_back: bool = False
+    """The receiver can ask for what it lacks: nothing is sent ahead, and the plan says which packets are sent again."""
     conceal: str = "grow"
     """What the receiver does about gaps; a stream that carries a sketch is concealed by it."""
     data: Path | None = None
@@ -56,7 +59,6 @@ class PlanCommand:
         """Runs the verb."""
         from splatwire.channel import parse_loss
         from splatwire.transport.outline import outline_transfer
-        from splatwire.transport.planner import plan_protection
         from splatwire.transport.protection import Protection
 
         if not self.streams:
@@ -68,10 +70,7 @@ class PlanCommand:
             bare = [outline_transfer(offer.load, Protection(side_repair=0.0)) for offer in offers]
             plain = min(int(outline.num_bytes.sum()) for outline in bare)
             budget = self._budget_bytes(plain)
-            plan = plan_protection(
-                offers, loss, budget_bytes=budget, trials=self.trials, drawn=self.drawn, seed=self.seed,
-                most_protection=self.most_protection, progress=lambda share: report("planning", share),
-            )  # fmt: skip
+            plan = self._plan(offers, loss, budget, lambda share: report("planning", share))
         content = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
                    "budget_bytes": budget, "plain_bytes": plain, "stream": self.streams[plan.offer],
                    "options": _options(plan)}  # fmt: skip
@@ -79,6 +78,22 @@ class PlanCommand:
             print_json(content)
         else:
             _print_plan(plan, content)
+
+    def _plan(
+        self, offers: "list[Offer]", loss: "LossModel", budget: float, progress: "Callable[[float], None]"
+    ) -> "Plan":
+        from splatwire.transport.planner import plan_protection
+        from splatwire.transport.way_back import plan_resending
+
+        if self.way_back:
+            return plan_resending(
+                offers, loss, budget_bytes=budget, most_protection=self.most_protection, drawn=self.drawn,
+                seed=self.seed, progress=progress,
+            )  # fmt: skip
+        return plan_protection(
+            offers, loss, budget_bytes=budget, trials=self.trials, drawn=self.drawn, seed=self.seed,
+            most_protection=self.most_protection, progress=progress,
+        )  # fmt: skip
 
     def _budget_bytes(self, plain: int) -> float:
         if self.deadline is None:
@@ -134,6 +149,8 @@ def _options(plan: "Plan") -> str:
         words.append(f"--tier-spread {protection.tier_spread:.3f}")
     if protection.parity_until < 1:
         words.append(f"--parity-until {protection.parity_until:.3f}")
+    if protection.limits_resending:
+        words.append(f"--resend-until {protection.resend_until:.6g}")
     tiers = [f"tier{tier}={repair:.3f}" for tier, repair in enumerate(protection.tier_repair) if repair]
     return " ".join(words + (["--protect", *tiers] if tiers else []))
 

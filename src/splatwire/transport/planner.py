@@ -22,7 +22,7 @@ from splatwire.transport.candidates import (
     plain_candidates,
 )
 from splatwire.transport.damage import Offer, lost_shares
-from splatwire.transport.outline import LossProcess, draw_losses, outline_transfer
+from splatwire.transport.outline import Arrival, LossProcess, draw_losses, outline_transfer
 from splatwire.transport.protection import Protection
 
 HEAD_TRIALS = 1000
@@ -199,17 +199,46 @@ class _Scored:
 
 
 def _scored(offer: Offer, plan: Plan, traces: np.ndarray, budget_bytes: float | int, drawn: int) -> _Scored:
-    """Judges a plan by other transfers, and corrects what the curves say of them by pictures.
+    """Judges a plan by other transfers than those that it was chosen by."""
+    arrival = arrival_within(outline_transfer(offer.load, plan.protection), traces, offer.left(budget_bytes))
+    found = expected(offer, arrival, drawn)
+    judged = replace(plan, psnr=found.psnr, head_arrives=float(arrival.head.mean()), lost=found.lost)
+    return _Scored(judged, found.partly, found.error)
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What is expected of transfers.
+
+    Attributes:
+        psnr: Mean, decibels.
+        lost: Mean share of each tier's anchors that is lost.
+        partly: Share of the transfers that deliver neither everything nor nothing.
+        error: Standard error of `psnr` as far as it is due to the few transfers that were drawn, decibels.
+    """
+
+    psnr: float
+    lost: tuple[float, ...]
+    partly: float
+    error: float
+
+
+def expected(offer: Offer, arrival: Arrival, drawn: int) -> Expected:
+    """Judges what transfers deliver by damage curves, and corrects what these say by pictures.
 
     Transfers that deliver everything or nothing are counted. The curves judge the others, pictures a few of them,
     spread evenly from the worst to the best: what these show beyond what the curves say of the same transfers is added
     to the curves' mean. Drawn blindly, a rare failure of a code among the few would weigh as if it were frequent.
+
+    Args:
+        offer: The stream.
+        arrival: What arrives.
+        drawn: Transfers that are drawn, if the offer has pictures.
     """
-    outline = outline_transfer(offer.load, plan.protection)
-    arrival = arrival_within(outline, traces, offer.left(budget_bytes))
     everything, lost = arrival.head & arrival.packets.all(axis=1), lost_shares(offer.load, arrival.packets)
     curves = np.where(arrival.head, offer.damage.psnr(lost), offer.blank_psnr)
     parts, error = np.flatnonzero(arrival.head & ~everything), 0.0
+    partly = len(parts) / len(curves)
     if offer.picture is not None and everything.any():
         curves[everything] = offer.picture(np.ones_like(arrival.packets[0]))
     if offer.picture is not None and len(parts):
@@ -217,12 +246,8 @@ def _scored(offer: Offer, plan: Plan, traces: np.ndarray, budget_bytes: float | 
         chosen = ranked[((np.arange(drawn) + 0.5) / drawn * len(ranked)).astype(np.int64)]
         beyond = np.array([offer.picture(arrival.packets[trial]) - curves[trial] for trial in chosen])
         curves[parts] += beyond.mean()
-        error = float(beyond.std()) / math.sqrt(len(chosen)) * len(parts) / len(traces)
-    judged = replace(
-        plan, psnr=float(curves.mean()), head_arrives=float(arrival.head.mean()),
-        lost=tuple(float(share) for share in lost.mean(axis=0)),
-    )  # fmt: skip
-    return _Scored(judged, len(parts) / len(traces), error)
+        error = float(beyond.std()) / math.sqrt(len(chosen)) * partly
+    return Expected(float(curves.mean()), tuple(float(share) for share in lost.mean(axis=0)), partly, error)
 
 
 def _best(scored: Sequence[_Scored]) -> Plan:
