@@ -164,6 +164,20 @@ def test_only_the_first_packets_are_sent_again(burst):
             assert len(result.receiver.stream().packets) < len(stream.packets)
 
 
+@pytest.mark.parametrize("rate", [5e4, 1e6])
+def test_what_is_sent_again_is_hardly_more_than_what_was_lost(rate):
+    """Nothing is asked for again while it waits to leave, not even at a slow sender."""
+    protection = Protection(side_repair=0.0, resend_until=0.5)
+    program = make_program(datagram_stream(num_anchors=30_000), protection)
+    limits, again = ServerLimits(fixed_rate=rate), 0
+    for seed in range(3):
+        result = transfer(program, down=Link(bernoulli(0.2, random.Random(seed))), seed=seed, limits=limits)
+        assert result.receiver.finished == Finished("sent", True)
+        again += result.datagrams_down - len(program.schedule) - 27  # two greetings; 25 times that it is over
+    wanted = len(program.schedule) - 0.5 * len(program.packets)
+    assert 0.9 < again / (3 * 0.2 / 0.8 * wanted) < 1.15
+
+
 def test_nothing_is_sent_again_where_nothing_may_be():
     program = make_program(STREAM, Protection(side_repair=2.0, resend=0.0))
     result = transfer(program, down=Link(bernoulli(0.1, random.Random(3))))
