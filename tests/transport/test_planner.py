@@ -242,7 +242,7 @@ def test_a_plain_way_wins_where_nothing_is_gained(load: StreamLoad) -> None:
                 Offer(load, Damage(SHARES, tiered_mse, 1e-3), lambda packets: 25.0 + gain)]  # fmt: skip
 
     budget = _budget(flat, 1.1)
-    near, far = (plan_protection(offers(gain), Bernoulli(0.2), budget_bytes=budget, trials=20) for gain in (0.02, 0.2))
+    near, far = (plan_protection(offers(gain), Bernoulli(0.2), budget_bytes=budget, trials=20) for gain in (0.1, 0.5))
     traces = losses(offers(0.0), Bernoulli(0.2), 1000, 0)
     assert near.offer == 0
     assert near.protection == plain_candidates(flat, traces, Search(budget))["conceal"]

@@ -45,6 +45,9 @@ PRUDENT_DB = 0.05
 """What anybody would try first wins unless a plan is better by more than that (and by more than a standard error of the
 pictures), if all transfers lose something: a few views and transfers do not tell less apart. Transfers that deliver
 everything or nothing are counted, and need no such margin."""
+PRUDENT_SHARE = 0.06
+"""The same as a share of what is lost: a scene shows losses more in the views that it was fitted to than in others, and
+what seems to mend a little of much may mend nothing there."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,8 @@ def plan_protection(
         found = _scored(offers[plan.offer], plan, fresh, budget_bytes, drawn)
         scored.append(replace(found, plain=plan in plain))
         report(0.7 + 0.3 * len(scored) / len(finalists))
-    return _best(scored)
+    whole = max(float(offer.damage.psnr(np.zeros((1, offer.load.num_tiers)))[0]) for offer in offers)
+    return _best(scored, whole)
 
 
 def losses(offers: Sequence[Offer], loss: LossProcess, trials: int, seed: int) -> np.ndarray:
@@ -250,10 +254,11 @@ def expected(offer: Offer, arrival: Arrival, drawn: int) -> Expected:
     return Expected(float(curves.mean()), tuple(float(share) for share in lost.mean(axis=0)), partly, error)
 
 
-def _best(scored: Sequence[_Scored]) -> Plan:
+def _best(scored: Sequence[_Scored], whole_psnr: float) -> Plan:
     """The best; a plain way instead where it is nearly as good, of the first stream that has one."""
     top = max(scored, key=lambda found: found.plan.psnr)
-    plain = [found for found in scored if found.plain and found.plan.psnr >= top.plan.psnr - _margin(found, top)]
+    lost = max(whole_psnr - top.plan.psnr, 0.0)
+    plain = [found for found in scored if found.plain and found.plan.psnr >= top.plan.psnr - _margin(found, top, lost)]
     if plain:
         first = min(found.plan.offer for found in plain)
         scored = [found for found in plain if found.plan.offer == first]
@@ -261,5 +266,6 @@ def _best(scored: Sequence[_Scored]) -> Plan:
     return max((found.plan for found in scored if found.plan.psnr >= least), key=lambda plan: plan.protection_bytes)
 
 
-def _margin(one: _Scored, other: _Scored) -> float:
-    return ALIKE_DB + max(PRUDENT_DB * max(one.partly, other.partly), math.hypot(one.error, other.error))
+def _margin(one: _Scored, other: _Scored, lost_db: float) -> float:
+    prudent = max(PRUDENT_DB, PRUDENT_SHARE * lost_db) * max(one.partly, other.partly)
+    return ALIKE_DB + max(prudent, math.hypot(one.error, other.error))
