@@ -149,6 +149,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=0.08)
     parser.add_argument("--views", type=int, default=4)
     parser.add_argument("--pictures", type=int, default=8)
+    parser.add_argument("--planning-views", type=int, default=3, help="training photos for choices")
     parser.add_argument("--conceal", default="scene_free")
     parser.add_argument("--tiers", nargs="+", type=float, default=[0.02, 0.03, 0.05])
     parser.add_argument("--sketch", nargs="*", type=float, default=[0.01, 0.025], help="shares of the stream's bytes")

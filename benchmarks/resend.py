@@ -180,6 +180,7 @@ def main() -> None:
     parser.add_argument("--planned", type=int, default=40, help="transfers that a choice is made by")
     parser.add_argument("--sketch", nargs="*", type=float, default=[0.015, 0.03], help="shares of the stream's bytes")
     parser.add_argument("--pictures", type=int, default=10)
+    parser.add_argument("--planning-views", type=int, default=3, help="training photos for choices")
     parser.add_argument("--conceal", default="scene_free")
     parser.add_argument("--tiers", nargs="+", type=float, default=[0.03, 0.05, 0.1, 0.2])
     arguments = parser.parse_args()
