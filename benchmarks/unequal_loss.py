@@ -58,7 +58,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=3)
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--tiers", nargs="+", type=float, default=TIERS)
-    parser.add_argument("--conceal", default="grow", help=argparse.SUPPRESS)
+    parser.set_defaults(conceal="grow", planning_views=1)  # the planner is not asked here
     arguments = parser.parse_args()
     bench = Bench(arguments)
     stream = encode_scene(bench.scene, PRESETS["datagram"], tiers=bench.tiers)
