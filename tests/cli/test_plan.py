@@ -30,7 +30,7 @@ def test_with_a_way_back_the_plan_says_what_is_sent_again(run, datagrams):
     whole, part = (run("plan", datagrams, *words, "--budget", budget).json for budget in (2.0, 1.25))
     assert whole["protection"]["resend_until"] == 1.0
     assert whole["lost"] == [0.0, 0.0]
-    assert whole["options"] == "--side-repair 0.000 --side-lead 0.3"
+    assert whole["options"] == "--side-repair 0.000 --side-lead 0.3 --resend 4"
     assert 0 < part["protection"]["resend_until"] < 1
     assert part["lost"][0] < part["lost"][1]
     assert part["sent_bytes"] <= part["budget_bytes"]

@@ -51,7 +51,8 @@ def test_a_budget_limits_it_too(offer: Offer) -> None:
 def test_without_loss_nothing_is_spent(offer: Offer) -> None:
     plan = plan_resending([offer], Nothing(), budget_bytes=1e7, most_protection=0.01)
     assert plan.protection_share == 0.0
-    assert not plan.protection.limits_resending
+    assert plan.protection.resend_until == 1.0
+    assert plan.protection.limits_resending  # what is lost after all is mended by new repair
 
 
 def test_the_better_stream_is_chosen_and_what_concealers_need_counts(offer: Offer) -> None:

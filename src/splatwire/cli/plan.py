@@ -149,7 +149,9 @@ def _options(plan: "Plan") -> str:
         words.append(f"--tier-spread {protection.tier_spread:.3f}")
     if protection.parity_until < 1:
         words.append(f"--parity-until {protection.parity_until:.3f}")
-    if protection.limits_resending:
+    if protection.resend is not None:
+        words.append(f"--resend {protection.resend:.6g}")
+    if protection.resend_until < 1:
         words.append(f"--resend-until {protection.resend_until:.6g}")
     tiers = [f"tier{tier}={repair:.3f}" for tier, repair in enumerate(protection.tier_repair) if repair]
     return " ".join(words + (["--protect", *tiers] if tiers else []))
