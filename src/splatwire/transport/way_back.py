@@ -17,9 +17,9 @@ from splatwire.transport.planner import FINAL_TRIALS, MOST_FATES, Plan, expected
 from splatwire.transport.protection import MOST_RESENT, Protection
 
 OVERHEAD = 1.1
-"""What is sent again beyond the ideal: reports are late or lost, too. Simulated transfers of four scenes with 20 % of the
-reports lost spent 1.02 to 1.05 times the ideal where datagrams were lost at random, 1.10 to 1.18 times in bursts of 20
-(`benchmarks/results/resend.json`)."""
+"""What is sent again beyond the ideal: reports are late or lost, too. Simulated transfers of four scenes with 20 % of
+the reports lost spent 1.02 to 1.05 times the ideal where datagrams were lost at random, 1.10 to 1.18 times in bursts of
+20 (`benchmarks/results/resend.json`)."""
 LEAD = 0.3
 """The side information leaves early: what it lacks must have time to be sent again."""
 
