@@ -44,8 +44,8 @@ class PlanCommand:
     """What the receiver does about gaps; a stream that carries a sketch is concealed by it."""
     data: Path | None = None
     """Photos whose training cameras say what is seen; cameras around the scene if not given."""
-    views: int = 4
-    """Views that the damage is measured in."""
+    views: int = 7
+    """Views that the damage is measured in; few tell too little of what is seen from elsewhere."""
     trials: int = 100
     """Simulated transfers of each candidate."""
     drawn: int = 6
