@@ -23,6 +23,7 @@ import numpy as np
 
 import splatwire
 from splatwire.channel import Bernoulli, parse_loss
+from splatwire.entropy.byte_io import ByteWriter
 from splatwire.packets import (
     PRESETS,
     Packet,
@@ -38,6 +39,7 @@ from splatwire.transport import Protection, Receiver, ReceiverOptions, Server, S
 from splatwire.transport.address import Address
 from splatwire.transport.fec import recover
 from splatwire.transport.layout import Segments
+from splatwire.transport.preview import FIXED_SECTIONS
 from splatwire.transport.program import Program
 from splatwire.transport.udp import UdpServer, receive_udp
 from splatwire.transport.wire import DATA, SIDE, SIDE_OVERHEAD
@@ -76,9 +78,12 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
         for first in range(0, plan.block_anchors(block), per_packet):
             count = min(per_packet, plan.block_anchors(block) - first)
             packets.append(Packet(PacketId(block, first), count, bytes(1124)))
+    sections = ByteWriter()
+    for size in (side_bytes, *(0,) * (FIXED_SECTIONS - 1)):
+        sections.blob(bytes(size))
     return make_stream(
         packetization=PRESETS["datagram"], num_anchors=num_anchors, feature_dim=50, num_offsets=10,
-        feature_groups=(10,) * 5, side_info=bytes(side_bytes), packets=packets, symbols_digest="5" * 64, writer="sizes",
+        feature_groups=(10,) * 5, side_info=sections.bytes(), packets=packets, symbols_digest="5" * 64, writer="sizes",
     )  # fmt: skip
 
 
