@@ -142,8 +142,9 @@ def over_paks(
             "protection_share": way.spent / way.total}  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def scene_parser(description: str) -> argparse.ArgumentParser:
+    """Options of whatever spends a limit on one scene."""
+    parser = argparse.ArgumentParser(description=description)
     parser.add_argument("scene", type=Path)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--limit", type=float, default=0.08)
@@ -153,6 +154,11 @@ def main() -> None:
     parser.add_argument("--conceal", default="scene_free")
     parser.add_argument("--tiers", nargs="+", type=float, default=[0.02, 0.03, 0.05])
     parser.add_argument("--sketch", nargs="*", type=float, default=[0.01, 0.025], help="shares of the stream's bytes")
+    return parser
+
+
+def main() -> None:
+    parser = scene_parser(__doc__.splitlines()[0])
     parser.add_argument("--units", nargs="+", choices=("datagram", "pak"), default=["datagram", "pak"])
     arguments = parser.parse_args()
     bench = Bench(arguments)

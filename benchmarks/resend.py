@@ -11,7 +11,6 @@ mean PSNR against test photos counts all `--transfers`; of those that lost somet
     python benchmarks/resend.py SCENE --data PHOTOS [--limit 0.08] [--transfers 100] [--pictures 10]
 """
 
-import argparse
 import importlib.util
 import itertools
 import json
@@ -23,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from frontier import REPORTED_SEED, Bench, Variant
-from protection import sketches
+from protection import scene_parser, sketches
 
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, encode_scene
@@ -170,19 +169,11 @@ def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, option
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", type=Path)
-    parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--limit", type=float, default=0.08)
+    parser = scene_parser(__doc__.splitlines()[0])
+    parser.set_defaults(views=3, pictures=10, tiers=[0.03, 0.05, 0.1, 0.2], sketch=[0.015, 0.03])
     parser.add_argument("--side-lead", type=float, default=0.3)
-    parser.add_argument("--views", type=int, default=3)
     parser.add_argument("--transfers", type=int, default=100)
     parser.add_argument("--planned", type=int, default=40, help="transfers that a choice is made by")
-    parser.add_argument("--sketch", nargs="*", type=float, default=[0.015, 0.03], help="shares of the stream's bytes")
-    parser.add_argument("--pictures", type=int, default=10)
-    parser.add_argument("--planning-views", type=int, default=3, help="training photos for choices")
-    parser.add_argument("--conceal", default="scene_free")
-    parser.add_argument("--tiers", nargs="+", type=float, default=[0.03, 0.05, 0.1, 0.2])
     arguments = parser.parse_args()
     bench = Bench(arguments)
     stream = encode_scene(bench.scene, PRESETS["datagram"], tiers=bench.tiers)

@@ -113,11 +113,7 @@ def plan_protection(
     Raises:
         InvalidValueError: If a number is out of range, or nothing keeps to the limit on protection.
     """
-    if not (offers and budget_bytes > 0 and trials > 0 and drawn > 0 and 0 < most_protection <= 1):
-        raise InvalidValueError(
-            f"no plan for {len(offers)} streams, {budget_bytes} bytes, {trials} and {drawn} trials and at most "
-            f"{most_protection:.1%} of protection"
-        )
+    check_request(offers, budget_bytes, most_protection, trials, drawn)
     report = progress or (lambda _: None)
     traces = losses(offers, loss, max(HEAD_TRIALS, trials), seed)
     plans, plain = list[Plan](), list[Plan]()
@@ -146,6 +142,19 @@ def plan_protection(
         report(0.7 + 0.3 * len(scored) / len(finalists))
     whole = max(float(offer.damage.psnr(np.zeros((1, offer.load.num_tiers)))[0]) for offer in offers)
     return _best(scored, whole)
+
+
+def check_request(offers: Sequence[Offer], budget_bytes: float | int, most_protection: float, *trials: int) -> None:
+    """Refuses to plan nothing, for nothing, or by no trials.
+
+    Raises:
+        InvalidValueError: If a number is out of range.
+    """
+    if not (offers and budget_bytes > 0 and min(trials) > 0 and 0 < most_protection <= 1):
+        raise InvalidValueError(
+            f"no plan for {len(offers)} streams, {budget_bytes} bytes, {' and '.join(map(str, trials))} trials and at "
+            f"most {most_protection:.1%} of protection"
+        )
 
 
 def losses(offers: Sequence[Offer], loss: LossProcess, trials: int, seed: int) -> np.ndarray:

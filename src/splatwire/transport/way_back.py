@@ -13,13 +13,13 @@ import numpy as np
 from splatwire.errors import InvalidValueError
 from splatwire.transport.damage import Offer
 from splatwire.transport.outline import Arrival, LossProcess, draw_losses, outline_transfer
-from splatwire.transport.planner import FINAL_TRIALS, MOST_FATES, Plan, expected
+from splatwire.transport.planner import FINAL_TRIALS, MOST_FATES, Plan, check_request, expected
 from splatwire.transport.protection import MOST_RESENT, Protection
 
 OVERHEAD = 1.1
 """What is sent again beyond the ideal: reports are late or lost, too. Simulated transfers of four scenes with 20 % of
 the reports lost spent 1.02 to 1.05 times the ideal where datagrams were lost at random, 1.10 to 1.18 times in bursts of
-20 (`benchmarks/results/resend.json`)."""
+20 (worked out from `benchmarks/results/resend.json` and the sizes of the streams)."""
 LEAD = 0.3
 """The side information leaves early: what it lacks must have time to be sent again."""
 
@@ -50,11 +50,7 @@ def plan_resending(
     Raises:
         InvalidValueError: If a number is out of range, or the side information alone needs more.
     """
-    if not (offers and budget_bytes > 0 and drawn > 0 and 0 < most_protection <= 1):
-        raise InvalidValueError(
-            f"no plan for {len(offers)} streams, {budget_bytes} bytes, {drawn} trials and at most "
-            f"{most_protection:.1%} of protection"
-        )
+    check_request(offers, budget_bytes, most_protection, drawn)
     plans = []
     for number, offer in enumerate(offers):
         packets = len(offer.load.packet_bytes)
