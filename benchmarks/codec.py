@@ -17,10 +17,10 @@ import numpy as np
 from figures import publish
 
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.atomic import predict_packets
-from splatwire.codec.coding_params import CodingContext
-from splatwire.codec.encoder import SymbolSource, scene_in_order
-from splatwire.codec.side_info import read_side_info
+from splatwire.codec.schemas.hacpp.atomic import predict_packets
+from splatwire.codec.schemas.hacpp.coding_params import CodingContext
+from splatwire.codec.schemas.hacpp.encoder import SymbolSource, scene_in_order
+from splatwire.codec.schemas.hacpp.side_info import read_side_info
 from splatwire.entropy.coder import Mixtures, encode_bits, encode_symbols
 from splatwire.entropy.tables import weight_table
 from splatwire.importers.hacpp import import_hacpp
@@ -32,8 +32,8 @@ GOALS = {"total_ratio": 1.0, "packet_overhead_percent": 0.5, "decode_us_per_anch
 
 def single_streams(scene: AnchorScene, stream: SceneStream) -> dict[str, int]:
     """Bytes of the same symbols under the same distributions, coded as one stream for each attribute."""
-    from splatwire.codec import _packet_kernels as kernels
-    from splatwire.codec.atomic import predict_group
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp.atomic import predict_group
 
     info = read_side_info(stream.side_info, stream.manifest.num_anchors, stream.manifest.packetization.order)
     context, source = info.coding_context(), SymbolSource(scene)

@@ -29,8 +29,10 @@ def enlarged(model_dir: Path):
     from splatwire.scene import Anchors
 
     scene = import_hacpp(model_dir)
-    voxels = voxel_indices(scene.anchors.positions, scene.voxel_size)
-    copies = [voxel_positions(voxels + torch.tensor(s), scene.voxel_size) for s in ((0, 0, 0), (7, 5, 3), (-5, 9, 2))]
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
+    copies = [
+        voxel_positions(voxels + torch.tensor(s), scene.coding.voxel_size) for s in ((0, 0, 0), (7, 5, 3), (-5, 9, 2))
+    ]
     repeat = {f.name: torch.cat([getattr(scene.anchors, f.name)] * 3) for f in dataclasses.fields(scene.anchors)}
     repeat["positions"] = torch.cat(copies)
     return dataclasses.replace(scene, anchors=Anchors(**{k: v[:NUM_ANCHORS].clone() for k, v in repeat.items()}))

@@ -1,4 +1,4 @@
-"""Total bytes and fidelity of a stream by the noise that the context networks' weights may add (`splatwire.codec.fit`).
+"""Total bytes and fidelity of a stream by the noise that the context networks' weights may add.
 
     python benchmarks/weight_precision.py [--data ../shared/data] [--models ...] [--output FILE]
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from figures import publish
 
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.encoder import scene_in_order
+from splatwire.codec.schemas.hacpp.encoder import scene_in_order
 from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 

@@ -8,6 +8,7 @@ from splatwire.model import (
     AnchorScene,
     ContextModel,
     GaussianHeads,
+    HacppCoding,
     HashGrid,
     HashGridConfig,
     Linear,
@@ -45,7 +46,9 @@ def tiny_scene(seed: int = 0, num_anchors: int = 300, config: ModelConfig = SMAL
     voxels = torch.stack([cells // side**2, cells // side % side, cells % side], dim=1) - HALF_SIDE
     positions = voxel_positions(voxels, VOXEL_SIZE)
     context = _context(config, rng)
-    return AnchorScene(_anchors(positions, context, config, rng), _heads(config, rng), context, VOXEL_SIZE, config)
+    return AnchorScene(
+        _anchors(positions, context, config, rng), _heads(config, rng), HacppCoding(context, VOXEL_SIZE, config)
+    )
 
 
 def tiny_cameras(num_views: int = 3, width: int = 96, height: int = 64, distance: float = 3.0) -> Cameras:

@@ -1,9 +1,9 @@
 import pytest
 
 from scenes import tiny_scene
-from splatwire.codec.encoder import scene_in_order
-from splatwire.codec.fit import fit_side_info
-from splatwire.codec.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.schemas.hacpp.encoder import scene_in_order
+from splatwire.codec.schemas.hacpp.fit import fit_side_info
+from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.model import AnchorScene
 from splatwire.model.voxels import voxel_indices
 
@@ -15,7 +15,7 @@ def scene() -> AnchorScene:
 
 @pytest.fixture(scope="session")
 def side_info_bytes(scene: AnchorScene) -> bytes:
-    voxels = voxel_indices(scene.anchors.positions, scene.voxel_size).numpy()
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
     return write_side_info(fit_side_info(scene, voxels))
 
 

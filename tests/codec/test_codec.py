@@ -11,7 +11,7 @@ import torch
 
 from scenes import tiny_scene
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.encoder import scene_in_order
+from splatwire.codec.schemas.hacpp.encoder import scene_in_order
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
 from splatwire.model import AnchorScene, ModelConfig
 from splatwire.model.prior_field import evaluate_prior
@@ -47,8 +47,8 @@ def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: Scene
 
 def test_prior_is_near_the_float_model(scene: AnchorScene, stream: SceneStream) -> None:
     ours = decode_stream(stream)
-    float_prior = evaluate_prior(scene.context, scene.anchors.positions, scene.config)
-    again = evaluate_prior(ours.scene.context, scene.anchors.positions, scene.config)
+    float_prior = evaluate_prior(scene.coding.context, scene.anchors.positions, scene.coding.config)
+    again = evaluate_prior(ours.scene.coding.context, scene.anchors.positions, scene.coding.config)
     for name in ("feature", "scaling", "offset"):
         a, b = getattr(ours.prior, name), getattr(float_prior, name)
         spread = b.scale + b.step

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 import torch
 
-from splatwire.codec import coding_params_reference as reference
-from splatwire.codec.atomic import predict_group, predict_packets
-from splatwire.codec.coding_params import dequantise, factor_table, quantise, step_indices
-from splatwire.codec.grid_lookup import grid_levels, lookup, lookup_reference, touched_rows
-from splatwire.codec.side_info import SideInfo
+from splatwire.codec.schemas.hacpp import coding_params_reference as reference
+from splatwire.codec.schemas.hacpp.atomic import predict_group, predict_packets
+from splatwire.codec.schemas.hacpp.coding_params import dequantise, factor_table, quantise, step_indices
+from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, lookup, lookup_reference, touched_rows
+from splatwire.codec.schemas.hacpp.side_info import SideInfo
 from splatwire.model import AnchorScene
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior_field import split_prior_outputs
@@ -68,7 +68,7 @@ def test_channel_context_equals_plain_torch(everything, scene: AnchorScene) -> N
 
 def test_integers_follow_the_float_model(everything, scene: AnchorScene, side_info: SideInfo) -> None:
     feature = everything[2]
-    exact = interpolate_hash_grid(scene.context.grid, scene.anchors.positions, scene.config.grid)
+    exact = interpolate_hash_grid(scene.coding.context.grid, scene.anchors.positions, scene.coding.config.grid)
     assert np.abs(feature / 2**14 - exact.numpy()).max() < 3e-3
 
 

@@ -58,6 +58,6 @@ def test_lost_packets_leave_exactly_their_anchors_out(stream: SceneStream):
 
 def test_an_anchor_larger_than_a_packet_is_said(scene: AnchorScene):
     anchors = replace(scene.anchors, features=scene.anchors.features * 1e6, offsets=scene.anchors.offsets * 1e6)
-    huge = AnchorScene(anchors, scene.heads, scene.context, scene.voxel_size, scene.config)
+    huge = AnchorScene(anchors, scene.heads, scene.coding)
     with pytest.raises(InvalidValueError, match="choose a larger packet size"):
         encode_scene(huge, Packetization(lanes=1, grouping="hashed", packet_bytes=128))

@@ -8,10 +8,10 @@ import torch
 
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.decoder import open_side_info
-from splatwire.codec.encoder import scene_in_order
+from splatwire.codec.schemas.hacpp.decoder import open_side_info
+from splatwire.codec.schemas.hacpp.encoder import scene_in_order
+from splatwire.codec.schemas.hacpp.separated import SECTION
 from splatwire.codec.sections import side_info_parts, without_concealment
-from splatwire.codec.separated import SECTION
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import PRESETS, PacketId, Packetization, SceneStream, stream_from_bytes, stream_to_bytes

@@ -10,6 +10,7 @@ from splatwire.model import (
     AnchorScene,
     ContextModel,
     GaussianHeads,
+    HacppCoding,
     HashGrid,
     Linear,
     Mlp,
@@ -32,7 +33,7 @@ def partial_scene(context: AnchorContext) -> PartialScene:
     signs = torch.ones(1, 1, dtype=torch.int8)
     model = ContextModel(HashGrid(signs, signs.expand(3, 1, 1), torch.zeros(3), torch.ones(3)), mlp, (mlp,))
     heads = GaussianHeads(mlp, mlp, mlp)
-    scene = AnchorScene(context.anchors, heads, model, 0.001, ModelConfig(layout=context.layout))
+    scene = AnchorScene(context.anchors, heads, HacppCoding(model, 0.001, ModelConfig(layout=context.layout)))
     return PartialScene(scene, context.erasures, context.prior)
 
 

@@ -34,8 +34,8 @@ class Transfer:
                 self.truth.features, self.truth.scalings, self.truth.offsets, self.truth.mask)),
         )  # fmt: skip
         model = tiny_scene(num_anchors=10)
-        layout = dataclasses.replace(model.config, layout=full.layout)
-        scene = AnchorScene(empty, model.heads, model.context, model.voxel_size, layout)
+        layout = dataclasses.replace(model.coding.config, layout=full.layout)
+        scene = AnchorScene(empty, model.heads, dataclasses.replace(model.coding, config=layout))
         erasures = Erasures(torch.zeros(num_anchors, len(Attribute), dtype=torch.bool))
         self.partial = PartialScene(scene, erasures, full.prior)
         self.order = np.random.default_rng(seed).permutation(num_anchors)

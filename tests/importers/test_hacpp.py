@@ -32,34 +32,34 @@ def test_a_decoded_model_is_taken_as_it_is(model):
     scene = import_hacpp(model.write())
     assert_anchors(scene.anchors, model)
     assert np.array_equal(scene.anchors.scalings.numpy(), model.scalings)
-    assert scene.voxel_size == 0.02
-    assert scene.anchors.matches(scene.config.layout)
-    assert scene.config.layout.feature_groups == (2, 3)
-    assert scene.config.base_steps == (1.0, 0.001, 0.2)
+    assert scene.coding.voxel_size == 0.02
+    assert scene.anchors.matches(scene.coding.config.layout)
+    assert scene.coding.config.layout.feature_groups == (2, 3)
+    assert scene.coding.config.base_steps == (1.0, 0.001, 0.2)
 
 
 def test_grid_and_networks_come_from_the_checkpoint(model):
     scene = import_hacpp(model.write())
-    grid, state = scene.context.grid, model.checkpoint["encoding_xyz"]
+    grid, state = scene.coding.context.grid, model.checkpoint["encoding_xyz"]
     assert np.array_equal(grid.volume.numpy(), np.where(state["encoding_xyz.params"].numpy() >= 0, 1, -1))
     for i, plane in enumerate(("xy", "xz", "yz")):
         assert np.array_equal(grid.planes[i].numpy(), np.where(state[f"encoding_{plane}.params"].numpy() >= 0, 1, -1))
     assert grid.volume[0, 0] == 1  # zero counts as +1
     assert np.array_equal(grid.bounds_min.numpy(), model.bounds[0][0])
     assert np.array_equal(grid.bounds_max.numpy(), model.bounds[1][0])
-    shape = scene.config.grid
+    shape = scene.coding.config.grid
     assert (shape.resolutions_3d, shape.resolutions_2d) == ((4, 9), (5, 17))
     assert (shape.rows(3), shape.rows(2)) == ((64, 128), (32, 128))
     for network, key in (
         (scene.heads.opacity, "opacity_mlp"),
         (scene.heads.covariance, "cov_mlp"),
         (scene.heads.color, "color_mlp"),
-        (scene.context.prior, "grid_mlp"),
+        (scene.coding.context.prior, "grid_mlp"),
     ):
         assert torch.equal(network.hidden.weight, model.checkpoint[key]["0.weight"])
         assert torch.equal(network.output.bias, model.checkpoint[key]["2.bias"])
         assert network.negative_slope == 0
-    for i, network in enumerate(scene.context.channel):
+    for i, network in enumerate(scene.coding.context.channel):
         assert torch.equal(network.output.weight, model.checkpoint["deform_mlp"][f"MLP_d{i}.2.weight"])
         assert network.negative_slope == 0.01
 
@@ -117,7 +117,7 @@ def test_the_voxel_size_has_other_sources(model, source):
     elif source == "cfg_args":
         (model.root / source).write_text("Namespace(update_depth=3, voxel_size=0.02, white_background=False)")
     scene = import_hacpp(model.root)
-    assert scene.voxel_size == 0.02
+    assert scene.coding.voxel_size == 0.02
     assert_anchors(scene.anchors, model)
 
 
@@ -140,13 +140,13 @@ def test_inference_finds_the_voxel_size(voxel_size):
 def test_the_tiny_channel_context_ignores_the_prior(model, tiny_deform_checkpoint):
     model.checkpoint = tiny_deform_checkpoint
     scene = import_hacpp(model.write())
-    outputs = split_prior_outputs(torch.randn(4, 42, generator=torch.Generator().manual_seed(1)), scene.config)
-    first = channel_parameters(scene.context, 0, torch.zeros(4, 0), outputs)
+    outputs = split_prior_outputs(torch.randn(4, 42, generator=torch.Generator().manual_seed(1)), scene.coding.config)
+    first = channel_parameters(scene.coding.context, 0, torch.zeros(4, 0), outputs)
     free = tiny_deform_checkpoint["deform_mlp"]["MLP_d0"].view(3, 2)
     assert torch.equal(first.mean, free[0].expand(4, 2))
     assert torch.equal(first.weight, free[2].expand(4, 2))
     decoded = torch.randn(4, 2, generator=torch.Generator().manual_seed(2))
-    second = channel_parameters(scene.context, 1, decoded, outputs)
+    second = channel_parameters(scene.coding.context, 1, decoded, outputs)
     weights = [
         tiny_deform_checkpoint["deform_mlp"][f"MLP_d1.{n}"].numpy()
         for n in ("0.weight", "0.bias", "2.weight", "2.bias")
@@ -289,8 +289,8 @@ def test_official_anchors_are_integers_times_steps_bit_for_bit(name):
         pytest.skip(f"no official model under {folder} (set SPLATWIRE_DATA)")
     scene, decoded = import_hacpp(folder), np.load(folder / "decoded.npz")
     anchors = scene.anchors
-    assert scene.voxel_size == float(decoded["voxel_size"])
-    assert np.array_equal(voxel_indices(anchors.positions, scene.voxel_size).numpy(), decoded["anchor_int"])
+    assert scene.coding.voxel_size == float(decoded["voxel_size"])
+    assert np.array_equal(voxel_indices(anchors.positions, scene.coding.voxel_size).numpy(), decoded["anchor_int"])
     for ours, integers, step in (
         (anchors.features, "feat_int", "Q_feat"),
         (anchors.scalings, "scaling_int", "Q_scaling"),
@@ -298,10 +298,10 @@ def test_official_anchors_are_integers_times_steps_bit_for_bit(name):
     ):
         assert np.array_equal(ours.numpy(), decoded[integers].astype(np.float32) * decoded[step][:, None])
     assert np.array_equal(anchors.mask.numpy(), decoded["mask"] == 1)
-    assert np.array_equal(scene.context.grid.volume.numpy(), decoded["hash_xyz"])
-    assert np.array_equal(scene.context.grid.planes[1].numpy(), decoded["hash_xz"])
-    assert np.array_equal(scene.context.channel[3].hidden.weight.numpy(), decoded["mlp_deform.MLP_d3.0.weight"])
-    assert scene.config.grid.rows(3) == tuple(np.diff(decoded["hash_xyz_offsets"]))
+    assert np.array_equal(scene.coding.context.grid.volume.numpy(), decoded["hash_xyz"])
+    assert np.array_equal(scene.coding.context.grid.planes[1].numpy(), decoded["hash_xz"])
+    assert np.array_equal(scene.coding.context.channel[3].hidden.weight.numpy(), decoded["mlp_deform.MLP_d3.0.weight"])
+    assert scene.coding.config.grid.rows(3) == tuple(np.diff(decoded["hash_xyz_offsets"]))
 
 
 @pytest.mark.data
@@ -311,4 +311,4 @@ def test_the_largest_official_model_is_read_whole():
     scene = import_hacpp(DATA / "bonsai_30k")
     assert scene.anchors.num_anchors == 175_556
     assert int(scene.anchors.mask.sum()) == 336_784
-    assert scene.config.layout.feature_groups == (10,) * 5
+    assert scene.coding.config.layout.feature_groups == (10,) * 5

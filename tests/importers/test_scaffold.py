@@ -73,7 +73,7 @@ def _pictures(scene: AnchorScene) -> torch.Tensor:
 @pytest.mark.parametrize("script", [True, False])
 def test_the_pictures_are_those_of_the_model(script: bool, tmp_path: Path) -> None:
     scene = import_scaffold(write_model(tmp_path, script=script))
-    assert scene.voxel_size == 0.015625
+    assert scene.coding.voxel_size == 0.015625
     assert bool(scene.anchors.mask.all())
     assert torch.equal(scene.anchors.positions, SCENE.anchors.positions)
     assert torch.equal(scene.anchors.features, SCENE.anchors.features)

@@ -6,6 +6,7 @@ from splatwire.model import (
     AttributePrior,
     ContextModel,
     GaussianHeads,
+    HacppCoding,
     HashGrid,
     HashGridConfig,
     Linear,
@@ -51,7 +52,7 @@ def tiny_scene() -> AnchorScene:
     )
     channel = (mlp(15, 6, 0.01), mlp(17, 9, 0.01))
     context = ContextModel(grid, mlp(GRID.context_dim, TINY.prior_dim), channel)
-    return AnchorScene(anchors, GaussianHeads(mlp(9, 3), mlp(9, 21), mlp(9, 9)), context, VOXEL_SIZE, TINY)
+    return AnchorScene(anchors, GaussianHeads(mlp(9, 3), mlp(9, 21), mlp(9, 9)), HacppCoding(context, VOXEL_SIZE, TINY))
 
 
 @pytest.fixture

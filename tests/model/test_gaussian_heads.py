@@ -6,7 +6,7 @@ import math
 import pytest
 import torch
 
-from splatwire.model import GaussianHeads, Linear, Mlp, RenderHints
+from splatwire.model import GaussianHeads, HacppCoding, Linear, Mlp, RenderHints
 from splatwire.model.gaussian_heads import generate_gaussians, spawn_gaussians, visible_anchors
 from splatwire.scene import Anchors, Cameras
 
@@ -50,7 +50,9 @@ def make_scene(hints: RenderHints | None = None):  # type: ignore[no-untyped-def
     heads = make_heads()
     table = torch.ones(1, 1, dtype=torch.int8)
     grid = HashGrid(table, table[None].repeat(3, 1, 1), torch.zeros(3), torch.ones(3))
-    return AnchorScene(make_anchors(), heads, ContextModel(grid, heads.opacity, ()), 0.01, ModelConfig(), hints)
+    return AnchorScene(
+        make_anchors(), heads, HacppCoding(ContextModel(grid, heads.opacity, ()), 0.01, ModelConfig()), hints
+    )
 
 
 def run(mlp: Mlp, x: list[float]) -> list[float]:

@@ -109,7 +109,7 @@ def test_the_layout_of_the_file_is_pinned(tiny_scene, tmp_path):
     assert shapes["context.channel.1.hidden.weight"] == ("F32", [4, 17])
     begin, end = index["grid.volume_bits"]["data_offsets"]
     bits = np.unpackbits(np.frombuffer(raw[8 + length + begin : 8 + length + end], dtype=np.uint8))
-    assert (bits * 2.0 - 1 == tiny_scene.context.grid.volume.flatten().numpy()).all()
+    assert (bits * 2.0 - 1 == tiny_scene.coding.context.grid.volume.flatten().numpy()).all()
 
 
 def test_a_scene_file_is_as_readable_as_any_other(tiny_scene, tmp_path):
@@ -237,4 +237,4 @@ def test_damage_is_one_clear_error_or_another_finite_scene(data, tiny_scene, tmp
     except BitstreamError:
         return
     assert all(torch.isfinite(value).all() for _, value in leaves(scene) if isinstance(value, torch.Tensor))
-    assert scene.anchors.matches(scene.config.layout)
+    assert scene.anchors.matches(scene.coding.config.layout)

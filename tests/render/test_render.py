@@ -38,7 +38,7 @@ def test_hints_reach_the_picture() -> None:
     larger = RenderHints(torch.full((60,), 1.5), torch.zeros(60, dtype=torch.bool))
 
     def draw(hints: RenderHints) -> torch.Tensor:
-        fields = (scene.anchors, scene.heads, scene.context, scene.voxel_size, scene.config)
+        fields = (scene.anchors, scene.heads, scene.coding)
         return render_scene(type(scene)(*fields, hints), cameras)
 
     assert torch.equal(draw(nothing), plain)

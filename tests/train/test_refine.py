@@ -7,7 +7,7 @@ import torch
 
 from scenes import tiny_scene
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.encoder import scene_in_order
+from splatwire.codec.schemas.hacpp.encoder import scene_in_order
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.train.config import RefineConfig
@@ -32,7 +32,7 @@ def test_bytes_fall_and_the_scene_stays(scene: AnchorScene) -> None:
     before, after = encode_scene(scene), encode_scene(refined)
     assert after.num_bytes < 0.9 * before.num_bytes
     original = scene_in_order(scene, "morton").anchors
-    for name, step in zip(("features", "scalings", "offsets"), scene.config.base_steps, strict=True):
+    for name, step in zip(("features", "scalings", "offsets"), scene.coding.config.base_steps, strict=True):
         error = (getattr(decode_stream(after).scene.anchors, name) - getattr(original, name)).abs()
         assert error.mean() < 0.3 * step
         assert error.max() < 1.2 * step
@@ -42,15 +42,15 @@ def test_only_the_context_model_changes(scene: AnchorScene) -> None:
     refined = refine_context(scene, CONFIG)
     assert refined.anchors is scene.anchors
     assert refined.heads is scene.heads
-    assert refined.context.grid.volume.abs().eq(1).all()
-    assert not torch.equal(refined.context.grid.volume, scene.context.grid.volume)
-    assert not refined.context.prior.output.weight.requires_grad
+    assert refined.coding.context.grid.volume.abs().eq(1).all()
+    assert not torch.equal(refined.coding.context.grid.volume, scene.coding.context.grid.volume)
+    assert not refined.coding.context.prior.output.weight.requires_grad
 
 
 def test_the_seed_decides(scene: AnchorScene) -> None:
     config = dataclasses.replace(CONFIG, steps=5)
     weights = [
-        refine_context(scene, c).context.prior.hidden.weight
+        refine_context(scene, c).coding.context.prior.hidden.weight
         for c in (config, config, dataclasses.replace(config, seed=1))
     ]
     assert torch.equal(weights[0], weights[1])
@@ -66,7 +66,7 @@ def test_anchors_that_draw_nothing_have_no_say(scene: AnchorScene) -> None:
     weights = [
         refine_context(
             dataclasses.replace(scene, anchors=dataclasses.replace(scene.anchors, mask=mask, features=features)), config
-        ).context.prior.hidden.weight
+        ).coding.context.prior.hidden.weight
         for features in (scene.anchors.features, wild)
     ]
     assert torch.equal(*weights)

@@ -84,9 +84,9 @@ def _describe_scene(path: Path) -> dict[str, Any]:
         "digest": scene_digest(anchors),
         "num_lost": 0 if erasures is None else erasures.num_lost,
         "decoded": erasures is not None,
-        "voxel_size": scene.voxel_size,
-        "feature_dim": scene.config.layout.feature_dim,
-        "num_offsets": scene.config.layout.num_offsets,
+        "voxel_size": scene.coding.voxel_size,
+        "feature_dim": scene.coding.config.layout.feature_dim,
+        "num_offsets": scene.coding.config.layout.num_offsets,
     }
 
 

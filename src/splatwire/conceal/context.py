@@ -48,5 +48,5 @@ class AnchorContext:
 
 def context_of(partial: PartialScene) -> AnchorContext:
     """Takes from a partial scene what a concealer may see."""
-    layout = partial.scene.config.layout
+    layout = partial.scene.coding.config.layout
     return AnchorContext(partial.scene.anchors, partial.erasures, partial.prior, layout, partial.concealment)

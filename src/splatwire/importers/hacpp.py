@@ -21,7 +21,7 @@ from splatwire.importers._hacpp_files import (
 )
 from splatwire.importers._hacpp_networks import channel_networks, hash_grid, two_layer_network
 from splatwire.importers._ply import PlyVertices, read_ply
-from splatwire.model import AnchorScene, ContextModel, GaussianHeads, Mlp, ModelConfig
+from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, Mlp, ModelConfig
 from splatwire.model.voxels import voxel_indices, voxel_positions
 from splatwire.scene import AnchorLayout, Anchors
 
@@ -72,7 +72,7 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
         raise DatasetError(f"{checkpoint_path}: {error.args[0]}") from error
     anchors, voxel_size = _anchors(vertices, layout, model_dir)
     context, background = ContextModel(grid, prior, channel), load_background(model_dir)
-    return AnchorScene(anchors, heads, context, voxel_size, config, background=background)
+    return AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), background=background)
 
 
 def _checkpoint(path: Path) -> Mapping[str, Any]:

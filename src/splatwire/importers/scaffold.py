@@ -21,7 +21,7 @@ from splatwire.importers._hacpp_networks import two_layer_network
 from splatwire.importers._plain_context import plain_context
 from splatwire.importers._ply import PlyVertices, read_ply
 from splatwire.importers._torchscript import is_torchscript, read_torchscript_weights
-from splatwire.model import AnchorScene, GaussianHeads, Linear, Mlp
+from splatwire.model import AnchorScene, GaussianHeads, HacppCoding, Linear, Mlp
 from splatwire.model.voxels import voxel_indices, voxel_positions
 from splatwire.scene import AnchorLayout, Anchors
 
@@ -61,7 +61,7 @@ def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> Anchor
     anchors, voxel_size = _anchors(vertices, feature_dim, num_offsets, model_dir)
     groups = tuple(len(part) for part in np.array_split(np.arange(feature_dim), min(_GROUPS, feature_dim)))
     context, config = plain_context(anchors, AnchorLayout(feature_dim, num_offsets, groups))
-    return AnchorScene(anchors, heads, context, voxel_size, config, background=load_background(model_dir))
+    return AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), background=load_background(model_dir))
 
 
 def _states(iteration: Path) -> dict[str, Mapping[str, Tensor]]:

@@ -3,6 +3,7 @@
 from splatwire.model.anchor_scene import AnchorScene as AnchorScene
 from splatwire.model.anchor_scene import ContextModel as ContextModel
 from splatwire.model.anchor_scene import GaussianHeads as GaussianHeads
+from splatwire.model.anchor_scene import HacppCoding as HacppCoding
 from splatwire.model.anchor_scene import HashGrid as HashGrid
 from splatwire.model.anchor_scene import PartialScene as PartialScene
 from splatwire.model.anchor_scene import RenderHints as RenderHints

@@ -64,6 +64,21 @@ class ContextModel:
 
 
 @dataclass(frozen=True, eq=False)
+class HacppCoding:
+    """What schema `hacpp` codes a scene with; nothing that draws reads it.
+
+    Attributes:
+        context: The networks that predict the anchors' attributes.
+        voxel_size: Spacing of anchor positions, world units; positions are whole multiples of it.
+        config: Shapes of the context model, and base quantisation steps.
+    """
+
+    context: ContextModel
+    voxel_size: float
+    config: ModelConfig
+
+
+@dataclass(frozen=True, eq=False)
 class RenderHints:
     """What helps the picture beside the attributes; never touches a decoded attribute.
 
@@ -83,20 +98,16 @@ class AnchorScene:
     """A scene that can be rendered and encoded.
 
     Attributes:
-        anchors: The anchors; positions are whole multiples of `voxel_size`.
+        anchors: The anchors.
         heads: The networks that draw them.
-        context: The networks that code them.
-        voxel_size: Spacing of anchor positions, world units.
-        config: Shapes of all of the above.
+        coding: What the codec's schema codes them with.
         hints: Render-time hints of a concealer, if one worked on the scene.
         background: RGB behind everything, in front of which the scene was trained.
     """
 
     anchors: Anchors
     heads: GaussianHeads
-    context: ContextModel
-    voxel_size: float
-    config: ModelConfig
+    coding: HacppCoding
     hints: RenderHints | None = None
     background: Background = BLACK
 

@@ -17,6 +17,7 @@ from splatwire.model.anchor_scene import (
     AnchorScene,
     ContextModel,
     GaussianHeads,
+    HacppCoding,
     HashGrid,
     PartialScene,
     RenderHints,
@@ -135,7 +136,7 @@ def load_partial(path: Path) -> PartialScene:
     """
     with open_scene_file(path, FORMAT, VERSION, PARTIAL) as reader:
         scene = _read_scene(reader)
-        count, layout = scene.anchors.num_anchors, scene.config.layout
+        count, layout = scene.anchors.num_anchors, scene.coding.config.layout
         received = reader.tensor("erasures.received", (count, len(Attribute)), torch.bool)
         attributes = {}
         for name, channels in zip(_ATTRIBUTES, (layout.feature_dim, 6, 3 * layout.num_offsets), strict=True):
@@ -144,7 +145,7 @@ def load_partial(path: Path) -> PartialScene:
                 scale=reader.tensor(f"prior.{name}.scale", (count, channels)),
                 step=reader.tensor(f"prior.{name}.step", (count, 1)),
             )
-        context = reader.tensor("prior.context", (count, scene.config.grid.context_dim))
+        context = reader.tensor("prior.context", (count, scene.coding.config.grid.context_dim))
         concealment = _read_concealment(reader)
         reader.finish()
     return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment)
@@ -160,17 +161,17 @@ def _read_concealment(reader: SceneReader) -> dict[str, bytes]:
 
 def _networks(scene: AnchorScene) -> dict[str, Mlp]:
     heads = {f"heads.{name}": getattr(scene.heads, name) for name in _HEADS}
-    channel = {f"context.channel.{i}": network for i, network in enumerate(scene.context.channel)}
-    return {**heads, "context.prior": scene.context.prior, **channel}
+    channel = {f"context.channel.{i}": network for i, network in enumerate(scene.coding.context.channel)}
+    return {**heads, "context.prior": scene.coding.context.prior, **channel}
 
 
 def _header(scene: AnchorScene, kind: str) -> dict[str, Any]:
-    config = scene.config
+    config = scene.coding.config
     return {
         "format": FORMAT,
         "version": VERSION,
         "kind": kind,
-        "voxel_size": float(scene.voxel_size).hex(),
+        "voxel_size": float(scene.coding.voxel_size).hex(),
         "config": {
             "layout": vars(config.layout),
             "grid": vars(config.grid),
@@ -188,7 +189,7 @@ def _scene_tensors(scene: AnchorScene) -> dict[str, Tensor]:
         for layer in ("hidden", "output"):
             for part in ("weight", "bias"):
                 tensors[f"{prefix}.{layer}.{part}"] = getattr(getattr(network, layer), part)
-    grid = scene.context.grid
+    grid = scene.coding.context.grid
     tensors["grid.volume_bits"] = _pack_signs(grid.volume)
     tensors["grid.planes_bits"] = _pack_signs(grid.planes)
     tensors["grid.bounds_min"], tensors["grid.bounds_max"] = grid.bounds_min, grid.bounds_max
@@ -239,7 +240,7 @@ def _read_scene(reader: SceneReader) -> AnchorScene:
         left_out = reader.tensor("hints.left_out", (count,), torch.bool)
         opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
         hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
-    return AnchorScene(anchors, heads, context, voxel_size, config, hints, reader.background())
+    return AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), hints, reader.background())
 
 
 def _read_anchors(reader: SceneReader, config: ModelConfig) -> Anchors:

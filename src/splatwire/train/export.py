@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HashGrid, Linear, Mlp
+from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, HashGrid, Linear, Mlp
 from splatwire.scene import Anchors
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import hard_sign
@@ -45,7 +45,9 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     channels = channels_of(parameters, len(config.model.layout.feature_groups))
     context = ContextModel(grid, copied_mlp(network(parameters, "prior")), tuple(copied_mlp(mlp) for mlp in channels))
     heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(heads_of(parameters)).values()))
-    return AnchorScene(anchors, heads, context, state.voxel_size, config.model, background=config.background)
+    return AnchorScene(
+        anchors, heads, HacppCoding(context, state.voxel_size, config.model), background=config.background
+    )
 
 
 def _signs(values: Tensor) -> Tensor:

@@ -119,10 +119,10 @@ def refine_context(
     if not config.steps or not len(alive):
         return scene
     fixed, outputs = _fixed(scene, scene.anchors.select(alive))
-    units = _units(outputs, scene.config)
-    prior = _ScaledMlp(scene.context.prior, units[0])
-    channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.context.channel, units[1:], strict=True)]
-    signs = _Signs(scene.context.grid, scene.config.grid, fixed.corners, config.latent)
+    units = _units(outputs, scene.coding.config)
+    prior = _ScaledMlp(scene.coding.context.prior, units[0])
+    channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.coding.context.channel, units[1:], strict=True)]
+    signs = _Signs(scene.coding.context.grid, scene.coding.config.grid, fixed.corners, config.latent)
     networks = [tensor for part in (prior, *channels) for tensor in part.parameters]
     generator = torch.Generator().manual_seed(config.seed)
     optimiser = torch.optim.Adam([
@@ -141,9 +141,11 @@ def refine_context(
         optimiser.step()
         progress((step + 1) / config.steps)
     context = ContextModel(
-        signs.grid(scene.context.grid), copied_mlp(prior.mlp()), tuple(copied_mlp(part.mlp()) for part in channels)
+        signs.grid(scene.coding.context.grid),
+        copied_mlp(prior.mlp()),
+        tuple(copied_mlp(part.mlp()) for part in channels),
     )
-    return dataclasses.replace(scene, context=context)
+    return dataclasses.replace(scene, coding=dataclasses.replace(scene.coding, context=context))
 
 
 def _loss(
@@ -176,20 +178,20 @@ def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Te
 @torch.no_grad()
 def _fixed(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
     """What stays, and what the prior network says before."""
-    corners = find_corners(unit_coordinates(scene.context.grid, anchors.positions), scene.config.grid)
-    volume, planes = scene.context.grid.volume.float(), scene.context.grid.planes.float()
+    corners = find_corners(unit_coordinates(scene.coding.context.grid, anchors.positions), scene.coding.config.grid)
+    volume, planes = scene.coding.context.grid.volume.float(), scene.coding.context.grid.planes.float()
     parts = [
-        scene.context.prior(interpolate_signs(volume, planes, corners, index))
+        scene.coding.context.prior(interpolate_signs(volume, planes, corners, index))
         for index in torch.arange(anchors.num_anchors).split(_CHUNK)
     ]
-    outputs = split_prior_outputs(torch.cat(parts), scene.config)
-    steps = adaptive_steps(outputs.step_logits, scene.config)
+    outputs = split_prior_outputs(torch.cat(parts), scene.coding.config)
+    steps = adaptive_steps(outputs.step_logits, scene.coding.config)
     values = (anchors.features, anchors.scalings, anchors.offsets.flatten(1))
     features, scalings, offsets = (
         (value / step).round() * step for value, step in zip(values, steps.split(1, dim=1), strict=True)
     )
     fixed = _Fixed(
-        scene.config, corners, outputs.step_logits, steps, (features, scalings, offsets), anchors.mask.float()
+        scene.coding.config, corners, outputs.step_logits, steps, (features, scalings, offsets), anchors.mask.float()
     )
     return fixed, outputs
 

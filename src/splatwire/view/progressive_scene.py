@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from splatwire.codec.progressive import ProgressiveDecoder
+from splatwire.codec import ProgressiveDecoder
 from splatwire.conceal import Concealer
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import DesyncError

@@ -9,7 +9,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
-from splatwire.codec.progressive import ProgressiveDecoder
+from splatwire.codec import ProgressiveDecoder
 from splatwire.conceal import conceal
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.model import AnchorScene, PartialScene

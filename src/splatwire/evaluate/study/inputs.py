@@ -5,9 +5,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from splatwire.codec import decode_stream, encode_scene, side_info_parts
+from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.codec.background import SECTION as BACKGROUND
-from splatwire.codec.encoder import scene_in_order
 from splatwire.codec.sections import split_sections, without_concealment
 from splatwire.conceal.gnn.weights import load_weights
 from splatwire.errors import BitstreamError, InvalidValueError

@@ -125,8 +125,10 @@ def _native_part(file: Path) -> str:
 
 def num_network_parameters(scene: AnchorScene) -> int:
     """Weights and biases of all networks of a scene."""
-    networks: list[Mlp] = [scene.heads.opacity, scene.heads.covariance, scene.heads.color, scene.context.prior]
-    layers = [layer for network in (*networks, *scene.context.channel) for layer in (network.hidden, network.output)]
+    networks: list[Mlp] = [scene.heads.opacity, scene.heads.covariance, scene.heads.color, scene.coding.context.prior]
+    layers = [
+        layer for network in (*networks, *scene.coding.context.channel) for layer in (network.hidden, network.output)
+    ]
     return sum(layer.weight.numel() + layer.bias.numel() for layer in layers)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from splatwire.codec.side_info import MASK_CONTEXTS, SideInfo
+from splatwire.codec.schemas.hacpp.side_info import MASK_CONTEXTS, SideInfo
 from splatwire.codec.weights import QuantisedMlp, quantise_mlp
 from splatwire.model import AnchorScene, Mlp
 from splatwire.model.channel_context import channel_parameters
@@ -35,7 +35,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     Returns:
         Side information ready to be written.
     """
-    config, grid = scene.config, scene.context.grid
+    config, grid = scene.coding.config, scene.coding.context.grid
     if noise is None:
         noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05))
     generator = np.random.default_rng(SAMPLE_SEED)
@@ -43,11 +43,11 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     sample = scene.anchors.select(index)
     with torch.no_grad():
         inputs = interpolate_hash_grid(grid, sample.positions, config.grid)
-        outputs = split_prior_outputs(scene.context.prior(inputs), config)
+        outputs = split_prior_outputs(scene.coding.context.prior(inputs), config)
     return SideInfo(
-        config, scene.voxel_size, _float32(grid.bounds_min), _float32(grid.bounds_max), voxels,
+        config, scene.coding.voxel_size, _float32(grid.bounds_min), _float32(grid.bounds_max), voxels,
         np.concatenate([_signs(grid.volume), *(_signs(plane) for plane in grid.planes)]),
-        _quantise(scene.context.prior, inputs, _prior_tolerance(outputs, scene) * noise),
+        _quantise(scene.coding.context.prior, inputs, _prior_tolerance(outputs, scene) * noise),
         _fit_channel(scene, sample.features, outputs, noise),
         _fit_heads(scene, sample.features, sample.positions),
         _fit_masks(scene.anchors.mask.numpy()),
@@ -55,7 +55,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
 
 
 def _prior_tolerance(outputs: PriorOutputs, scene: AnchorScene) -> np.ndarray:
-    base = scene.config.base_steps
+    base = scene.coding.config.base_steps
     spread_f = _spread(outputs.feature_scale, base[0])
     spread_s, spread_o = _spread(outputs.scaling_scale, base[1]), _spread(outputs.offset_scale, base[2])
     weight = np.ones(len(spread_f))
@@ -70,13 +70,13 @@ def _spread(scale: torch.Tensor, step: float) -> np.ndarray:
 def _fit_channel(
     scene: AnchorScene, features: torch.Tensor, outputs: PriorOutputs, noise: float
 ) -> tuple[QuantisedMlp, ...]:
-    fitted, edges = [], np.cumsum([0, *scene.config.layout.feature_groups])
+    fitted, edges = [], np.cumsum([0, *scene.coding.config.layout.feature_groups])
     prior = [outputs.feature_mean, outputs.feature_scale, outputs.feature_weight]
-    for group, network in enumerate(scene.context.channel):
+    for group, network in enumerate(scene.coding.context.channel):
         before = features[:, : int(edges[group])]
         with torch.no_grad():
-            scale = channel_parameters(scene.context, group, before, outputs).scale
-        spread = _spread(scale, scene.config.base_steps[0])
+            scale = channel_parameters(scene.coding.context, group, before, outputs).scale
+        spread = _spread(scale, scene.coding.config.base_steps[0])
         tolerance = np.concatenate([spread, spread, np.ones(len(spread))]) * noise
         fitted.append(_quantise(network, torch.cat([before, *prior], dim=1), tolerance))
     return tuple(fitted)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.codec.grid_lookup import grid_levels
+from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels
 from splatwire.entropy.coder import fresh_models
 from splatwire.model.config import HashGridConfig
 
@@ -15,7 +15,7 @@ def encode_signs(signs: np.ndarray, touched: np.ndarray, config: HashGridConfig)
         touched: bool (rows), from `touched_rows`; both ends know it from the positions.
         config: Shape of the grid.
     """
-    from splatwire.codec import _sign_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _sign_kernels as kernels
 
     level_of, models = _levels(config)
     buffer = np.empty(2 * int(touched.sum()) * signs.shape[1] + 64, dtype=np.uint8)
@@ -34,7 +34,7 @@ def decode_signs(data: bytes, touched: np.ndarray, config: HashGridConfig) -> np
     Returns:
         int8 (rows, D); rows that no anchor reads are +1.
     """
-    from splatwire.codec import _sign_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _sign_kernels as kernels
 
     level_of, models = _levels(config)
     signs = np.empty((len(touched), config.features_per_level), dtype=np.int8)
@@ -43,7 +43,7 @@ def decode_signs(data: bytes, touched: np.ndarray, config: HashGridConfig) -> np
 
 
 def _levels(config: HashGridConfig) -> tuple[np.ndarray, np.ndarray]:
-    from splatwire.codec import _sign_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _sign_kernels as kernels
 
     rows = grid_levels(config).rows
     level_of = np.repeat(np.arange(len(rows), dtype=np.int64), rows)

@@ -7,16 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from splatwire.codec.atomic import Symbols, chunks, decode_packets
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import read_background
-from splatwire.codec.coding_params import CodingContext, dequantise, factor_table, prior_columns, step_indices
-from splatwire.codec.digest import update_digest
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
 from splatwire.codec.preview import SECTION as PREVIEW
-from splatwire.codec.separated import SECTION as MASKS
-from splatwire.codec.separated import decode_masks, decode_parts
-from splatwire.codec.side_info import SideInfo, read_side_info
+from splatwire.codec.schemas.hacpp.atomic import Symbols, chunks, decode_packets
+from splatwire.codec.schemas.hacpp.coding_params import (
+    CodingContext,
+    dequantise,
+    factor_table,
+    prior_columns,
+    step_indices,
+)
+from splatwire.codec.schemas.hacpp.digest import update_digest
+from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
+from splatwire.codec.schemas.hacpp.separated import decode_masks, decode_parts
+from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import read_tiers
@@ -27,6 +33,7 @@ from splatwire.model import (
     AttributePrior,
     ContextModel,
     GaussianHeads,
+    HacppCoding,
     HashGrid,
     Linear,
     Mlp,
@@ -240,7 +247,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> PartialScene:
     heads = GaussianHeads(*(_network(head) for head in info.heads))
     model = ContextModel(_grid(info), _network(info.prior), tuple(_network(mlp) for mlp in info.channel))
     background = read_background(info.sections)
-    scene = AnchorScene(anchors, heads, model, info.voxel_size, info.config, background=background)
+    scene = AnchorScene(anchors, heads, HacppCoding(model, info.voxel_size, info.config), background=background)
     erasures = Erasures(torch.from_numpy(arrays.received))
     concealment = {
         name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, MASKS, PREVIEW)

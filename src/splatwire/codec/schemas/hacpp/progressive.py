@@ -3,14 +3,20 @@
 import hashlib
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
-from splatwire.codec.atomic import CHUNK_ANCHORS, Symbols, chunks, decode_packets
-from splatwire.codec.decoder import DecodedArrays, assemble_scene, open_side_info, ranks_in_order, store_symbols
-from splatwire.codec.digest import update_digest
+from splatwire.codec.schemas.hacpp.atomic import CHUNK_ANCHORS, Symbols, chunks, decode_packets
+from splatwire.codec.schemas.hacpp.decoder import (
+    DecodedArrays,
+    assemble_scene,
+    open_side_info,
+    ranks_in_order,
+    store_symbols,
+)
+from splatwire.codec.schemas.hacpp.digest import update_digest
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError
 from splatwire.model import PartialScene
@@ -116,11 +122,10 @@ class ProgressiveDecoder:
         """The scene as it is now, in tensors of its own that never change."""
         with self.lock:
             live = self._partial
-            scene, erasures = live.scene, Erasures(live.erasures.received.clone())
-            a = scene.anchors
+            a = live.scene.anchors
             anchors = Anchors(a.positions, a.features.clone(), a.scalings.clone(), a.offsets.clone(), a.mask.clone())
-        fixed = type(scene)(anchors, scene.heads, scene.context, scene.voxel_size, scene.config)
-        return PartialScene(fixed, erasures, live.prior, live.concealment)
+            erasures = Erasures(live.erasures.received.clone())
+        return replace(live, scene=replace(live.scene, anchors=anchors), erasures=erasures)
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
         """Decodes packets; several at once cost less than one by one.

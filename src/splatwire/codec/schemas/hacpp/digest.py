@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.codec.atomic import Symbols
+from splatwire.codec.schemas.hacpp.atomic import Symbols
 
 
 def update_digest(digest: Any, symbols: Symbols) -> None:

@@ -8,15 +8,22 @@ import numpy as np
 from jaxtyping import Int64, UInt8
 from torch import Tensor
 
-from splatwire.codec.atomic import Symbols, chunks, cut_packets, encode_packets, predict_mixture, predict_packets
 from splatwire.codec.background import background_sections
-from splatwire.codec.coding_params import CodingContext, quantise
-from splatwire.codec.digest import update_digest
-from splatwire.codec.fit import fit_side_info
 from splatwire.codec.geometry import anchor_order
-from splatwire.codec.separated import SECTION as MASKS
-from splatwire.codec.separated import encode_masks, encode_parts
-from splatwire.codec.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.schemas.hacpp.atomic import (
+    Symbols,
+    chunks,
+    cut_packets,
+    encode_packets,
+    predict_mixture,
+    predict_packets,
+)
+from splatwire.codec.schemas.hacpp.coding_params import CodingContext, quantise
+from splatwire.codec.schemas.hacpp.digest import update_digest
+from splatwire.codec.schemas.hacpp.fit import fit_side_info
+from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
+from splatwire.codec.schemas.hacpp.separated import encode_masks, encode_parts
+from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers
@@ -58,7 +65,7 @@ def encode_scene(
         packetization: How anchors are split; None for preset `paper`.
         tiers: Tier of each of the scene's anchors, 0 for the most important (`Importance.tiers`): each tier gets
             packets of its own, so that it can be protected on its own. None for one tier. Decoded values stay the same.
-        noise: Tolerated noise of the context networks (`splatwire.codec.fit`); None for the measured rule.
+        noise: Tolerated noise of the context networks (see `fit`); None for the measured rule.
         threads: Threads to use, which changes no bit; None for one for each processor.
         progress: Called with the share of the work that is done, 0 to 1.
 
@@ -103,7 +110,7 @@ def encode_scene(
     ids = _hashed_ids(plan, held) if packetization.hashed else plan.ids
     packets = [Packet(i, n, p) for i, n, p in zip(ids, held, payloads, strict=True)]
     _check_sizes(packetization, packets)
-    layout = scene.config.layout
+    layout = scene.coding.config.layout
     return make_stream(
         packetization=packetization, num_anchors=plan.num_anchors, feature_dim=layout.feature_dim,
         num_offsets=layout.num_offsets, feature_groups=layout.feature_groups, side_info=side_info, packets=packets,
@@ -155,7 +162,7 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[Tensor, "n"]:
     drawable = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
     if not len(drawable):
         raise InvalidValueError("the scene has no anchor that draws anything: there is nothing to encode")
-    voxels = voxel_indices(scene.anchors.positions[drawable], scene.voxel_size)
+    voxels = voxel_indices(scene.anchors.positions[drawable], scene.coding.voxel_size)
     return drawable[drawable.new_tensor(anchor_order(voxels.numpy(), order))]
 
 
@@ -173,7 +180,7 @@ def _tiers(tiers: UInt8[Tensor, "N"] | None, scene: AnchorScene, index: Int64[Te
 
 
 def _plan(scene: AnchorScene, packetization: Packetization, tier_of: np.ndarray) -> PacketPlan:
-    groups = len(scene.config.layout.feature_groups) if packetization.separated else 0
+    groups = len(scene.coding.config.layout.feature_groups) if packetization.separated else 0
     return PacketPlan(packetization, scene.anchors.num_anchors, shape_tiers(tier_of, packetization), groups)
 
 
@@ -218,4 +225,4 @@ class SymbolSource:
 
 
 def _voxels(scene: AnchorScene) -> np.ndarray:
-    return voxel_indices(scene.anchors.positions, scene.voxel_size).numpy()
+    return voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()

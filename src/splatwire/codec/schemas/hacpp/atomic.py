@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.codec.coding_params import (
+from splatwire.codec.schemas.hacpp.coding_params import (
     CodingContext,
     PriorColumns,
     factor_table,
@@ -147,7 +147,7 @@ def cut_packets(
     Returns:
         Anchors of each packet, int64; packets never cross a block's end.
     """
-    from splatwire.codec import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
 
     bits = np.empty(len(symbols.mask), dtype=np.float64)
     kernels.anchor_bits(
@@ -186,7 +186,7 @@ def encode_packets(
     Returns:
         One payload per packet.
     """
-    from splatwire.codec import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
 
     mixture = mixture or predict_mixture(context, predicted, symbols.feature)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -222,7 +222,7 @@ def decode_packets(
     Returns:
         The anchors' symbols, and their step factors, int64 (n, 3).
     """
-    from splatwire.codec import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
 
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
@@ -254,7 +254,7 @@ def _group_edges(context: CodingContext) -> np.ndarray:
 def _indices(
     outputs: np.ndarray, mean: int, scale: int, count: int, columns: PriorColumns, attribute: int, base: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    from splatwire.codec import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
 
     means = np.empty((len(outputs), count), dtype=np.int32)
     scales = np.empty((len(outputs), count), dtype=np.int16)
@@ -277,7 +277,7 @@ def predict_group(
     Returns:
         Mean, scale and weight of the group's channels, as in `Mixture`.
     """
-    from splatwire.codec import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
 
     columns, size = prior_columns(context.config), context.config.layout.feature_groups[group]
     means = np.empty((len(outputs), size), dtype=np.int32)

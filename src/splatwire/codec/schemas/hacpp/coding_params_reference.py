@@ -9,7 +9,6 @@ import torch
 from jaxtyping import Float64, Int64
 from torch import Tensor
 
-from splatwire.codec.coding_params import CodingContext, factor_table, inverse_step_table, prior_columns
 from splatwire.codec.fixed_point import (
     ACTIVATION_BITS,
     ACTIVATION_LIMIT,
@@ -22,8 +21,9 @@ from splatwire.codec.fixed_point import (
     UNIT_BITS,
     WEIGHT_EXPONENT,
 )
-from splatwire.codec.grid_lookup import grid_levels
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
+from splatwire.codec.schemas.hacpp.coding_params import CodingContext, factor_table, inverse_step_table, prior_columns
+from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels
 
 _PRIMES = (1, 2654435761, 805459861)
 

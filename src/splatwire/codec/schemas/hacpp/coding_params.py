@@ -2,7 +2,7 @@
 
 Everything here is integer arithmetic (matrix products are carried in float64, whose mantissa holds every partial sum
 exactly), and depends on nothing but the anchor's own position, its own decoded symbols and the side information.
-`splatwire.codec.coding_params_reference` says the same in plain torch.
+`splatwire.codec.schemas.hacpp.coding_params_reference` says the same in plain torch.
 """
 
 import functools
@@ -17,8 +17,8 @@ from splatwire.codec.fixed_point import (
     STEP_CELLS,
     STEP_LIMIT,
 )
-from splatwire.codec.grid_lookup import lookup, unit_coordinates
 from splatwire.codec.integer_network import IntegerMlp
+from splatwire.codec.schemas.hacpp.grid_lookup import lookup, unit_coordinates
 from splatwire.entropy.tables import step_table
 from splatwire.model.config import ModelConfig
 

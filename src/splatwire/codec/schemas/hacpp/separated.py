@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.codec.atomic import Mixture, Predictions, Symbols, predict_group, predict_packets
-from splatwire.codec.coding_params import CodingContext
-from splatwire.codec.side_info import SideInfo
+from splatwire.codec.schemas.hacpp.atomic import Mixture, Predictions, Symbols, predict_group, predict_packets
+from splatwire.codec.schemas.hacpp.coding_params import CodingContext
+from splatwire.codec.schemas.hacpp.side_info import SideInfo
 from splatwire.entropy.coder import Mixtures, decode_symbols, encode_bits, encode_symbols
 from splatwire.entropy.tables import weight_table
 from splatwire.errors import BitstreamError
@@ -32,7 +32,7 @@ def encode_masks(masks: np.ndarray, mask_models: np.ndarray) -> bytes:
         masks: bool or uint8 (N, K), by rank.
         mask_models: Initial mask models, int64 (contexts, 2).
     """
-    from splatwire.codec import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
 
     bits = masks.astype(np.int64)
     before = np.minimum(np.cumsum(bits, axis=1) - bits, kernels.MASK_ONES - 1)
@@ -49,7 +49,7 @@ def decode_masks(info: SideInfo) -> np.ndarray:
     Raises:
         BitstreamError: If the side information has none.
     """
-    from splatwire.codec import _packet_kernels as kernels
+    from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
 
     if SECTION not in info.sections:
         raise BitstreamError(f"the side information lacks the section '{SECTION}', which separated packets need")

@@ -83,7 +83,7 @@ def lookup(units: np.ndarray, signs: np.ndarray, config: HashGridConfig) -> np.n
     Returns:
         float64 (N, H) holding whole numbers, `ACTIVATION_BITS` fractional bits.
     """
-    from splatwire.codec import _grid_kernels
+    from splatwire.codec.schemas.hacpp import _grid_kernels
 
     levels = grid_levels(config)
     out = np.empty((len(units), len(levels.rows) * config.features_per_level), dtype=np.float64)
@@ -101,7 +101,7 @@ def touched_rows(units: np.ndarray, config: HashGridConfig) -> np.ndarray:
     Returns:
         bool (rows).
     """
-    from splatwire.codec import _grid_kernels
+    from splatwire.codec.schemas.hacpp import _grid_kernels
 
     levels = grid_levels(config)
     touched = np.zeros(levels.num_rows, dtype=np.bool_)
