@@ -1,25 +1,41 @@
 """Concealment: a scene with gaps becomes one that can be rendered; what was received never changes."""
 
-from splatwire.conceal.base import Concealed as Concealed
-from splatwire.conceal.base import Concealer as Concealer
-from splatwire.conceal.base import concealer_names as concealer_names
-from splatwire.conceal.base import create_concealer as create_concealer
-from splatwire.conceal.base import register_concealer as register_concealer
-from splatwire.conceal.cari import CARI_PRESETS as CARI_PRESETS
-from splatwire.conceal.cari import Cari as Cari
-from splatwire.conceal.conceal import conceal as conceal
-from splatwire.conceal.context import AnchorContext as AnchorContext
-from splatwire.conceal.context import context_of as context_of
-from splatwire.conceal.drop import Drop as Drop
-from splatwire.conceal.fill import MaskVote as MaskVote
-from splatwire.conceal.gnn import GNN_PRESETS as GNN_PRESETS
-from splatwire.conceal.gnn import Gnn as Gnn
-from splatwire.conceal.gnn import GnnSettings as GnnSettings
-from splatwire.conceal.gnn import GnnWeights as GnnWeights
-from splatwire.conceal.grow import Grow as Grow
-from splatwire.conceal.idw import Idw as Idw
-from splatwire.conceal.idw import PriorMean as PriorMean
-from splatwire.conceal.kriging import Kriging as Kriging
-from splatwire.conceal.scene_free import SceneFree as SceneFree
-from splatwire.conceal.sketch import Sketch as Sketch
-from splatwire.conceal.zero import Zero as Zero
+from splatwire.conceal.base import Concealed, Concealer, concealer_names, create_concealer, register_concealer
+from splatwire.conceal.cari import CARI_PRESETS, Cari
+from splatwire.conceal.conceal import conceal
+from splatwire.conceal.context import AnchorContext, context_of
+from splatwire.conceal.drop import Drop
+from splatwire.conceal.fill import MaskVote
+from splatwire.conceal.gnn import GNN_PRESETS, Gnn, GnnSettings, GnnWeights
+from splatwire.conceal.grow import Grow
+from splatwire.conceal.idw import Idw, PriorMean
+from splatwire.conceal.kriging import Kriging
+from splatwire.conceal.scene_free import SceneFree
+from splatwire.conceal.sketch import Sketch
+from splatwire.conceal.zero import Zero
+
+__all__ = [
+    "CARI_PRESETS",
+    "GNN_PRESETS",
+    "AnchorContext",
+    "Cari",
+    "Concealed",
+    "Concealer",
+    "Drop",
+    "Gnn",
+    "GnnSettings",
+    "GnnWeights",
+    "Grow",
+    "Idw",
+    "Kriging",
+    "MaskVote",
+    "PriorMean",
+    "SceneFree",
+    "Sketch",
+    "Zero",
+    "conceal",
+    "concealer_names",
+    "context_of",
+    "create_concealer",
+    "register_concealer",
+]

@@ -1,9 +1,16 @@
 """Posed photos and cameras, read from the layouts that datasets are published in."""
 
-from splatwire.data.camera_file import load_cameras as load_cameras
-from splatwire.data.camera_file import save_cameras as save_cameras
-from splatwire.data.colmap import SparsePoints as SparsePoints
-from splatwire.data.dataset import Dataset as Dataset
-from splatwire.data.dataset import dataset_layout as dataset_layout
-from splatwire.data.dataset import open_dataset as open_dataset
-from splatwire.data.photos import load_photo as load_photo
+from splatwire.data.camera_file import load_cameras, save_cameras
+from splatwire.data.colmap import SparsePoints
+from splatwire.data.dataset import Dataset, dataset_layout, open_dataset
+from splatwire.data.photos import load_photo
+
+__all__ = [
+    "Dataset",
+    "SparsePoints",
+    "dataset_layout",
+    "load_cameras",
+    "load_photo",
+    "open_dataset",
+    "save_cameras",
+]
