@@ -26,7 +26,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def _command_line() -> Iterator[str]:
-    yield "# Command line\n\nEvery verb reads one thing, writes one thing, and has `--json`; `-` is standard input or output.\n"
+    yield "# Command line\n\nEvery verb reads one thing, writes one thing, and has `--json`.\n"
+    yield "`-` is standard input or output.\n"
     for verb in VERBS:
         yield f"\n## splatwire {verb}\n\n```text\n{_help(verb)}\n```\n"
 
