@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -70,17 +71,15 @@ def test_only_the_preview_arrived(stream_file: Path, tmp_path: Path, capsys: pyt
         assert call("receive", url, "-o", str(tmp_path / "seen.swz"), "--deadline", "500ms") == 2
         told = capsys.readouterr().err.strip().splitlines()[-1]
         file = tmp_path / "seen.preview.ply"
-        assert (
-            f"no scene arrived (deadline); its preview did: 20 Gaussians before 0.000 0.200 0.400 (RGB) -> {file}"
-            in told
-        )
+        assert f"packets arrived); its preview did: 20 Gaussians before 0.000 0.200 0.400 (RGB) -> {file}" in told
+        assert "no scene arrived (deadline: of the side information at least " in told
         assert not (tmp_path / "seen.swz").exists()
         expected, there = preview_splats(preview)[0], import_ply(file)
         assert torch.allclose(there.means, expected.means)
         assert torch.allclose(there.scales, expected.scales)
         assert torch.allclose(there.sh, expected.sh, atol=1e-6)
         assert call("receive", f"{url}/bad", "-o", str(tmp_path / "b.swz"), "--deadline", "500ms") == 2
-        assert "(deadline), and what should have been its preview: " in capsys.readouterr().err
+        assert "packets arrived), and what should have been its preview: " in capsys.readouterr().err
         assert not (tmp_path / "b.preview.ply").exists()
         assert call("receive", url, "-o", "-", "--deadline", "500ms") == 2
         assert "name a file" in capsys.readouterr().err
@@ -90,6 +89,55 @@ def test_only_the_preview_arrived(stream_file: Path, tmp_path: Path, capsys: pyt
         content = json.loads(capsys.readouterr().out)
         assert 0 < content["seconds_to_preview"] <= content["seconds_to_side_info"]
         assert not (tmp_path / "all.preview.ply").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_arrived_before_ctrl_c_is_a_stream(stream_file: Path, tmp_path: Path, monkeypatch, capsys, number):
+    """Asked to end at the first packet, it keeps what is there, says so, and ends with the status of Ctrl-C."""
+    from splatwire.cli.receive import Moments
+    from splatwire.codec import decode_stream
+    from splatwire.transport import PacketArrived
+
+    note = Moments.note
+
+    def interrupted(self, event, show):
+        note(self, event, show)
+        if isinstance(event, PacketArrived):
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(Moments, "note", interrupted)
+    with serving(str(stream_file), "--rate", "0.3") as facts:
+        target = tmp_path / "part.swz"
+        assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(target)) == 130
+    told = capsys.readouterr()
+    assert "(stopped) -> " in told.out
+    assert told.err.strip().splitlines()[-1] == "splatwire: stopped"
+    stream, whole = read_stream(target)[0], read_stream(stream_file)[0]
+    assert 0 < len(stream.packets) < len(whole.packets)
+    assert decode_stream(stream).erasures.num_lost > 0
+
+
+def test_the_bundled_scene_is_served_as_datagrams_with_its_preview(tmp_path: Path, monkeypatch):
+    from splatwire.cli import serve
+    from splatwire.transport import Protection
+
+    frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
+    preview = write_preview(Preview(frame, (0, 51, 102), np.zeros((20, 10), dtype=np.int64)))
+    stream = encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=2))
+    write_stream(add_concealment(stream, "preview", preview), tmp_path / "small.swz")
+    monkeypatch.setattr(serve, "BUNDLED_SCENE", str(tmp_path / "small.swz"))
+    programs = serve.Serve()._programs(Protection())
+    assert [(name, program.preview) for name, program in programs.items()] == [("small", preview)]
+    assert len(programs["small"].packets) > 2
+
+
+def test_two_streams_of_one_name_are_refused(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    other = tmp_path / stream_file.name
+    other.write_bytes(stream_file.read_bytes())
+    assert call("serve", str(stream_file), str(other)) == 2
+    error = capsys.readouterr().err
+    assert "both called 'tiny'" in error
+    assert f"{stream_file} and {other}" in error
 
 
 def test_a_scene_is_written_on_the_spot(url: str, tmp_path: Path):
@@ -115,6 +163,7 @@ def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.
         (("serve", str(paper), "--page", "0"), "are for --quic"),
         (("serve", str(paper), "--idle", "0"), "--idle is from"),
         (("receive", url, "-o", str(tmp_path / "a.swz"), "--insecure"), "are for quic://"),
+        (("serve", str(paper), "--clients-per-address", "0"), "at least 1"),
     ):
         assert call(*words) == 2
         error = capsys.readouterr().err.strip().splitlines()
@@ -155,9 +204,11 @@ def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: p
         assert Path(target).read_bytes() == stream_file.read_bytes()
         assert capture.stat().st_size > stream_file.stat().st_size
         assert call("receive", url, "-o", target) == 2
-        assert "self-signed" in capsys.readouterr().err
+        assert "self-signed certificate. --fingerprint takes what the server told" in capsys.readouterr().err
         with urlopen(facts["page"].split("#")[0], timeout=10) as page:
-            assert b"splatwire receiver" in page.read()
+            content = page.read()
+        assert b"splatwire receiver" in content
+        assert b'rel="icon" href="data:,"' in content, "else browsers ask for /favicon.ico, which is not there"
     identity = self_signed()
     certificate, key = tmp_path / "server.pem", tmp_path / "key.pem"
     certificate.write_bytes(identity.certificate.public_bytes(Encoding.PEM))
@@ -173,7 +224,7 @@ def test_tiers_on_the_command_line():
 
     assert parse_tiers(["tier2=0.5", "tier0=1"]) == (1.0, 0.0, 0.5)
     protection = Serve(
-        ["x.swz"], protect=("tier0=0.4",), side_symbol=128, parity_until=0.5, tier_spread=0.7
+        ("x.swz",), protect=("tier0=0.4",), side_symbol=128, parity_until=0.5, tier_spread=0.7
     ).protection()
     assert protection.tier_spread == 0.7
     assert (protection.tier_repair, protection.side_symbol_bytes, protection.parity_until) == ((0.4,), 128, 0.5)

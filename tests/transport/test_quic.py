@@ -134,6 +134,14 @@ def test_limits_are_kept_and_told():
         async with serving(quic=QuicLimits(connections=0)) as server:
             assert "the server is full" in (await fetch(server.port)).finished.reason
             assert server.num_refused == 1
+        async with serving(ServerLimits(per_network=2)) as server:  # in connections of their own
+            reasons = [told.finished.reason for told in await asyncio.gather(*(fetch(server.port) for _ in range(3)))]
+            assert sorted(reasons) == ["complete", "complete", "too many transfers from this network"]
+        async with serving(ServerLimits(fixed_rate=2e5), QuicLimits(per_network=2)) as server:
+            told = [receiver.finished for receiver in await asyncio.gather(*(fetch(server.port) for _ in range(4)))]
+            assert sum(over.ok for over in told) == 2
+            assert sum("your network has its share" in over.reason for over in told) == 2
+            assert server.networks.total() == len(server.connections)
 
     run(work())
 
@@ -159,7 +167,7 @@ def test_only_the_server_that_was_meant_is_believed():
             for trust in (Trust(insecure=True), Trust(authority=authority)):
                 assert (await fetch(server.port, ReceiverOptions(name="other"), trust)).stream() == OTHER
             for trust, told in (
-                (Trust(), "self-signed"),
+                (Trust(), "not trusted: self-signed certificate. --fingerprint"),
                 (Trust(fingerprint="0" * 64), "another fingerprint"),
                 (Trust(authority=stranger), "self-signed"),
             ):

@@ -11,6 +11,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream
 from splatwire.transport import PacketArrived, Protection, Receiver, ReceiverOptions, ServerLimits, make_program
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
+from splatwire.transport.page import PageServer
 from splatwire.transport.udp import UdpServer, receive_udp
 from transport.network import OopsError, bernoulli, bursts, datagram_stream, oops
 from transport.relay import Relay
@@ -67,7 +68,7 @@ def test_a_stream_crosses_a_lossy_relay(kind):
 
 def test_many_clients_share_one_stream():
     async def work() -> None:
-        server = served(STREAM, OTHER, limits=ServerLimits(fixed_rate=4e5))
+        server = served(STREAM, OTHER, limits=ServerLimits(per_network=24, fixed_rate=4e5))
         try:
             names = ["scene0", "scene1", ""] * 8
             tasks = [fetch(server.port, ReceiverOptions(name=name)) for name in names]
@@ -103,6 +104,38 @@ def test_nobody_there_is_told_at_once():
         receiver = await fetch(port)
         assert not receiver.finished.ok
         assert receiver.stream() is None
+
+    run(work())
+
+
+def test_what_arrived_before_somebody_ended_it_stays():
+    async def work() -> None:
+        server, stop = served(STREAM, limits=ServerLimits(fixed_rate=1.5e5)), asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().call_later(1.5, stop.set_result, None)
+        try:
+            receiver = await receive_udp(Address("127.0.0.1", server.port), ReceiverOptions(), stop=stop)
+        finally:
+            server.close()
+        assert receiver.finished.reason == "stopped"
+        assert 0 < len(receiver.stream().packets) < len(STREAM.packets)
+        assert receiver.lacking() == f"{len(receiver.stream().packets)} of {len(STREAM.packets)} packets arrived"
+
+    run(work())
+
+
+def test_a_port_in_use_is_named():
+    async def work() -> None:
+        server = served(OTHER)
+        try:
+            with pytest.raises(InvalidValueError, match=f"UDP port {server.port} of 127.0.0.1: .*in use"):
+                UdpServer({}, "127.0.0.1", server.port)
+            with pytest.raises(InvalidValueError, match=r"UDP port 1 of no-such-host\.invalid"):
+                UdpServer({}, "no-such-host.invalid", 1)
+        finally:
+            server.close()
+        async with PageServer() as page:
+            with pytest.raises(InvalidValueError, match=f"TCP port {page.port} of 127.0.0.1: .*in use"):
+                await PageServer(page.port).__aenter__()
 
     run(work())
 

@@ -3,8 +3,9 @@
 import asyncio
 import contextlib
 import re
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -30,9 +31,10 @@ class Receive:
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; with --conceal a scene. If
     only the preview arrived, that is written beside it, as NAME.preview.ply."""
     deadline: str | None = None
-    """Take what is there after this time, e.g. 2s or 500ms; without it, wait for everything."""
-    nack: bool = True
-    """Ask for lost packets again."""
+    """Take what is there after this time, e.g. 2s or 500ms; without it, wait for everything. Ctrl-C takes what is
+    there, too."""
+    no_nack: bool = False
+    """Do not ask for lost packets again."""
     conceal: str | None = None
     """Decode, fill what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file."""
     fingerprint: str | None = None
@@ -55,24 +57,30 @@ class Receive:
 
         address = parse_url(self.url)
         deadline = None if self.deadline is None else parse_seconds(self.deadline)
-        options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=self.nack)
+        options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not self.no_nack)
         concealer = self._concealer()
         moments = Moments()
         with progress_bars() as show, output_path(self.output, suffix=".swz", json=self.json) as path:
-            receiver = self._transfer(address, options, lambda event: moments.note(event, show))
+            receiver, stopped = self._transfer(address, options, lambda event: moments.note(event, show))
             stream, over = receiver.stream(), receiver.finished
             reason = over.reason if over else "stopped"
             if stream is None:
                 instead = self._keep_preview(receiver.preview)
-                raise MissingSideInfoError(f"{self.url}: no scene arrived ({reason}){instead}")
+                lacking = receiver.lacking()
+                why = f"{reason}: {lacking}" if lacking else reason
+                raise MissingSideInfoError(f"{self.url}: no scene arrived ({why}){instead}")
             if concealer is None:
                 write_stream(stream, path)
             else:
                 _write_scene(stream, concealer, path)
         self._tell(receiver, stream, reason, moments)
+        if stopped:
+            raise KeyboardInterrupt  # for the exit status; what arrived is written
 
-    def _transfer(self, address: "Address", options: "ReceiverOptions", note: Callable[["Event"], None]) -> "Receiver":
-        """Runs the transfer, with the capture that was asked for."""
+    def _transfer(
+        self, address: "Address", options: "ReceiverOptions", note: Callable[["Event"], None]
+    ) -> "tuple[Receiver, bool]":
+        """Runs the transfer, with the capture that was asked for; says whether somebody ended it."""
         from splatwire.errors import InvalidValueError
         from splatwire.transport.pcap import Capture
 
@@ -86,7 +94,7 @@ class Receive:
             if address.scheme == "udp":
                 from splatwire.transport.udp import receive_udp
 
-                return asyncio.run(receive_udp(address, options, note, tap))
+                return asyncio.run(_stoppable(lambda stop: receive_udp(address, options, note, tap, stop)))
             from splatwire.transport.quic import need_aioquic
 
             need_aioquic()
@@ -94,7 +102,7 @@ class Receive:
 
             authority = None if self.authority is None else self.authority.read_bytes()
             trust = Trust(authority, self.fingerprint, self.insecure)
-            return asyncio.run(receive_quic(address, options, trust, note, tap))
+            return asyncio.run(_stoppable(lambda stop: receive_quic(address, options, trust, note, tap, stop)))
 
     def _keep_preview(self, preview: bytes) -> str:
         """Writes the preview beside the output that there is not, as a PLY of 3DGS; says what became of it."""
@@ -178,6 +186,18 @@ class Moments:
                     show("receiving", self._packets / self._expected)
             case Finished():
                 self.end = time.perf_counter() - self._began
+
+
+async def _stoppable(
+    transfer: "Callable[[asyncio.Future[None]], Awaitable[Receiver]]",
+) -> "tuple[Receiver, bool]":
+    """Runs a transfer that Ctrl-C or a request to end ends where it is; says whether one did."""
+    loop = asyncio.get_running_loop()
+    stop = loop.create_future()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.cancel)
+    receiver = await transfer(stop)
+    return receiver, receiver.finished is not None and receiver.finished.reason == "stopped"
 
 
 def parse_seconds(text: str) -> float:

@@ -8,25 +8,29 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from splatwire.cli._output import JsonFlag, print_json
+from splatwire.cli._output import JsonFlag, print_json, progress_bars
 
 if TYPE_CHECKING:
+    from splatwire.packets import SceneStream
     from splatwire.transport import Program, Protection, ServerLimits
     from splatwire.transport.certificate import Identity
+
+BUNDLED_SCENE = "snowmiku.swz"
 
 
 @dataclass(frozen=True)
 class Serve:
     """Serve streams over UDP or QUIC to many clients at once; stop with Ctrl-C."""
 
-    streams: tyro.conf.Positional[list[str]]
-    """Streams of the preset datagram: .swz files or folders. A client names one by its file name without the ending;
-    one that names none gets the first."""
+    streams: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Streams of the preset datagram: .swz files or folders; the bundled scene if absent. A client names one by its
+    file name without the ending; one that names none gets the first."""
     port: int = 4840
     """UDP port; 0 lets the system choose."""
     host: str = "127.0.0.1"
@@ -70,6 +74,8 @@ class Serve:
     again at all."""
     clients: int = 256
     """Most clients at once."""
+    clients_per_address: int = 16
+    """Most of them at one IPv4 address or in one /64 prefix of IPv6, which may begin twice as many a minute."""
     json: JsonFlag = False
     """Print one JSON object when ready."""
 
@@ -79,15 +85,31 @@ class Serve:
 
         if not 0 <= self.port < 1 << 16:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.port} is not")
-        if not self.streams:
-            raise InvalidValueError("name at least one stream to serve")
         if not self.quic and (self.certificate or self.key or self.page is not None or self.origins):
             raise InvalidValueError("--certificate, --key, --page and --origins are for --quic")
         if self.page is not None and not 0 <= self.page < 1 << 16:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.page} is not")
         protection, _ = self.protection(), self.limits()  # mistakes are told before streams are read
-        programs = {stream_name(path): load_program(path, protection) for path in self.streams}
-        asyncio.run(self._serve(programs))
+        asyncio.run(self._serve(self._programs(protection)))
+
+    def _programs(self, protection: "Protection") -> "dict[str, Program]":
+        """What is served, by name.
+
+        Raises:
+            InvalidValueError: If two streams have one name.
+        """
+        from splatwire.errors import InvalidValueError
+
+        named: dict[str, str] = {}
+        for path in self.streams:
+            other = named.setdefault(stream_name(path), path)
+            if other != path:
+                raise InvalidValueError(
+                    f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
+                )
+        if not named:
+            return {Path(BUNDLED_SCENE).stem: program_of(bundled_datagrams(), protection)}
+        return {name: load_program(path, protection) for name, path in named.items()}
 
     def protection(self) -> "Protection":
         """Where redundancy goes.
@@ -125,8 +147,10 @@ class Serve:
             raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
         if not 0.1 <= self.idle <= 3600:
             raise InvalidValueError(f"--idle is from 0.1 to 3600 seconds, {self.idle} is not")
+        if min(self.clients, self.clients_per_address) < 1:
+            raise InvalidValueError("--clients and --clients-per-address are at least 1")
         rate = None if self.rate is None else self.rate * 1e6 / 8
-        return ServerLimits(sessions=self.clients, silence_s=self.idle, fixed_rate=rate)
+        return ServerLimits(self.clients, self.clients_per_address, silence_s=self.idle, fixed_rate=rate)
 
     def identity(self) -> "Identity":
         """Certificate and key of a QUIC server.
@@ -183,7 +207,7 @@ class Serve:
         identity = self.identity()
         server = QuicServer(
             programs, self.host, self.port, identity=identity, limits=self.limits(),
-            quic_limits=QuicLimits(connections=2 * self.clients, origins=self.origins or None),
+            quic_limits=QuicLimits(2 * self.clients, 2 * self.clients_per_address, self.origins or None),
         )  # fmt: skip
         stack.callback(server.close)
         await server.start()
@@ -228,8 +252,29 @@ def load_program(path: str, protection: "Protection") -> "Program":
         BitstreamError: If it cannot be read.
     """
     from splatwire.packets import read_stream
+
+    return program_of(read_stream(Path(path))[0], protection)
+
+
+def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
+    """Prepares a stream for sending, with its preview."""
     from splatwire.transport import make_program
     from splatwire.transport.preview import stream_preview
 
-    stream, _ = read_stream(Path(path))
     return make_program(stream, protection, preview=stream_preview(stream.side_info))
+
+
+def bundled_datagrams() -> "SceneStream":
+    """The bundled scene in datagrams, with its preview."""
+    from splatwire.codec import add_concealment, decode_stream, encode_scene
+    from splatwire.codec.preview import SECTION
+    from splatwire.packets import PRESETS, read_stream
+    from splatwire.transport.preview import stream_preview
+
+    stream, _ = read_stream(Path(str(resources.files("splatwire").joinpath("assets"))) / BUNDLED_SCENE)
+    with progress_bars() as show:
+        scene = decode_stream(stream, progress=lambda share: show("decoding the bundled scene", share)).scene
+        datagrams = encode_scene(
+            scene, PRESETS["datagram"], progress=lambda share: show("encoding it as datagrams", share)
+        )
+    return add_concealment(datagrams, SECTION, stream_preview(stream.side_info))

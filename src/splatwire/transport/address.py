@@ -26,6 +26,11 @@ class Address:
     scheme: str = "udp"
 
 
+def cannot_listen(kind: str, host: str, port: int, error: OSError) -> InvalidValueError:
+    """Says which port of which address cannot be listened on, and why."""
+    return InvalidValueError(f"cannot listen on {kind} port {port} of {host}: {error.strerror or error}")
+
+
 def parse_url(url: str) -> Address:
     """Reads `udp://HOST[:PORT][/NAME]` or `quic://HOST[:PORT][/NAME]`.
 

@@ -73,6 +73,11 @@ class HeadCollector:
         self.num_poisoned = 0
 
     @property
+    def num_symbols(self) -> int:
+        """Symbols that the object is cut into."""
+        return self._segments.num_symbols
+
+    @property
     def num_missing(self) -> int:
         """Symbols that are needed at least."""
         missing = 0

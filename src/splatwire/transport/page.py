@@ -5,6 +5,8 @@ from importlib.resources import files
 from types import TracebackType
 from urllib.parse import urlencode
 
+from splatwire.transport.address import cannot_listen
+
 FILES = {"/": ("index.html", "text/html"), "/receiver.js": ("receiver.js", "text/javascript")}
 MOST_HEAD_BYTES = 8192
 PATIENCE_S = 5.0
@@ -17,6 +19,9 @@ class PageServer:
 
     Args:
         port: TCP port; 0 lets the system choose.
+
+    Raises:
+        InvalidValueError: If it is taken.
     """
 
     def __init__(self, port: int = 0) -> None:
@@ -24,7 +29,10 @@ class PageServer:
         self._server: asyncio.Server | None = None
 
     async def __aenter__(self) -> "PageServer":
-        self._server = await asyncio.start_server(_answer, "127.0.0.1", self._wanted, limit=MOST_HEAD_BYTES)
+        try:
+            self._server = await asyncio.start_server(_answer, "127.0.0.1", self._wanted, limit=MOST_HEAD_BYTES)
+        except OSError as error:
+            raise cannot_listen("TCP", "127.0.0.1", self._wanted, error) from error
         return self
 
     async def __aexit__(

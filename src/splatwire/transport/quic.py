@@ -32,10 +32,12 @@ class QuicLimits:
 
     Attributes:
         connections: Connections at once, handshakes included.
+        per_network: The same of one network (`admission.network_of`).
         origins: Web pages that may open WebTransport sessions, e.g. `https://example.org`; None lets all.
     """
 
     connections: int = 512
+    per_network: int = 32
     origins: tuple[str, ...] | None = None
 
 

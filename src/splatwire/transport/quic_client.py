@@ -26,6 +26,9 @@ from splatwire.transport.quic import (
 from splatwire.transport.receiver import Receiver, ReceiverOptions
 from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
 
+UNTRUSTED = range(0x100 + 42, 0x100 + 49)
+"""QUIC errors of TLS alerts about certificates, bad_certificate to unknown_ca (RFC 9001, 4.8; RFC 8446, 6)."""
+
 
 @dataclass(frozen=True)
 class Trust:
@@ -55,7 +58,7 @@ class Trust:
 
 async def receive_quic(
     address: Address, options: ReceiverOptions, trust: Trust | None = None,
-    on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None,
+    on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None, stop: asyncio.Future[None] | None = None,
 ) -> Receiver:  # fmt: skip
     """Receives a stream over QUIC.
 
@@ -65,6 +68,7 @@ async def receive_quic(
         trust: Which certificates are believed.
         on_event: Called for every event.
         tap: Is told every UDP datagram.
+        stop: Ends the transfer when it is done; what arrived by then stays.
 
     Returns:
         The receiver when it is over: `Receiver.finished` says how.
@@ -82,6 +86,8 @@ async def receive_quic(
     connection = connected_socket(family, target)
     client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
     await loop.create_datagram_endpoint(lambda: client, sock=connection)
+    if stop is not None:
+        stop.add_done_callback(lambda _: client.stop("stopped"))
     return await client.run(target)
 
 
@@ -136,7 +142,7 @@ class _Client(QuicConnectionProtocol):
 
     def error_received(self, exc: Exception) -> None:
         if isinstance(exc, ConnectionRefusedError) and not self._established:
-            self._stop("nothing listens there")
+            self.stop("nothing listens there")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
         now = self._loop.time()
@@ -148,7 +154,7 @@ class _Client(QuicConnectionProtocol):
             case events.DatagramFrameReceived() if self._established:
                 self._act(*self._receiver.receive(event.data, now))
             case events.ConnectionTerminated():
-                self._stop(f"the session ended: {event.reason_phrase or hex(event.error_code)}")
+                self.stop(_ending(event))
         self._rearm()
 
     def _check_certificate(self) -> None:
@@ -156,7 +162,7 @@ class _Client(QuicConnectionProtocol):
         shown = self._quic.tls._peer_certificate  # aioquic has no other way to see it
         if self._trust.fingerprint is not None and (shown is None or fingerprint(shown) != self._trust.fingerprint):
             found = "none" if shown is None else fingerprint(shown)
-            self._stop(f"the server's certificate has another fingerprint: {found}")
+            self.stop(f"the server's certificate has another fingerprint: {found}")
             self.close(REFUSED, "certificate")
             return
         self._established = True
@@ -165,12 +171,13 @@ class _Client(QuicConnectionProtocol):
         try:
             frames = self._reader.feed(event.data) if event.stream_id == STREAM else []
         except BitstreamError as error:
-            self._stop(str(error))
+            self.stop(str(error))
             return
         for frame in frames:
             self._act(*self._receiver.receive(frame, self._loop.time()))
 
-    def _stop(self, reason: str) -> None:
+    def stop(self, reason: str) -> None:
+        """Ends the transfer here."""
         self._act(*self._receiver.stop(reason))
         self._finish()
 
@@ -217,6 +224,17 @@ class _Client(QuicConnectionProtocol):
         if self._tap is not None:
             ends = (self._here, self._target[:2])
             self._tap(*(ends if outgoing else ends[::-1]), data)
+
+
+def _ending(event: events.ConnectionTerminated) -> str:
+    """Why a session is over, and what can be done about a certificate that is not trusted."""
+    reason = event.reason_phrase or hex(event.error_code)
+    if event.error_code in UNTRUSTED:
+        return (
+            f"the server's certificate is not trusted: {reason}. --fingerprint takes what the server told when it "
+            "began, --authority a file that vouches for it, --insecure any"
+        )
+    return f"the session ended: {reason}"
 
 
 class _Connected:

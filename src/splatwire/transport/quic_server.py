@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
@@ -10,6 +11,7 @@ from aioquic.asyncio.server import QuicServer as AioquicServer
 from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
 
+from splatwire.transport.admission import network_of
 from splatwire.transport.certificate import Identity
 from splatwire.transport.program import Program
 from splatwire.transport.quic import ALPN, ALPN_HTTP, FULL, MALFORMED, QuicLimits, configuration
@@ -40,7 +42,7 @@ class QuicServer:
         quic_limits: What is spent on connections.
 
     Raises:
-        OSError: If the address cannot be listened on.
+        InvalidValueError: If the address cannot be listened on.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class QuicServer:
         self.num_malformed = 0
         self.bytes_sent = 0
         self.connections: set[_Connection] = set()
+        self.networks: Counter[Hashable] = Counter()
         self._socket = bound_socket(host, port)
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
@@ -65,8 +68,7 @@ class QuicServer:
     async def start(self) -> "QuicServer":
         """Begins to listen."""
         _, self._endpoint = await self._loop.create_datagram_endpoint(
-            lambda: _Endpoint(self, configuration=self._configuration, create_protocol=self._accept, retry=True),
-            sock=self._socket,
+            lambda: _Endpoint(self, self._configuration), sock=self._socket
         )
         return self
 
@@ -90,7 +92,8 @@ class QuicServer:
 
     def hear(self, session: Session, data: bytes) -> None:
         """Takes a frame of a session."""
-        answer = self.core.receive(session, data, self._loop.time(), reliable=True)
+        network = session.connection.network
+        answer = self.core.receive(session, data, self._loop.time(), reliable=True, network=network)
         if answer is not None:
             session.send(answer)
         self.pump()
@@ -118,30 +121,47 @@ class QuicServer:
         elif self.core.num_transfers:
             self._timer = self._loop.call_at(now + 0.25, self.pump)
 
-    def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
-        connection = _Connection(quic, self)
+    def accept(self, connection: "_Connection") -> None:
+        """Counts a connection that begins."""
         self.connections.add(connection)
-        return connection
+        self.networks[connection.network] += 1
+
+    def leave(self, connection: "_Connection") -> None:
+        """Counts a connection that has ended, once."""
+        if connection in self.connections:
+            self.connections.remove(connection)
+            self.networks -= Counter([connection.network])
+
+    def crowded(self, network: Hashable, *, begins: bool = False) -> bool:
+        """Whether there are too many connections, in all or of a network: more than allowed, or no place to begin."""
+        counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
+        return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
 
 
 class _Endpoint(AioquicServer):
     """aioquic's listening socket, whose bytes are counted."""
 
-    def __init__(self, owner: QuicServer, **arguments: Any) -> None:
-        super().__init__(**arguments)
+    def __init__(self, owner: QuicServer, settings: Any) -> None:
+        super().__init__(configuration=settings, create_protocol=self._accept, retry=True)
         self._owner = owner
+        self._network: Hashable = None
+
+    def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
+        connection = _Connection(quic, self._owner, self._network)
+        self._owner.accept(connection)
+        return connection
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(_Watched(transport, self._owner.sent))
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Begins no connection while twice as many as allowed are there: until then, each is told why it has to go."""
-        owner = self._owner
         assert isinstance(data, bytes)
-        begins = len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols
-        if begins and len(owner.connections) >= 2 * owner.limits.connections + SPARE:
-            owner.num_refused += 1
-            return
+        if len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols:
+            self._network = network_of(addr)
+            if self._owner.crowded(self._network, begins=True):
+                self._owner.num_refused += 1
+                return
         super().datagram_received(data, addr)
 
     def error_received(self, exc: Exception) -> None:
@@ -165,8 +185,9 @@ class _Watched:
 class _Connection(QuicConnectionProtocol):
     """One QUIC connection; the application protocol that its client chose decides what runs over it."""
 
-    def __init__(self, quic: QuicConnection, owner: QuicServer) -> None:
+    def __init__(self, quic: QuicConnection, owner: QuicServer, network: Hashable) -> None:
         super().__init__(quic)
+        self.network = network
         self.quic = quic
         self.owner = owner
         self._sessions: NativeSession | WebTransportSessions | None = None
@@ -178,9 +199,11 @@ class _Connection(QuicConnectionProtocol):
         match event:
             case events.ProtocolNegotiated():
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
-            case events.HandshakeCompleted() if len(self.owner.connections) > self.owner.limits.connections:
+            case events.HandshakeCompleted() if self.owner.crowded(self.network):
                 self.owner.num_refused += 1
-                self.end(FULL, "the server is full")  # not before: the reason would not reach the client
+                self.end(
+                    FULL, "the server is full, or your network has its share of it"
+                )  # not before: the reason would not reach the client
             case events.ConnectionTerminated():
                 self._ended()
             case _ if self._sessions is not None and not self._over:
@@ -200,7 +223,7 @@ class _Connection(QuicConnectionProtocol):
     def _ended(self) -> None:
         self._over = True
         self._patience.cancel()
-        self.owner.connections.discard(self)
+        self.owner.leave(self)
         if self._sessions is not None:
             self._sessions.end()
 

@@ -141,6 +141,16 @@ class Receiver:
         intake = self._collector.intake if self._collector else None
         return intake.report() if intake else None
 
+    def lacking(self) -> str:
+        """What is missing, in words; empty before the server declared what there is."""
+        if self._welcome is None or self._collector is None:
+            return ""
+        packets = f"{self._collector.num_packets} of {self._welcome.num_packets} packets arrived"
+        if self._head is None:
+            return packets
+        missing, total = self._head.num_missing, self._head.num_symbols
+        return f"of the side information at least {missing} of {total} pieces are missing; {packets}"
+
     def next_at(self) -> float | None:
         """When to call `poll` next; None when it is over."""
         if self.finished:

@@ -4,6 +4,7 @@ import heapq
 from collections.abc import Callable, Hashable, Mapping
 
 from splatwire.errors import BitstreamError
+from splatwire.transport.admission import Starts, network_of
 from splatwire.transport.program import Program
 from splatwire.transport.token import TokenMint
 from splatwire.transport.transfer import ServerLimits, Transfer
@@ -21,7 +22,10 @@ from splatwire.transport.wire import (
     kind_of,
 )
 
-UNKNOWN_STREAM, SERVER_FULL = 1, 2
+UNKNOWN_STREAM, SERVER_FULL, TOO_MANY = 1, 2, 4
+
+STARTS = 2
+"""Transfers that a network may begin within `WINDOW_S`, for each that it may have at once."""
 
 Key = tuple[Hashable, int]
 """A transfer: address and nonce of the attempt."""
@@ -31,7 +35,7 @@ class Server:
     """Serves immutable programs to many clients.
 
     A client's address gets one small answer for each full-size greeting until it shows a token that was sent to it: it
-    cannot be used to flood somebody else. Until then the server remembers nothing of it.
+    cannot be used to flood somebody else. Until then the server remembers nothing of it. A token begins one transfer.
 
     Args:
         programs: Streams by name; a client that gives no name gets the first.
@@ -55,7 +59,9 @@ class Server:
         self._mint = TokenMint(secret)
         self._random = random
         self._limits = limits or ServerLimits()
+        self._starts = Starts(STARTS * self._limits.per_network)
         self._transfers: dict[Key, Transfer] = {}
+        self._networks: dict[Key, Hashable] = {}
         self._sessions: dict[tuple[Hashable, int], Key] = {}
         self._due: list[tuple[float, int, Key]] = []
         self._planned: dict[Key, float] = {}
@@ -69,7 +75,9 @@ class Server:
         """Transfers that are going on."""
         return len(self._transfers)
 
-    def receive(self, address: Hashable, data: bytes, now: float, *, reliable: bool = False) -> bytes | None:
+    def receive(
+        self, address: Hashable, data: bytes, now: float, *, reliable: bool = False, network: Hashable = None
+    ) -> bytes | None:
         """Takes a datagram; anything at all may come.
 
         Args:
@@ -78,6 +86,7 @@ class Server:
             now: Time, seconds.
             reliable: Whether it is from a session that carries greetings and side information reliably and has shown
                 that the client reads what is sent to it (QUIC): no token is needed.
+            network: What the client's transfers are counted by; None takes it from the address.
 
         Returns:
             An answer to the same address; to one that has shown no token, never larger than what came.
@@ -94,7 +103,9 @@ class Server:
             case Hello() if not reliable:
                 return encode(Challenge(frame.nonce, self._mint.token(address, frame.nonce, frame.name, now)))
             case Request():
-                return self._requested(address, frame, now, reliable)
+                return self._requested(
+                    address, frame, now, reliable, network_of(address) if network is None else network
+                )
             case Feedback() | Bye():
                 key = self._sessions.get((address, frame.session))
                 if key is not None:
@@ -125,24 +136,20 @@ class Server:
         for key in [key for key in self._transfers if key[0] == address]:
             self._forget(key)
 
-    def _requested(self, address: Hashable, frame: Request, now: float, reliable: bool) -> bytes | None:
+    def _requested(
+        self, address: Hashable, frame: Request, now: float, reliable: bool, network: Hashable
+    ) -> bytes | None:
         if not reliable and not self._mint.valid(frame.token, address, frame.nonce, frame.name, now):
             self.num_rejected += 1
             return None
         key = (address, frame.nonce)
-        transfer = self._transfers.get(key)
-        if transfer is None:
-            name = frame.name or next(iter(self._programs), "")
-            if name not in self._programs:
-                return encode(Refuse(frame.nonce, UNKNOWN_STREAM))
-            mine = sum(client == address for client, _ in self._transfers)
-            if len(self._transfers) >= self._limits.sessions or mine >= self._limits.per_address:
-                return encode(Refuse(frame.nonce, SERVER_FULL))
-            session = self._new_session(address)
-            transfer = Transfer(self._programs[name], session, self._limits, now, reliable_head=reliable)
-            self._transfers[key], self._sessions[(address, session)] = transfer, key
-            self.num_served += 1
-            self._plan(key)
+        if key not in self._transfers:
+            refusal = self._begin(key, frame.name, now, reliable, network)
+            if refusal is not None:
+                return encode(Refuse(frame.nonce, refusal)) if refusal else None
+        transfer = self._transfers[key]
+        if not transfer.may_welcome(now):
+            return None
         program = transfer.program
         return encode(
             Welcome(
@@ -151,6 +158,26 @@ class Server:
                 program.tiers, program.preview,
             )
         )  # fmt: skip
+
+    def _begin(self, key: Key, name: str, now: float, reliable: bool, network: Hashable) -> int | None:
+        """Begins a transfer; gives the reason of a refusal if there is one, 0 for none worth an answer."""
+        if self._starts.seen(network, key[1]):
+            self.num_rejected += 1
+            return 0
+        name = name or next(iter(self._programs), "")
+        if name not in self._programs:
+            return UNKNOWN_STREAM
+        if len(self._transfers) >= self._limits.sessions:
+            return SERVER_FULL
+        mine = sum(other == network for other in self._networks.values())
+        if mine >= self._limits.per_network or not self._starts.allowed(network, now):
+            return TOO_MANY
+        session = self._new_session(key[0])
+        self._transfers[key] = Transfer(self._programs[name], session, self._limits, now, reliable_head=reliable)
+        self._sessions[(key[0], session)], self._networks[key] = key, network
+        self._starts.note(network, key[1], now)
+        self.num_served += 1
+        return None
 
     def _new_session(self, address: Hashable) -> int:
         while True:
@@ -167,8 +194,11 @@ class Server:
 
     def _plan(self, key: Key) -> None:
         """Notes when a transfer has something to send next; entries of older plans are skipped when they come up."""
-        at = self._transfers[key].next_at()
-        if at is None:
+        transfer = self._transfers[key]
+        at = transfer.next_at()
+        if transfer.spent:
+            self._forget(key)
+        elif at is None:
             self._planned.pop(key, None)
         elif self._planned.get(key) != at:
             self._planned[key] = at
@@ -177,7 +207,7 @@ class Server:
 
     def _forget(self, key: Key) -> None:
         transfer = self._transfers.pop(key)
-        del self._sessions[(key[0], transfer.session)]
+        del self._sessions[(key[0], transfer.session)], self._networks[key]
         self._planned.pop(key, None)
 
     def _sweep(self, now: float) -> None:

@@ -18,6 +18,10 @@ from splatwire.transport.wire import (
 )
 
 END_INTERVAL_S = 0.1
+WELCOME_S = 0.15
+"""A welcome is not sent again within this time; a client asks again after 0.2 s."""
+MOST_WELCOMES = 50
+"""As often as a client asks before it gives up."""
 RESEND_S = 0.05
 """A packet is not sent again within this time, or within a round trip if that is longer."""
 RECENT = 8192
@@ -34,7 +38,8 @@ class ServerLimits:
 
     Attributes:
         sessions: Transfers at once.
-        per_address: Transfers at once to one address (or one QUIC session).
+        per_network: Transfers at once to one network: an IPv4 address, or a /64 prefix of IPv6. Many people may share
+            one; places for all of them belong to nobody alone. It may begin twice as many a minute.
         silence_s: A client that says nothing for so long is forgotten, seconds.
         rate: Most bytes per second to one client.
         start_rate: Bytes per second before the first feedback.
@@ -43,7 +48,7 @@ class ServerLimits:
     """
 
     sessions: int = 256
-    per_address: int = 4
+    per_network: int = 16
     silence_s: float = 5.0
     rate: float = MAX_RATE
     start_rate: float = START_RATE
@@ -78,7 +83,7 @@ class Transfer:
         self._next = 0
         self._sequence = 0
         self._counted_bytes = 0
-        self._heard = False
+        self._heard = self._reported = False
         self._again: deque[tuple[int, int, int]] = deque()
         self._sent_again: dict[tuple[int, int, int], float] = {}
         self._waiting: set[tuple[int, int, int]] = set()
@@ -89,14 +94,27 @@ class Transfer:
         self._head_left_at: float | None = None
         self._again_bytes = 0
         self._end_at = 0.0
+        self._welcomed_at, self._welcomes = -WELCOME_S, 0
         self._most_bytes = int(limits.passes * sum(program.sizes().values())) + 100_000
+
+    @property
+    def spent(self) -> bool:
+        """Whether the client had its share."""
+        return self.bytes_sent > self._most_bytes
+
+    def may_welcome(self, now: float) -> bool:
+        """Whether a request is answered: not while the last answer may be under way, nor after the client reported."""
+        if self._reported or now - self._welcomed_at < WELCOME_S or self._welcomes == MOST_WELCOMES:
+            return False
+        self._welcomed_at, self._welcomes = now, self._welcomes + 1
+        return True
 
     def next_at(self) -> float | None:
         """When `poll` has something to send next.
 
         None before the first feedback, while the client is quiet, and once it had its share.
         """
-        if self.bytes_sent > self._most_bytes or not self._heard:
+        if self.spent or not self._heard:
             return None
         if self._again or self._next < len(self._schedule):
             return self._pacer.next_at()
@@ -129,7 +147,7 @@ class Transfer:
         believable = frame.received <= frame.largest + 1 and frame.largest < max(self._sequence, 1)
         if last is not None:
             believable = believable and frame.largest >= last.largest and frame.received >= last.received
-        self.heard_at, self._heard = now, True
+        self.heard_at, self._heard, self._reported = now, True, True
         if believable:
             self._measure(frame, now)
         self._ask_again(frame, now)

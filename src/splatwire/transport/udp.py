@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Any
 
 from splatwire.errors import InvalidValueError
-from splatwire.transport.address import Address
+from splatwire.transport.address import Address, cannot_listen
 from splatwire.transport.events import Event
 from splatwire.transport.pcap import Endpoint
 from splatwire.transport.program import Program
@@ -36,7 +36,7 @@ class UdpServer:
         limits: What is spent on clients.
 
     Raises:
-        OSError: If the address cannot be listened on.
+        InvalidValueError: If the address cannot be listened on.
     """
 
     def __init__(
@@ -138,8 +138,9 @@ def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket
 
 
 async def receive_udp(
-    address: Address, options: ReceiverOptions, on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None
-) -> Receiver:
+    address: Address, options: ReceiverOptions, on_event: Callable[[Event], Any] | None = None, tap: Tap | None = None,
+    stop: asyncio.Future[None] | None = None,
+) -> Receiver:  # fmt: skip
     """Receives one stream.
 
     Args:
@@ -147,6 +148,7 @@ async def receive_udp(
         options: What is wanted.
         on_event: Called with everything that happens, in the event loop.
         tap: Is told every datagram.
+        stop: Ends the transfer when it is done; what arrived by then stays.
 
     Returns:
         The receiver, finished; what it has is up to `Receiver.finished`.
@@ -157,7 +159,10 @@ async def receive_udp(
     family, target = await resolve(address)
     with connected_socket(family, target) as connection:
         receiver = Receiver(new_nonce(), asyncio.get_running_loop().time(), options)
-        return await _Client(connection, receiver, on_event, tap).run()
+        client = _Client(connection, receiver, on_event, tap)
+        if stop is not None:
+            stop.add_done_callback(lambda _: client.stop())
+        return await client.run()
 
 
 class _Client:
@@ -183,6 +188,11 @@ class _Client:
                 self._timer.cancel()
             self._act(*self._receiver.stop())
         return self._receiver
+
+    def stop(self) -> None:
+        """Ends the transfer here."""
+        self._act(*self._receiver.stop())
+        self._tick()
 
     def _readable(self) -> None:
         try:
@@ -246,19 +256,21 @@ def bound_socket(host: str, port: int) -> socket.socket:
     """A UDP socket that listens, with large buffers.
 
     Raises:
-        OSError: If the address cannot be listened on.
+        InvalidValueError: If the address cannot be listened on.
     """
-    family, kind, protocol, _, target = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)[
-        0
-    ]
-    server = socket.socket(family, kind, protocol)
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
+        family, kind, protocol, _, target = found[0]
+        server = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise cannot_listen("UDP", host, port, error) from error
     try:
         server.setblocking(False)
         for option in (socket.SO_SNDBUF, socket.SO_RCVBUF):
             with suppress(OSError):
                 server.setsockopt(socket.SOL_SOCKET, option, SOCKET_BUFFER)
         server.bind(target)
-    except OSError:
+    except OSError as error:
         server.close()
-        raise
+        raise cannot_listen("UDP", host, port, error) from error
     return server

@@ -32,7 +32,7 @@ TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE))
 ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, SIDE))
 """What travels on the reliable stream where there is one (QUIC), each behind its size (u16)."""
 
-REFUSALS = ("", "no such stream", "the server is full", "the server stopped")
+REFUSALS = ("", "no such stream", "the server is full", "the server stopped", "too many transfers from this network")
 
 _CRC = struct.Struct("<I")
 _HELLO = struct.Struct("<BQB")

@@ -4,7 +4,8 @@
 
 const VERSION = 3;
 const REQUEST = 3, WELCOME = 4, SIDE = 5, DATA = 6, FEEDBACK = 8, BYE = 9, REFUSE = 10, END = 11;
-const REFUSALS = ["", "no such stream", "the server is full", "the server stopped"];
+const REFUSALS = ["", "no such stream", "the server is full", "the server stopped",
+  "too many transfers from this network"];
 const FEEDBACK_MS = 20, AGAIN_MS = 120, REORDER = 48, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17, ENDS_IN_VAIN = 25;
 const HANDSHAKES = 5, HANDSHAKE_PAUSE_MS = 100;
 const MOST_HEAD_BYTES = 2 ** 28, MOST_PACKETS = 2 ** 21, MOST_DATAGRAM = 1200;

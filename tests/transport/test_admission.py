@@ -1,0 +1,172 @@
+"""One machine among many clients: how many places, starts and answers it gets, whatever ports and tokens it uses."""
+
+import random
+import tracemalloc
+from collections import Counter
+
+import pytest
+
+from splatwire.transport import Server, ServerLimits, make_program
+from splatwire.transport.admission import MOST_NETWORKS, WINDOW_S, Starts, network_of
+from splatwire.transport.sender import STARTS, TOO_MANY
+from splatwire.transport.transfer import MOST_WELCOMES, WELCOME_S
+from splatwire.transport.wire import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome, decode, encode
+from transport.network import SECRET, datagram_stream
+
+pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+PROGRAM = make_program(datagram_stream(num_anchors=500, side_bytes=3000), preview=bytes(1018))
+LIMITS = ServerLimits(sessions=64, per_network=4)
+Address = tuple[str, int]
+
+
+def server(limits: ServerLimits = LIMITS) -> Server:
+    return Server({"scene": PROGRAM}, secret=SECRET, random=random.Random(0).randbytes, limits=limits)
+
+
+def token(of: Server, address: Address, nonce: int, now: float) -> bytes:
+    frame = decode(of.receive(address, encode(Hello(nonce, "")), now))
+    assert isinstance(frame, Challenge)
+    return frame.token
+
+
+def begin(of: Server, address: Address, nonce: int, now: float) -> Welcome | Refuse:
+    return decode(of.receive(address, encode(Request(nonce, token(of, address, nonce, now), "")), now))
+
+
+def test_a_network_is_an_ipv4_address_or_a_prefix_of_ipv6():
+    def alike(one: str, other: str) -> bool:
+        return network_of((one, 1)) == network_of((other, 2, 0, 0))
+
+    assert alike("192.0.2.1", "192.0.2.1")
+    assert alike("192.0.2.1", "::ffff:192.0.2.1")
+    assert not alike("192.0.2.1", "192.0.2.2")
+    assert alike("2001:db8::1", "2001:db8::ffff:ffff:ffff:ffff")
+    assert alike("fe80::1%eth0", "fe80::2%eth0")
+    assert not alike("2001:db8::1", "2001:db8:0:1::1")
+    assert not alike("::1", "127.0.0.1")
+    assert [network_of(address) for address in ("client", 7, ("pipe", 1), ())] == ["client", 7, "pipe", ()]
+
+
+@pytest.mark.parametrize("host", ["192.0.2.{}", "2001:db8::{}"])
+def test_one_network_holds_its_share_of_the_places_whatever_its_ports(host: str):
+    serving, taken = server(), Counter[type]()
+    for port in range(200):
+        mine = host.format(1 if "." in host else hex(port)[2:])
+        taken[type(begin(serving, (mine, port), port, 0.0))] += 1
+    assert taken == {Welcome: 4, Refuse: 196}
+    assert serving.num_transfers == 4
+    assert isinstance(begin(serving, ("198.51.100.9", 5), 5, 0.0), Welcome)
+
+
+def test_all_networks_together_get_no_more_places_than_there_are():
+    serving = server()
+    answers = [begin(serving, (f"192.0.2.{n}", 1), n, 0.0) for n in range(100)]
+    assert sum(isinstance(answer, Welcome) for answer in answers) == serving.num_transfers == 64
+
+
+def test_a_token_begins_one_transfer():
+    serving, here = server(), ("192.0.2.1", 1)
+    request = encode(Request(7, token(serving, here, 7, 0.0), ""))
+    welcome = decode(serving.receive(here, request, 0.0))
+    serving.receive(here, encode(Bye(welcome.session)), 0.1)
+    for tenths in range(2, 200):
+        assert serving.receive(here, request, tenths / 10) is None
+    assert (serving.num_served, serving.num_transfers) == (1, 0)
+
+
+def test_a_network_begins_so_many_transfers_a_minute():
+    serving, nonces = server(), iter(range(10_000))
+
+    def begun(host: str, start: float) -> int:
+        count = 0
+        for n in range(60):
+            answer = begin(serving, (host, n), next(nonces), start + n / 10)
+            if isinstance(answer, Welcome):
+                count += 1
+                serving.receive((host, n), encode(Bye(answer.session)), start + n / 10)
+            else:
+                assert answer.reason == TOO_MANY
+        return count
+
+    assert begun("192.0.2.1", 0.0) == STARTS * LIMITS.per_network
+    assert begun("192.0.2.1", 30.0) == 0
+    assert begun("192.0.2.2", 30.0) == STARTS * LIMITS.per_network
+    assert begun("192.0.2.1", WINDOW_S + 1) == STARTS * LIMITS.per_network
+
+
+def test_repeated_requests_are_answered_seldom_and_not_after_a_report():
+    serving, here = server(), ("192.0.2.1", 1)
+    request = encode(Request(7, token(serving, here, 7, 0.0), ""))
+    answers = [serving.receive(here, request, n / 1000) for n in range(20_000)]
+    told = [answer for answer in answers if answer]
+    assert len(told) == MOST_WELCOMES
+    assert len([answer for answer in answers[:1000] if answer]) <= 1 + 1 / WELCOME_S
+    assert sum(map(len, told)) < 0.1 * len(request) * len(answers)
+    fresh = begin(serving, ("192.0.2.2", 1), 8, 0.0)
+    assert isinstance(fresh, Welcome)
+    serving.receive(("192.0.2.2", 1), encode(Feedback(fresh.session, 0, 0, 0, 3)), 0.1)
+    again = encode(Request(8, token(serving, ("192.0.2.2", 1), 8, 0.0), ""))
+    assert [serving.receive(("192.0.2.2", 1), again, 0.2 * n) for n in range(2, 40)] == [None] * 38
+
+
+def test_a_client_that_had_its_share_makes_room():
+    serving, here = server(ServerLimits(fixed_rate=1e8)), ("192.0.2.1", 1)
+    session, sent, now = begin(serving, here, 1, 0.0).session, 0, 0.0
+    while serving.num_transfers and now < 60:
+        now += 0.06
+        serving.receive(here, encode(Feedback(session, 0, 0, 0, 1000, tuple(range(12)))), now)
+        sent += sum(len(data) for _, data in serving.poll(now, most=1000))
+    assert now < 60
+    assert sent < 4.1 * sum(PROGRAM.sizes().values()) + 200_000
+
+
+def test_the_starts_of_many_networks_take_bounded_memory():
+    starts = Starts(8)
+    for n in range(3 * MOST_NETWORKS):
+        if n == 2 * MOST_NETWORKS:
+            tracemalloc.start()
+        starts.note(n, n, 0.0)
+    assert tracemalloc.get_traced_memory()[0] < 1_000 * MOST_NETWORKS
+    tracemalloc.stop()
+    assert [starts.seen(n, n) for n in (0, 3 * MOST_NETWORKS - 1)] == [False, True]
+    assert len(starts._networks) == MOST_NETWORKS
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_three_greedy_machines_leave_room_for_others(seed: int):
+    """Greetings, replays, reports and farewells at random from 600 ports of three machines, for two minutes."""
+    rng, serving, said = random.Random(seed), server(), list[tuple[Address, bytes]]()
+    hosts = ("192.0.2.1", "192.0.2.2", "2001:db8::1")
+    asked, answered, sent, begun, now = Counter[str](), Counter[str](), Counter[str](), Counter[str](), 0.0
+    sessions: list[tuple[Address, int]] = []
+    for _ in range(12_000):
+        now += 0.01
+        here = (rng.choice(hosts), rng.randrange(200))
+        kind, nonce = rng.random(), rng.randrange(1 << 32)
+        if kind < 0.3 and said:
+            here, data = rng.choice(said[-500:])
+        elif kind < 0.6 or not sessions:
+            data = encode(Request(nonce, token(serving, here, nonce, now), ""))
+            said.append((here, data))
+        else:
+            here, session = rng.choice(sessions[-50:])
+            report = Feedback(session, 0, 0, 0, rng.randrange(9), tuple(rng.sample(range(12), 9)))
+            data = encode(Bye(session) if rng.random() < 0.1 else report)
+        asked[here[0]] += len(data)
+        answer = serving.receive(here, data, now)
+        if answer is not None:
+            answered[here[0]] += len(answer)
+            frame = decode(answer)
+            if isinstance(frame, Welcome) and (here, frame.session) not in sessions:
+                sessions.append((here, frame.session))
+                begun[here[0]] += 1
+        for address, datagram in serving.poll(now):
+            sent[address[0]] += len(datagram)
+        mine = Counter(address[0] for address, _ in serving._transfers)
+        assert max(mine.values(), default=0) <= LIMITS.per_network
+    one_pass = sum(PROGRAM.sizes().values())
+    for host in hosts:
+        assert begun[host] <= 3 * STARTS * LIMITS.per_network
+        assert answered[host] < asked[host]
+        assert sent[host] <= begun[host] * (LIMITS.passes * one_pass + 102_000)
+    assert isinstance(begin(serving, ("198.51.100.1", 1), 1, now), Welcome)
