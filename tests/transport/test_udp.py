@@ -9,7 +9,7 @@ import pytest
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream
-from splatwire.transport import PacketArrived, Protection, Receiver, ReceiverOptions, ServerLimits, make_program
+from splatwire.transport import Event, PacketArrived, Protection, Receiver, ReceiverOptions, ServerLimits, make_program
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.page import PageServer
 from splatwire.transport.udp import UdpServer, receive_udp
@@ -111,9 +111,13 @@ def test_nobody_there_is_told_at_once():
 def test_what_arrived_before_somebody_ended_it_stays():
     async def work() -> None:
         server, stop = served(STREAM, limits=ServerLimits(fixed_rate=1.5e5)), asyncio.get_running_loop().create_future()
-        asyncio.get_running_loop().call_later(1.5, stop.set_result, None)
+
+        def note(event: Event) -> None:
+            if isinstance(event, PacketArrived) and not stop.done():
+                stop.set_result(None)
+
         try:
-            receiver = await receive_udp(Address("127.0.0.1", server.port), ReceiverOptions(), stop=stop)
+            receiver = await receive_udp(Address("127.0.0.1", server.port), ReceiverOptions(), note, stop=stop)
         finally:
             server.close()
         assert receiver.finished.reason == "stopped"
