@@ -29,17 +29,17 @@ from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.data import open_dataset
-from splatwire.evaluate.damage import LossyPictures, known_anchors, offer_of, packet_members
 from splatwire.evaluate.views import spread
 from splatwire.model.scene_file import load_scene
 from splatwire.packets import PRESETS, SceneStream, read_stream
+from splatwire.plan.candidates import Search, arrival_within, plain_candidates
+from splatwire.plan.damage import BLANK_PSNR
+from splatwire.plan.measure import LossyPictures, known_anchors, offer_of, packet_members
+from splatwire.plan.outline import StreamLoad, draw_losses, outline_transfer
+from splatwire.plan.planner import HEAD_TRIALS, losses, plan_protection
 from splatwire.render.importance import footprint_importance
 from splatwire.train.calibrate_preview import preview_for_scene
 from splatwire.train.calibrate_render import SketchViews
-from splatwire.transport.candidates import Search, arrival_within, plain_candidates
-from splatwire.transport.damage import BLANK_PSNR
-from splatwire.transport.outline import StreamLoad, draw_losses, outline_transfer
-from splatwire.transport.planner import HEAD_TRIALS, losses, plan_protection
 from splatwire.transport.preview import stream_preview
 from splatwire.transport.protection import Protection
 

@@ -26,13 +26,13 @@ from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.tiers import arrange_stream
 from splatwire.conceal.sketch import SECTION
-from splatwire.evaluate.damage import LossyPictures
 from splatwire.packets import PRESETS, SceneStream
+from splatwire.plan.measure import LossyPictures
+from splatwire.plan.outline import draw_losses
+from splatwire.plan.planner import plan_protection
 from splatwire.render.importance import footprint_importance
 from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
 from splatwire.train.gnn_data import calibration_data
-from splatwire.transport.outline import draw_losses
-from splatwire.transport.planner import plan_protection
 
 PAK_TIERS = (0.02, 0.05, 0.1, 0.2)
 PLANNED = 12

@@ -27,8 +27,8 @@ from protection import scene_parser, sketches
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, encode_scene
 from splatwire.conceal.sketch import SECTION
-from splatwire.evaluate.damage import LossyPictures, known_anchors
 from splatwire.packets import PRESETS, SceneStream
+from splatwire.plan.measure import LossyPictures, known_anchors
 from splatwire.transport import Protection, ServerLimits, make_program
 from splatwire.transport.program import Program
 

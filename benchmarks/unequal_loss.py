@@ -19,10 +19,10 @@ from frontier import TIERS, Bench
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import AnchorContext, Concealed, Concealer, Drop, Grow, conceal, create_concealer
 from splatwire.conceal.grow import lost_share
-from splatwire.evaluate.damage import known_anchors, packet_members, without
 from splatwire.packets import PRESETS
+from splatwire.plan.measure import known_anchors, packet_members, without
+from splatwire.plan.outline import StreamLoad
 from splatwire.render import iterate_views
-from splatwire.transport.outline import StreamLoad
 
 
 @dataclass(frozen=True)

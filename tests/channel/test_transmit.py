@@ -3,9 +3,9 @@ import json
 import numpy as np
 import pytest
 
-from splatwire.channel import Bernoulli, GilbertElliott, Nothing, parse_loss, send_sequence, transmit
+from splatwire.channel import Bernoulli, GilbertElliott, Nothing, parse_loss, transmit
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets import Packet, Packetization, PacketPlan, SceneStream, TierShape, make_stream
+from splatwire.packets import Packet, Packetization, PacketPlan, SceneStream, TierShape, make_stream, send_sequence
 
 
 def build(num_anchors: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] = (), **packetization) -> SceneStream:

@@ -1,7 +1,12 @@
+import json
+
 import pytest
-import tyro
 
 from splatwire.cli.serve import Serve
+from splatwire.errors import InvalidValueError, UnsupportedVersionError
+from splatwire.packets import read_stream
+from splatwire.plan.plan_file import MOST_BYTES, plan_content, read_plan
+from splatwire.transport import Protection, make_program
 
 
 @pytest.fixture
@@ -12,29 +17,86 @@ def datagrams(run, journey, tmp_path):
     return target
 
 
-def test_plan_gives_options_that_serve_understands(run, datagrams):
-    words = ("--loss", "bernoulli:0.2", "--budget", 2.5, "--views", 1, "--trials", 5, "--json")
-    content = run("plan", datagrams, *words).json
+def test_serve_takes_what_plan_wrote(run, datagrams, tmp_path):
+    target = tmp_path / "plans" / "plan.json"
+    words = ("--loss", "bernoulli:0.2", "--budget", 2.5, "--views", 1, "--trials", 5, "-o", target)
+    content = run("plan", datagrams, *words, "--json").json
     assert content["head_arrives"] > 0.9
     assert len(content["lost"]) == 2
     assert content["sent_bytes"] <= content["budget_bytes"] == 2.5 * content["plain_bytes"]
-    assert content["options"].startswith("--side-repair ")
-    words = [str(datagrams), *content["options"].split()]
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes)
-    settings = tyro.cli(Serve, args=words, config=config)
-    assert settings.side_repair == pytest.approx(content["protection"]["side_repair"], abs=1e-3)
+    assert json.loads(target.read_text()) == content
+    serve = Serve((str(datagrams),), plan=target)
+    protection, planned = serve.protection()
+    stream = read_stream(datagrams)[0]
+    assert planned == stream.manifest.stream_id
+    assert {**content["protection"], "tier_repair": tuple(content["protection"]["tier_repair"])} == vars(protection)
+    (program,) = serve._programs(protection, planned).values()
+    assert program.schedule == make_program(stream, protection).schedule
+    told = run("plan", datagrams, *words).out
+    assert f"splatwire serve {datagrams} --plan {target}" in told
+
+
+def test_a_plan_for_another_stream_and_one_beside_other_wishes_are_refused(run, journey, datagrams, tmp_path):
+    target = tmp_path / "plan.json"
+    target.write_text(json.dumps(plan_content(Protection(), 7, {})))
+    assert "is for the stream 00000007" in run("serve", datagrams, "--plan", target).err
+    for words in (("--side-repair", 0.1), ("--protect", "tier0=0.1")):
+        assert "give one or the other" in run("serve", datagrams, "--plan", target, *words).err
+    assert "No such file" in run("serve", datagrams, "--plan", tmp_path / "none.json").err
+
+
+@pytest.mark.parametrize(
+    "protection",
+    [Protection(), Protection(0.1, 0.5, 80, 0.02, (0.5, 0.1), 0.8, 0.3, 0.25, 0.5), Protection(side_symbol_bytes=64)],
+)
+def test_a_plan_reads_back_as_it_was(protection):
+    content = plan_content(protection, 0xFEED, {"psnr": 30.0})
+    assert read_plan(json.dumps(content).encode(), "plan.json") == (protection, 0xFEED)
+
+
+def test_what_is_no_plan_is_told_in_one_line():
+    good = plan_content(Protection(), 7, {})
+
+    def refused(change, told, kind=InvalidValueError):
+        data = change if isinstance(change, bytes) else json.dumps({**good, **change}).encode()
+        with pytest.raises(kind, match=told) as error:
+            read_plan(data, "plan.json")
+        assert len(str(error.value)) < 300
+        assert "plan.json" in str(error.value)
+
+    def protected(**values):
+        return {"protection": {**good["protection"], **values}}
+
+    for data in (b"", b"7", b"[]", b"{}", b"\xff", b"[" * 60_000, b" " * (MOST_BYTES + 1), b'{"format": 1}'):
+        refused(data, "is no plan")
+    refused(json.dumps(good).encode()[:-9], "is no plan")
+    refused({"version": 2}, "version 2", UnsupportedVersionError)
+    refused({"version": [[]] * 99}, "of version", UnsupportedVersionError)
+    for wrong in (None, 7, "7", "0000000g", "000000007"):
+        refused({"stream_id": wrong}, "8 hexadecimal digits")
+    refused({"protection": 3}, "must have")
+    refused(protected(more=1), "must have")
+    refused({"protection": {"side_repair": 0.1}}, "must have")
+    for wrong in (None, "1", True, [1], float("nan"), float("inf")):
+        refused(protected(side_repair=wrong), "side_repair is no number")
+    refused(json.dumps({**good, **protected(side_repair="X")}).encode().replace(b'"X"', b"9" * 5000), "no number")
+    refused(protected(side_repair=-1), "from 0 to")
+    refused(protected(tier_repair=[0.1] * 9), "at most 8")
+    refused(protected(tier_repair=[None]), "tier_repair is no number")
+    refused(protected(tier_repair=[3.0]), "from 0 to")
+    refused(protected(side_symbol_bytes=80.5), "no whole number")
+    refused(protected(side_symbol_bytes=81), "multiple of")
+    refused(protected(resend=5), "from 0 to")
 
 
 def test_with_a_way_back_the_plan_says_what_is_sent_again(run, datagrams):
     words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--way-back")
     whole, part = (run("plan", datagrams, *words, "--budget", budget).json for budget in (2.0, 1.25))
-    assert whole["protection"]["resend_until"] == 1.0
+    assert whole["protection"] == {**vars(Protection(0.0, 0.3, resend=4.0)), "tier_repair": []}
     assert whole["lost"] == [0.0, 0.0]
-    assert whole["options"] == "--side-repair 0.000 --side-lead 0.3 --resend 4"
     assert 0 < part["protection"]["resend_until"] < 1
     assert part["lost"][0] < part["lost"][1]
     assert part["sent_bytes"] <= part["budget_bytes"]
-    assert part["options"].endswith(f"--resend-until {part['protection']['resend_until']:.6g}")
     outcome = run("plan", datagrams, *words, "--most-protection", 0.001)
     assert "needs more than 0.1% of all bytes" in outcome.err
 

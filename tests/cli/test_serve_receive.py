@@ -157,7 +157,6 @@ def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.
         (("receive", url, "-o", str(tmp_path / "a.swz"), "--deadline", "soon"), "is not a time"),
         (("serve", str(paper)), "--preset datagram"),
         (("serve", str(paper), "--port", "70000"), "a port is a number"),
-        (("serve", str(paper), "--parity", "much"), "is not a tier of parity"),
         (("serve", str(paper), "--protect", "tier9=1"), "is not parity for a tier"),
         (("serve", str(paper), "--protect", "tier0=1", "tier0=1"), "is not parity for a tier"),
         (("serve", str(paper), "--page", "0"), "are for --quic"),
@@ -179,13 +178,14 @@ def test_times():
 
 
 def test_a_folder_of_packets_is_served_under_its_name(stream_file: Path, tmp_path: Path):
-    from splatwire.cli.serve import load_program, stream_name
+    from splatwire.cli.serve import Serve, stream_name
     from splatwire.transport import Protection
 
     folder = tmp_path / "scene"
     write_stream(read_stream(stream_file)[0], folder)
     assert stream_name(str(folder)) == "scene"
-    assert load_program(str(folder), Protection()).packets == load_program(str(stream_file), Protection()).packets
+    one, other = (Serve((str(path),))._programs(Protection()) for path in (folder, stream_file))
+    assert one["scene"].packets == other["tiny"].packets
 
 
 def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -221,10 +221,8 @@ def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: p
 
 def test_tiers_on_the_command_line():
     from splatwire.cli.serve import Serve, parse_tiers
+    from splatwire.transport import Protection
 
     assert parse_tiers(["tier2=0.5", "tier0=1"]) == (1.0, 0.0, 0.5)
-    protection = Serve(
-        ("x.swz",), protect=("tier0=0.4",), side_symbol=128, parity_until=0.5, tier_spread=0.7
-    ).protection()
-    assert protection.tier_spread == 0.7
-    assert (protection.tier_repair, protection.side_symbol_bytes, protection.parity_until) == ((0.4,), 128, 0.5)
+    assert Serve(("x.swz",), protect=("tier0=0.4",)).protection() == (Protection(tier_repair=(0.4,)), None)
+    assert Serve(("x.swz",), side_repair=0.1).protection() == (Protection(side_repair=0.1), None)

@@ -8,6 +8,7 @@ import pytest
 
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import Packet, Packetization, PacketPlan, make_stream, packet_from_bytes
+from splatwire.plan.outline import StreamLoad, outline_transfer
 from splatwire.transport import (
     Finished,
     PacketArrived,
@@ -18,14 +19,12 @@ from splatwire.transport import (
     Server,
     ServerLimits,
     SideInfoArrived,
-    Tier,
     Welcomed,
     make_program,
 )
 from splatwire.transport.layout import head_object, split_head_object
-from splatwire.transport.outline import StreamLoad, outline_transfer
 from splatwire.transport.preview import FIXED_SECTIONS, SECTION, stream_preview
-from splatwire.transport.transfer import Transfer
+from splatwire.transport.transfer import ServerTransfer
 from splatwire.transport.wire import (
     DATA,
     MAX_PREVIEW,
@@ -86,11 +85,11 @@ def test_without_nack_everything_is_sent_once():
 
 
 def test_parity_brings_the_first_tier_back():
-    protection = Protection(tiers=(Tier(0.3, 0.6),))
+    stream, protection = tiered_stream(), Protection(side_lead=0.1, tier_repair=(0.9,))
     result = transfer(
-        STREAM, protection=protection, down=Link(bernoulli(0.2, random.Random(6))), options=ReceiverOptions(nack=False)
+        stream, protection=protection, down=Link(bernoulli(0.2, random.Random(6))), options=ReceiverOptions(nack=False)
     )
-    program = make_program(STREAM, protection)
+    program = make_program(stream, protection)
     first = set(program.packets[: program.tiers[0].num_packets])
     have = result.receiver.collector
     assert have.missing(0, program.tiers[0].num_packets) == []
@@ -99,7 +98,7 @@ def test_parity_brings_the_first_tier_back():
     assert len(first) == program.tiers[0].num_packets
     repaired = [event.packet for event in result.events if isinstance(event, PacketArrived) and event.repaired]
     assert 0 < len(repaired) <= have.num_repaired
-    assert set(result.receiver.stream().packets) <= set(STREAM.packets)
+    assert set(result.receiver.stream().packets) <= set(stream.packets)
 
 
 def test_a_deadline_is_kept_and_leaves_what_arrived():
@@ -264,7 +263,7 @@ def test_what_cannot_be_served_is_said():
     )  # fmt: skip
     with pytest.raises(InvalidValueError, match="--preset datagram"):
         make_program(paper)
-    for wrong in ({"side_repair": 3.0}, {"tiers": (Tier(0.6, 0.1), Tier(0.6, 0.1))}, {"tiers": (Tier(0.5, 3.0),)}):
+    for wrong in ({"side_repair": 3.0}, {"head_share": 1.1}, {"tier_repair": (0.5, 3.0)}):
         with pytest.raises(InvalidValueError):
             Protection(**wrong)
 
@@ -292,11 +291,6 @@ def test_the_streams_own_tiers_travel_in_order_and_tier_0_survives():
 def test_parity_for_tiers_that_are_not_there_is_refused():
     with pytest.raises(InvalidValueError, match="encode with --tiers"):
         make_program(STREAM, Protection(tier_repair=(0.4, 0.1)))
-    with pytest.raises(InvalidValueError, match="not by both"):
-        Protection(tiers=(Tier(0.1, 0.2),), tier_repair=(0.1,))
-    stream = tiered_stream()
-    with pytest.raises(InvalidValueError, match="mixes tiers"):
-        make_program(stream, Protection(tier_repair=(0.4,)), order=stream.packets[::-1])
 
 
 def test_packets_in_the_head_object_survive_with_it():
@@ -372,7 +366,7 @@ def test_one_address_cannot_take_all_places():
 def test_what_is_sent_again_of_the_head_is_news():
     """Symbols that no schedule had come first; what a client has already would mostly be sent in vain."""
     program = make_program(STREAM, Protection(side_repair=0.1))
-    run = Transfer(program, 7, ServerLimits(fixed_rate=1e9), 0.0)
+    run = ServerTransfer(program, 7, ServerLimits(fixed_rate=1e9), 0.0)
     sent: list[tuple[int, int]] = []
 
     def polled(now: float) -> None:

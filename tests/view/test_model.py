@@ -15,14 +15,13 @@ from splatwire.conceal import conceal, concealer_names
 from splatwire.data import load_cameras
 from splatwire.errors import DesyncError, InvalidValueError, UnknownNameError
 from splatwire.metrics import psnr
-from splatwire.packets import Packetization, SceneStream, read_stream
+from splatwire.packets import Packetization, SceneStream, read_stream, send_sequence
 from splatwire.render import render_scene
 from splatwire.view import ProgressiveScene, plan_transfer
 from splatwire.view.looks import Look, Pace, first_look, heat
 from splatwire.view.model import LAYERS, Settings, Status, Viewer
 from splatwire.view.panel import status_text
 from splatwire.view.sources import FileSource, LiveSource
-from splatwire.view.transfer import sending_order
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +141,7 @@ def test_important_tiers_are_sent_first():
     scene = tiny_scene(seed=2, num_anchors=400)
     tiers = (torch.rand(400, generator=torch.Generator().manual_seed(0)) > 0.2).to(torch.uint8)
     stream = encode_scene(scene, Packetization(block_size=100, lanes=4), tiers=tiers)
-    order = [stream.manifest.plan.tier_of(packet.id.block) for packet in sending_order(stream)]
+    order = [stream.manifest.plan.tier_of(packet.id.block) for packet in send_sequence(stream, "tiers")]
     assert order == sorted(order)
     assert len(set(order)) == 2
 

@@ -1,11 +1,10 @@
 """The channel: maps a stream to a stream with fewer packets. numpy and the standard library only."""
 
 from splatwire.channel.loss_models import LOSS_PRESETS, Bernoulli, GilbertElliott, LossModel, Nothing, Trace, parse_loss
-from splatwire.channel.transmit import SEND_ORDERS, TransmitRecord, send_sequence, transmit
+from splatwire.channel.transmit import TransmitRecord, transmit
 
 __all__ = [
     "LOSS_PRESETS",
-    "SEND_ORDERS",
     "Bernoulli",
     "GilbertElliott",
     "LossModel",
@@ -13,6 +12,5 @@ __all__ = [
     "Trace",
     "TransmitRecord",
     "parse_loss",
-    "send_sequence",
     "transmit",
 ]

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 
 from splatwire.channel.loss_models import LossModel
-from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets import Packet, SceneStream
-
-SEND_ORDERS = ("interleaved", "block", "tiers")
+from splatwire.errors import InvalidValueError
+from splatwire.packets import Packet, SceneStream, send_sequence
 
 
 @dataclass(frozen=True)
@@ -20,7 +18,7 @@ class TransmitRecord:
         loss: The loss model, as `parse_loss` reads it.
         unit: What was lost as one: `pak`, or `datagram` where packets are cut to fit one.
         seed: Seed of the mask.
-        send_order: One of `SEND_ORDERS`.
+        send_order: One of `splatwire.packets.SEND_ORDERS`.
         num_sent: Packets sent.
         num_lost: Packets lost.
         num_lost_anchors: Anchors that lost at least one packet.
@@ -61,9 +59,7 @@ def transmit(
         stream: What is sent.
         loss: Which packets are lost.
         seed: Seed of the mask.
-        send_order: `interleaved`: lane 0 of all blocks, then lane 1, ..., so that a burst takes packets of different
-            blocks; `block`: all lanes of block 0, then block 1, ..., where a burst can wipe out a block; `tiers`: as
-            `interleaved`, but all of the more important tier before the next one.
+        send_order: One of `splatwire.packets.SEND_ORDERS`, which `splatwire.packets.send_sequence` explains.
 
     Returns:
         The stream with the packets that arrived, and what happened.
@@ -94,21 +90,6 @@ def transmit(
         lost=tuple(packet.id.filename for packet in lost),
     )
     return stream.with_packets(kept), record
-
-
-def send_sequence(stream: SceneStream, send_order: str) -> list[Packet]:
-    """Packets of a stream in the order in which they are sent.
-
-    Raises:
-        UnknownNameError: If there is no such order.
-    """
-    if send_order not in SEND_ORDERS:
-        raise UnknownNameError("send order", send_order, SEND_ORDERS)
-    if send_order == "block":
-        return list(stream.packets)
-    plan = stream.manifest.plan
-    tier_of = [plan.tier_of(block) if send_order == "tiers" else 0 for block in range(plan.num_blocks)]
-    return sorted(stream.packets, key=lambda p: (tier_of[p.id.block], p.id.lane, p.id.part, p.id.block))
 
 
 def _num_anchors(packets: list[Packet]) -> int:

@@ -1,12 +1,13 @@
 """`splatwire plan`: where redundancy pays for a given channel and budget."""
 
+import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import input_path
+from splatwire.cli._files import input_path, prepared_output
 from splatwire.cli._output import JsonFlag, print_json, progress_bars
 from splatwire.errors import InvalidValueError
 
@@ -16,18 +17,20 @@ if TYPE_CHECKING:
     from splatwire.channel import LossModel
     from splatwire.model import PartialScene
     from splatwire.packets import SceneStream
+    from splatwire.plan.damage import Offer
+    from splatwire.plan.planner import Plan
     from splatwire.scene import Cameras
-    from splatwire.transport.damage import Offer
-    from splatwire.transport.planner import Plan
 
 
 @dataclass(frozen=True)
 class PlanCommand:
-    """Split a budget of bytes between side information, tiers of importance and nothing; prints options for serve."""
+    """Split a budget of bytes between side information, tiers of importance and nothing, for `serve --plan`."""
 
     streams: tyro.conf.Positional[list[str]]
     """Complete stream of the preset datagram, best encoded with --tiers; - for standard input. Several streams of one
     scene compete: without tiers, with tiers, with a sketch."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Plan to write, a JSON object that `serve --plan` takes."""
     loss: str = "bernoulli:0.2"
     """Channel, in datagrams: bernoulli:RATE, gilbert:RATE,BURST, ..."""
     budget: float = 1.3
@@ -58,7 +61,8 @@ class PlanCommand:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.channel import parse_loss
-        from splatwire.transport.outline import outline_transfer
+        from splatwire.plan.outline import outline_transfer
+        from splatwire.plan.plan_file import plan_content
         from splatwire.transport.protection import Protection
 
         if not self.streams:
@@ -71,19 +75,22 @@ class PlanCommand:
             plain = min(int(outline.num_bytes.sum()) for outline in bare)
             budget = self._budget_bytes(plain)
             plan = self._plan(offers, loss, budget, lambda share: report("planning", share))
-        content = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
-                   "budget_bytes": budget, "plain_bytes": plain, "stream": self.streams[plan.offer],
-                   "options": _options(plan)}  # fmt: skip
+        path, stream = self.streams[plan.offer], streams[plan.offer]
+        facts = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
+                 "budget_bytes": budget, "plain_bytes": plain, "stream": path}  # fmt: skip
+        content = plan_content(plan.protection, stream.manifest.stream_id, facts)
+        if self.output is not None:
+            prepared_output(self.output).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
         if self.json:
             print_json(content)
         else:
-            _print_plan(plan, content)
+            _print_plan(plan, f"splatwire serve {path} --plan {self.output or 'FILE (-o FILE writes it)'}")
 
     def _plan(
         self, offers: "list[Offer]", loss: "LossModel", budget: float, progress: "Callable[[float], None]"
     ) -> "Plan":
-        from splatwire.transport.planner import plan_protection
-        from splatwire.transport.way_back import plan_resending
+        from splatwire.plan.planner import plan_protection
+        from splatwire.plan.way_back import plan_resending
 
         if self.way_back:
             return plan_resending(
@@ -106,7 +113,7 @@ class PlanCommand:
         from splatwire.codec import decode_stream
         from splatwire.codec.sections import split_sections
         from splatwire.conceal.sketch import SECTION
-        from splatwire.evaluate.damage import LossyPictures, offer_of
+        from splatwire.plan.measure import LossyPictures, offer_of
 
         complete, sketch = decode_stream(stream), split_sections(stream.side_info)[1].get(SECTION, b"")
         pictures = LossyPictures(complete, self._cameras(complete), "sketch" if sketch else self.conceal)
@@ -137,29 +144,9 @@ def _read(path: str) -> "SceneStream":
     return stream
 
 
-def _options(plan: "Plan") -> str:
-    """The plan as options of `splatwire serve`."""
-    protection = plan.protection
-    words = [f"--side-repair {protection.side_repair:.3f}", f"--side-lead {protection.side_lead:.3g}"]
-    if protection.side_symbol_bytes is not None:
-        words.append(f"--side-symbol {protection.side_symbol_bytes}")
-    if protection.head_share:
-        words.append(f"--head-share {protection.head_share:.6g}")
-    if protection.tier_spread:
-        words.append(f"--tier-spread {protection.tier_spread:.3f}")
-    if protection.parity_until < 1:
-        words.append(f"--parity-until {protection.parity_until:.3f}")
-    if protection.resend is not None:
-        words.append(f"--resend {protection.resend:.6g}")
-    if protection.resend_until < 1:
-        words.append(f"--resend-until {protection.resend_until:.6g}")
-    tiers = [f"tier{tier}={repair:.3f}" for tier, repair in enumerate(protection.tier_repair) if repair]
-    return " ".join(words + (["--protect", *tiers] if tiers else []))
-
-
-def _print_plan(plan: "Plan", content: dict[str, Any]) -> None:
+def _print_plan(plan: "Plan", how: str) -> None:
     lost = ", ".join(f"{share:.1%}" for share in plan.lost)
     print(f"expected {plan.psnr:.2f} dB; side information arrives in {plan.head_arrives:.1%} of transfers")
     print(f"anchors lost, tier by tier: {lost}")
     print(f"protection {plan.protection_share:.1%} of all bytes; {plan.sent_bytes:,} bytes sent within the budget")
-    print(f"splatwire serve {content['stream']} {content['options']}")
+    print(how)

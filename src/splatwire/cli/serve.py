@@ -49,29 +49,13 @@ class Serve:
     """With --quic: web pages that may open sessions, e.g. https://example.org; none named lets all."""
     idle: float = 5.0
     """A client that says nothing for so many seconds is forgotten."""
-    side_repair: float = 0.35
-    """Repair symbols for each symbol of the side information."""
-    side_symbol: int | None = None
-    """Bytes of a symbol of the side information, a multiple of 8; without it chosen by its size."""
-    side_lead: float = 0.4
-    """Share of the packets that the side information is sent between."""
-    head_share: float = 0.0
-    """Share of the packets, the first in sending order, that travel with the side information, under its repair."""
-    parity: tuple[str, ...] = ()
-    """Parity over packets, tier by tier in sending order: SHARE:REPAIR, e.g. 0.2:0.5."""
+    plan: Path | None = None
+    """Where redundancy goes, as `splatwire plan -o FILE` wrote it for this stream."""
+    side_repair: float | None = None
+    """Without --plan: repair symbols for each symbol of the side information; 0.35 where absent."""
     protect: tuple[str, ...] = ()
-    """Parity over the tiers of a stream that was encoded with --tiers: tierN=REPAIR, e.g. tier0=0.4 (instead of
-    --parity); tier 0 travels first unless --tier-spread."""
-    parity_until: float = 1.0
-    """Parity of a tier leaves between its middle and this share of the packets."""
-    tier_spread: float = 0.0
-    """How far tiers overlap in time: 0 sends one after the other, 1 mixes them evenly over the whole transfer."""
-    resend: float | None = None
-    """Most bytes that are sent again because a client asks, as a share of the stream: side information (always), then
-    the most important packets. Without it whatever is asked for is sent again."""
-    resend_until: float = 1.0
-    """Share of the packets, the first in sending order (of a stream with tiers the most important ones), that are sent
-    again at all."""
+    """Without --plan: repair symbols for each packet of a tier: tierN=REPAIR, e.g. tier0=0.4. A stream that was encoded
+    without --tiers is tier 0."""
     clients: int = 256
     """Most clients at once."""
     clients_per_address: int = 16
@@ -89,16 +73,17 @@ class Serve:
             raise InvalidValueError("--certificate, --key, --page and --origins are for --quic")
         if self.page is not None and not 0 <= self.page < 1 << 16:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.page} is not")
-        protection, _ = self.protection(), self.limits()  # mistakes are told before streams are read
-        asyncio.run(self._serve(self._programs(protection)))
+        (protection, planned), _ = self.protection(), self.limits()  # mistakes are told before streams are read
+        asyncio.run(self._serve(self._programs(protection, planned)))
 
-    def _programs(self, protection: "Protection") -> "dict[str, Program]":
+    def _programs(self, protection: "Protection", planned: int | None = None) -> "dict[str, Program]":
         """What is served, by name.
 
         Raises:
-            InvalidValueError: If two streams have one name.
+            InvalidValueError: If two streams have one name, or the plan is for another stream.
         """
         from splatwire.errors import InvalidValueError
+        from splatwire.packets import read_stream
 
         named: dict[str, str] = {}
         for path in self.streams:
@@ -107,32 +92,33 @@ class Serve:
                 raise InvalidValueError(
                     f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
                 )
-        if not named:
-            return {Path(BUNDLED_SCENE).stem: program_of(bundled_datagrams(), protection)}
-        return {name: load_program(path, protection) for name, path in named.items()}
+        streams = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
+        streams = streams or {Path(BUNDLED_SCENE).stem: ("the bundled scene", bundled_datagrams())}
+        for path, stream in streams.values():
+            if planned is not None and stream.manifest.stream_id != planned:
+                raise InvalidValueError(
+                    f"{self.plan} is for the stream {planned:08x}, and {path} is "
+                    f"{stream.manifest.stream_id:08x}: plan for it"
+                )
+        return {name: program_of(stream, protection) for name, (_, stream) in streams.items()}
 
-    def protection(self) -> "Protection":
-        """Where redundancy goes.
+    def protection(self) -> "tuple[Protection, int | None]":
+        """Where redundancy goes, and the id of the stream that it was planned for, if it was.
 
         Raises:
-            InvalidValueError: If a number is out of range, or a tier is not SHARE:REPAIR.
+            InvalidValueError: If a number is out of range, something is no plan, or both are given.
         """
         from splatwire.errors import InvalidValueError
-        from splatwire.transport import Protection, Tier
+        from splatwire.plan.plan_file import MOST_BYTES, read_plan
+        from splatwire.transport import Protection
 
-        tiers = []
-        for text in self.parity:
-            try:
-                share, repair = map(float, text.split(":"))
-            except ValueError:
-                raise InvalidValueError(f"'{text}' is not a tier of parity such as 0.2:0.5") from None
-            tiers.append(Tier(share, repair))
-        return Protection(
-            side_repair=self.side_repair, side_lead=self.side_lead, side_symbol_bytes=self.side_symbol,
-            head_share=self.head_share, tiers=tuple(tiers), tier_repair=parse_tiers(self.protect),
-            parity_until=self.parity_until, tier_spread=self.tier_spread, resend=self.resend,
-            resend_until=self.resend_until,
-        )  # fmt: skip
+        if self.plan is None:
+            side_repair = Protection().side_repair if self.side_repair is None else self.side_repair
+            return Protection(side_repair=side_repair, tier_repair=parse_tiers(self.protect)), None
+        if self.side_repair is not None or self.protect:
+            raise InvalidValueError("--side-repair and --protect are what --plan decides: give one or the other")
+        with self.plan.open("rb") as file:
+            return read_plan(file.read(MOST_BYTES + 1), str(self.plan))
 
     def limits(self) -> "ServerLimits":
         """What is spent on clients.
@@ -244,20 +230,12 @@ def stream_name(path: str) -> str:
     return Path(path).resolve().name.removesuffix(FILE_SUFFIX)
 
 
-def load_program(path: str, protection: "Protection") -> "Program":
-    """Reads a stream and prepares it for sending.
+def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
+    """Prepares a stream for sending, with its preview.
 
     Raises:
         InvalidValueError: If it is incomplete, or its packets do not fit datagrams.
-        BitstreamError: If it cannot be read.
     """
-    from splatwire.packets import read_stream
-
-    return program_of(read_stream(Path(path))[0], protection)
-
-
-def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
-    """Prepares a stream for sending, with its preview."""
     from splatwire.transport import make_program
     from splatwire.transport.preview import stream_preview
 

@@ -9,6 +9,7 @@ from splatwire.packets.packet_id import PARTS, PacketId
 from splatwire.packets.packetization import PRESETS, Packetization
 from splatwire.packets.plan import PacketGroups, PacketPlan
 from splatwire.packets.scene_stream import SceneStream, make_stream, make_stream_id
+from splatwire.packets.send_order import SEND_ORDERS, send_sequence
 from splatwire.packets.sizes import StreamSizes, measure_sizes
 from splatwire.packets.splitmix64 import splitmix64
 from splatwire.packets.stream import read_stream, write_stream
@@ -18,6 +19,7 @@ __all__ = [
     "HEADER_BYTES",
     "PARTS",
     "PRESETS",
+    "SEND_ORDERS",
     "Arrangement",
     "Manifest",
     "Packet",
@@ -39,6 +41,7 @@ __all__ = [
     "packet_from_bytes",
     "packet_to_bytes",
     "read_stream",
+    "send_sequence",
     "shape_tiers",
     "splitmix64",
     "stream_from_bytes",

@@ -3,10 +3,10 @@
 from splatwire.transport.collect import ReceiverLimits
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
 from splatwire.transport.program import Program, make_program
-from splatwire.transport.protection import Protection, Tier
+from splatwire.transport.protection import Protection
 from splatwire.transport.receiver import Receiver, ReceiverOptions
 from splatwire.transport.sender import Server
-from splatwire.transport.transfer import ServerLimits, Transfer
+from splatwire.transport.transfer import ServerLimits, ServerTransfer
 
 __all__ = [
     "Event",
@@ -19,9 +19,8 @@ __all__ = [
     "ReceiverOptions",
     "Server",
     "ServerLimits",
+    "ServerTransfer",
     "SideInfoArrived",
-    "Tier",
-    "Transfer",
     "Welcomed",
     "make_program",
 ]

@@ -4,11 +4,10 @@ import functools
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets import Packet, SceneStream, packet_to_bytes
+from splatwire.packets import SceneStream, packet_to_bytes, send_sequence
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
 from splatwire.transport.layout import Segments, head_object, parity_groups
 from splatwire.transport.protection import (
@@ -18,7 +17,7 @@ from splatwire.transport.protection import (
     protected_tiers,
     tier_sizes,
 )
-from splatwire.transport.timetable import interleaved, timetable
+from splatwire.transport.timetable import timetable
 from splatwire.transport.wire import DATA_OVERHEAD, MAX_PREVIEW, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD, TierHead
 
 MAX_PACKET_BYTES = 1150
@@ -112,19 +111,12 @@ class Program:
         }
 
 
-def make_program(
-    stream: SceneStream,
-    protection: Protection | None = None,
-    *,
-    order: Sequence[Packet] | None = None,
-    preview: bytes = b"",
-) -> Program:
+def make_program(stream: SceneStream, protection: Protection | None = None, *, preview: bytes = b"") -> Program:
     """Prepares a stream for sending.
 
     Args:
         stream: The complete stream; its packets must fit datagrams.
         protection: Where redundancy goes.
-        order: Its packets in sending order; None interleaves blocks and lanes.
         preview: What the welcome shows of the scene (`splatwire.transport.preview.stream_preview`).
 
     Raises:
@@ -139,9 +131,7 @@ def make_program(
         )
     if len(preview) > MAX_PREVIEW:
         raise InvalidValueError(f"a preview of {len(preview):,} bytes: a welcome carries at most {MAX_PREVIEW}")
-    plan = manifest.plan
-    tier_of = [plan.tier_of(block) for block in range(plan.num_blocks)]
-    ordered = list(order) if order is not None else interleaved(stream.packets, tier_of)
+    ordered = send_sequence(stream, "tiers")
     packets = tuple(packet_to_bytes(packet, manifest.stream_id) for packet in ordered)
     largest = max(map(len, packets), default=0)
     if largest > MAX_PACKET_BYTES:
@@ -152,7 +142,7 @@ def make_program(
     data = head_object(manifest, stream.side_info, packets[:carried])
     symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
     head, scheduled = _head_symbols(data, symbol_bytes, protection)
-    members = [tier_of[packet.id.block] for packet in ordered]
+    members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
     tiers = protected_tiers(members, protection)
     parity = _parity(packets, tiers, framed_bytes(largest))
     return Program(

@@ -1,29 +1,15 @@
 """Where redundancy goes: what a sender may choose, and which runs of packets share a code."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, MAX_SYMBOLS, num_symbols
-from splatwire.transport.wire import MAX_DATAGRAM, MAX_TIERS, SIDE_OVERHEAD, TierHead
+from splatwire.transport.wire import MAX_DATAGRAM, SIDE_OVERHEAD, TierHead
 
 SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
 MIN_SYMBOL_BYTES = 64
 MOST_RESENT = 4.0
-
-
-@dataclass(frozen=True)
-class Tier:
-    """Protection of a share of the packets.
-
-    Attributes:
-        share: Of all packets, 0 to 1, in sending order.
-        repair: Repair symbols for each packet, 0 to 2.
-    """
-
-    share: float
-    repair: float
 
 
 @dataclass(frozen=True)
@@ -41,9 +27,8 @@ class Protection:
             there when it is, and under its repair. A small tier costs less there than under parity of its own, because
             the share that is lost of many symbols varies less than that of few; nothing is drawn before the head object
             is complete anyway.
-        tiers: Protection of the packets by their place in the sending order; what the shares leave over has no parity.
-        tier_repair: Instead of `tiers`, repair symbols for each packet of the stream's own tiers of importance, tier 0
-            (which travels first) first; tiers beyond have no parity.
+        tier_repair: Repair symbols for each packet of the stream's tiers of importance, tier 0 (which travels first)
+            first, 0 to 2; tiers beyond have no parity.
         parity_until: Parity of a tier leaves between its middle and this share of all packets (or its own end, if that
             is later), 0 to 1: small brings lost packets back soon, large survives longer bursts.
         tier_spread: How far tiers overlap in time: 0 sends one after the other, 1 mixes all of them evenly over the
@@ -58,14 +43,13 @@ class Protection:
             alone runs out in those that lose most and buys little in those that lose least.
 
     Raises:
-        InvalidValueError: If a number is out of range, or tiers are given in both ways.
+        InvalidValueError: If a number is out of range.
     """
 
     side_repair: float = 0.35
     side_lead: float = 0.4
     side_symbol_bytes: int | None = None
     head_share: float = 0.0
-    tiers: tuple[Tier, ...] = ()
     tier_repair: tuple[float, ...] = ()
     parity_until: float = 1.0
     tier_spread: float = 0.0
@@ -78,8 +62,6 @@ class Protection:
         checks += [("head_share", self.head_share, 1.0), ("resend", self.resend or 0.0, MOST_RESENT)]
         checks += [("resend_until", self.resend_until, 1.0)]
         checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
-        for tier in self.tiers:
-            checks += [("share of a tier", tier.share, 1.0), ("repair of a tier", tier.repair, 2.0)]
         for name, value, high in checks:
             if not 0.0 <= value <= high:
                 raise InvalidValueError(f"{name} must be from 0 to {high}, not {value}")
@@ -89,10 +71,6 @@ class Protection:
                 f"symbols of side information have a multiple of {ALIGNMENT} bytes from {MIN_SYMBOL_BYTES} to "
                 f"{SIDE_SYMBOL_BYTES}, not {size}"
             )
-        if self.tiers and self.tier_repair:
-            raise InvalidValueError("parity goes by place in the sending order or by the stream's tiers, not by both")
-        if sum(tier.share for tier in self.tiers) > 1 + 1e-9 or len(self.tiers) >= MAX_TIERS:
-            raise InvalidValueError("the tiers' shares add up to more than 1, or there are too many tiers")
 
     @property
     def limits_resending(self) -> bool:
@@ -109,55 +87,32 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierH
     """Protection of runs of packets; those in the head object, which come first, need no parity.
 
     Args:
-        tiers: Tier of importance of each packet, in sending order.
+        tiers: Tier of importance of each packet, in sending order: ascending.
         protection: Where redundancy goes.
 
     Raises:
-        InvalidValueError: If there is parity for tiers that the stream does not have, or an order that mixes them.
+        InvalidValueError: If there is parity for tiers that the stream does not have.
     """
-    carried = carried_packets(len(tiers), protection)
-    return _tier_heads([(carried, 0.0), *_runs(tiers, carried, protection)], len(tiers))
+    present, carried = max(tiers, default=0) + 1, carried_packets(len(tiers), protection)
+    if len(protection.tier_repair) > present:
+        raise InvalidValueError(
+            f"parity for {len(protection.tier_repair)} tiers, and the stream has {present}: encode with --tiers"
+        )
+    runs = [(tiers[carried:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
+    return _tier_heads([(carried, 0.0), *runs], len(tiers))
 
 
 def tier_sizes(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
     """Packets of each tier of importance outside of the head object; all in one unless tiers are spread.
 
     Args:
-        tiers: Tier of importance of each packet, in sending order.
+        tiers: Tier of importance of each packet, in sending order: ascending.
         protection: Whether tiers are spread.
-
-    Raises:
-        InvalidValueError: If tiers are to be spread in an order that mixes them already.
     """
     carried = carried_packets(len(tiers), protection)
     if not protection.tier_spread:
         return (len(tiers) - carried,)
-    if any(after < before for before, after in itertools.pairwise(tiers)):
-        raise InvalidValueError("the sending order mixes tiers already: there is nothing to spread")
     return tuple(tiers[carried:].count(tier) for tier in range(max(tiers, default=0) + 1))
-
-
-def _runs(tiers: Sequence[int], carried: int, protection: Protection) -> list[tuple[int, float]]:
-    """Runs of packets in sending order behind the carried ones: how many, and repair symbols for each of them.
-
-    Raises:
-        InvalidValueError: If there is parity for tiers that the stream does not have, or an order that mixes them.
-    """
-    if not protection.tier_repair:
-        edges, share = [0], 0.0
-        for tier in protection.tiers:
-            share += tier.share
-            edges.append(round(share * len(tiers)))
-        edges = [max(edge, carried) for edge in edges]
-        return [(stop - start, t.repair) for start, stop, t in zip(edges, edges[1:], protection.tiers, strict=False)]
-    present = max(tiers, default=0) + 1
-    if len(protection.tier_repair) > present:
-        raise InvalidValueError(
-            f"parity for {len(protection.tier_repair)} tiers, and the stream has {present}: encode with --tiers"
-        )
-    if any(after < before for before, after in itertools.pairwise(tiers)):
-        raise InvalidValueError("the sending order mixes tiers, so that they cannot be protected apart")
-    return [(tiers[carried:].count(tier), repair) for tier, repair in enumerate(protection.tier_repair)]
 
 
 def _tier_heads(runs: Sequence[tuple[int, float]], num_packets: int) -> tuple[TierHead, ...]:

@@ -7,7 +7,7 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Starts, network_of
 from splatwire.transport.program import Program
 from splatwire.transport.token import TokenMint
-from splatwire.transport.transfer import ServerLimits, Transfer
+from splatwire.transport.transfer import ServerLimits, ServerTransfer
 from splatwire.transport.wire import (
     TO_SERVER,
     Bye,
@@ -60,7 +60,7 @@ class Server:
         self._random = random
         self._limits = limits or ServerLimits()
         self._starts = Starts(STARTS * self._limits.per_network)
-        self._transfers: dict[Key, Transfer] = {}
+        self._transfers: dict[Key, ServerTransfer] = {}
         self._networks: dict[Key, Hashable] = {}
         self._sessions: dict[tuple[Hashable, int], Key] = {}
         self._due: list[tuple[float, int, Key]] = []
@@ -173,7 +173,7 @@ class Server:
         if mine >= self._limits.per_network or not self._starts.allowed(network, now):
             return TOO_MANY
         session = self._new_session(key[0])
-        self._transfers[key] = Transfer(self._programs[name], session, self._limits, now, reliable_head=reliable)
+        self._transfers[key] = ServerTransfer(self._programs[name], session, self._limits, now, reliable_head=reliable)
         self._sessions[(key[0], session)], self._networks[key] = key, network
         self._starts.note(network, key[1], now)
         self.num_served += 1

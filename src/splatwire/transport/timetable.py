@@ -2,19 +2,8 @@
 
 from collections.abc import Sequence
 
-from splatwire.packets import Packet
 from splatwire.transport.protection import Protection
 from splatwire.transport.wire import DATA, PARITY, SIDE, TierHead
-
-
-def interleaved(packets: Sequence[Packet], tier_of: Sequence[int] = ()) -> list[Packet]:
-    """Sending order: tier by tier, in each lane by lane (or hash position) over all blocks, which spreads bursts.
-
-    Args:
-        packets: All packets.
-        tier_of: Tier of each block; empty if there is one.
-    """
-    return sorted(packets, key=lambda p: (tier_of[p.id.block] if tier_of else 0, p.id.lane, p.id.part, p.id.block))
 
 
 def timetable(

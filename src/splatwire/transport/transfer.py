@@ -56,7 +56,7 @@ class ServerLimits:
     passes: float = 4.0
 
 
-class Transfer:
+class ServerTransfer:
     """One client's transfer of a program.
 
     Args:

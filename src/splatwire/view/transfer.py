@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from splatwire.channel import LossModel, send_sequence
+from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError
-from splatwire.packets import Packet, SceneStream
+from splatwire.packets import Packet, SceneStream, send_sequence
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def plan_transfer(
         raise InvalidValueError(f"a seed must not be negative, {seed} is")
     if not bytes_per_second > 0:
         raise InvalidValueError(f"the rate of a link must be above 0, {bytes_per_second:g} bytes/s is not")
-    packets = list(order) if order is not None else sending_order(stream)
+    packets = list(order) if order is not None else send_sequence(stream, "tiers")
     received = loss.received(len(packets), np.random.Generator(np.random.PCG64(seed)))
     parts = stream.parts()
     head = sent = parts["manifest"] + parts["side_info"]
@@ -107,9 +107,3 @@ def plan_transfer(
         sent += packet.num_bytes
         arrivals.append(Arrival(packet, not ok, sent, sent / bytes_per_second))
     return Transfer(head, head / bytes_per_second, tuple(arrivals))
-
-
-def sending_order(stream: SceneStream) -> list[Packet]:
-    """Tier by tier, each interleaved over all blocks."""
-    plan = stream.manifest.plan
-    return sorted(send_sequence(stream, "interleaved"), key=lambda packet: plan.tier_of(packet.id.block))

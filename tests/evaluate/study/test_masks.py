@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scenes import tiny_scene
-from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, send_sequence, transmit
+from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.evaluate.study.definition import Loss
 from splatwire.evaluate.study.masks import (
@@ -17,7 +17,7 @@ from splatwire.evaluate.study.masks import (
     equivalence,
     mask_bytes,
 )
-from splatwire.packets import Packetization
+from splatwire.packets import Packetization, send_sequence
 
 LOSSES = ["bernoulli:0.3", "gilbert:0.2,3", "none"]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from splatwire.channel import SEND_ORDERS, parse_loss
+from splatwire.channel import parse_loss
 from splatwire.conceal import create_concealer
 from splatwire.data.dataset import SPLITS, TEST_VIEWS
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.evaluate.protocol import MAX_SEEDS
-from splatwire.packets import PRESETS, Packetization
+from splatwire.packets import PRESETS, SEND_ORDERS, Packetization
 from splatwire.render import create_renderer
 from splatwire.scene.background import Background
 

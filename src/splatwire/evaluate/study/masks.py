@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.channel import LossModel, parse_loss, send_sequence
+from splatwire.channel import LossModel, parse_loss
 from splatwire.evaluate.study.definition import Loss
-from splatwire.packets import SceneStream
+from splatwire.packets import SceneStream, send_sequence
 
 DATAGRAM_BYTES = 1200
 """Largest datagram that passes every path (RFC 9000, 14)."""

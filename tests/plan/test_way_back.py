@@ -3,10 +3,10 @@ import pytest
 
 from splatwire.channel import Bernoulli, Nothing, parse_loss
 from splatwire.errors import InvalidValueError
-from splatwire.transport.damage import Damage, Offer
-from splatwire.transport.outline import StreamLoad, outline_transfer
+from splatwire.plan.damage import Damage, Offer
+from splatwire.plan.outline import StreamLoad, outline_transfer
+from splatwire.plan.way_back import OVERHEAD, plan_resending
 from splatwire.transport.protection import Protection
-from splatwire.transport.way_back import OVERHEAD, plan_resending
 
 SHARES = np.array([0.0, 0.2, 1.0])
 

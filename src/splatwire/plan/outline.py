@@ -4,28 +4,20 @@ The planner compares hundreds of protections. Making each one's repair symbols w
 """
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.packets import SceneStream
+from splatwire.channel import LossModel
+from splatwire.packets import SceneStream, send_sequence
 from splatwire.transport.fec import MAX_REPAIR, framed_bytes
 from splatwire.transport.layout import Group, Segments, carried_bytes, head_object, parity_groups
 from splatwire.transport.program import side_symbol_bytes
 from splatwire.transport.protection import Protection, carried_packets, protected_tiers, tier_sizes
-from splatwire.transport.timetable import interleaved, timetable
+from splatwire.transport.timetable import timetable
 from splatwire.transport.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
 
-SPARE_SYMBOLS = 1
+SYMBOLS_TO_SPARE = 1
 """Symbols beyond K that a decoder is counted to need; RaptorQ fails with probability 1e-4 then (RFC 6330, 1)."""
-
-
-@runtime_checkable
-class LossProcess(Protocol):
-    """Decides which datagrams arrive, as the loss models of `splatwire.channel` do."""
-
-    def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """True where one of n datagrams, in sending order, arrives, bool (n)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,14 +44,12 @@ class StreamLoad:
     @staticmethod
     def of_stream(stream: SceneStream) -> "StreamLoad":
         """Sizes of a complete stream."""
-        plan = stream.manifest.plan
-        tier_of = [plan.tier_of(block) for block in range(plan.num_blocks)]
-        ordered = interleaved(stream.packets, tier_of)
+        ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
         return StreamLoad(
             len(head_object(stream.manifest, stream.side_info)),
             np.array([packet.num_bytes for packet in ordered], dtype=np.int64),
             np.array([packet.num_anchors for packet in ordered], dtype=np.int64),
-            np.array([tier_of[packet.id.block] for packet in ordered], dtype=np.int64),
+            np.array([plan.tier_of(packet.id.block) for packet in ordered], dtype=np.int64),
         )
 
 
@@ -133,7 +123,7 @@ def outline_transfer(load: StreamLoad, protection: Protection) -> Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class Arrival:
+class Deliveries:
     """What T transfers deliver.
 
     Attributes:
@@ -146,7 +136,7 @@ class Arrival:
     packets: np.ndarray
 
 
-def simulate(outline: Outline, received: np.ndarray) -> Arrival:
+def simulate(outline: Outline, received: np.ndarray) -> Deliveries:
     """Counts what arrives and what the codes bring back.
 
     Args:
@@ -161,9 +151,9 @@ def simulate(outline: Outline, received: np.ndarray) -> Arrival:
     for number, group in enumerate(outline.groups):
         members = group.start + group.step * np.arange(group.size)
         parity = received[:, (outline.kind == PARITY) & (outline.group == number)].sum(axis=1)
-        enough = packets[:, members].sum(axis=1) + parity >= group.size + SPARE_SYMBOLS
+        enough = packets[:, members].sum(axis=1) + parity >= group.size + SYMBOLS_TO_SPARE
         packets[np.ix_(enough, members)] = True
-    return Arrival(head, packets)
+    return Deliveries(head, packets)
 
 
 def head_arrives(outline: Outline, received: np.ndarray) -> np.ndarray:
@@ -173,11 +163,11 @@ def head_arrives(outline: Outline, received: np.ndarray) -> np.ndarray:
         mine = (outline.kind == SIDE) & (outline.group == segment)
         here = received[:, mine]
         all_sources = here[:, outline.symbol[mine] < size].all(axis=1)
-        head &= all_sources | (here.sum(axis=1) >= size + SPARE_SYMBOLS)
+        head &= all_sources | (here.sum(axis=1) >= size + SYMBOLS_TO_SPARE)
     return head
 
 
-def draw_losses(loss: LossProcess, trials: int, num_datagrams: int, seed: int) -> np.ndarray:
+def draw_losses(loss: LossModel, trials: int, num_datagrams: int, seed: int) -> np.ndarray:
     """Fates of the datagrams of some transfers, True where one arrives, bool (trials, num_datagrams)."""
     rngs = (np.random.Generator(np.random.PCG64([seed, trial])) for trial in range(trials))
     return np.stack([loss.received(num_datagrams, rng) for rng in rngs])

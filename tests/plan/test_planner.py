@@ -5,10 +5,10 @@ import pytest
 
 from splatwire.channel import Bernoulli, Nothing, parse_loss
 from splatwire.errors import InvalidValueError
-from splatwire.transport.candidates import Search, arrival_within, plain_candidates
-from splatwire.transport.damage import BLANK_MSE, BLANK_PSNR, Damage, Offer, lost_shares
-from splatwire.transport.outline import Outline, StreamLoad, draw_losses, outline_transfer, simulate
-from splatwire.transport.planner import losses, plan_protection
+from splatwire.plan.candidates import Search, arrival_within, plain_candidates
+from splatwire.plan.damage import BLANK_MSE, BLANK_PSNR, Damage, Offer, lost_shares
+from splatwire.plan.outline import Outline, StreamLoad, draw_losses, outline_transfer, simulate
+from splatwire.plan.planner import losses, plan_protection
 from splatwire.transport.protection import Protection
 from splatwire.transport.wire import DATA, PARITY, SIDE
 

@@ -7,7 +7,10 @@ from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, preview_gaussians, write_preview
 from splatwire.conceal import conceal
 from splatwire.errors import InvalidValueError
-from splatwire.evaluate.damage import (
+from splatwire.model import PartialScene
+from splatwire.packets import PRESETS
+from splatwire.plan.damage import BLANK_PSNR
+from splatwire.plan.measure import (
     ASSUMED_BASE_MSE,
     LossyPictures,
     known_anchors,
@@ -16,12 +19,9 @@ from splatwire.evaluate.damage import (
     packet_members,
     without,
 )
-from splatwire.model import PartialScene
-from splatwire.packets import PRESETS
 from splatwire.render import iterate_views
 from splatwire.render.cpu import render_cpu
 from splatwire.render.importance import footprint_importance
-from splatwire.transport.damage import BLANK_PSNR
 
 
 @pytest.fixture(scope="module")

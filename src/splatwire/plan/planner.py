@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError
-from splatwire.transport.candidates import (
+from splatwire.plan.candidates import (
     FINE_SYMBOL_BYTES,
     Search,
     arrival_within,
@@ -21,8 +22,8 @@ from splatwire.transport.candidates import (
     largest_head,
     plain_candidates,
 )
-from splatwire.transport.damage import Offer, lost_shares
-from splatwire.transport.outline import Arrival, LossProcess, draw_losses, outline_transfer
+from splatwire.plan.damage import Offer, lost_shares
+from splatwire.plan.outline import Deliveries, draw_losses, outline_transfer
 from splatwire.transport.protection import Protection
 
 HEAD_TRIALS = 1000
@@ -87,7 +88,7 @@ class Plan:
 
 def plan_protection(
     offers: Sequence[Offer],
-    loss: LossProcess,
+    loss: LossModel,
     *,
     budget_bytes: float | int,
     trials: int = 100,
@@ -157,7 +158,7 @@ def check_request(offers: Sequence[Offer], budget_bytes: float | int, most_prote
         )
 
 
-def losses(offers: Sequence[Offer], loss: LossProcess, trials: int, seed: int) -> np.ndarray:
+def losses(offers: Sequence[Offer], loss: LossModel, trials: int, seed: int) -> np.ndarray:
     """Simulated fates of more datagrams than any pass has, bool (trials, n)."""
     bare = [len(outline_transfer(offer.load, Protection(side_repair=0.0)).kind) for offer in offers]
     head = max(largest_head(offer.load) for offer in offers)
@@ -236,7 +237,7 @@ class Expected:
     error: float
 
 
-def expected(offer: Offer, arrival: Arrival, drawn: int) -> Expected:
+def expected(offer: Offer, arrival: Deliveries, drawn: int) -> Expected:
     """Judges what transfers deliver by damage curves, and corrects what these say by pictures.
 
     Transfers that deliver everything or nothing are counted. The curves judge the others, pictures a few of them,

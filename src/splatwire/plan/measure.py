@@ -17,12 +17,11 @@ from splatwire.conceal import conceal
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, PartialScene
-from splatwire.packets import SceneStream
+from splatwire.packets import SceneStream, send_sequence
+from splatwire.plan.damage import BLANK_PSNR, Damage, Offer
+from splatwire.plan.outline import StreamLoad
 from splatwire.render import iterate_views
 from splatwire.scene import Anchors, Cameras, Erasures
-from splatwire.transport.damage import BLANK_PSNR, Damage, Offer
-from splatwire.transport.outline import StreamLoad
-from splatwire.transport.timetable import interleaved
 
 SHARES = (0.0, 0.05, 0.15, 0.3, 0.6, 1.0)
 ASSUMED_BASE_MSE = 1e-3
@@ -172,12 +171,10 @@ def offer_of(
 
 def packet_members(stream: SceneStream) -> list[Tensor]:
     """Anchors of each packet of a complete stream, by rank, in sending order."""
-    plan = stream.manifest.plan
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
     ranks = {p.id: torch.from_numpy(cut) for p, cut in zip(packets, cuts, strict=True) if p is not None}
-    tier_of = [plan.tier_of(block) for block in range(plan.num_blocks)]
-    return [ranks[packet.id] for packet in interleaved(stream.packets, tier_of)]
+    return [ranks[packet.id] for packet in send_sequence(stream, "tiers")]
 
 
 def known_anchors(members: Sequence[Tensor], packets: np.ndarray, num_anchors: int) -> Bool[Tensor, "N"]:

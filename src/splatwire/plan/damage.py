@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.errors import InvalidValueError
-from splatwire.transport.outline import StreamLoad
+from splatwire.plan.outline import StreamLoad
 
 BLANK_MSE = 0.25
 """What is seen without side information and without a preview: nothing."""

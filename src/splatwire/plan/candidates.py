@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatwire.transport.outline import (
-    SPARE_SYMBOLS,
-    Arrival,
+from splatwire.plan.outline import (
+    SYMBOLS_TO_SPARE,
+    Deliveries,
     Outline,
     StreamLoad,
     head_arrives,
@@ -129,7 +129,7 @@ def plain_candidates(load: StreamLoad, traces: np.ndarray, search: Search) -> di
     }
 
 
-def arrival_within(outline: Outline, traces: np.ndarray, budget_bytes: float | int) -> Arrival:
+def arrival_within(outline: Outline, traces: np.ndarray, budget_bytes: float | int) -> Deliveries:
     """What arrives of the datagrams that leave before the budget is spent.
 
     Args:
@@ -205,4 +205,4 @@ def _repair(safety: float | None, need: float, num_packets: int) -> float:
     if safety is None or need == 0:
         return 0.0
     deviation = math.sqrt(need * (1 + need) / max(num_packets, 1))
-    return min(need + safety * deviation + SPARE_SYMBOLS / max(num_packets, 1), MOST_REPAIR)
+    return min(need + safety * deviation + SYMBOLS_TO_SPARE / max(num_packets, 1), MOST_REPAIR)

@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from splatwire.channel import LossModel
 from splatwire.errors import InvalidValueError
-from splatwire.transport.damage import Offer
-from splatwire.transport.outline import Arrival, LossProcess, draw_losses, outline_transfer
-from splatwire.transport.planner import FINAL_TRIALS, MOST_FATES, Plan, check_request, expected
+from splatwire.plan.damage import Offer
+from splatwire.plan.outline import Deliveries, draw_losses, outline_transfer
+from splatwire.plan.planner import FINAL_TRIALS, MOST_FATES, Plan, check_request, expected
 from splatwire.transport.protection import MOST_RESENT, Protection
 
 OVERHEAD = 1.1
@@ -26,7 +27,7 @@ LEAD = 0.3
 
 def plan_resending(
     offers: Sequence[Offer],
-    loss: LossProcess,
+    loss: LossModel,
     *,
     budget_bytes: float | int,
     most_protection: float = 1.0,
@@ -84,7 +85,7 @@ def _plan(
     until = count / len(ends)
     packets = received.copy()
     packets[:, :count] = True
-    found = expected(offer, Arrival(np.ones(len(packets), dtype=np.bool_), packets), drawn)
+    found = expected(offer, Deliveries(np.ones(len(packets), dtype=np.bool_), packets), drawn)
     resent = again * float(offer.load.packet_bytes[:count].sum())
     spent = {"side_protection": round(again * sizes["side"]), "packet_protection": round(resent)}
     total = sum(sizes.values()) + sum(spent.values()) + offer.preview_bytes
