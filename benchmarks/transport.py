@@ -191,7 +191,9 @@ def core_throughput(program: Program) -> dict:
 
 
 async def loopback(program: Program, clients: int, rate: float | None) -> dict:
-    server = UdpServer({"s": program}, "127.0.0.1", 0, limits=ServerLimits(fixed_rate=rate, start_rate=2e7))
+    server = UdpServer(
+        {"s": program}, "127.0.0.1", 0, limits=ServerLimits(per_network=clients, fixed_rate=rate, start_rate=2e7)
+    )
     began = time.perf_counter()
     try:
         address, options = Address("127.0.0.1", server.port), ReceiverOptions(nack=False)
@@ -269,7 +271,8 @@ def many_receivers(stream: SceneStream, clients: int, megabits: float) -> dict:
         address, options = Address("127.0.0.1", port), ReceiverOptions(nack=False, silence_s=20.0)
         return await asyncio.gather(*(receive_udp(address, options) for _ in range(clients)))
 
-    with serving(stream, "--rate", str(megabits), "--idle", "20") as (facts, spent):
+    limits = ("--rate", str(megabits), "--idle", "20", "--clients-per-address", str(clients))
+    with serving(stream, *limits) as (facts, spent):
         before, began = spent(), time.perf_counter()
         receivers = asyncio.run(work(facts["port"]))
         seconds, sending = time.perf_counter() - began, spent() - before

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from splatwire.transport import Receiver, ReceiverOptions, Server
+from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits
 from splatwire.transport.address import Address
 from splatwire.transport.wire import REQUEST, VERSION
 from transport.network import SECRET
@@ -117,7 +117,7 @@ def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
     async def work() -> None:
         failures, busy = [], False
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: failures.append(context))
-        async with serving() as server:
+        async with serving(ServerLimits(silence_s=30.0)) as server:  # the flood is no silence, on a slow machine either
             address, flood = Address("127.0.0.1", server.port, scheme="quic"), Flood(HOSTILE, 3, said)
 
             def tap(source: tuple, target: tuple, data: bytes) -> None:
@@ -132,7 +132,7 @@ def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
                     flood.pour(400, into_client, into_server)
                     busy = False
 
-            receiver = await receive_quic(address, ReceiverOptions(name="scene"), PINNED, None, tap)
+            receiver = await receive_quic(address, ReceiverOptions("scene", silence_s=30.0), PINNED, None, tap)
             assert receiver.finished.reason == "complete"
             assert receiver.stream() == STREAM
             assert flood.left == 0
