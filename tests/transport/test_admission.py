@@ -97,11 +97,11 @@ def test_a_network_begins_so_many_transfers_a_minute():
 def test_repeated_requests_are_answered_seldom_and_not_after_a_report():
     serving, here = server(), ("192.0.2.1", 1)
     request = encode(Request(7, token(serving, here, 7, 0.0), ""))
-    answers = [serving.receive(here, request, n / 1000) for n in range(20_000)]
+    answers = [serving.receive(here, request, n / 1000) for n in range(10_000)]
     told = [answer for answer in answers if answer]
     assert len(told) == MOST_WELCOMES
     assert len([answer for answer in answers[:1000] if answer]) <= 1 + 1 / WELCOME_S
-    assert sum(map(len, told)) < 0.1 * len(request) * len(answers)
+    assert sum(map(len, told)) < 0.2 * len(request) * len(answers)
     fresh = begin(serving, ("192.0.2.2", 1), 8, 0.0)
     assert isinstance(fresh, Welcome)
     serving.receive(("192.0.2.2", 1), encode(Feedback(fresh.session, 0, 0, 0, 3)), 0.1)
@@ -132,15 +132,15 @@ def test_the_starts_of_many_networks_take_bounded_memory():
     assert len(starts._networks) == MOST_NETWORKS
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_three_greedy_machines_leave_room_for_others(seed: int):
     """Greetings, replays, reports and farewells at random from 600 ports of three machines, for two minutes."""
     rng, serving, said = random.Random(seed), server(), list[tuple[Address, bytes]]()
     hosts = ("192.0.2.1", "192.0.2.2", "2001:db8::1")
     asked, answered, sent, begun, now = Counter[str](), Counter[str](), Counter[str](), Counter[str](), 0.0
     sessions: list[tuple[Address, int]] = []
-    for _ in range(12_000):
-        now += 0.01
+    for _ in range(6_000):
+        now += 0.02
         here = (rng.choice(hosts), rng.randrange(200))
         kind, nonce = rng.random(), rng.randrange(1 << 32)
         if kind < 0.3 and said:
