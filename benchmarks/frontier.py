@@ -25,6 +25,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splatwire.calibrate.preview import preview_for_scene
+from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import SECTION as PREVIEW
@@ -38,8 +40,6 @@ from splatwire.plan.measure import LossyPictures, known_anchors, offer_of, packe
 from splatwire.plan.outline import StreamLoad, draw_losses, outline_transfer
 from splatwire.plan.planner import HEAD_TRIALS, losses, plan_protection
 from splatwire.render.importance import footprint_importance
-from splatwire.train.calibrate_preview import preview_for_scene
-from splatwire.train.calibrate_render import SketchViews
 from splatwire.transport.preview import stream_preview
 from splatwire.transport.protection import Protection
 
@@ -106,7 +106,7 @@ class Bench:
     @functools.cached_property
     def preview(self) -> bytes:
         """A preview, fitted to the training photos."""
-        views = SketchViews(self.train.cameras, self.train.image, self.train.background)
+        views = CalibrationViews.of_photos(self.train)
         return preview_for_scene(self.scene, views).section
 
     def with_preview(self, stream: SceneStream) -> SceneStream:

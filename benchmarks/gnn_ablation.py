@@ -16,6 +16,11 @@ from typing import Any
 
 import torch
 
+from splatwire.calibrate.gnn import calibrate
+from splatwire.calibrate.gnn_config import CALIBRATION_PRESETS, CalibrationConfig
+from splatwire.calibrate.gnn_losses import LOSS_PRESETS, channel_spread, normalized_errors
+from splatwire.calibrate.gnn_run import pseudo_graphs
+from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data, without
 from splatwire.codec import decode_stream
 from splatwire.conceal import Gnn, GnnSettings, create_concealer
 from splatwire.conceal.conceal import conceal
@@ -28,9 +33,6 @@ from splatwire.model import PartialScene
 from splatwire.packets import read_stream
 from splatwire.render import render_scene
 from splatwire.scene import Erasures
-from splatwire.train.calibrate_gnn import CALIBRATION_PRESETS, CalibrationConfig, calibrate, calibration_data, without
-from splatwire.train.gnn_data import CalibrationData, pseudo_graphs
-from splatwire.train.gnn_losses import LOSS_PRESETS, channel_spread, normalized_errors
 
 PAPER, ON = GNN_PRESETS["paper"], "interpolation"
 KRIGED = replace(PAPER, interpolation="kriging", baseline=ON)

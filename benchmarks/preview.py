@@ -11,23 +11,22 @@ from pathlib import Path
 import torch
 from threadpoolctl import threadpool_limits
 
+from splatwire.calibrate.preview import PreviewConfig, preview_for_scene
+from splatwire.calibrate.views import CalibrationViews
 from splatwire.codec import decode_stream
 from splatwire.codec.preview import MAX_PREVIEW_BYTES
 from splatwire.data import open_dataset
 from splatwire.packets import read_stream
 from splatwire.scene.background import Background
-from splatwire.train.calibrate_preview import PreviewConfig, preview_for_scene
-from splatwire.train.calibrate_render import SketchViews
 
 SIZES = (300, 600, MAX_PREVIEW_BYTES)
 
 
-def views_of(data: Path, split: str, background: Background) -> SketchViews:
-    photos = open_dataset(data, split=split, background=background)
-    return SketchViews(photos.cameras, photos.image, background, photos.mask if photos.mask_paths else None)
+def views_of(data: Path, split: str, background: Background) -> CalibrationViews:
+    return CalibrationViews.of_photos(open_dataset(data, split=split, background=background))
 
 
-def black_of(views: SketchViews) -> float:
+def black_of(views: CalibrationViews) -> float:
     each = [-10 * math.log10(float(views.photo(v).square().mean())) for v in range(views.cameras.num_views)]
     return sum(each) / len(each)
 

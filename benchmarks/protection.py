@@ -22,6 +22,9 @@ import numpy as np
 import torch
 from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
+from splatwire.calibrate.pseudo_loss import calibration_data
+from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
+from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.tiers import arrange_stream
@@ -31,8 +34,6 @@ from splatwire.plan.measure import LossyPictures
 from splatwire.plan.outline import draw_losses
 from splatwire.plan.planner import plan_protection
 from splatwire.render.importance import footprint_importance
-from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
-from splatwire.train.gnn_data import calibration_data
 
 PAK_TIERS = (0.02, 0.05, 0.1, 0.2)
 PLANNED = 12
@@ -42,7 +43,7 @@ CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 def sketches(bench: Bench, stream: SceneStream, shares: list[float]) -> list[bytes]:
     """Sections of some shares of the stream's bytes; they fit every stream of the same scene."""
     data, photos = calibration_data(stream, decode_stream(stream)), bench.train
-    views = SketchViews(photos.cameras, photos.image, photos.background)
+    views = CalibrationViews.of_photos(photos)
     return [sketch_for_stream(data, views, stream.num_bytes, SketchConfig(share=s)).section for s in shares]
 
 

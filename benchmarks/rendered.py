@@ -17,6 +17,9 @@ from pathlib import Path
 
 import torch
 
+from splatwire.calibrate.pseudo_loss import calibration_data
+from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
+from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene, without_concealment
 from splatwire.conceal import conceal
@@ -29,8 +32,6 @@ from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_scene
 from splatwire.packets import PRESETS, SceneStream, read_stream
 from splatwire.render import iterate_views
-from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
-from splatwire.train.gnn_data import calibration_data
 
 
 def stream_of(path: Path) -> SceneStream:
@@ -43,7 +44,7 @@ def stream_of(path: Path) -> SceneStream:
 
 def calibrated(stream: SceneStream, photos: Dataset, shares: list[float], told: str) -> list[dict]:
     data = calibration_data(stream, decode_stream(stream))
-    views = SketchViews(photos.cameras, photos.image, photos.background)
+    views = CalibrationViews.of_photos(photos)
     rows = []
     for share in shares:
         cpu, started = time.process_time(), time.perf_counter()

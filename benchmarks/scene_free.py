@@ -12,10 +12,13 @@ import argparse
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 
+from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
+from splatwire.calibrate.scene_free import SceneFreeConfig, train_scene_free
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import Concealer, conceal, create_concealer
@@ -27,12 +30,6 @@ from splatwire.metrics import psnr
 from splatwire.model.scene_file import load_scene
 from splatwire.packets import PRESETS, SceneStream, read_stream
 from splatwire.render import iterate_views
-from splatwire.train.calibrate_scene_free import (
-    SceneFreeConfig,
-    TrainingScene,
-    train_scene_free,
-    training_scene,
-)
 
 
 def open_stream(source: Path) -> SceneStream:
@@ -42,12 +39,14 @@ def open_stream(source: Path) -> SceneStream:
     return encode_scene(scene, PRESETS["paper"])
 
 
-def to_learn_from(source: Path, photos: Path, views: int, width: int) -> TrainingScene:
+def to_learn_from(source: Path, photos: Path, views: int, width: int) -> CalibrationData:
     stream = open_stream(source)
     dataset = open_dataset(photos, split="train")
     cameras = dataset.cameras.select(spread(dataset.num_views, views))
     cameras = cameras.scaled(min(1.0, width / cameras.width))
-    return training_scene(stream, decode_stream(stream), cameras, dataset.background)
+    complete = decode_stream(stream)
+    scene = replace(complete.scene, background=dataset.background)
+    return calibration_data(stream, replace(complete, scene=scene), cameras)
 
 
 def train(options: argparse.Namespace) -> dict[str, object]:

@@ -123,7 +123,7 @@ def test_a_protocol_composes_photos_on_it(run, white, stream, tmp_path):
 
 
 def test_a_sketch_is_calibrated_on_it(run, white, stream, tmp_path, monkeypatch):
-    from splatwire.train import calibrate_render
+    from splatwire.calibrate import sketch, views
 
     seen = []
 
@@ -131,8 +131,9 @@ def test_a_sketch_is_calibrated_on_it(run, white, stream, tmp_path, monkeypatch)
         seen.append(scene.background)
         return iterate_views(scene, *words, **options)
 
-    monkeypatch.setattr(calibrate_render, "iterate_views", noted)
-    words = ("calibrate", stream, "-o", tmp_path / "a.swz", "--method", "sketch", "--share", 0.2, "--json")
+    for module in (sketch, views):
+        monkeypatch.setattr(module, "iterate_views", noted)
+    words = ("calibrate", "sketch", stream, "-o", tmp_path / "a.swz", "--share", 0.2, "--json")
     outcome = run(*words, "--cameras", white / "cameras.json")
     assert outcome.status == 0, outcome.err
     assert set(seen) == {WHITE}

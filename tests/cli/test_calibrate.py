@@ -1,10 +1,12 @@
+import pytest
+
 from splatwire.packets import read_stream
 
 
 def test_calibrate_then_conceal_with_the_weights(run, journey, tmp_path):
     weights = tmp_path / "w.safetensors"
     words = ("--preset", "compact", "--iterations", 2, "--json")
-    content = run("calibrate", journey / "tiny.swz", "-o", weights, *words).json
+    content = run("calibrate", "gnn", journey / "tiny.swz", "-o", weights, *words).json
     assert content["num_bytes"] == weights.stat().st_size
     assert content["iterations"] == 2
     assert set(content["errors"]) == set(content["reference"]) == {"feature", "scaling", "offset", "mask"}
@@ -20,7 +22,7 @@ def test_calibrate_into_a_stream(run, journey, tmp_path, monkeypatch):
     monkeypatch.setattr("splatwire.conceal.gnn.graph.Kriging", PriorMean)
     target = tmp_path / "calibrated.swz"
     words = ("--preset", "compact", "--iterations", 20, "--json")
-    content = run("calibrate", journey / "tiny.swz", "-o", target, *words).json
+    content = run("calibrate", "gnn", journey / "tiny.swz", "-o", target, *words).json
     inspected = run("inspect", target, "--json").json
     plain = run("inspect", journey / "tiny.swz", "--json").json
     assert content["embedded"]
@@ -37,7 +39,8 @@ def test_calibrate_into_a_stream(run, journey, tmp_path, monkeypatch):
 
 def test_what_does_not_pay_is_not_put_into_a_stream(run, journey, tmp_path, monkeypatch):
     monkeypatch.setattr("splatwire.conceal.gnn.weights.GnnWeights.improves", property(lambda _: False))
-    outcome = run("calibrate", journey / "tiny.swz", "-o", tmp_path / "c.swz", "--preset", "compact", "--iterations", 2)
+    words = ("--preset", "compact", "--iterations", 2)
+    outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "c.swz", *words)
     assert outcome.status == 2
     assert "nothing improves" in outcome.err
     assert list(tmp_path.iterdir()) == []
@@ -51,8 +54,9 @@ def test_mistakes(run, journey, tmp_path):
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--precision", "int1"), "int1"),
         ((journey / "tiny.swz", "-o", tmp_path / "w", "--resume"), "no such file"),
         ((journey / "tiny.swz", "-o", tmp_path / "w.swz", "--bits", 9), "from 2 to 6"),
+        ((journey / "tiny.swz", "-o", tmp_path), "is a folder"),
     ):
-        outcome = run("calibrate", *words)
+        outcome = run("calibrate", "gnn", *words)
         assert outcome.status == 2
         assert told in outcome.err
     for weights in (tmp_path / "absent", journey / "tiny.swz"):
@@ -63,8 +67,8 @@ def test_mistakes(run, journey, tmp_path):
 
 def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
     target = tmp_path / "sketched.swz"
-    words = ("--method", "sketch", "--share", 0.1, "--json")
-    content = run("calibrate", journey / "tiny.swz", "-o", target, *words).json
+    words = ("--share", 0.1, "--json")
+    content = run("calibrate", "sketch", journey / "tiny.swz", "-o", target, *words).json
     inspected = run("inspect", target, "--json").json
     assert content["views"] == "against the complete scene on a sphere of views"
     assert inspected["num_bytes"] == content["stream_bytes"] == target.stat().st_size
@@ -75,10 +79,11 @@ def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
         run("decode", tmp_path / "lossy.swz", "-o", tmp_path / name, "--conceal", conceal)
     assert (tmp_path / "a").read_bytes() != (tmp_path / "b").read_bytes()
     for words, told in (
-        (("calibrate", journey / "tiny.swz", "-o", tmp_path / "w", "--method", "sketch"), "must end in .swz"),
-        (("calibrate", journey / "tiny.swz", "-o", target, "--method", "sketch", "--share", 0.9), "share=0.9"),
-        (("calibrate", journey / "tiny.swz", "-o", target, "--method", "magic"), "magic"),
-        (("decode", journey / "lossy.swz", "-o", tmp_path / "c", "--conceal", "sketch"), "--method sketch"),
+        (("calibrate", "sketch", journey / "tiny.swz", "-o", tmp_path / "w"), "must end in .swz"),
+        (("calibrate", "sketch", journey / "tiny.swz", "-o", target, "--share", 0.9), "share=0.9"),
+        (("calibrate", "sketch", journey / "tiny.swz", "-o", target, "--data", "a", "--cameras", "b"), "not both"),
+        (("calibrate", "magic", journey / "tiny.swz", "-o", target), "magic"),
+        (("decode", journey / "lossy.swz", "-o", tmp_path / "c", "--conceal", "sketch"), "calibrate sketch"),
     ):
         outcome = run(*words)
         assert outcome.status == 2
@@ -86,14 +91,14 @@ def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
 
 
 def test_a_preview_travels_in_the_stream(run, journey, tmp_path, monkeypatch):
+    from splatwire.calibrate import preview as fit
     from splatwire.codec.preview import preview_gaussians
     from splatwire.codec.sections import split_sections
-    from splatwire.train import calibrate_preview as fit
 
     settings = fit.PreviewConfig
     monkeypatch.setattr(fit, "PreviewConfig", lambda seed: settings(steps=60, rounds=2, width=48, seed=seed))
-    target, words = tmp_path / "previewed.swz", ("--method", "preview", "--json", "--cameras", journey / "cameras.json")
-    content = run("calibrate", journey / "tiny.swz", "-o", target, *words).json
+    target, words = tmp_path / "previewed.swz", ("--cameras", journey / "cameras.json")
+    content = run("calibrate", "preview", journey / "tiny.swz", "-o", target, *words, "--json").json
     inspected = run("inspect", target, "--json").json
     assert content["scored"] == "the views it was fitted to"
     assert inspected["num_bytes"] == content["stream_bytes"] == target.stat().st_size
@@ -104,10 +109,43 @@ def test_a_preview_travels_in_the_stream(run, journey, tmp_path, monkeypatch):
     assert len(section) == content["preview_bytes"]
     assert preview_gaussians(section)[0].num_gaussians == content["num_gaussians"]
     assert stream.packets == read_stream(journey / "tiny.swz")[0].packets
-    again = run("calibrate", target, "-o", tmp_path / "again.swz", *words[:2], "--cameras", journey / "cameras.json")
+    again = run("calibrate", "preview", target, "-o", tmp_path / "again.swz", *words)
     assert "dB" in again.out
     assert (tmp_path / "again.swz").read_bytes() == target.read_bytes()
     for source, output, told in (("tiny.swz", "w", "must end in .swz"), ("lossy.swz", "w.swz", "packets were lost")):
-        outcome = run("calibrate", journey / source, "-o", tmp_path / output, "--method", "preview")
+        outcome = run("calibrate", "preview", journey / source, "-o", tmp_path / output)
         assert outcome.status == 2
         assert told in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        ("sketch", ("--preset", "--bits", "--iterations", "--precision", "--resume", "--render-weight")),
+        ("preview", ("--preset", "--bits", "--iterations", "--precision", "--resume", "--share", "--drop-rate")),
+        ("gnn", ("--data", "--share")),
+    ],
+)
+def test_a_calibration_has_no_option_of_another(run, journey, tmp_path, method, options):
+    for option in options:
+        value = () if option == "--resume" else (4,)
+        outcome = run("calibrate", method, journey / "tiny.swz", "-o", tmp_path / "a.swz", option, *value)
+        assert outcome.status == 2
+        assert option in outcome.err
+    assert not (tmp_path / "a.swz").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "told"),
+    [
+        ("w.swz", ("--precision", "float32"), "--precision"),
+        ("w", ("--cameras", "cameras.json"), "--cameras"),
+        ("w", ("--render-width", 100), "--render-width"),
+        ("w", ("--background", 1, 1, 1), "--background"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(run, journey, tmp_path, name, words, told):
+    outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / name, *words)
+    assert outcome.status == 2
+    assert told in outcome.err
+    assert list(tmp_path.iterdir()) == []

@@ -68,7 +68,7 @@ def _run(arguments: list[str]) -> int:
 
 def _parse(arguments: list[str]) -> Any:
     """Reads the words; only the chosen verb's file is imported, unless an overview is asked for."""
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes)
+    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
     if arguments and arguments[0] in VERBS:
         verb = arguments[0]
         return tyro.cli(_settings(verb), prog=f"splatwire {verb}", args=arguments[1:], config=config)

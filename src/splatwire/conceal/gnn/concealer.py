@@ -31,7 +31,7 @@ class Gnn:
     finite, the interpolation is taken.
 
     Attributes:
-        weights: A file that `splatwire calibrate` wrote, or its content; None for those that the stream carries.
+        weights: A file that `splatwire calibrate gnn` wrote, or its content; None for those that the stream carries.
     """
 
     weights: str | Path | GnnWeights | None = None
@@ -73,7 +73,7 @@ def carried_weights(context: AnchorContext) -> GnnWeights:
     if SECTION not in context.concealment:
         raise InvalidValueError(
             "concealer 'gnn' needs weights, and this stream carries none: name a file (gnn:FILE), or put them into the "
-            "stream with `splatwire calibrate SCENE -o SCENE.swz`"
+            "stream with `splatwire calibrate gnn SCENE -o SCENE.swz`"
         )
     return read_section(context.concealment[SECTION], context)
 

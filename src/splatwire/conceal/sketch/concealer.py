@@ -37,7 +37,7 @@ _LEAST_SHARE = 0.05
 class Sketch:
     """Reads coarse copies of important anchors from the stream, leaves other lost anchors out, and grows what is there.
 
-    `splatwire calibrate --method sketch` puts the section into a stream. What was received is never replaced by its
+    `splatwire calibrate sketch` puts the section into a stream. What was received is never replaced by its
     copy. The growth is that of `Grow`, corrected by the network of `SceneFree` as far as the section trusts it, around
     holes that really are holes: a sketched anchor counts as present.
     """
@@ -57,7 +57,7 @@ class Sketch:
         if SECTION not in context.concealment:
             raise InvalidValueError(
                 f"concealer 'sketch' needs the section '{SECTION}', which this stream does not have: add it with "
-                "`splatwire calibrate --method sketch`, or use 'grow'"
+                "`splatwire calibrate sketch`, or use 'grow'"
             )
         section = read_sketch(context.concealment[SECTION], sizes_of(context), buckets_of(context))
         return conceal_with(context, section)

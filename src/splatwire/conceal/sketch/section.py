@@ -202,7 +202,7 @@ def _read_head(data: bytes, sizes: SketchSizes) -> tuple[tuple[float, float, flo
     if data and data[0] != VERSION:
         raise UnsupportedVersionError(
             f"section '{SECTION}' has version {data[0]}, this release reads {VERSION}: make it again with "
-            "`splatwire calibrate --method sketch`"
+            "`splatwire calibrate sketch`"
         )
     if len(data) < _HEADER.size:
         raise TruncatedStreamError(f"section '{SECTION}' has {len(data)} bytes, its header takes {_HEADER.size}")

@@ -6,13 +6,13 @@ import pytest
 import torch
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.calibrate.preview import PreviewConfig, preview_for_scene
+from splatwire.calibrate.views import CalibrationViews
 from splatwire.codec.preview import gaussians_within, preview_gaussians, read_preview
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
-from splatwire.train.calibrate_preview import PreviewConfig, preview_for_scene
-from splatwire.train.calibrate_render import SketchViews
 
 QUICK = PreviewConfig(num_bytes=400, steps=250, rounds=4, width=48, views=8)
 
@@ -29,13 +29,13 @@ def cameras() -> Cameras:
 
 def test_it_is_better_than_the_background(scene: AnchorScene, cameras: Cameras) -> None:
     told: list[float] = []
-    result = preview_for_scene(scene, SketchViews(cameras), QUICK, progress=lambda _, share: told.append(share))
+    result = preview_for_scene(scene, CalibrationViews(cameras), QUICK, progress=lambda _, share: told.append(share))
     assert result.psnr["preview"] > result.psnr["background"] + 3
     assert result.psnr["complete"] == 100.0
     assert len(result.section) <= QUICK.num_bytes
     assert read_preview(result.section).num_gaussians == result.num_gaussians == gaussians_within(400)
     assert told[-1] == 1.0
-    assert preview_for_scene(scene, SketchViews(cameras), QUICK).section == result.section
+    assert preview_for_scene(scene, CalibrationViews(cameras), QUICK).section == result.section
 
 
 def test_it_follows_photos_where_they_count(scene: AnchorScene, cameras: Cameras) -> None:
@@ -44,7 +44,7 @@ def test_it_follows_photos_where_they_count(scene: AnchorScene, cameras: Cameras
     photo[:, :24, 1] = photo[:, 24:, 0] = 1.0
     mask = torch.zeros(32, 48, dtype=torch.bool)
     mask[:, 24:] = True
-    views = SketchViews(cameras, lambda view: photo, (0.5, 0.5, 0.5), lambda view: mask)
+    views = CalibrationViews(cameras, lambda view: photo, (0.5, 0.5, 0.5), lambda view: mask)
     config = dataclasses.replace(QUICK, steps=120)
     result = preview_for_scene(scene, views, config)
     assert result.psnr["preview"] > 15
@@ -54,16 +54,18 @@ def test_it_follows_photos_where_they_count(scene: AnchorScene, cameras: Cameras
 def test_test_views_only_judge(scene: AnchorScene, cameras: Cameras) -> None:
     config = dataclasses.replace(QUICK, steps=30)
     pictures = list(iterate_views(scene, cameras))
-    views = SketchViews(cameras, pictures.__getitem__)
+    views = CalibrationViews(cameras, pictures.__getitem__)
     alone = preview_for_scene(scene, views, config)
-    judged = preview_for_scene(scene, views, config, test=SketchViews(cameras.select([1]), lambda view: pictures[1]))
+    judged = preview_for_scene(
+        scene, views, config, test=CalibrationViews(cameras.select([1]), lambda view: pictures[1])
+    )
     assert judged.section == alone.section
     assert judged.psnr != alone.psnr
 
 
 def test_one_anchor_is_enough(cameras: Cameras) -> None:
     result = preview_for_scene(
-        tiny_scene(num_anchors=1), SketchViews(cameras), dataclasses.replace(QUICK, steps=5, rounds=1)
+        tiny_scene(num_anchors=1), CalibrationViews(cameras), dataclasses.replace(QUICK, steps=5, rounds=1)
     )
     assert result.num_gaussians == 1
 
@@ -75,4 +77,4 @@ def test_mistakes(scene: AnchorScene, cameras: Cameras) -> None:
     away = cameras.viewmats.clone()
     away[:, 2, 3] -= 100
     with pytest.raises(InvalidValueError, match="nothing to preview"):
-        preview_for_scene(scene, SketchViews(dataclasses.replace(cameras, viewmats=away)), QUICK)
+        preview_for_scene(scene, CalibrationViews(dataclasses.replace(cameras, viewmats=away)), QUICK)

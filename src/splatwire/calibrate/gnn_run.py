@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +11,13 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
+from splatwire.calibrate.gnn_config import CalibrationConfig
+from splatwire.calibrate.gnn_losses import channel_spread, normalized_errors, parameter_losses
+from splatwire.calibrate.pseudo_loss import CalibrationData, without
 from splatwire.conceal import AnchorContext
 from splatwire.conceal.gnn.concealer import repair
 from splatwire.conceal.gnn.fusion import Branches, branches, fuse
-from splatwire.conceal.gnn.graph import RepairGraph, prior_rows, query_inputs, source_inputs
+from splatwire.conceal.gnn.graph import RepairGraph, build_graph, prior_rows, query_inputs, source_inputs
 from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.conceal.gnn.quantise import rounded_constants, rounded_parameters
 from splatwire.conceal.gnn.section import rounded_weights
@@ -24,8 +27,6 @@ from splatwire.model.gaussian_heads import generate_gaussians
 from splatwire.model.tensor_file import write_tensors
 from splatwire.render import create_renderer
 from splatwire.scene import Anchors
-from splatwire.train.gnn_data import CalibrationConfig, CalibrationData, pseudo_graphs
-from splatwire.train.gnn_losses import channel_spread, normalized_errors, parameter_losses
 
 CHECKPOINT_FORMAT = "splatwire-gnn-checkpoint"
 CHECKPOINT_VERSION = 2
@@ -53,6 +54,13 @@ class CalibrationResult:
     reference: dict[str, float]
     iterations: int
     seconds: float
+
+
+def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[RepairGraph]:
+    """Graphs of the pseudo-losses of a run: first those that are trained on, then those that are held out."""
+    rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
+    for known in data.pseudo_losses(rates, config.seed):
+        yield build_graph(without(data.context, known), config.settings)
 
 
 class CalibrationRun:

@@ -4,11 +4,12 @@ import math
 import time
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from torch import Tensor
 
+from splatwire.calibrate.checks import check_settings
+from splatwire.calibrate.views import CalibrationViews, Progress, References, spread_evenly
 from splatwire.codec.preview import (
     MAX_PREVIEW_BYTES,
     MOST_AWAY,
@@ -19,14 +20,12 @@ from splatwire.codec.preview import (
     write_preview,
 )
 from splatwire.errors import InvalidValueError
-from splatwire.metrics import psnr
 from splatwire.model import AnchorScene
 from splatwire.ops.knn import nearest_neighbors
 from splatwire.render import iterate_views
 from splatwire.render.base import create_training_renderer
 from splatwire.render.importance import footprint_importance
-from splatwire.scene import Cameras, Gaussians
-from splatwire.train.calibrate_render import Progress, SketchViews, fewer_views
+from splatwire.scene import Gaussians
 
 _PLACE, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
 RATES = (_PLACE, _PLACE, _PLACE, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
@@ -71,14 +70,11 @@ class PreviewConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        counts = ("steps", "views", "width", "scored_views", "scored_width")
-        bad = [name for name in counts if getattr(self, name) < 1]
-        bad += [name for name in ("moved", "still", "rounding") if not 0 < getattr(self, name) < 1]
-        bad += [] if gaussians_within(self.num_bytes) else ["num_bytes"]
-        bad += [name for name in ("rounds", "seed") if getattr(self, name) < 0]
-        if bad:
-            told = ", ".join(f"{name}={getattr(self, name)}" for name in bad)
-            raise InvalidValueError(f"a preview cannot be fitted with {told}")
+        check_settings(
+            self, "the fit of a preview", ("steps", "views", "width", "scored_views", "scored_width"),
+            moved=0 < self.moved < 1, still=0 < self.still < 1, rounding=0 < self.rounding < 1,
+            num_bytes=gaussians_within(self.num_bytes) > 0, rounds=self.rounds >= 0, seed=self.seed >= 0,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +96,10 @@ class PreviewResult:
 
 def preview_for_scene(
     scene: AnchorScene,
-    views: SketchViews,
+    views: CalibrationViews,
     config: PreviewConfig | None = None,
     *,
-    test: SketchViews | None = None,
+    test: CalibrationViews | None = None,
     progress: Progress | None = None,
 ) -> PreviewResult:
     """Makes the section `preview` for a scene.
@@ -119,31 +115,12 @@ def preview_for_scene(
         InvalidValueError: If no view shows anything of the scene.
     """
     config, show, started = config or PreviewConfig(), progress or (lambda task, share: None), time.perf_counter()
-    seen = fewer_views(views, config.views, config.width)
-    preview = _Fit(scene, _pictures(scene, seen), config).run(show)
+    scene = views.in_front(scene)
+    preview = _Fit(scene, References.of(scene, views.reduced(config.views, config.width)), config).run(show)
     section = write_preview(preview)
-    scored = fewer_views(views if test is None else test, config.scored_views, config.scored_width)
-    quality = _scores(scene, section, _pictures(scene, scored), show)
+    scored = (views if test is None else test).reduced(config.scored_views, config.scored_width)
+    quality = _scores(scene, section, References.of(scene, scored), show)
     return PreviewResult(section, preview.num_gaussians, quality, time.perf_counter() - started)
-
-
-@dataclass(frozen=True, eq=False)
-class _Pictures:
-    """What views show; `masks` are None where everything counts."""
-
-    cameras: Cameras
-    images: list[Tensor]
-    masks: list[Tensor | None]
-
-
-def _pictures(scene: AnchorScene, views: SketchViews) -> _Pictures:
-    numbers = range(views.cameras.num_views)
-    if views.photo is None:
-        behind = None if views.background is None else torch.tensor(views.background)
-        images = list(iterate_views(scene, views.cameras, background=behind))
-    else:
-        images = [views.photo(view) for view in numbers]
-    return _Pictures(views.cameras, images, [None if views.mask is None else views.mask(view) for view in numbers])
 
 
 class _Fit:
@@ -152,7 +129,7 @@ class _Fit:
     Their numbers are those of `PreviewFrame.values`, each over its learning rate, so that one rate does for all.
     """
 
-    def __init__(self, scene: AnchorScene, pictures: _Pictures, config: PreviewConfig) -> None:
+    def __init__(self, scene: AnchorScene, pictures: References, config: PreviewConfig) -> None:
         self._pictures, self._config = pictures, config
         self._draw = create_training_renderer(torch.device("cpu"))
         self._generator = torch.Generator().manual_seed(config.seed)
@@ -260,8 +237,7 @@ class _Fit:
         with torch.no_grad():
             now = self._gaussians()
         shown, wrong = torch.zeros(now.num_gaussians), torch.zeros(now.num_gaussians)
-        last = self._pictures.cameras.num_views - 1
-        for view in np.unique(np.linspace(0, last, min(_ERROR_VIEWS, last + 1)).round().astype(int)).tolist():
+        for view in spread_evenly(self._pictures.cameras.num_views, _ERROR_VIEWS):
             colors = now.colors.clone().requires_grad_()
             image = self._image(Gaussians(now.means, now.quats, now.scales, now.opacities, colors), view)
             error = (image.detach() - self._pictures.images[view]).square().sum(dim=2, keepdim=True)
@@ -273,22 +249,15 @@ class _Fit:
 
 
 @torch.no_grad()
-def _scores(scene: AnchorScene, section: bytes, pictures: _Pictures, show: Progress) -> dict[str, float]:
+def _scores(scene: AnchorScene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
     """Mean PSNR of what a receiver of these bytes draws."""
     gaussians, background = preview_gaussians(section)
     draw, behind = create_training_renderer(torch.device("cpu")), torch.tensor(background)
     totals = dict.fromkeys(("background", "preview", "complete"), 0.0)
-    complete = iterate_views(scene, pictures.cameras)
-    for view, (truth, image, mask) in enumerate(zip(complete, pictures.images, pictures.masks, strict=True)):
+    for view, complete in enumerate(iterate_views(scene, pictures.cameras)):
         drawn = draw(gaussians, pictures.cameras.select([view]), background=behind, watched=False).image
-        rows = {"background": behind.expand_as(image), "preview": drawn.clamp(0, 1), "complete": truth}
+        rows = {"background": behind.expand_as(drawn), "preview": drawn.clamp(0, 1), "complete": complete}
         for name, picture in rows.items():
-            totals[name] += _decibels(picture, image, mask)
+            totals[name] += pictures.psnr(view, picture)
         show("comparing pictures", (view + 1) / len(pictures.images))
     return {name: total / len(pictures.images) for name, total in totals.items()}
-
-
-def _decibels(
-    picture: Float[Tensor, "H W 3"], image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None
-) -> float:
-    return min(float(psnr(picture[None], image[None], None if mask is None else mask[None])[0]), 100.0)

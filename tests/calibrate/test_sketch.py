@@ -5,6 +5,10 @@ import pytest
 import torch
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.calibrate.pseudo_loss import calibration_data, without
+from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
+from splatwire.calibrate.sketch_fit import SketchFit, fit_sketch, sketch_material
+from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.conceal import conceal
@@ -14,11 +18,8 @@ from splatwire.errors import InvalidValueError
 from splatwire.packets import Packetization
 from splatwire.render import render_scene
 from splatwire.render.sensitivity import render_sensitivity
-from splatwire.train.calibrate_render import SketchConfig, SketchViews, sketch_for_stream
-from splatwire.train.gnn_data import calibration_data, without
-from splatwire.train.sketch_fit import SketchFit, fit_sketch, sketch_material
 
-VIEWS = SketchViews(tiny_cameras(num_views=3, width=48, height=32))
+VIEWS = CalibrationViews(tiny_cameras(num_views=3, width=48, height=32))
 CONFIG = SketchConfig(share=0.1, views=3, scored_views=2, exponents=(0.0, 0.3))
 
 
@@ -109,7 +110,7 @@ def test_mistakes(stream, data) -> None:
     away = dataclasses.replace(VIEWS.cameras, viewmats=VIEWS.cameras.viewmats.clone())
     away.viewmats[:, 2, 3] = -1e4
     with pytest.raises(InvalidValueError, match="no view shows anything"):
-        sketch_for_stream(data, SketchViews(away), stream.num_bytes, CONFIG)
+        sketch_for_stream(data, CalibrationViews(away), stream.num_bytes, CONFIG)
 
 
 @pytest.mark.parametrize("width", [48, 31])
@@ -122,7 +123,7 @@ def test_what_masks_leave_out_of_photos_chooses_nothing(stream, data, width) -> 
     for garbage in (0.0, 1.0):
         photos = torch.where(mask[..., None], pictures, torch.full_like(pictures, garbage))
         photos[2] = pictures[2]
-        views = SketchViews(VIEWS.cameras, photos.__getitem__, mask=lambda view: None if view == 2 else mask)
+        views = CalibrationViews(VIEWS.cameras, photos.__getitem__, mask=lambda view: None if view == 2 else mask)
         found.append(sketch_for_stream(data, views, stream.num_bytes, config))
     whole = sketch_for_stream(data, dataclasses.replace(views, mask=None), stream.num_bytes, config)
     assert found[0].psnr == found[1].psnr != whole.psnr

@@ -2,24 +2,22 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.conceal import AnchorContext, context_of
+from splatwire.calibrate.checks import check_settings
+from splatwire.calibrate.pseudo_loss import CalibrationData, without
 from splatwire.conceal.scene_free import GainNetwork
-from splatwire.conceal.scene_free.network import HIDDEN, GainInputs, gain_inputs
-from splatwire.conceal.scene_free.surroundings import Surroundings, surroundings_of
+from splatwire.conceal.scene_free.network import HIDDEN, gain_inputs
+from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
-from splatwire.model import AnchorScene, PartialScene
 from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians, visible_anchors
-from splatwire.packets import PacketGroups, SceneStream, arrange
 from splatwire.render.base import create_renderer
-from splatwire.scene import Cameras, Gaussians
-from splatwire.train.calibrate_gnn import pseudo_loss, without
+from splatwire.scene import Gaussians
 
 
 @dataclass(frozen=True)
@@ -44,43 +42,12 @@ class SceneFreeConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.steps < 0 or not self.drop_rates or not all(0 < rate < 1 for rate in self.drop_rates):
-            raise InvalidValueError(f"{self.steps} steps on losses of {self.drop_rates} are no training")
-
-
-@dataclass(frozen=True, eq=False)
-class TrainingScene:
-    """A scene to learn from.
-
-    Attributes:
-        scene: The decoded scene, complete.
-        context: The same as a receiver knows it.
-        groups: Its packets.
-        cameras: Where it is looked at from, at the size at which pictures are compared.
-        background: RGB behind everything.
-    """
-
-    scene: AnchorScene
-    context: AnchorContext
-    groups: PacketGroups
-    cameras: Cameras
-    background: Float[Tensor, "3"]
-
-
-def training_scene(
-    stream: SceneStream,
-    complete: PartialScene,
-    cameras: Cameras,
-    background: tuple[float, float, float],
-) -> TrainingScene:
-    """Takes apart a complete stream and what was decoded from it."""
-    groups, _ = arrange(stream.manifest.plan, stream.packets)
-    context = context_of(complete).to_cpu()
-    return TrainingScene(complete.scene, context, groups, cameras, torch.tensor(background))
+        rates = bool(self.drop_rates) and all(0 < rate < 1 for rate in self.drop_rates)
+        check_settings(self, "a training", ("hidden",), steps=self.steps >= 0, drop_rates=rates)
 
 
 def train_scene_free(
-    scenes: Sequence[TrainingScene],
+    scenes: Sequence[CalibrationData],
     config: SceneFreeConfig,
     *,
     progress: Callable[[int, float], None] | None = None,
@@ -90,7 +57,7 @@ def train_scene_free(
     The loss of a picture is `log(mean squared error + floor)`: each decibel counts alike in every scene and view.
 
     Args:
-        scenes: What to learn from.
+        scenes: What to learn from, with the cameras at the size at which pictures are compared.
         config: The run.
         progress: Called after each step with its number and its loss.
 
@@ -98,7 +65,7 @@ def train_scene_free(
         The network after the last step.
 
     Raises:
-        InvalidValueError: If there is no scene.
+        InvalidValueError: If there is no scene, or one has no cameras.
         DivergedError: If the loss is not finite.
     """
     if not scenes:
@@ -127,37 +94,31 @@ def train_scene_free(
     return network.eval().requires_grad_(False)
 
 
-@dataclass(eq=False)
 class _Lessons:
     """Losses and views of one scene, with all that does not change while the network learns."""
 
-    scene: TrainingScene
-    config: SceneFreeConfig
-    seeds: np.random.SeedSequence
-    inputs: list[GainInputs] = field(init=False)
-    _views: dict[int, tuple[SpawnedGaussians, Tensor]] = field(default_factory=dict)
-    _order: list[tuple[int, int]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        rates, count = self.config.drop_rates, self.scene.context.anchors.num_anchors
-        around = surroundings_of(self.scene.context, torch.arange(count))
-        seeds = self.seeds.generate_state(len(rates)).tolist()
-        self.inputs = [self._inputs(around, rate, seed) for rate, seed in zip(rates, seeds, strict=True)]
-
-    def _inputs(self, around: Surroundings, rate: float, seed: int) -> GainInputs:
-        known = pseudo_loss(self.scene.groups, len(around.log_size), rate, seed)
+    def __init__(self, data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> None:
+        if data.cameras is None:
+            raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
+        self._scene, self._cameras = data.scene, data.cameras
+        around = surroundings_of(data.context, torch.arange(data.scene.anchors.num_anchors))
         with torch.no_grad():
-            return gain_inputs(without(self.scene.context, known), around.select(known))
+            self.inputs = [
+                gain_inputs(without(data.context, known), around.select(known))
+                for known in data.pseudo_losses(config.drop_rates, seeds)
+            ]
+        self._views: dict[int, tuple[SpawnedGaussians, Tensor]] = {}
+        self._order: list[tuple[int, int]] = []
 
     def error(self, network: GainNetwork, rng: torch.Generator) -> Float[Tensor, ""]:
         """Mean squared error of the next picture; every loss meets every view before one comes again."""
         if not self._order:
-            pairs = [(loss, view) for loss in range(len(self.inputs)) for view in range(self.scene.cameras.num_views)]
+            pairs = [(loss, view) for loss in range(len(self.inputs)) for view in range(self._cameras.num_views)]
             self._order = [pairs[place] for place in torch.randperm(len(pairs), generator=rng).tolist()]
         loss, view = self._order.pop()
         inputs = self.inputs[loss]
         spawned, reference = self._lossless(view)
-        place = torch.full((self.scene.context.anchors.num_anchors,), -1)
+        place = torch.full((self._scene.anchors.num_anchors,), -1)
         place[inputs.rows] = torch.arange(len(inputs.rows))
         place = place[spawned.anchor_index]
         arrived = place >= 0
@@ -168,7 +129,7 @@ class _Lessons:
     @torch.no_grad()
     def _lossless(self, view: int) -> tuple[SpawnedGaussians, Tensor]:
         if view not in self._views:
-            cameras, scene = self.scene.cameras, self.scene.scene
+            cameras, scene = self._cameras, self._scene
             visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
             center = cameras.centers[view].to(scene.anchors.positions)
             spawned = spawn_gaussians(scene.anchors, scene.heads, center, visible)
@@ -176,8 +137,8 @@ class _Lessons:
         return self._views[view]
 
     def _draw(self, gaussians: Gaussians, view: int) -> Float[Tensor, "H W 3"]:
-        draw = create_renderer("cpu")
-        return draw(gaussians, self.scene.cameras.select([view]), background=self.scene.background)[0]
+        behind = torch.tensor(self._scene.background)
+        return create_renderer("cpu")(gaussians, self._cameras.select([view]), background=behind)[0]
 
 
 def _rows(g: Gaussians, rows: Tensor) -> Gaussians:

@@ -5,17 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from splatwire.calibrate.gnn_config import CalibrationConfig
+from splatwire.calibrate.gnn_run import CalibrationResult, CalibrationRun, restore_checkpoint, save_checkpoint
+from splatwire.calibrate.pseudo_loss import CalibrationData
 from splatwire.conceal.gnn.graph import RepairGraph
 from splatwire.errors import InvalidValueError
-from splatwire.train.gnn_data import CALIBRATION_PRESETS as CALIBRATION_PRESETS
-from splatwire.train.gnn_data import CalibrationConfig as CalibrationConfig
-from splatwire.train.gnn_data import CalibrationData as CalibrationData
-from splatwire.train.gnn_data import calibration_data as calibration_data
-from splatwire.train.gnn_data import pseudo_graphs as pseudo_graphs
-from splatwire.train.gnn_data import pseudo_loss as pseudo_loss
-from splatwire.train.gnn_data import without as without
-from splatwire.train.gnn_run import CalibrationResult as CalibrationResult
-from splatwire.train.gnn_run import CalibrationRun, restore_checkpoint, save_checkpoint
 
 
 @dataclass(frozen=True)

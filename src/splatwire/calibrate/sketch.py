@@ -1,29 +1,26 @@
-"""Calibration for the picture: a sketch of the anchors that matter, and how far the rest grows, chosen on pictures."""
+"""A sketch of the anchors that matter, and how far the rest grows, chosen on pictures."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from torch import Tensor
 
+from splatwire.calibrate.checks import check_settings
+from splatwire.calibrate.pseudo_loss import CalibrationData, without
+from splatwire.calibrate.sketch_fit import SketchFit, SketchMaterial, fit_sketch, sketch_material
+from splatwire.calibrate.views import CalibrationViews, Progress, References
 from splatwire.conceal import AnchorContext, Concealed, Concealer, Drop, Grow
 from splatwire.conceal.conceal import keep_received
 from splatwire.conceal.sketch.concealer import SketchedLoss, buckets_of, conceal_with, with_sketch
 from splatwire.conceal.sketch.section import MAX_TRUST, SketchSection, write_sketch
 from splatwire.errors import InvalidValueError
-from splatwire.metrics import psnr
 from splatwire.model import AnchorScene, RenderHints
 from splatwire.render import iterate_views
 from splatwire.render.sensitivity import render_sensitivity
-from splatwire.scene import Cameras
-from splatwire.scene.background import Background
-from splatwire.train.gnn_data import CalibrationData, pseudo_loss, without
-from splatwire.train.sketch_fit import SketchFit, SketchMaterial, fit_sketch, sketch_material
 
-Progress = Callable[[str, float], None]
 _PRICE_STEPS = 12
 _MAX_WIDTH = 400
 
@@ -61,32 +58,12 @@ class SketchConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        counts = ("masks", "held_out_masks", "views", "scored_views", "width", "probes")
-        bad = [name for name in counts if getattr(self, name) < 1]
-        bad += [] if 0 < self.drop_rate < 1 else ["drop_rate"]
-        bad += [] if 0 < self.share <= 0.5 else ["share"]
-        bad += [] if self.seed >= 0 else ["seed"]
-        bad += [] if self.exponents and all(0 <= e <= 4 for e in self.exponents) else ["exponents"]
-        bad += [] if self.trusts and all(0 <= t <= MAX_TRUST for t in self.trusts) else ["trusts"]
-        if bad:
-            raise InvalidValueError(f"calibration cannot run with {', '.join(f'{n}={getattr(self, n)}' for n in bad)}")
-
-
-@dataclass(frozen=True, eq=False)
-class SketchViews:
-    """Where the scene is looked at from.
-
-    Attributes:
-        cameras: The cameras, training views as a rule.
-        photo: Gives the photo of a view; None where there are none: then the complete scene is the reference.
-        background: RGB behind everything; None for what the scene was trained in front of.
-        mask: Gives the mask of a view's photo, True where it counts, None where all of it does; None if there are none.
-    """
-
-    cameras: Cameras
-    photo: Callable[[int], Tensor] | None = None
-    background: Background | None = None
-    mask: Callable[[int], Tensor | None] | None = None
+        check_settings(
+            self, "a calibration", ("masks", "held_out_masks", "views", "scored_views", "width", "probes"),
+            drop_rate=0 < self.drop_rate < 1, share=0 < self.share <= 0.5, seed=self.seed >= 0,
+            exponents=bool(self.exponents) and all(0 <= e <= 4 for e in self.exponents),
+            trusts=bool(self.trusts) and all(0 <= t <= MAX_TRUST for t in self.trusts),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +89,7 @@ class SketchResult:
 
 def sketch_for_stream(
     data: CalibrationData,
-    views: SketchViews,
+    views: CalibrationViews,
     stream_bytes: int,
     config: SketchConfig,
     *,
@@ -131,11 +108,9 @@ def sketch_for_stream(
         InvalidValueError: If a sketch of that size holds nothing, or no view shows anything.
     """
     started, show = time.perf_counter(), progress or (lambda task, share: None)
-    if views.background is not None:
-        data = replace(data, scene=replace(data.scene, background=views.background))
-    sensitivity_views = fewer_views(views, config.views, config.width)
+    data = replace(data, scene=views.in_front(data.scene))
     sensitivity = render_sensitivity(
-        data.scene, sensitivity_views.cameras, probes=config.probes, seed=config.seed,
+        data.scene, views.reduced(config.views, config.width).cameras, probes=config.probes, seed=config.seed,
         progress=lambda share: show("what each anchor is worth", share),
     )  # fmt: skip
     if not float(sensitivity.removal.sum()) > 0:
@@ -143,13 +118,13 @@ def sketch_for_stream(
     material = sketch_material(data.context, sensitivity)
     buckets = buckets_of(data.context)
     section = _of_size(material, buckets, config, round(config.share * stream_bytes), show)
-    scored = _Scores(data, fewer_views(views, config.scored_views, config.width), config)
+    scored = _Scores(data, views.reduced(config.scored_views, config.width), config)
     section = _best_growth(scored, section, config, show)
     show("held-out losses", 0.0)
-    quality = {"no loss": scored.mean(None, scored.held_out)}
+    quality = {"no loss": scored.quality(data.scene)}
     rows: dict[str, Concealer | SketchSection] = {"drop": Drop(), "grow": Grow(), "sketch": section}
     for number, (name, method) in enumerate(rows.items()):
-        quality[name] = scored.mean(method, scored.held_out)
+        quality[name] = scored.held_out_quality(method)
         show("held-out losses", (number + 1) / len(rows))
     coded = write_sketch(section, buckets)
     seconds = time.perf_counter() - started
@@ -201,57 +176,19 @@ def _best_growth(scored: "_Scores", section: SketchSection, config: SketchConfig
     return replace(section, exponent=exponent, trust=trust)
 
 
-def fewer_views(views: SketchViews, count: int, width: int) -> SketchViews:
-    """At most `count` views, spread evenly, at most `width` wide."""
-    total = views.cameras.num_views
-    chosen = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int)).tolist()
-    cameras = views.cameras.select(chosen)
-    cameras = cameras.scaled(min(1.0, width / cameras.width))
-    photo, mask = views.photo, views.mask
-    if photo is None:
-        return SketchViews(cameras, None, views.background)
-    size = (cameras.height, cameras.width)
-    return SketchViews(
-        cameras,
-        lambda view: _resized(photo(chosen[view]), size),
-        views.background,
-        None if mask is None else lambda view: _resized_mask(mask(chosen[view]), size),
-    )
-
-
-def _resized(image: Float[Tensor, "H W 3"], size: tuple[int, int]) -> Float[Tensor, "H2 W2 3"]:
-    if tuple(image.shape[:2]) == size:
-        return image
-    planes = image.permute(2, 0, 1)[None]
-    return torch.nn.functional.interpolate(planes, size, mode="bilinear", antialias=True)[0].permute(1, 2, 0)
-
-
-def _resized_mask(mask: Bool[Tensor, "H W"] | None, size: tuple[int, int]) -> Bool[Tensor, "H2 W2"] | None:
-    """Where the resized photo is made of pixels that count and of no others."""
-    if mask is None:
-        return None
-    return _resized((~mask)[..., None].expand(-1, -1, 3).float(), size)[..., 0] == 0
-
-
 class _Scores:
     """Mean PSNR of concealed pseudo-losses; references are drawn, or loaded, once."""
 
-    def __init__(self, data: CalibrationData, views: SketchViews, config: SketchConfig) -> None:
-        self._scene, self._context, self._views = data.scene, data.context, views
-        seeds = np.random.SeedSequence(config.seed).generate_state(config.masks + config.held_out_masks).tolist()
-        known = [pseudo_loss(data.groups, data.context.anchors.num_anchors, config.drop_rate, seed) for seed in seeds]
-        self.chosen_on, self.held_out = known[: config.masks], known[config.masks :]
-        complete = list(self._draw(data.scene))
-        photo = views.photo
-        numbers = range(views.cameras.num_views)
-        self._references = complete if photo is None else [photo(view) for view in numbers]
-        self._masks = [None if views.mask is None else views.mask(view) for view in numbers]
+    def __init__(self, data: CalibrationData, views: CalibrationViews, config: SketchConfig) -> None:
+        self._scene, self._context = data.scene, data.context
+        rates = [config.drop_rate] * (config.masks + config.held_out_masks)
+        known = data.pseudo_losses(rates, config.seed)
+        self.chosen_on, self._held_out = known[: config.masks], known[config.masks :]
+        self._references = References.of(data.scene, views)
 
-    def mean(self, method: "Concealer | SketchSection | None", losses: Sequence[Bool[Tensor, "N"]]) -> float:
-        """Decibels over views and losses; of the complete scene for None."""
-        if method is None:
-            return self._quality(self._scene)
-        return sum(self._quality(self._concealed(method, known)) for known in losses) / len(losses)
+    def held_out_quality(self, method: "Concealer | SketchSection") -> float:
+        """Decibels over the views, mean over the losses that choose nothing."""
+        return sum(self.quality(self._concealed(method, known)) for known in self._held_out) / len(self._held_out)
 
     def sketched(self, section: SketchSection, known: Bool[Tensor, "N"]) -> SketchedLoss:
         """A loss with the copies in place, for `quality_of` with any growth."""
@@ -259,25 +196,19 @@ class _Scores:
 
     def quality_of(self, loss: SketchedLoss, section: SketchSection) -> float:
         """Decibels over the views with the growth of a section."""
-        return self._quality(self._drawn(loss.filled, loss.proposal(section)))
+        return self.quality(self._drawn(loss.filled, loss.proposal(section)))
+
+    def quality(self, scene: AnchorScene) -> float:
+        """Decibels over the views."""
+        pictures = enumerate(iterate_views(scene, self._references.cameras))
+        each = [self._references.psnr(view, picture) for view, picture in pictures]
+        return sum(each) / len(each)
 
     def _concealed(self, method: "Concealer | SketchSection", known: Bool[Tensor, "N"]) -> AnchorScene:
         context: AnchorContext = without(self._context, known)
-        if isinstance(method, SketchSection):
-            return self._drawn(context, conceal_with(context, method))
-        return self._drawn(context, method(context))
+        proposal = conceal_with(context, method) if isinstance(method, SketchSection) else method(context)
+        return self._drawn(context, proposal)
 
     def _drawn(self, context: AnchorContext, proposal: Concealed) -> AnchorScene:
         hints = RenderHints(proposal.size_gain, proposal.left_out, proposal.opacity_gain)
         return replace(self._scene, anchors=keep_received(context, proposal.anchors), hints=hints)
-
-    def _quality(self, scene: AnchorScene) -> float:
-        views = zip(self._draw(scene), self._references, self._masks, strict=True)
-        each = [
-            min(float(psnr(image[None], reference[None], None if mask is None else mask[None])[0]), 100.0)
-            for image, reference, mask in views
-        ]
-        return sum(each) / len(each)
-
-    def _draw(self, scene: AnchorScene) -> "Sequence[Tensor]":
-        return list(iterate_views(scene, self._views.cameras))

@@ -6,6 +6,11 @@ import pytest
 import torch
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.calibrate.gnn import calibrate
+from splatwire.calibrate.gnn_config import CalibrationConfig
+from splatwire.calibrate.gnn_losses import LossWeights, channel_spread, normalized_errors, parameter_losses
+from splatwire.calibrate.gnn_run import CalibrationRun
+from splatwire.calibrate.pseudo_loss import calibration_data, pseudo_loss, without
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import Cari, Gnn, GnnSettings
 from splatwire.conceal.gnn.fusion import branches
@@ -13,9 +18,6 @@ from splatwire.conceal.gnn.graph import build_graph, prior_rows
 from splatwire.conceal.gnn.network import RawResiduals
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import Packetization
-from splatwire.train.calibrate_gnn import CalibrationConfig, calibrate, calibration_data, pseudo_loss, without
-from splatwire.train.gnn_losses import LossWeights, channel_spread, normalized_errors, parameter_losses
-from splatwire.train.gnn_run import CalibrationRun
 
 SETTINGS = GnnSettings(neighbors=6, pool=12, hidden=16, baseline="interpolation")
 CONFIG = CalibrationConfig(

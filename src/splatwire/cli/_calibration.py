@@ -1,0 +1,109 @@
+"""What calibrations share: the stream that they start from, where they look from, the section that they add."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from splatwire.cli._files import is_stream, prepared_output
+from splatwire.cli._output import Reporter
+from splatwire.cli._scenes import BackgroundOption, chosen_background
+from splatwire.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.calibrate.views import CalibrationViews
+    from splatwire.model import AnchorScene
+    from splatwire.packets import SceneStream
+    from splatwire.scene.background import Background
+
+
+@dataclass(frozen=True)
+class LookFrom:
+    """Where pictures are compared; without photos and cameras on a sphere of views, with the complete scene."""
+
+    data: Path | None = None
+    """Posed photos, of which the training views are used."""
+    cameras: Path | None = None
+    """Cameras file: the complete scene's pictures there instead of photos."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
+
+    def check(self) -> None:
+        """Refuses what contradicts itself, before any work.
+
+        Raises:
+            InvalidValueError: If photos and cameras were given, or the background is no colour.
+        """
+        if self.data is not None and self.cameras is not None:
+            raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
+        chosen_background(self.background)
+
+    def views(self, scene: "AnchorScene") -> "tuple[CalibrationViews, str]":
+        """Training photos, cameras, or a sphere of views; and which of them, in words."""
+        from splatwire.calibrate.views import CalibrationViews
+        from splatwire.data import load_cameras
+        from splatwire.render.importance import surrounding_cameras
+
+        behind = self._behind(scene)
+        if (photos := self.photos("train", scene)) is not None:
+            return photos, f"against training photos{'' if photos.mask is None else ' inside their masks'}"
+        if self.cameras is not None:
+            there = CalibrationViews(load_cameras(self.cameras), background=behind)
+            return there, "against the complete scene in the cameras given"
+        around = CalibrationViews(surrounding_cameras(scene.anchors), background=behind)
+        return around, "against the complete scene on a sphere of views"
+
+    def photos(self, split: str, scene: "AnchorScene") -> "CalibrationViews | None":
+        """The photos of a split, `train` or `test`; None without photos."""
+        from splatwire.calibrate.views import CalibrationViews
+        from splatwire.data import open_dataset
+
+        if self.data is None:
+            return None
+        return CalibrationViews.of_photos(open_dataset(self.data, split=split, background=self._behind(scene)))
+
+    def _behind(self, scene: "AnchorScene") -> "Background":
+        chosen = chosen_background(self.background)
+        return scene.background if chosen is None else chosen
+
+
+def stream_output(path: Path, what: str) -> Path:
+    """Checks the name of a stream to write.
+
+    Raises:
+        InvalidValueError: If it is no stream's name, or nothing can be written under it.
+    """
+    if path.suffix != ".swz":
+        raise InvalidValueError(f"a {what} travels in the stream: the output must end in .swz, not {path}")
+    return prepared_output(path)
+
+
+def complete_stream(source: Path, show: Reporter) -> "SceneStream":
+    """The stream that a person named; a scene is encoded first."""
+    from splatwire.codec import encode_scene
+    from splatwire.model.scene_file import load_scene
+    from splatwire.packets import PRESETS, read_stream
+
+    if is_stream(source):
+        return read_stream(source)[0]
+    return encode_scene(load_scene(source), PRESETS["paper"], progress=lambda share: show("encoding", share))
+
+
+def write_with_section(bare: "SceneStream", name: str, section: bytes, path: Path) -> dict[str, int | float]:
+    """Writes a stream with a section more, and says what that costs.
+
+    Args:
+        bare: The stream without it.
+        name: Its name.
+        section: Its bytes.
+        path: Where to write.
+
+    Returns:
+        `num_bytes` that it takes, `stream_bytes` of all, and `share_of_stream`.
+    """
+    from splatwire.codec import add_concealment
+    from splatwire.packets import write_stream
+
+    richer = add_concealment(bare, name, section)
+    write_stream(richer, path)
+    size = richer.num_bytes - bare.num_bytes
+    return {"num_bytes": size, "stream_bytes": richer.num_bytes, "share_of_stream": size / richer.num_bytes}
