@@ -29,7 +29,7 @@ from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import open_dataset
 from splatwire.model.scene_file import save_scene
 from splatwire.train import Listener, Progress, RunOptions, create_config, train_scene
-from splatwire.train.trainer import assess_scene
+from splatwire.train.quality import assess_scene
 
 RUNS = {"snowmiku_small_2400": ("snowmiku_small", 2400, 0.01), "snowmiku_15k": ("snowmiku", 15_000, 0.001),
         "bonsai_30k": ("bonsai", 30_000, 0.001)}  # fmt: skip

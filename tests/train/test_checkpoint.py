@@ -9,18 +9,17 @@ from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import AnchorCache
 from splatwire.train.initial import initial_state
 from splatwire.train.photos import PhotoStore
 from splatwire.train.state import TrainState
-from splatwire.train.step import train_step
+from splatwire.train.step import TrainingStep
 
 
 def _train(state: TrainState, dataset: Dataset, config: TrainConfig, last: int) -> None:
-    photos, cache = PhotoStore(dataset, torch.device("cpu")), AnchorCache(config.model)
+    photos, step = PhotoStore(dataset, torch.device("cpu")), TrainingStep(config, dataset.cameras)
     while state.iteration < last:
         view = int(torch.randint(dataset.num_views, (1,), generator=state.generator))
-        train_step(state, config, dataset.cameras, view, photos.photo(view), cache)
+        step(state, view, photos.photo(view))
 
 
 def _tensors(state: TrainState) -> dict[str, torch.Tensor]:

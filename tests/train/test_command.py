@@ -111,7 +111,7 @@ def test_a_damaged_photo_is_told_before_the_first_iteration(
     def never(*words: object) -> None:
         raise AssertionError("an iteration began")
 
-    monkeypatch.setattr("splatwire.train.trainer.train_step", never)
+    monkeypatch.setattr("splatwire.train.trainer.TrainingStep.__call__", never)
     shutil.copytree(folder, tmp_path / "data")
     damaged = sorted((tmp_path / "data" / "images").iterdir())[photo]
     damaged.write_bytes(damaged.read_bytes()[:-300])

@@ -5,13 +5,15 @@ import math
 import pytest
 
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.train.config import PRESETS, Marks, config_from_json, config_to_json, create_config
+from splatwire.train.checkpoint import config_from_json
+from splatwire.train.config import Marks
+from splatwire.train.presets import PRESETS, create_config
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_recipe_survives_json(preset: str) -> None:
     config = create_config(preset, iterations=1234, seed=5)
-    assert config_from_json(json.loads(json.dumps(config_to_json(config)))) == config
+    assert config_from_json(json.loads(json.dumps(dataclasses.asdict(config)))) == config
 
 
 def test_published_settings() -> None:

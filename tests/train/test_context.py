@@ -7,7 +7,7 @@ from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, calibrate_prior, grid_features, sample_rate, step_columns
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
-from splatwire.train.state import TrainState, network
+from splatwire.train.state import TrainState
 
 
 def _scattered(dataset: Dataset, config: TrainConfig) -> TrainState:
@@ -71,7 +71,7 @@ def test_masked_anchors_cost_nothing(dataset: Dataset, config: TrainConfig) -> N
 
 
 def test_the_steps_alone_are_the_last_columns_of_the_prior(dataset: Dataset, config: TrainConfig) -> None:
-    prior = network(initial_state(dataset, config).parameters, "prior")
+    prior = initial_state(dataset, config).networks.prior
     x = torch.randn(5, config.model.grid.context_dim)
     torch.testing.assert_close(step_columns(prior)(x), prior(x)[:, -3:])
 

@@ -13,13 +13,13 @@ from splatwire.data import Dataset
 from splatwire.render.gsplat_backend import GsplatRenderer
 from splatwire.train import Listener, Progress, RunOptions, load_checkpoint, train_scene
 from splatwire.train.config import Marks, TrainConfig
-from splatwire.train.context import AnchorCache
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED, Kernels, plain_kernels, uniform_from_host
 from splatwire.train.losses import prepare_photo
 from splatwire.train.photos import PhotoStore
+from splatwire.train.plain import prepare_photo_plain
 from splatwire.train.state import TrainState, move_state
-from splatwire.train.step import StepReport, train_step
+from splatwire.train.step import StepReport, TrainingStep
 
 
 @pytest.fixture
@@ -37,12 +37,9 @@ def plain(gsplat: GsplatRenderer) -> Kernels:
 
 
 def _run(state: TrainState, dataset: Dataset, config: TrainConfig, kernels: Kernels, count: int) -> list[StepReport]:
-    cache = AnchorCache(config.model)
+    step = TrainingStep(config, dataset.cameras, kernels)
     photos = [prepare_photo(dataset.image(view)) for view in range(3)]
-    return [
-        train_step(state, config, dataset.cameras, i % 3, photos[i % 3], cache, kernels)
-        for i in range(state.iteration, state.iteration + count)
-    ]
+    return [step(state, i % 3, photos[i % 3]) for i in range(state.iteration, state.iteration + count)]
 
 
 def _short(config: TrainConfig) -> TrainConfig:
@@ -167,7 +164,7 @@ def test_a_run_goes_on_elsewhere(
 def test_photos_that_do_not_fit_stay_on_the_host(dataset: Dataset) -> None:
     pixels = dataset.cameras.width * dataset.cameras.height
     with pretend_device():
-        store = PhotoStore(dataset, DEVICE, device_bytes=3 * pixels * 3)
+        store = PhotoStore(dataset, DEVICE, prepare_photo_plain, device_bytes=3 * pixels * 3)
         assert [isinstance(b, PretendTensor) for b in store._bytes] == [True] * 3 + [False] * 5
         photos = [store.photo(view).image.cpu() for view in (1, 6)]
     expected = PhotoStore(dataset, torch.device("cpu"))
@@ -183,5 +180,5 @@ def test_a_view_that_sees_nothing(dataset: Dataset, config: TrainConfig, plain: 
     before = {name: value.detach().clone() for name, value in state.parameters.items()}
     for _ in range(config.marks.statistics_start + 1):
         photo = prepare_photo(dataset.image(0))
-        assert train_step(state, config, cameras, 0, photo, AnchorCache(config.model), plain).num_gaussians == 0
+        assert TrainingStep(config, cameras, plain)(state, 0, photo).num_gaussians == 0
     assert all(torch.equal(before[name], value.detach()) for name, value in state.parameters.items())

@@ -10,14 +10,13 @@ from gpu import DEVICE, NEEDS_GPU
 from splatwire.data import Dataset
 from splatwire.train import RunOptions, export_scene, load_checkpoint, train_scene
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import AnchorCache
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import choose_kernels, uniform_from_host
 from splatwire.train.losses import prepare_photo
 from splatwire.train.photos import PhotoStore
+from splatwire.train.quality import assess_scene
 from splatwire.train.state import TrainState, move_state
-from splatwire.train.step import StepReport, train_step
-from splatwire.train.trainer import assess_scene
+from splatwire.train.step import StepReport, TrainingStep
 
 pytestmark = NEEDS_GPU
 
@@ -28,17 +27,17 @@ def _next(state: TrainState, dataset: Dataset, config: TrainConfig) -> tuple[Ste
     for name, value in state.parameters.items():
         value.register_hook(lambda gradient, name=name: found.__setitem__(name, gradient.cpu()))
     kernels = dataclasses.replace(choose_kernels(state.device), uniform=uniform_from_host)
-    photo = PhotoStore(dataset, state.device).photo(1)
+    photo = PhotoStore(dataset, state.device, kernels.prepare_photo).photo(1)
     cameras = dataset.cameras
     cameras = dataclasses.replace(cameras, viewmats=cameras.viewmats.to(state.device), Ks=cameras.Ks.to(state.device))
-    return train_step(state, config, cameras, 1, photo, AnchorCache(config.model), kernels), found
+    return TrainingStep(config, cameras, kernels)(state, 1, photo), found
 
 
 @pytest.mark.parametrize("iterations", [3, 25, 45])  # pictures only; fixed noise; adaptive noise and rate
 def test_an_iteration_is_that_of_the_cpu(iterations: int, dataset: Dataset, config: TrainConfig) -> None:
-    state, cache = initial_state(dataset, config), AnchorCache(config.model)
+    state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
     for _ in range(iterations):
-        train_step(state, config, dataset.cameras, 1, prepare_photo(dataset.image(1)), cache)
+        step(state, 1, prepare_photo(dataset.image(1)))
     generator = torch.Generator()
     generator.set_state(state.generator.get_state())
     other = dataclasses.replace(move_state(state, torch.device(DEVICE)), generator=generator)

@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from splatwire.train.losses import photometric_loss, photometric_loss_reference, prepare_photo
+from photometric_reference import photometric_loss_reference
+from splatwire.train.losses import photometric_loss, prepare_photo
 
 
 def _pair(height: int, width: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:

@@ -16,7 +16,7 @@ from splatwire.train.config import TrainConfig
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.photos import PhotoStore
-from splatwire.train.trainer import assess_scene
+from splatwire.train.quality import assess_scene
 
 
 def _masked(dataset: Dataset, folder: Path, left: int) -> Dataset:

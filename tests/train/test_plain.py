@@ -3,11 +3,12 @@
 import pytest
 import torch
 
+from photometric_reference import photometric_loss_reference
 from scenes import SMALL_CONFIG
 from splatwire.train.adam import adam_update
 from splatwire.train.grid import find_corners, interpolate_signs
 from splatwire.train.kernels import uniform_from_host, uniform_on_device
-from splatwire.train.losses import photometric_loss, photometric_loss_reference, prepare_photo
+from splatwire.train.losses import photometric_loss, prepare_photo
 from splatwire.train.plain import (
     adam_update_plain,
     interpolate_signs_plain,

@@ -2,7 +2,8 @@ import math
 
 import pytest
 
-from splatwire.train.config import LearningRate, Marks, create_config
+from splatwire.train.config import LearningRate, Marks
+from splatwire.train.presets import create_config
 from splatwire.train.schedule import (
     Phase,
     changes_anchors,

@@ -7,11 +7,10 @@ import torch
 
 from splatwire.data import Dataset
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import AnchorCache
 from splatwire.train.initial import initial_state
 from splatwire.train.losses import prepare_photo
 from splatwire.train.state import TrainState
-from splatwire.train.step import train_step
+from splatwire.train.step import TrainingStep
 
 STEP = 2e-3
 
@@ -19,9 +18,7 @@ STEP = 2e-3
 def _loss(state: TrainState, dataset: Dataset, config: TrainConfig) -> float:
     """The loss of the next iteration, without learning from it."""
     frozen = dataclasses.replace(config, rates=_still(config))
-    return train_step(
-        state, frozen, dataset.cameras, 1, prepare_photo(dataset.image(1)), AnchorCache(config.model)
-    ).loss
+    return TrainingStep(frozen, dataset.cameras)(state, 1, prepare_photo(dataset.image(1))).loss
 
 
 def _still(config: TrainConfig) -> object:
@@ -32,10 +29,10 @@ def _still(config: TrainConfig) -> object:
 
 
 def _trained(dataset: Dataset, config: TrainConfig, iterations: int) -> TrainState:
-    state, cache = initial_state(dataset, config), AnchorCache(config.model)
+    state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
     photo = prepare_photo(dataset.image(1))
     for _ in range(iterations):
-        train_step(state, config, dataset.cameras, 1, photo, cache)
+        step(state, 1, photo)
     return state
 
 

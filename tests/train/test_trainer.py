@@ -14,8 +14,8 @@ from splatwire.train import Listener, Progress, QualityReport, RunOptions, load_
 from splatwire.train.config import TrainConfig
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
-from splatwire.train.step import train_step
-from splatwire.train.trainer import assess_scene
+from splatwire.train.quality import assess_scene
+from splatwire.train.step import TrainingStep
 
 
 def _longer(config: TrainConfig) -> TrainConfig:
@@ -126,7 +126,6 @@ def test_a_scene_that_lambda_has_emptied_is_not_exported(dataset: Dataset, confi
 
 
 def test_a_view_that_sees_nothing_changes_nothing_in_the_heads(dataset: Dataset, config: TrainConfig) -> None:
-    from splatwire.train.context import AnchorCache
     from splatwire.train.losses import prepare_photo
 
     state = initial_state(dataset, config)
@@ -134,7 +133,7 @@ def test_a_view_that_sees_nothing_changes_nothing_in_the_heads(dataset: Dataset,
     away[:, [0, 2]] *= -1
     cameras = dataclasses.replace(dataset.cameras, viewmats=away)
     before = {name: value.detach().clone() for name, value in state.parameters.items()}
-    report = train_step(state, config, cameras, 0, prepare_photo(dataset.image(0)), AnchorCache(config.model))
+    report = TrainingStep(config, cameras)(state, 0, prepare_photo(dataset.image(0)))
     assert report.num_gaussians == 0
     assert all(torch.equal(before[name], value.detach()) for name, value in state.parameters.items())
 

@@ -1,7 +1,6 @@
 """One calibration run: network, optimiser, random state, the best weights so far, and its checkpoint."""
 
 import dataclasses
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -27,6 +26,7 @@ from splatwire.model.gaussian_heads import generate_gaussians
 from splatwire.model.tensor_file import write_tensors
 from splatwire.render import create_renderer
 from splatwire.scene import Anchors
+from splatwire.train.schedule import half_cosine
 
 CHECKPOINT_FORMAT = "splatwire-gnn-checkpoint"
 CHECKPOINT_VERSION = 2
@@ -111,7 +111,7 @@ class CalibrationRun:
         config = self.config
         share = (self.iteration - 1) / config.iterations
         for group in self.optimiser.param_groups:
-            group["lr"] = config.learning_rate * 0.5 * (1 + math.cos(math.pi * share))
+            group["lr"] = config.learning_rate * half_cosine(share)
         graph = self.train[int(torch.randint(len(self.train), (), generator=self.rng))]
         part = graph.select(_batch(len(graph.queries), config.batch, self.rng))
         self.optimiser.zero_grad()

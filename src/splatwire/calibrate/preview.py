@@ -1,6 +1,5 @@
 """Fits a preview: as many explicit Gaussians as one datagram holds, to the training photos."""
 
-import math
 import time
 from dataclasses import dataclass
 
@@ -26,6 +25,7 @@ from splatwire.render import iterate_views
 from splatwire.render.base import create_training_renderer
 from splatwire.render.importance import footprint_importance
 from splatwire.scene import Gaussians
+from splatwire.train.schedule import half_cosine
 
 _PLACE, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
 RATES = (_PLACE, _PLACE, _PLACE, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)
@@ -150,7 +150,7 @@ class _Fit:
                 self._round()
             elif step in moments and not self._rounded:
                 self._move(optimizer)
-            optimizer.param_groups[0]["lr"] = 0.02 + 0.49 * (1 + math.cos(math.pi * step / config.steps))
+            optimizer.param_groups[0]["lr"] = 0.02 + 0.98 * half_cosine(step / config.steps)
             view = int(torch.randint(num_views, (1,), generator=self._generator))
             error = (self._image(self._gaussians(), view) - self._pictures.images[view]).square()
             mask = self._pictures.masks[view]

@@ -1,6 +1,5 @@
 """Trains the scene-free concealer on the pictures of some scenes, for use on all others."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians, visible_anchors
 from splatwire.render.base import create_renderer
 from splatwire.scene import Gaussians
+from splatwire.train.schedule import half_cosine
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def train_scene_free(
         if not bool(loss.isfinite()):
             raise DivergedError(step + 1)
         for group in optimiser.param_groups:
-            group["lr"] = config.learning_rate * 0.5 * (1 + math.cos(math.pi * step / config.steps))
+            group["lr"] = config.learning_rate * half_cosine(step / config.steps)
         optimiser.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)

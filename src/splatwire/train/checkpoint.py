@@ -3,6 +3,7 @@
 Going on from a checkpoint gives bit for bit what an uninterrupted run gives (on one machine, with as many threads).
 """
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,18 @@ from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.model import HashGridConfig, ModelConfig
 from splatwire.model.tensor_file import write_tensors
-from splatwire.train.config import TrainConfig, config_from_json, config_to_json
+from splatwire.scene import AnchorLayout
+from splatwire.train.config import (
+    GrowthRules,
+    LearningRate,
+    LearningRates,
+    LossWeights,
+    Marks,
+    RefineConfig,
+    TrainConfig,
+)
 from splatwire.train.initial import parameter_shapes
 from splatwire.train.state import GrowthStatistics, Moments, TrainState
 
@@ -50,7 +61,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "camera_extent": state.camera_extent.hex(),
         "queue": state.queue,
         "steps": {name: moments.steps for name, moments in state.moments.items()},
-        "config": config_to_json(config),
+        "config": dataclasses.asdict(config),
     }
     write_tensors(tensors, header, path)
 
@@ -127,3 +138,31 @@ def _expect(
     if dtype.is_floating_point and not bool(torch.isfinite(value).all()):
         raise ValueError(f"'{name}' is not finite")
     return value
+
+
+def config_from_json(value: dict[str, Any]) -> TrainConfig:
+    """Reads a recipe that `dataclasses.asdict` made plain; the inverse of that.
+
+    Raises:
+        InvalidValueError: If it is not a recipe.
+    """
+    try:
+        model = value["model"]
+        rates = {name: LearningRate(**rate) for name, rate in value["rates"].items()}
+        parts = {
+            "model": ModelConfig(_record(AnchorLayout, model["layout"]), _record(HashGridConfig, model["grid"]),
+                                 tuple(model["base_steps"])),
+            "marks": Marks(**value["marks"]),
+            "rates": LearningRates(**rates),
+            "growth": GrowthRules(**value["growth"]),
+            "weights": LossWeights(**value["weights"]),
+            "refine": RefineConfig(**value.get("refine", {})),
+        }  # fmt: skip
+        return _record(TrainConfig, {**value, **parts})
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InvalidValueError(f"not the recipe of a training run: {error}") from error
+
+
+def _record(kind: type, value: dict[str, Any]) -> Any:
+    """Builds a record from JSON, where tuples are lists."""
+    return kind(**{name: tuple(item) if isinstance(item, list) else item for name, item in value.items()})

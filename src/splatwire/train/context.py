@@ -1,5 +1,6 @@
 """The context model in training: adaptive steps of what is drawn, and the rate of a sample (HACPP_SPEC 4 and 5)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -10,9 +11,14 @@ from splatwire.entropy.rate import bits, gaussian_likelihood, mixture_likelihood
 from splatwire.model import Linear, Mlp, ModelConfig
 from splatwire.model.prior_field import MIN_SCALE, PriorOutputs, split_prior_outputs
 from splatwire.train.config import TrainConfig
-from splatwire.train.grid import GridCorners, find_corners
+from splatwire.train.grid import GridCorners, find_corners, sign_bits
+from splatwire.train.initial import grid_bounds
 from splatwire.train.kernels import COMPILED, Kernels, Uniform, uniform_from_host
-from splatwire.train.state import TrainState, channels_of, network
+from splatwire.train.schedule import Phase, phase_of
+from splatwire.train.state import TrainState
+
+Steps = Sequence[Tensor | float]
+"""Quantisation steps of features, scalings and offsets, each one number or a column."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +75,58 @@ class AnchorCache:
         return self._corners
 
 
+class TrainedContext:
+    """The context model as an iteration meets it: steps of what is drawn, and what a scene costs.
+
+    Args:
+        config: The recipe.
+        kernels: What does the heavy parts.
+        cache: Where the anchors are.
+    """
+
+    def __init__(self, config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> None:
+        self._config, self._kernels, self._cache = config, kernels, cache
+
+    def begin(self, state: TrainState) -> None:
+        """Gets ready before the first iteration of the context phase; does nothing before any other."""
+        if state.iteration == self._config.marks.context_start + 1:
+            state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))
+            calibrate_prior(state, self._config)
+
+    def quantise(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Steps | None, SampleRate | None]:
+        """Returns the steps of the visible anchors, and the rate of a sample of all, as far as the phase has them."""
+        config, phase = self._config, phase_of(self._config.marks, state.iteration)
+        if phase is Phase.PLAIN:
+            return None, None
+        if phase is Phase.NOISE:
+            return config.model.base_steps, None
+        luck = torch.rand(state.num_anchors, generator=state.generator)
+        sample = (luck <= config.weights.sample_share).nonzero()[:, 0].to(state.device)
+        features = grid_features(state, self._cache, torch.cat([visible, sample]), self._kernels)
+        logits = step_columns(state.networks.prior)(features[: len(visible)])
+        masks = straight_through_masks(state, config, sample)
+        rate = sample_rate(state, config, features[len(visible) :], sample, masks, self._kernels.uniform)
+        return adaptive_steps(logits, config.model).split(1, dim=1), rate
+
+    def bits_per_parameter(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Bits of an average number of the scene, the grid's signs shared out among all."""
+        layout = self._config.model.layout
+        per_anchor = layout.feature_dim + 6 + 3 * layout.num_offsets
+        grid = sign_bits(state.parameters["grid.volume"], state.parameters["grid.planes"])
+        return rate.bits / max(rate.num_anchors * per_anchor, 1) + grid / (state.num_anchors * per_anchor)
+
+
+def straight_through_masks(
+    state: TrainState, config: TrainConfig, index: Int64[Tensor, "M"]
+) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
+    """Masks of offsets and of anchors, 0 or 1, with the gradient of the sigmoid and of its mean (HACPP_SPEC 2)."""
+    share = torch.sigmoid(state.parameters["mask_logits"][index])
+    hard = (share > config.mask_threshold).to(share)
+    offsets = share + (hard - share).detach()
+    mean, any_hard = share.mean(dim=1), hard.amax(dim=1)
+    return offsets, mean + (any_hard - mean).detach()
+
+
 def step_columns(prior: Mlp) -> Mlp:
     """Returns the prior network with its last three outputs only, the logits of the steps."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
@@ -87,12 +145,18 @@ def grid_features(
     return kernels.interpolate_signs(volume, planes, cache.corners(state), index)
 
 
-def add_noise(
-    values: Tensor, step: Tensor | float, generator: torch.Generator, uniform: Uniform = uniform_from_host
-) -> Tensor:
-    """Adds uniform noise as wide as the quantisation step, which stands for rounding."""
-    noise = uniform(values.shape, generator, values.device) - 0.5
-    return values + noise * step
+def noisy_attributes(
+    state: TrainState, index: Int64[Tensor, "M"], steps: Steps, uniform: Uniform = uniform_from_host
+) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]]:
+    """Features, scalings and flat offsets of some anchors with uniform noise as wide as their quantisation steps.
+
+    The noise stands for rounding.
+    """
+    feature, scaling, offset = (
+        values + (uniform(values.shape, state.generator, values.device) - 0.5) * step
+        for values, step in zip(state.attributes(index), steps, strict=True)
+    )
+    return feature, scaling, offset
 
 
 def sample_rate(
@@ -113,16 +177,11 @@ def sample_rate(
         mask: Straight-through masks of its offsets and of the anchors themselves.
         uniform: Draws the noise.
     """
-    parameters, layout = state.parameters, config.model.layout
-    outputs = split_prior_outputs(network(parameters, "prior")(features), config.model)
+    layout = config.model.layout
+    outputs = split_prior_outputs(state.networks.prior(features), config.model)
     steps = adaptive_steps(outputs.step_logits, config.model)
-    feature_step, scaling_step, offset_step = steps.split(1, dim=1)
-    feature = add_noise(parameters["features"][index], feature_step, state.generator, uniform)
-    scaling = add_noise(parameters["log_scalings"][index].exp(), scaling_step, state.generator, uniform)
-    offset = add_noise(parameters["offsets"][index].flatten(1), offset_step, state.generator, uniform)
-
-    channels = channels_of(parameters, len(layout.feature_groups))
-    found = attribute_bits(outputs, channels, layout.feature_groups, steps, (feature, scaling, offset))
+    values = noisy_attributes(state, index, steps.split(1, dim=1), uniform)
+    found = attribute_bits(outputs, state.networks.channel, layout.feature_groups, steps, values)
     offset_mask, anchor_mask = mask
     offset_bits = (found.offsets.view(-1, layout.num_offsets, 3).sum(dim=2) * offset_mask).sum(dim=1)
     total = ((found.features.sum(dim=1) + found.scalings.sum(dim=1) + offset_bits) * anchor_mask).sum()
@@ -180,25 +239,21 @@ def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
 
     A random network predicts negative spreads for half of the channels, and those do not learn for a long time.
     """
-    groups = config.model.layout.feature_groups
-    alive = (torch.sigmoid(state.parameters["mask_logits"]) > config.mask_threshold).any(dim=1)
+    alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:
         return
-    features, offsets = state.parameters["features"][alive], state.parameters["offsets"][alive].flatten(1)
-    scalings = state.parameters["log_scalings"][alive].exp()
     columns = []
-    for values, base in zip((features, scalings, offsets), config.model.base_steps, strict=True):
+    for values, base in zip(state.attributes(alive), config.model.base_steps, strict=True):
         columns.append((values.mean(dim=0), values.std(dim=0).clamp(min=0.5 * base)))
-    weight, bias = state.parameters["prior.output.weight"], state.parameters["prior.output.bias"]
+    weight, bias = state.networks.prior.output.weight, state.networks.prior.output.bias
     (f_mean, f_spread), (s_mean, s_spread), (o_mean, o_spread) = columns
     zeros = torch.zeros_like(f_mean)
     bias[:-3] = torch.cat([f_mean, f_spread, zeros, s_mean, s_spread, o_mean, o_spread])
     bias[-3:] = 0
     weight[:-3] *= torch.cat([f_spread, f_spread, zeros + 1, s_spread, s_spread, o_spread, o_spread])[:, None]
     start = 0
-    for group, size in enumerate(groups):
+    for mlp, size in zip(state.networks.channel, config.model.layout.feature_groups, strict=True):
         part = slice(start, start + size)
-        scale = torch.cat([f_spread[part], f_spread[part], zeros[part] + 1])
-        state.parameters[f"channel.{group}.output.weight"] *= scale[:, None]
-        state.parameters[f"channel.{group}.output.bias"].copy_(torch.cat([f_mean[part], f_spread[part], zeros[part]]))
+        mlp.output.weight.mul_(torch.cat([f_spread[part], f_spread[part], zeros[part] + 1])[:, None])
+        mlp.output.bias.copy_(torch.cat([f_mean[part], f_spread[part], zeros[part]]))
         start += size

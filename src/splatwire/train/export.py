@@ -8,7 +8,7 @@ from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCodin
 from splatwire.scene import Anchors
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import hard_sign
-from splatwire.train.state import TrainState, channels_of, heads_of, network
+from splatwire.train.state import TrainState, move_state
 
 
 @torch.no_grad()
@@ -23,31 +23,28 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    device = device or torch.device("cpu")
-    parameters = {name: value.detach().to(device) for name, value in state.parameters.items()}
-    mask = torch.sigmoid(parameters["mask_logits"]) > config.mask_threshold
+    state = move_state(state, device or torch.device("cpu"))
+    parameters, networks, mask = state.parameters, state.networks, state.masks(config.mask_threshold)
     kept = mask.any(dim=1)
     if not bool(kept.any()):
         raise InvalidValueError("training has left no anchor in the scene: lambda is too large for it")
     anchors = Anchors(
-        positions=state.positions.to(device)[kept],
-        features=parameters["features"][kept].clone(),
-        scalings=parameters["log_scalings"][kept].exp(),
+        positions=state.positions[kept],
+        features=parameters["features"][kept],
+        scalings=state.scalings(kept),
         offsets=parameters["offsets"][kept] * mask[kept][:, :, None],
         mask=mask[kept],
     )
     grid = HashGrid(
         volume=_signs(parameters["grid.volume"]),
         planes=_signs(parameters["grid.planes"]),
-        bounds_min=state.bounds_min.to(device),
-        bounds_max=state.bounds_max.to(device),
+        bounds_min=state.bounds_min,
+        bounds_max=state.bounds_max,
     )
-    channels = channels_of(parameters, len(config.model.layout.feature_groups))
-    context = ContextModel(grid, copied_mlp(network(parameters, "prior")), tuple(copied_mlp(mlp) for mlp in channels))
-    heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(heads_of(parameters)).values()))
-    return AnchorScene(
-        anchors, heads, HacppCoding(context, state.voxel_size, config.model), background=config.background
-    )
+    context = ContextModel(grid, copied_mlp(networks.prior), tuple(copied_mlp(mlp) for mlp in networks.channel))
+    heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(networks.heads).values()))
+    coding = HacppCoding(context, state.voxel_size, config.model)
+    return AnchorScene(anchors, heads, coding, background=config.background)
 
 
 def _signs(values: Tensor) -> Tensor:

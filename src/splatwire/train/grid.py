@@ -62,7 +62,7 @@ def interpolate_signs(
     corners: GridCorners,
     index: Int64[Tensor, "M"],
 ) -> Float[Tensor, "M H"]:
-    """Interpolates the signs of the tables at some of the positions.
+    """Interpolates the signs of the tables at some of the positions, compiled, on the CPU.
 
     The gradient passes to a table value as if it were the sign itself, while it is within [-1, 1].
 
@@ -73,25 +73,8 @@ def interpolate_signs(
         index: Which positions.
     """
     tables = torch.cat([volume, planes.flatten(0, 1)])
-    if tables.device.type != "cpu" or tables.dtype != torch.float32:
-        return interpolate_signs_reference(tables, corners, index)
     features: Tensor = _InterpolateSigns.apply(tables, corners, index)
     return features
-
-
-def interpolate_signs_reference(
-    tables: Float[Tensor, "rows D"], corners: GridCorners, index: Int64[Tensor, "M"]
-) -> Float[Tensor, "M H"]:
-    """The same in plain torch, tables one after another."""
-    signs = straight_through_sign(tables)
-    parts = []
-    for rows, weights in (
-        (corners.volume_rows[:, index], corners.volume_weights[:, index]),
-        (corners.plane_rows[:, index], corners.plane_weights[:, index]),
-    ):
-        values = signs[rows.long()]
-        parts.append((values * weights.to(values)[..., None]).sum(dim=2).transpose(0, 1).flatten(1))
-    return torch.cat(parts, dim=1)
 
 
 def straight_through_sign(values: Tensor) -> Tensor:

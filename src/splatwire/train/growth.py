@@ -111,7 +111,7 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
     """Puts an anchor into each empty cell that a chosen offset points into; the first M anchors are asked."""
     anchor_index, offset_index = chosen.nonzero().unbind(dim=1)
     parameters = state.parameters
-    sizes = parameters["log_scalings"][anchor_index, :3].exp()
+    sizes = state.scalings(anchor_index)[:, :3]
     centers = state.positions[anchor_index] + parameters["offsets"][anchor_index, offset_index] * sizes
     wanted = torch.round(centers.double() / (state.voxel_size * cell))
     possible = torch.isfinite(wanted).all(dim=1) & (wanted.abs() * cell <= MAX_TRAINED_INDEX).all(dim=1)

@@ -11,8 +11,13 @@ from splatwire.render.base import TrainingRenderer, create_training_renderer
 from splatwire.render.cpu import draw_cpu
 from splatwire.train.adam import adam_update
 from splatwire.train.grid import GridCorners, interpolate_signs
-from splatwire.train.losses import Photo, photometric_loss
-from splatwire.train.plain import adam_update_plain, interpolate_signs_plain, photometric_loss_plain
+from splatwire.train.losses import Photo, photometric_loss, prepare_photo
+from splatwire.train.plain import (
+    adam_update_plain,
+    interpolate_signs_plain,
+    photometric_loss_plain,
+    prepare_photo_plain,
+)
 from splatwire.train.state import Moments
 
 Uniform = Callable[[torch.Size, torch.Generator, torch.device], Tensor]
@@ -40,6 +45,7 @@ class Kernels:
     Attributes:
         draw: Draws the view.
         interpolate_signs: See `splatwire.train.grid.interpolate_signs`.
+        prepare_photo: See `splatwire.train.losses.prepare_photo`.
         photometric_loss: See `splatwire.train.losses.photometric_loss`.
         adam_update: See `splatwire.train.adam.adam_update`.
         uniform: Draws the noise that stands for rounding.
@@ -47,18 +53,21 @@ class Kernels:
 
     draw: TrainingRenderer
     interpolate_signs: Callable[[Tensor, Tensor, GridCorners, Tensor], Tensor]
+    prepare_photo: Callable[[Tensor, Tensor | None], Photo]
     photometric_loss: Callable[[Tensor, Photo, float], tuple[Tensor, Tensor]]
     adam_update: Callable[[Tensor, Tensor, Moments, float], None]
     uniform: Uniform
 
 
-COMPILED = Kernels(draw_cpu, interpolate_signs, photometric_loss, adam_update, uniform_from_host)
-"""For float32 tensors on the CPU."""
+COMPILED = Kernels(draw_cpu, interpolate_signs, prepare_photo, photometric_loss, adam_update, uniform_from_host)
+"""For float32 tensors on the CPU, which is all that they take."""
 
 
 def plain_kernels(draw: TrainingRenderer, uniform: Uniform = uniform_on_device) -> Kernels:
     """Returns kernels in torch operations alone, for any device, around a renderer that works there."""
-    return Kernels(draw, interpolate_signs_plain, photometric_loss_plain, adam_update_plain, uniform)
+    return Kernels(
+        draw, interpolate_signs_plain, prepare_photo_plain, photometric_loss_plain, adam_update_plain, uniform
+    )
 
 
 def choose_kernels(device: torch.device) -> Kernels:

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.metrics.ssim import SIGMA, WINDOW, ssim
+from splatwire.metrics.ssim import SIGMA, WINDOW
 
 C1, C2 = 0.01**2, 0.03**2
 
@@ -29,13 +29,9 @@ class Photo:
 
 
 def prepare_photo(image: Float[Tensor, "H W 3"], mask: Bool[Tensor, "H W"] | None = None) -> Photo:
-    """Computes what `photometric_loss` needs of a photo, once."""
+    """Computes what `photometric_loss` needs of a photo, once; compiled, on the CPU."""
     if mask is not None:
         return Photo(image, None, mask)
-    if image.device.type != "cpu":
-        from splatwire.train.plain import prepare_photo_plain
-
-        return prepare_photo_plain(image)
     from splatwire.train import _loss_kernels as kernels
 
     pixels = image.contiguous().numpy()
@@ -59,19 +55,8 @@ def photometric_loss(
     """
     if photo.mask is not None:
         photo = prepare_photo(torch.where(photo.mask[:, :, None], photo.image, image.detach()))
-    if photo.moments is None or image.dtype != torch.float32:
-        return photometric_loss_reference(image, photo.image, dssim)
     loss, error = _PhotometricLoss.apply(image, photo, dssim)
     return loss, error
-
-
-def photometric_loss_reference(
-    image: Float[Tensor, "H W 3"], photo: Float[Tensor, "H W 3"], dssim: float
-) -> tuple[Float[Tensor, ""], Float[Tensor, ""]]:
-    """The same in plain torch."""
-    error = (image - photo).abs().mean()
-    structure = ssim(image[None], photo[None])[0]
-    return (1 - dssim) * error + dssim * (1 - structure), error.detach()
 
 
 class _PhotometricLoss(torch.autograd.Function):

@@ -1,5 +1,7 @@
 """The training photos: all are read once before training starts, then kept as bytes, near where they are used."""
 
+from collections.abc import Callable
+
 import torch
 from jaxtyping import Bool, UInt8
 from torch import Tensor
@@ -20,14 +22,21 @@ class PhotoStore:
     Args:
         dataset: The dataset.
         device: Where photos are wanted.
+        prepare: Prepares a photo there for the loss (`Kernels.prepare_photo`).
         device_bytes: Room for them there.
 
     Raises:
         DatasetError: If a photo or mask is missing or damaged, or a mask leaves nothing.
     """
 
-    def __init__(self, dataset: Dataset, device: torch.device, device_bytes: int = DEVICE_BYTES) -> None:
-        self._device = device
+    def __init__(
+        self,
+        dataset: Dataset,
+        device: torch.device,
+        prepare: Callable[[Tensor, Tensor | None], Photo] = prepare_photo,
+        device_bytes: int = DEVICE_BYTES,
+    ) -> None:
+        self._device, self._prepare = device, prepare
         pixels = dataset.cameras.width * dataset.cameras.height
         near = device_bytes // (3 * pixels)
         self._bytes: list[UInt8[Tensor, "H W 3"]] = [
@@ -47,7 +56,7 @@ class PhotoStore:
             return self._prepared[view]
         mask = self._masks[view]
         image = self._bytes[view].to(self._device).float() / 255
-        photo = prepare_photo(image, None if mask is None else mask.to(self._device))
+        photo = self._prepare(image, None if mask is None else mask.to(self._device))
         if len(self._prepared) < self._room:
             self._prepared[view] = photo
         return photo

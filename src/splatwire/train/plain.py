@@ -3,7 +3,6 @@
 They are written for a GPU: nothing waits for a number from the device, sorts, or is rounded to TensorFloat.
 """
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from splatwire.metrics.ssim import WINDOW
-from splatwire.train.adam import BETA1, BETA2, adam_update_reference
+from splatwire.train.adam import BETA1, BETA2, EPSILON, count_update
 from splatwire.train.grid import GridCorners, hard_sign
 from splatwire.train.losses import C1, C2, Photo, window_taps
 from splatwire.train.state import Moments
@@ -140,6 +139,8 @@ def _similarity(
 @torch.no_grad()
 def adam_update_plain(parameter: Tensor, gradient: Tensor, moments: Moments, rate: float) -> None:
     """Updates `parameter` and `moments` in place; arguments as in `splatwire.train.adam.adam_update`."""
-    moments.steps += 1
-    step_size, root = rate / (1 - BETA1**moments.steps), math.sqrt(1 - BETA2**moments.steps)
-    adam_update_reference(parameter, gradient, moments, step_size, root)
+    step_size, root = count_update(moments, rate)
+    moments.first.lerp_(gradient, 1 - BETA1)
+    moments.second.mul_(BETA2).addcmul_(gradient, gradient, value=1 - BETA2)
+    denominator = (moments.second.sqrt() / root).add_(EPSILON)
+    parameter.addcdiv_(moments.first, denominator, value=-step_size)

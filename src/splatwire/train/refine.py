@@ -7,7 +7,6 @@ that no longer pay are turned back, and the scene looks as before.
 """
 
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +23,7 @@ from splatwire.train.config import RefineConfig
 from splatwire.train.context import AttributeBits, adaptive_steps, attribute_bits
 from splatwire.train.export import copied_mlp
 from splatwire.train.grid import GridCorners, find_corners, hard_sign, interpolate_signs, straight_through_sign
+from splatwire.train.schedule import half_cosine
 
 _CHUNK = 8192
 _BETAS = (0.9, 0.99)
@@ -131,7 +131,7 @@ def refine_context(
     ], betas=_BETAS, eps=1e-15)  # fmt: skip
     for step in range(config.steps):
         for group in optimiser.param_groups:
-            group["lr"] = group["base"] * max(0.5 + 0.5 * math.cos(math.pi * step / config.steps), _LEAST_RATE)
+            group["lr"] = group["base"] * max(half_cosine(step / config.steps), _LEAST_RATE)
         index = torch.randperm(len(alive), generator=generator)[: config.batch]
         loss = _loss(fixed, prior, channels, signs, index, config)
         if not bool(torch.isfinite(loss.detach())):

@@ -41,6 +41,11 @@ def learning_rate_at(rate: LearningRate, share: float) -> float:
     return math.exp((1 - share) * math.log(rate.initial) + share * math.log(rate.final))
 
 
+def half_cosine(share: float) -> float:
+    """Returns what is left after `share` (0 to 1) of a run of something that falls from 1 to 0 along half a cosine."""
+    return 0.5 + 0.5 * math.cos(math.pi * share)
+
+
 def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) -> dict[str, float]:
     """Returns the learning rate of every group in `iteration`.
 

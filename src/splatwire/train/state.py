@@ -59,6 +59,34 @@ class GrowthStatistics:
         )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class Networks:
+    """The networks in training.
+
+    Attributes:
+        heads: Those that draw.
+        prior: Hash-grid feature to distributions and steps.
+        channel: One for each group of feature channels.
+    """
+
+    heads: GaussianHeads
+    prior: Mlp
+    channel: tuple[Mlp, ...]
+
+    @staticmethod
+    def of(parameters: dict[str, Tensor]) -> "Networks":
+        """Returns the networks over tensors called `heads.*`, `prior.*` and `channel.*`."""
+
+        def mlp(prefix: str, negative_slope: float = 0.0) -> Mlp:
+            layers = (f"{prefix}.{layer}" for layer in ("hidden", "output"))
+            hidden, output = (Linear(parameters[f"{name}.weight"], parameters[f"{name}.bias"]) for name in layers)
+            return Mlp(hidden, output, negative_slope)
+
+        num_groups = len({name.split(".")[1] for name in parameters if name.startswith("channel.")})
+        channel = tuple(mlp(f"channel.{group}", CHANNEL_SLOPE) for group in range(num_groups))
+        return Networks(GaussianHeads(*(mlp(f"heads.{name}") for name in HEADS)), mlp("prior"), channel)
+
+
 @dataclass
 class TrainState:
     """Everything that a run needs to go on, and nothing else.
@@ -76,6 +104,7 @@ class TrainState:
         camera_extent: See `splatwire.train.schedule.learning_rates`.
         generator: Source of everything random, on the CPU.
         queue: Training views still to be shown before all have been.
+        networks: The networks over the tensors of `parameters`, which training changes in place.
     """
 
     iteration: int
@@ -89,6 +118,10 @@ class TrainState:
     camera_extent: float
     generator: torch.Generator
     queue: list[int] = field(default_factory=list)
+    networks: "Networks" = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.networks = Networks.of(self.parameters)
 
     @property
     def num_anchors(self) -> int:
@@ -104,6 +137,18 @@ class TrainState:
     def device(self) -> torch.device:
         """Where the tensors are."""
         return self.voxels.device
+
+    def scalings(self, index: Tensor | slice = slice(None)) -> Float[Tensor, "M 6"]:
+        """Scalings of some anchors, world units; their logarithms are what is learnt."""
+        return self.parameters["log_scalings"][index].exp()
+
+    def attributes(self, index: Tensor) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 6"], Float[Tensor, "M O"]]:
+        """Features, scalings and flat offsets of some anchors, as they are coded."""
+        return self.parameters["features"][index], self.scalings(index), self.parameters["offsets"][index].flatten(1)
+
+    def masks(self, threshold: float) -> Bool[Tensor, "N K"]:
+        """Which offsets exist: those whose mask's sigmoid is above the threshold."""
+        return torch.sigmoid(self.parameters["mask_logits"]) > threshold
 
 
 def move_state(state: TrainState, device: torch.device) -> TrainState:
@@ -129,25 +174,6 @@ def group_of(name: str) -> str:
     """Returns the learning-rate group of a parameter (a field of `LearningRates`)."""
     parts = name.split(".")
     return parts[1] if parts[0] == "heads" else parts[0]
-
-
-def network(parameters: dict[str, Tensor], prefix: str, negative_slope: float = 0.0) -> Mlp:
-    """Returns the network whose tensors are called `prefix.*`."""
-    hidden, output = (
-        Linear(parameters[f"{prefix}.{layer}.weight"], parameters[f"{prefix}.{layer}.bias"])
-        for layer in ("hidden", "output")
-    )
-    return Mlp(hidden, output, negative_slope)
-
-
-def heads_of(parameters: dict[str, Tensor]) -> GaussianHeads:
-    """Returns the rendering networks."""
-    return GaussianHeads(*(network(parameters, f"heads.{name}") for name in HEADS))
-
-
-def channels_of(parameters: dict[str, Tensor], num_groups: int) -> tuple[Mlp, ...]:
-    """Returns the channel networks."""
-    return tuple(network(parameters, f"channel.{group}", CHANNEL_SLOPE) for group in range(num_groups))
 
 
 def keep_anchors(state: TrainState, keep: Bool[Tensor, "N"]) -> None:

@@ -1,100 +1,27 @@
 """The loop around the step: views in random order, test pictures, checkpoints, news for whoever listens."""
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.data import Dataset
-from splatwire.entropy.rate import binary_entropy_bits
 from splatwire.errors import DatasetError, DivergedError
-from splatwire.metrics import psnr, ssim
 from splatwire.model import AnchorScene
-from splatwire.render.base import Renderer, create_renderer
-from splatwire.render.render import iterate_views
+from splatwire.render.base import create_renderer
 from splatwire.scene import Cameras
 from splatwire.train.checkpoint import save_checkpoint
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import AnchorCache
 from splatwire.train.export import export_scene
-from splatwire.train.grid import sign_bits
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import Kernels, choose_kernels
 from splatwire.train.photos import PhotoStore, check_photos
+from splatwire.train.progress import Listener, RunningMeans
+from splatwire.train.quality import QualityReport, assess_scene
 from splatwire.train.refine import refine_context
 from splatwire.train.state import TrainState, move_state
-from splatwire.train.step import StepReport, train_step
-
-_MEMORY = 0.98
-"""Share of the past in the running means that are shown."""
-_POSITION_BITS = 11
-_WEIGHT_BITS = 6
-"""About what the codec needs for an anchor's position and for a weight; only for the estimate on the way."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How a run is doing.
-
-    Attributes:
-        iteration: Iterations done.
-        iterations: Iterations in all.
-        loss: Running mean of the loss.
-        l1: Running mean of the pictures' absolute error.
-        num_anchors: Anchors.
-        estimated_bytes: Estimated size of the encoded scene; None before the context phase.
-        seconds: Since this part of the run began.
-        iterations_per_second: Over the last iterations.
-    """
-
-    iteration: int
-    iterations: int
-    loss: float
-    l1: float
-    num_anchors: int
-    estimated_bytes: int | None
-    seconds: float
-    iterations_per_second: float
-
-
-@dataclass(frozen=True, eq=False)
-class QualityReport:
-    """Pictures of test views, not quantised.
-
-    Attributes:
-        iteration: When.
-        psnr: Mean over the views, decibels.
-        ssim: Mean over the views.
-        num_views: Views drawn.
-        preview: The first view's photo and picture side by side.
-    """
-
-    iteration: int
-    psnr: float
-    ssim: float
-    num_views: int
-    preview: Float[Tensor, "H W2 3"]
-
-
-@dataclass(frozen=True)
-class Listener:
-    """What to call during a run.
-
-    Attributes:
-        progress: After every iteration.
-        tested: After test views were drawn.
-        should_stop: Asked after every iteration; True ends the run with a checkpoint.
-        refining: While the context model is fitted again at the end; the share that is done.
-    """
-
-    progress: Callable[[Progress], None] = lambda progress: None
-    tested: Callable[[QualityReport], None] = lambda report: None
-    should_stop: Callable[[], bool] = lambda: False
-    refining: Callable[[float], None] = lambda share: None
+from splatwire.train.step import TrainingStep
 
 
 @dataclass(frozen=True)
@@ -162,8 +89,9 @@ def train_scene(
     """
     options, listener = options or RunOptions(), listener or Listener()
     place = torch.device(device)
-    run = _Run(config, options, listener, train, test, place, choose_kernels(place))
-    photos = PhotoStore(train, place)
+    kernels = choose_kernels(place)
+    run = _Run(config, options, listener, train, test, place, kernels)
+    photos = PhotoStore(train, place, kernels.prepare_photo)
     if test is not None:
         check_photos(test)
     if state is None:
@@ -185,7 +113,7 @@ def train_scene(
 
 @dataclass
 class _Run:
-    """The loop and its running means."""
+    """The loop."""
 
     config: TrainConfig
     options: RunOptions
@@ -195,20 +123,19 @@ class _Run:
     device: torch.device
     kernels: Kernels
     seconds: float = 0.0
-    means: dict[str, float] = field(default_factory=dict)
 
     def loop(self, state: TrainState, photos: PhotoStore) -> bool:
         """Trains to the end; returns True if it was stopped before."""
-        cache, cameras = AnchorCache(self.config.model), self._cameras()
+        step, means = TrainingStep(self.config, self._cameras(), self.kernels), RunningMeans(self.config)
         while state.iteration < self.config.marks.iterations:
             started = time.perf_counter()
             if not state.queue:
-                state.queue = torch.randperm(cameras.num_views, generator=state.generator).tolist()
+                state.queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
             view = state.queue.pop()
-            report = train_step(state, self.config, cameras, view, photos.photo(view), cache, self.kernels)
+            report = step(state, view, photos.photo(view))
             elapsed = time.perf_counter() - started
             self.seconds += elapsed
-            self.listener.progress(self._progress(state, report, elapsed))
+            self.listener.progress(means.after(state, report, elapsed, self.seconds))
             if self.listener.should_stop():
                 return state.iteration < self.config.marks.iterations
             self._keep(state)
@@ -239,64 +166,3 @@ class _Run:
             save_checkpoint(state, self.config, self.options.checkpoint)
         if self.options.test_interval and state.iteration % self.options.test_interval == 0:
             self.test(state, self.options.max_test_views)
-
-    def _progress(self, state: TrainState, report: StepReport, elapsed: float) -> Progress:
-        bits = report.bits_per_anchor
-        for name, value in (("loss", report.loss), ("l1", report.l1), ("seconds", elapsed), ("bits", bits)):
-            if value is not None:
-                self.means[name] = _MEMORY * self.means.get(name, value) + (1 - _MEMORY) * value
-        estimate = estimate_bytes(state, self.means["bits"]) if bits is not None else None
-        return Progress(
-            iteration=state.iteration,
-            iterations=self.config.marks.iterations,
-            loss=self.means["loss"],
-            l1=self.means["l1"],
-            num_anchors=state.num_anchors,
-            estimated_bytes=estimate,
-            seconds=self.seconds,
-            iterations_per_second=1 / max(self.means["seconds"], 1e-9),
-        )
-
-
-def assess_scene(
-    scene: AnchorScene, dataset: Dataset, num_views: int, iteration: int, renderer: str | Renderer = "cpu"
-) -> QualityReport:
-    """Draws the first views of a dataset evenly spread over it, and compares them with the photos.
-
-    Args:
-        scene: The scene.
-        dataset: Test views.
-        num_views: At most so many.
-        iteration: For the report.
-        renderer: What draws them.
-    """
-    count = min(num_views, dataset.num_views)
-    views = [i * dataset.num_views // count for i in range(count)]
-    chosen = dataset.select(views)
-    background = torch.tensor(dataset.background)
-    scores: list[tuple[float, float]] = []
-    preview = None
-    for i, drawn in enumerate(iterate_views(scene, chosen.cameras, renderer=renderer, background=background)):
-        photo, image = chosen.image(i), drawn.cpu()
-        mask = chosen.mask(i)
-        compared = (image[None], photo[None], None if mask is None else mask[None])
-        scores.append((float(psnr(*compared)[0]), float(ssim(*compared)[0])))
-        if preview is None:
-            preview = torch.cat([photo, image], dim=1)
-    assert preview is not None
-    means = torch.tensor(scores, dtype=torch.float64).mean(dim=0)
-    return QualityReport(iteration, float(means[0]), float(means[1]), count, preview)
-
-
-@torch.no_grad()
-def estimate_bytes(state: TrainState, bits_per_anchor: float) -> int:
-    """Estimates what the codec will make of a state, from the running mean of its anchors' bits."""
-    parameters = state.parameters
-    mask = parameters["mask_logits"] > -4.6  # sigmoid 0.01
-    alive = mask.any(dim=1)
-    kept = int(alive.sum())
-    weights = sum(v.numel() for name, v in parameters.items() if name.split(".")[0] in ("heads", "prior", "channel"))
-    total = state.num_anchors * bits_per_anchor + kept * _POSITION_BITS + weights * _WEIGHT_BITS
-    total += float(sign_bits(parameters["grid.volume"], parameters["grid.planes"]))
-    total += binary_entropy_bits(float(mask[alive].sum()), mask[alive].numel())
-    return round(total / 8)

@@ -1,0 +1,113 @@
+"""The recipes of the benchmarks."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.train.config import (
+    FULL_ITERATIONS,
+    GrowthRules,
+    LearningRate,
+    LearningRates,
+    LossWeights,
+    Marks,
+    RefineConfig,
+    TrainConfig,
+)
+
+MIN_ITERATIONS = 20
+
+
+@dataclass(frozen=True)
+class Preset:
+    """What differs from benchmark to benchmark.
+
+    Attributes:
+        rate: Default lambda.
+        voxel_size: As in `TrainConfig`.
+        coarsest_cell: As in `GrowthRules`.
+        mask_rate_per_lambda: Final learning rate of the masks per lambda.
+        mask_rate_cap: Its upper bound.
+        first_pruning: As in `GrowthRules`.
+        test_views: As in `TrainConfig`.
+    """
+
+    rate: float
+    voxel_size: float
+    coarsest_cell: int
+    mask_rate_per_lambda: float
+    mask_rate_cap: float = math.inf
+    first_pruning: int = 0
+    test_views: str = "every_8th"
+
+
+PRESETS = {
+    "mipnerf360": Preset(0.004, 0.001, 16, 0.5, 0.0015),
+    "tanks_and_temples": Preset(0.004, 0.01, 16, 0.1),
+    "deep_blending": Preset(0.004, 0.005, 16, 0.08),
+    "bungeenerf": Preset(0.004, 0.0, 128, 0.1, test_views="first_31"),
+    "synthetic_nerf": Preset(0.001, 0.001, 4, 0.08, first_pruning=300),
+}
+
+
+def create_config(
+    preset: str = "mipnerf360",
+    *,
+    lmbda: float | None = None,
+    iterations: int = FULL_ITERATIONS,
+    voxel_size: float | None = None,
+    growth_interval: int | None = None,
+    refine_steps: int | None = None,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    seed: int = 0,
+) -> TrainConfig:
+    """Creates the recipe of a benchmark.
+
+    Args:
+        preset: A key of `PRESETS`.
+        lmbda: Weight of the rate; the preset's where absent.
+        iterations: Length of the run; all phases keep their proportions.
+        voxel_size: Spacing of anchor positions, world units, 0 to derive it from the points; the preset's where absent.
+        growth_interval: Iterations between two changes of the anchors; in proportion, and at least 50, where absent.
+        refine_steps: Steps in which the context model is fitted again at the end; where absent a quarter of the
+            iterations, and at most those of `RefineConfig`.
+        background: RGB behind the scene.
+        seed: Of everything random.
+
+    Raises:
+        UnknownNameError: No preset has that name.
+        InvalidValueError: A value is out of range.
+    """
+    if preset not in PRESETS:
+        raise UnknownNameError("preset", preset, PRESETS)
+    chosen = PRESETS[preset]
+    rate = chosen.rate if lmbda is None else lmbda
+    voxel = chosen.voxel_size if voxel_size is None else voxel_size
+    if not (math.isfinite(rate) and rate >= 0):
+        raise InvalidValueError(f"lambda must be 0 or more, not {rate}")
+    if not (math.isfinite(voxel) and voxel >= 0):
+        raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
+    if iterations < MIN_ITERATIONS:
+        raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
+    marks = Marks().scaled(iterations)
+    if growth_interval is not None:
+        if growth_interval < 1:
+            raise InvalidValueError(
+                f"there is at least 1 iteration between changes of the anchors, not {growth_interval}"
+            )
+        marks = dataclasses.replace(marks, growth_interval=growth_interval)
+    steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
+    mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
+    return TrainConfig(
+        preset=preset,
+        voxel_size=voxel,
+        marks=marks,
+        rates=LearningRates(mask_logits=LearningRate(0.01, mask_rate)),
+        growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
+        weights=LossWeights(rate=rate),
+        refine=RefineConfig(steps=steps, seed=seed),
+        background=background,
+        test_views=chosen.test_views,
+        seed=seed,
+    )

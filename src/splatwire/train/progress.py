@@ -1,0 +1,111 @@
+"""What a run tells on its way, and whom."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+
+from splatwire.entropy.rate import binary_entropy_bits
+from splatwire.train.config import TrainConfig
+from splatwire.train.grid import sign_bits
+from splatwire.train.quality import QualityReport
+from splatwire.train.state import TrainState
+from splatwire.train.step import StepReport
+
+_MEMORY = 0.98
+"""Share of the past in the running means that are shown."""
+_POSITION_BITS = 11
+_WEIGHT_BITS = 6
+"""About what the codec needs for an anchor's position and for a weight; only for the estimate on the way."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How a run is doing.
+
+    Attributes:
+        iteration: Iterations done.
+        iterations: Iterations in all.
+        loss: Running mean of the loss.
+        l1: Running mean of the pictures' absolute error.
+        num_anchors: Anchors.
+        estimated_bytes: Estimated size of the encoded scene; None before the context phase.
+        seconds: Since this part of the run began.
+        iterations_per_second: Over the last iterations.
+    """
+
+    iteration: int
+    iterations: int
+    loss: float
+    l1: float
+    num_anchors: int
+    estimated_bytes: int | None
+    seconds: float
+    iterations_per_second: float
+
+
+@dataclass(frozen=True)
+class Listener:
+    """What to call during a run.
+
+    Attributes:
+        progress: After every iteration.
+        tested: After test views were drawn.
+        should_stop: Asked after every iteration; True ends the run with a checkpoint.
+        refining: While the context model is fitted again at the end; the share that is done.
+    """
+
+    progress: Callable[[Progress], None] = lambda progress: None
+    tested: Callable[[QualityReport], None] = lambda report: None
+    should_stop: Callable[[], bool] = lambda: False
+    refining: Callable[[float], None] = lambda share: None
+
+
+class RunningMeans:
+    """Running means of what iterations found.
+
+    Args:
+        config: The recipe.
+    """
+
+    def __init__(self, config: TrainConfig) -> None:
+        self._config = config
+        self._means: dict[str, float] = {}
+
+    def after(self, state: TrainState, report: StepReport, elapsed: float, seconds: float) -> Progress:
+        """Returns how the run is doing after an iteration.
+
+        Args:
+            state: The state after it.
+            report: What it found.
+            elapsed: Seconds that it took.
+            seconds: Seconds since this part of the run began.
+        """
+        bits, means = report.bits_per_anchor, self._means
+        for name, value in (("loss", report.loss), ("l1", report.l1), ("seconds", elapsed), ("bits", bits)):
+            if value is not None:
+                means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
+        return Progress(
+            iteration=state.iteration,
+            iterations=self._config.marks.iterations,
+            loss=means["loss"],
+            l1=means["l1"],
+            num_anchors=state.num_anchors,
+            estimated_bytes=None if bits is None else estimate_bytes(state, means["bits"], self._config.mask_threshold),
+            seconds=seconds,
+            iterations_per_second=1 / max(means["seconds"], 1e-9),
+        )
+
+
+@torch.no_grad()
+def estimate_bytes(state: TrainState, bits_per_anchor: float, mask_threshold: float) -> int:
+    """Estimates what the codec will make of a state, from the running mean of its anchors' bits."""
+    parameters = state.parameters
+    mask = state.masks(mask_threshold)
+    alive = mask.any(dim=1)
+    kept = int(alive.sum())
+    weights = sum(v.numel() for name, v in parameters.items() if name.split(".")[0] in ("heads", "prior", "channel"))
+    total = state.num_anchors * bits_per_anchor + kept * _POSITION_BITS + weights * _WEIGHT_BITS
+    total += float(sign_bits(parameters["grid.volume"], parameters["grid.planes"]))
+    total += binary_entropy_bits(float(mask[alive].sum()), mask[alive].numel())
+    return round(total / 8)
