@@ -80,7 +80,7 @@ def test_what_is_no_checkpoint_is_refused(dataset: Dataset, config: TrainConfig,
         with pytest.raises(BitstreamError):
             load_checkpoint(other)
     save_file({"x": torch.zeros(2)}, other)
-    with pytest.raises(BitstreamError, match="not a checkpoint"):
+    with pytest.raises(BitstreamError, match="not a file of splatwire-checkpoint"):
         load_checkpoint(other)
     other.write_bytes(whole.replace(b'\\"version\\": 1', b'\\"version\\": 9'))
     with pytest.raises(UnsupportedVersionError):

@@ -87,7 +87,7 @@ def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> N
         (("--device", "tpu"), "cuda"),
         (("--device", "cuda"), "CPU"),
         (("--lmbda", "-1"), "lambda"),
-        (("--resume",), "no such checkpoint"),
+        (("--resume",), "no such file"),
         (("--checkpoint-interval", "0"), "checkpoint-interval"),
     ],
 )

@@ -54,3 +54,7 @@ def test_bad_settings_are_refused() -> None:
             create_config(**bad)
     with pytest.raises(InvalidValueError, match="recipe"):
         config_from_json({"marks": {}})
+    plain = json.loads(json.dumps(dataclasses.asdict(create_config())))
+    for wrong in ({**plain, "pace": 1}, {**plain, "marks": {}}, {**plain, "growth": [1]}, {**plain, "model": None}):
+        with pytest.raises(InvalidValueError, match="recipe"):
+            config_from_json(wrong)

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from splatwire.calibrate.gnn_config import CalibrationConfig
@@ -12,24 +11,13 @@ from splatwire.conceal.gnn.graph import RepairGraph
 from splatwire.errors import InvalidValueError
 
 
-@dataclass(frozen=True)
-class CalibrationProgress:
-    """How far a run is. `errors` and `reference` are of the last validation: this network's and the interpolation's."""
-
-    iteration: int
-    iterations: int
-    loss: float
-    errors: dict[str, float]
-    reference: dict[str, float]
-
-
 def calibrate(
     data: CalibrationData,
     config: CalibrationConfig,
     *,
     checkpoint: Path | None = None,
     resume: bool = False,
-    progress: Callable[[CalibrationProgress], None] | None = None,
+    progress: Callable[[int, float], None] | None = None,
     graphs: Sequence[RepairGraph] | None = None,
 ) -> CalibrationResult:
     """Calibrates a network on a scene.
@@ -39,7 +27,7 @@ def calibrate(
         config: The run.
         checkpoint: File that is written at every validation; None for none.
         resume: Whether to go on from it; the configuration must be the same.
-        progress: Called after every step.
+        progress: Called after every step with its number and its loss.
         graphs: `pseudo_graphs` of this run, for runs that share them; None to build them.
 
     Returns:
@@ -56,13 +44,12 @@ def calibrate(
     run = CalibrationRun(data, config, graphs)
     if resume and checkpoint is not None:
         restore_checkpoint(run, checkpoint)
-    errors = run.best_errors
     while not run.finished():
         loss = run.step()
         if run.iteration % config.validation_interval == 0 or run.iteration == config.iterations:
-            errors = run.improve()
+            run.improve()
             if checkpoint is not None:
                 save_checkpoint(run, checkpoint)
         if progress is not None:
-            progress(CalibrationProgress(run.iteration, config.iterations, loss, errors, run.reference))
+            progress(run.iteration, loss)
     return run.result(time.perf_counter() - started)

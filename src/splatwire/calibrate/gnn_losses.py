@@ -4,7 +4,7 @@ The paper sums over the queries of a mini-batch; here every sum over queries is 
 weights do not depend on the size of the batch. Sums over channels are as in the paper.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -64,17 +64,11 @@ LOSS_PRESETS = {"feature": LossWeights(), "full": LossWeights(scaling=1.0, offse
 """`feature`: what the paper reports. `full`: every attribute is supervised."""
 
 
-@dataclass(frozen=True, eq=False)
-class LossTerms:
-    """The terms before they are weighted; those that are switched off are not there."""
-
-    terms: dict[str, Float[Tensor, ""]] = field(default_factory=dict)
-
-    def total(self, weights: LossWeights) -> Float[Tensor, ""]:
-        """The weighted sum."""
-        total = sum(getattr(weights, name) * value for name, value in self.terms.items())
-        assert isinstance(total, Tensor)
-        return total
+def weighted_sum(terms: dict[str, Float[Tensor, ""]], weights: LossWeights) -> Float[Tensor, ""]:
+    """The loss that `parameter_losses` add up to."""
+    total = sum(getattr(weights, name) * value for name, value in terms.items())
+    assert isinstance(total, Tensor)
+    return total
 
 
 def charbonnier(x: Tensor) -> Tensor:
@@ -84,8 +78,8 @@ def charbonnier(x: Tensor) -> Tensor:
 
 def parameter_losses(
     parts: Branches, truth: Anchors, positions: Float[Tensor, "B 3"], weights: LossWeights
-) -> LossTerms:
-    """Computes all terms in the domain of the attributes.
+) -> dict[str, Float[Tensor, ""]]:
+    """Computes the terms in the domain of the attributes that are switched on, before they are weighted.
 
     Args:
         parts: What the network says about the queries of a batch.
@@ -115,7 +109,7 @@ def parameter_losses(
     if trained and weights.prior:
         z = [((b.predicted - b.prior.mean) / (b.prior.scale + EPSILON)).abs().mean(dim=1).mean() for _, b in trained]
         terms["prior"] = torch.stack(z).sum()
-    return LossTerms(terms)
+    return terms
 
 
 def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from splatwire.calibrate.gnn_config import CalibrationConfig
-from splatwire.calibrate.gnn_losses import channel_spread, normalized_errors, parameter_losses
+from splatwire.calibrate.gnn_losses import channel_spread, normalized_errors, parameter_losses, weighted_sum
 from splatwire.calibrate.pseudo_loss import CalibrationData, without
 from splatwire.conceal import AnchorContext
 from splatwire.conceal.gnn.concealer import repair
@@ -20,10 +20,10 @@ from splatwire.conceal.gnn.graph import RepairGraph, build_graph, prior_rows, qu
 from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.conceal.gnn.quantise import rounded_constants, rounded_parameters
 from splatwire.conceal.gnn.section import rounded_weights
-from splatwire.conceal.gnn.weights import GnnWeights, load_tensors, read_tensors, scene_fingerprint
+from splatwire.conceal.gnn.weights import GnnWeights, scene_fingerprint
 from splatwire.errors import BitstreamError, DivergedError, InvalidValueError
 from splatwire.model.gaussian_heads import generate_gaussians
-from splatwire.model.tensor_file import write_tensors
+from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
 from splatwire.render import create_renderer
 from splatwire.scene import Anchors
 from splatwire.train.schedule import half_cosine
@@ -133,7 +133,7 @@ class CalibrationRun:
         raw = self.network(query_inputs(context, part), sources, place)
         parts = branches(raw, prior_rows(context.prior, part.queries), part.interpolated, config.settings)
         truth = context.anchors.select(part.queries)
-        loss = parameter_losses(parts, truth, truth.positions, config.losses).total(config.losses)
+        loss = weighted_sum(parameter_losses(parts, truth, truth.positions, config.losses), config.losses)
         return loss + config.losses.render * self._render_loss(parts, part) if config.losses.render else loss
 
     def _copy(self) -> dict[str, Tensor]:
@@ -174,14 +174,13 @@ class CalibrationRun:
         each = [normalized_errors(anchors, truth, self.spread, graph.queries) for anchors, graph in pairs]
         return {name: sum(errors[name] for errors in each) / len(each) for name in each[0]}
 
-    def improve(self) -> dict[str, float]:
+    def improve(self) -> None:
         """Validates, and keeps the network if it is the best so far."""
         errors = self.validate()
         if self.score(errors) < self.score(self.best_errors):
             self.best, self.best_errors, self.stale = self._copy(), errors, 0
         else:
             self.stale += 1
-        return errors
 
     def finished(self) -> bool:
         """Whether there is nothing left to do; a stale run goes straight to its rounded steps, if it has some."""

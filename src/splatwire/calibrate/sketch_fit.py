@@ -123,16 +123,13 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
         chosen = costs.argmin(axis=0)
     levels = np.zeros(material.num_anchors, dtype=np.int64)
     levels[material.candidates] = chosen
-    parts: list[list[np.ndarray]] = [[], [], []]
-    for part, name in zip(parts, ("mask", "values", "offsets"), strict=True):
-        whole = np.zeros((len(chosen), getattr(plans[0], name).shape[1]), dtype=np.int64)
-        for i, plan in enumerate(plans):
-            whole[chosen == i + 1] = getattr(plan, name)[chosen == i + 1]
-        part.append(whole[chosen > 0])
-    return SketchSection(
-        options.exponent, options.max_excess, options.trust, basis,
-        levels, parts[0][0].astype(np.uint8), parts[1][0], parts[2][0],
-    )  # fmt: skip
+    rows = np.flatnonzero(chosen)
+    mask, values, offsets = (
+        np.stack([getattr(plan, name) for plan in plans])[chosen[rows] - 1, rows]
+        for name in ("mask", "values", "offsets")
+    )
+    growth = (options.exponent, options.max_excess, options.trust)
+    return SketchSection(*growth, basis, levels, mask.astype(np.uint8), values, offsets)
 
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:

@@ -1,11 +1,13 @@
 """What calibrations share: the stream that they start from, where they look from, the section that they add."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
 
 from splatwire.cli._files import is_stream, prepared_output
-from splatwire.cli._output import Reporter
+from splatwire.cli._output import JsonFlag, Reporter
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
@@ -64,6 +66,21 @@ class LookFrom:
     def _behind(self, scene: "AnchorScene") -> "Background":
         chosen = chosen_background(self.background)
         return scene.background if chosen is None else chosen
+
+
+@dataclass(frozen=True)
+class StreamCalibration:
+    """The options of a calibration that looks at pictures and writes a stream."""
+
+    source: tyro.conf.Positional[Path]
+    """Complete stream, or scene file (it is encoded first)."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Stream to write (.swz)."""
+    look: LookFrom = field(default_factory=LookFrom)
+    seed: int = 0
+    """Seed of everything random."""
+    json: JsonFlag = False
+    """Print one JSON object."""
 
 
 def stream_output(path: Path, what: str) -> Path:

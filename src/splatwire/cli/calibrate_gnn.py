@@ -14,7 +14,6 @@ from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError, UnknownNameError
 
 if TYPE_CHECKING:
-    from splatwire.calibrate.gnn import CalibrationProgress
     from splatwire.calibrate.gnn_config import CalibrationConfig
     from splatwire.calibrate.gnn_run import CalibrationResult
     from splatwire.calibrate.pseudo_loss import CalibrationData
@@ -67,11 +66,10 @@ class CalibrateGnn:
         checkpoint = output.with_name(output.name + ".checkpoint")
         with progress_bars() as show:
             stream, data = self._data(show)
-
-            def told(now: "CalibrationProgress") -> None:
-                show("calibrating", now.iteration / now.iterations)
-
-            result = calibrate(data, config, checkpoint=checkpoint, resume=self.resume, progress=told)
+            result = calibrate(
+                data, config, checkpoint=checkpoint, resume=self.resume,
+                progress=lambda step, loss: show("calibrating", step / config.iterations),
+            )  # fmt: skip
         if self._embeds and not result.weights.improves:
             checkpoint.unlink(missing_ok=True)
             raise InvalidValueError(_refusal(result, output))
@@ -107,7 +105,7 @@ class CalibrateGnn:
         preset = CALIBRATION_PRESETS[self.preset]
         losses = dataclasses.replace(preset.losses, render=self.render_weight)
         bits = self.bits if self.bits is not None else preset.bits or (4 if self._embeds else 0)
-        if self._embeds or bits:
+        if self._embeds:
             check_bits(bits)
         return dataclasses.replace(
             preset, losses=losses, iterations=self.iterations, drop_rate=self.drop_rate, seed=self.seed, bits=bits

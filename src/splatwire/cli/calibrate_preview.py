@@ -1,29 +1,16 @@
 """`splatwire calibrate preview`: what a receiver sees of a scene from the first datagram on, in the stream."""
 
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Any
 
-import tyro
-
-from splatwire.cli._calibration import LookFrom, complete_stream, stream_output, write_with_section
-from splatwire.cli._output import JsonFlag, print_json, progress_bars
+from splatwire.cli._calibration import StreamCalibration, complete_stream, stream_output, write_with_section
+from splatwire.cli._output import print_json, progress_bars
 from splatwire.errors import InvalidValueError
 
 
 @dataclass(frozen=True)
-class CalibratePreview:
+class CalibratePreview(StreamCalibration):
     """Put a preview into the stream: a hundred Gaussians to look at before anything else has arrived."""
-
-    source: tyro.conf.Positional[Path]
-    """Complete stream, or scene file (it is encoded first)."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Stream to write (.swz)."""
-    look: LookFrom = field(default_factory=LookFrom)
-    seed: int = 0
-    """Seed of everything random."""
-    json: JsonFlag = False
-    """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""

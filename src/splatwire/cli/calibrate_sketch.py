@@ -1,32 +1,20 @@
 """`splatwire calibrate sketch`: coarse copies of important anchors, chosen on pictures, in the stream."""
 
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Any
 
-import tyro
-
-from splatwire.cli._calibration import LookFrom, complete_stream, stream_output, write_with_section
-from splatwire.cli._output import JsonFlag, print_json, progress_bars
+from splatwire.cli._calibration import StreamCalibration, complete_stream, stream_output, write_with_section
+from splatwire.cli._output import print_json, progress_bars
 
 
 @dataclass(frozen=True)
-class CalibrateSketch:
+class CalibrateSketch(StreamCalibration):
     """Put coarse copies of the anchors that matter most in the picture into the stream (--conceal sketch)."""
 
-    source: tyro.conf.Positional[Path]
-    """Complete stream, or scene file (it is encoded first)."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Stream to write (.swz)."""
-    look: LookFrom = field(default_factory=LookFrom)
     share: float = 0.04
     """Bytes of the sketch over those of the stream."""
     drop_rate: float = 0.2
     """Share of packets that is dropped where the growth is chosen."""
-    seed: int = 0
-    """Seed of everything random."""
-    json: JsonFlag = False
-    """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""

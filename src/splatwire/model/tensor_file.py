@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError
+from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
+
+from splatwire.errors import BitstreamError, UnsupportedVersionError
 
 
 def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: Path) -> None:
@@ -37,3 +39,45 @@ def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: P
         raise OSError(f"{path}: cannot be written: {error}") from error
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Reads what `write_tensors` wrote.
+
+    Raises:
+        UnsupportedVersionError: If it is of a version that this release does not read.
+        BitstreamError: If it is absent, damaged or something else.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            text = (file.metadata() or {}).get("splatwire")
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dictionary
+        header = json.loads(text or "null")
+    except FileNotFoundError as error:
+        raise BitstreamError(f"{path}: no such file") from error
+    except (SafetensorError, OSError, ValueError) as error:
+        raise BitstreamError(f"{path}: not a file of {form}: {error}") from error
+    if not isinstance(header, dict) or header.get("format") != form:
+        raise BitstreamError(f"{path}: not a file of {form}")
+    if header.get("version") != version:
+        raise UnsupportedVersionError(f"{path}: version {header.get('version')} of {form} is not read")
+    return tensors, header
+
+
+def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
+    """Puts tensors into a network, strictly.
+
+    Raises:
+        BitstreamError: If one is missing, too many, of another size, or not finite.
+    """
+    wanted = network.state_dict()
+    if set(tensors) != set(wanted):
+        odd = sorted(set(tensors) ^ set(wanted))
+        raise BitstreamError(f"{where}tensors of the network are missing or unknown: {', '.join(odd[:3])}")
+    for name, value in wanted.items():
+        found = tensors[name]
+        if found.shape != value.shape or not found.dtype.is_floating_point:
+            raise BitstreamError(f"{where}'{name}' is {found.dtype} {tuple(found.shape)}, not {tuple(value.shape)}")
+        if not bool(found.isfinite().all()):
+            raise BitstreamError(f"{where}'{name}' of the network is not finite")
+    network.load_state_dict({name: value.float() for name, value in tensors.items()})

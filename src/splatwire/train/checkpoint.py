@@ -4,27 +4,15 @@ Going on from a checkpoint gives bit for bit what an uninterrupted run gives (on
 """
 
 import dataclasses
-import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import torch
-from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
-from splatwire.model import HashGridConfig, ModelConfig
-from splatwire.model.tensor_file import write_tensors
-from splatwire.scene import AnchorLayout
-from splatwire.train.config import (
-    GrowthRules,
-    LearningRate,
-    LearningRates,
-    LossWeights,
-    Marks,
-    RefineConfig,
-    TrainConfig,
-)
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.model.tensor_file import read_tensors, write_tensors
+from splatwire.train.config import TrainConfig
 from splatwire.train.initial import parameter_shapes
 from splatwire.train.state import GrowthStatistics, Moments, TrainState
 
@@ -73,30 +61,11 @@ def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:
         UnsupportedVersionError: If it is of a version that this release does not read.
         BitstreamError: If the file is absent or no checkpoint, or something in it is missing or does not fit.
     """
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = _header(path, (file.metadata() or {}).get("splatwire"))
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dictionary
-    except FileNotFoundError as error:
-        raise BitstreamError(f"{path}: no such checkpoint") from error
-    except (SafetensorError, OSError) as error:
-        raise BitstreamError(f"{path}: not a checkpoint: {error}") from error
+    tensors, header = read_tensors(path, FORMAT, VERSION)
     try:
         return _state(header, tensors)
     except (KeyError, TypeError, ValueError, RuntimeError, InvalidValueError) as error:
         raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error
-
-
-def _header(path: Path, text: str | None) -> dict[str, Any]:
-    try:
-        header = json.loads(text or "null")
-    except ValueError:
-        header = None
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise BitstreamError(f"{path}: not a checkpoint of a training run")
-    if header.get("version") != VERSION:
-        raise UnsupportedVersionError(f"{path}: version {header.get('version')} of the checkpoint is not read")
-    return header
 
 
 def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainState, TrainConfig]:
@@ -147,22 +116,21 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
         InvalidValueError: If it is not a recipe.
     """
     try:
-        model = value["model"]
-        rates = {name: LearningRate(**rate) for name, rate in value["rates"].items()}
-        parts = {
-            "model": ModelConfig(_record(AnchorLayout, model["layout"]), _record(HashGridConfig, model["grid"]),
-                                 tuple(model["base_steps"])),
-            "marks": Marks(**value["marks"]),
-            "rates": LearningRates(**rates),
-            "growth": GrowthRules(**value["growth"]),
-            "weights": LossWeights(**value["weights"]),
-            "refine": RefineConfig(**value.get("refine", {})),
-        }  # fmt: skip
-        return _record(TrainConfig, {**value, **parts})
+        config: TrainConfig = _record(TrainConfig, value)
+        return config
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidValueError(f"not the recipe of a training run: {error}") from error
 
 
 def _record(kind: type, value: dict[str, Any]) -> Any:
-    """Builds a record from JSON, where tuples are lists."""
-    return kind(**{name: tuple(item) if isinstance(item, list) else item for name, item in value.items()})
+    """Builds a record from JSON, where records are dictionaries and tuples are lists; no field is left out."""
+    kinds = get_type_hints(kind)
+    if set(value) != set(kinds):
+        raise ValueError(f"{kind.__name__} has other fields than {', '.join(sorted(value))}")
+
+    def field(name: str, item: Any) -> Any:
+        if dataclasses.is_dataclass(kinds[name]):
+            return _record(kinds[name], item)
+        return tuple(item) if isinstance(item, list) else item
+
+    return kind(**{name: field(name, item) for name, item in value.items()})

@@ -1,7 +1,7 @@
 """What a run tells on its way, and whom."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 
@@ -61,37 +61,26 @@ class Listener:
     refining: Callable[[float], None] = lambda share: None
 
 
+@dataclass
 class RunningMeans:
-    """Running means of what iterations found.
+    """Running means of what the iterations of a run found."""
 
-    Args:
-        config: The recipe.
-    """
-
-    def __init__(self, config: TrainConfig) -> None:
-        self._config = config
-        self._means: dict[str, float] = {}
+    config: TrainConfig
+    means: dict[str, float] = field(default_factory=dict)
 
     def after(self, state: TrainState, report: StepReport, elapsed: float, seconds: float) -> Progress:
-        """Returns how the run is doing after an iteration.
-
-        Args:
-            state: The state after it.
-            report: What it found.
-            elapsed: Seconds that it took.
-            seconds: Seconds since this part of the run began.
-        """
-        bits, means = report.bits_per_anchor, self._means
+        """Returns how a run is doing, whose last iteration took `elapsed` and all that were its part `seconds`."""
+        bits, means = report.bits_per_anchor, self.means
         for name, value in (("loss", report.loss), ("l1", report.l1), ("seconds", elapsed), ("bits", bits)):
             if value is not None:
                 means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
         return Progress(
             iteration=state.iteration,
-            iterations=self._config.marks.iterations,
+            iterations=self.config.marks.iterations,
             loss=means["loss"],
             l1=means["l1"],
             num_anchors=state.num_anchors,
-            estimated_bytes=None if bits is None else estimate_bytes(state, means["bits"], self._config.mask_threshold),
+            estimated_bytes=None if bits is None else estimate_bytes(state, means["bits"], self.config.mask_threshold),
             seconds=seconds,
             iterations_per_second=1 / max(means["seconds"], 1e-9),
         )

@@ -4,12 +4,9 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-import torch
-
-from splatwire.conceal.gnn.weights import read_tensors
 from splatwire.conceal.scene_free.network import GainNetwork
 from splatwire.errors import BitstreamError
-from splatwire.model.tensor_file import write_tensors
+from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
 
 FORMAT = "splatwire-scene-free"
 VERSION = 1
@@ -44,17 +41,9 @@ def load_gain_network(path: Path) -> GainNetwork:
     if first is None or first.dim() != 2 or not 1 <= len(first) <= _MAX_HIDDEN:
         raise BitstreamError(f"{path}: the first layer of the gain network is missing or of no sensible size")
     network = GainNetwork(len(first))
-    wanted = network.state_dict()
-    if set(wanted) != set(tensors):
-        odd = sorted(set(wanted) ^ set(tensors))
-        raise BitstreamError(f"{path}: tensors of the gain network are missing or unknown: {', '.join(odd[:3])}")
-    for name, value in wanted.items():
-        found = tensors[name]
-        if found.shape != value.shape or found.dtype != torch.float32 or not bool(found.isfinite().all()):
-            raise BitstreamError(f"{path}: '{name}' of the gain network is not finite F32 {tuple(value.shape)}")
+    load_tensors(network, tensors, f"{path}: ")
     if not bool((tensors["spread"] > 0).all()):
         raise BitstreamError(f"{path}: 'spread' of the gain network is not positive")
-    network.load_state_dict(tensors)
     return network.eval().requires_grad_(False)
 
 
