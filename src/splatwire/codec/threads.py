@@ -5,22 +5,14 @@ threads (the kernels' and the matrix library's) that wait for each other cost mo
 """
 
 import collections
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-from splatwire.ops.threads import one_blas_thread
+from splatwire.ops.threads import allowed_threads, one_blas_thread
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
-
-def default_threads() -> int:
-    """Processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def ordered_map(
@@ -33,9 +25,9 @@ def ordered_map(
     Args:
         function: What to do; spends its time in code that releases the interpreter lock.
         items: What to do it with.
-        threads: Number of threads; None for one for each processor.
+        threads: Number of threads; None for as many as there may be.
     """
-    threads = threads or default_threads()
+    threads = threads or allowed_threads()
     with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
         waiting: collections.deque[Future[Result]] = collections.deque()
         try:

@@ -1,12 +1,19 @@
 """One thread for small work: waking other threads, and waiting for them on busy processors, can cost ten times more."""
 
+import collections
 import functools
+import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
+from typing import TypeVar
 
 import torch
 from threadpoolctl import ThreadpoolController
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 @functools.cache
@@ -61,3 +68,57 @@ def one_torch_thread() -> Iterator[None]:
     torch.get_num_threads()  # a thread's first question sets its number: before the limit, not over it
     with _libraries("openmp").limit(limits=1):
         yield
+
+
+def allowed_threads() -> int:
+    """Threads that work may use here: no more than processors, than torch's number (`OMP_NUM_THREADS`) or numba's."""
+    from numba import config
+
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, min(processors, torch.get_num_threads(), config.NUMBA_NUM_THREADS))
+
+
+@functools.cache
+def _helpers() -> ThreadPoolExecutor:
+    """Threads that wait for work without using a processor."""
+    return ThreadPoolExecutor(os.cpu_count() or 1, thread_name_prefix="splatwire")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_helpers.cache_clear)  # threads do not survive a fork
+
+
+def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Does `work` for each item, on this thread and on others that have time for it.
+
+    Whoever is free takes the next item, and nobody waits for a thread that has not begun: on busy processors the caller
+    does nearly everything itself, as if there were no other threads.
+
+    Args:
+        work: What to do; spends its time in code that releases the interpreter lock. What it does for one item must
+            not depend on the others.
+        items: What to do it with; some hundred microseconds each, or waking threads costs more than they do.
+
+    Returns:
+        The results in the order of the items.
+    """
+    waiting, results = collections.deque(enumerate(items)), {}
+
+    def run() -> None:
+        while waiting:
+            try:
+                place, item = waiting.popleft()
+            except IndexError:  # somebody else took the last one
+                return
+            results[place] = work(item)
+
+    helpers = [_helpers().submit(run) for _ in range(min(allowed_threads(), len(items)) - 1)]
+    try:
+        run()
+    finally:
+        waiting.clear()
+        begun = [helper for helper in helpers if not helper.cancel()]
+        wait(begun)
+    for helper in begun:
+        helper.result()
+    return [results[place] for place in range(len(items))]

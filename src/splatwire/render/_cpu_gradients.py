@@ -7,8 +7,20 @@ not depend on the number of threads either.
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from splatwire.ops.lanes import (
+    LANES,
+    choose,
+    load,
+    pairs,
+    power_of_two,
+    prefetch,
+    smaller,
+    spread,
+    store,
+    store_first,
+)
 from splatwire.render._cpu_kernels import (
     _AHEAD,
     _B,
@@ -27,19 +39,6 @@ from splatwire.render._cpu_kernels import (
     _ask_for,
     _finished,
     _new_buffer,
-    tile_order,
-)
-from splatwire.render._lanes import (
-    LANES,
-    choose,
-    load,
-    pairs,
-    power_of_two,
-    prefetch,
-    smaller,
-    spread,
-    store,
-    store_first,
 )
 
 SUMS = 9
@@ -117,26 +116,24 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
             break
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
-def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums):
-    """Fills `rows_of_sums` (zeroed by the caller), one row per entry, from the picture and its gradient."""
-    order = tile_order(starts.shape[0] - 1, grid_x)
-    for p in prange(order.shape[0]):
-        t = order[p]
+def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
+    """Fills `rows_of_sums` (zeroed by the caller), one row per entry, for the tiles [first, last)."""
+    for t in range(first, last):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
         _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
-def add_rows(rows_of_sums, order, places, place_starts, sums):
+def add_rows(rows_of_sums, members, places, place_starts, sums):
     """Adds each Gaussian's rows to its `sums`, in the order of its tiles."""
-    for k in prange(order.shape[0]):
-        first = order[k] * SUMS
+    for k in range(members.shape[0]):
+        first = np.int64(members[k]) * SUMS
         added = load(sums, first)
         for place in range(place_starts[k], place_starts[k + 1]):
             if place + _AHEAD_ROWS < places.shape[0]:
-                prefetch(rows_of_sums, places[place + _AHEAD_ROWS] * SUMS)
-            added += load(rows_of_sums, places[place] * SUMS)
+                prefetch(rows_of_sums, np.int64(places[place + _AHEAD_ROWS]) * SUMS)
+            added += load(rows_of_sums, np.int64(places[place]) * SUMS)
         store_first(sums, first, added, SUMS)

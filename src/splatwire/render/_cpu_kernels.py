@@ -1,17 +1,17 @@
 """Compiled tile rasteriser. What it must compute is in `splatwire.render.reference`.
 
 Two facts about speed decide the shape of this file: one row of a tile is one value, `_lanes`; and a tile's pixels stay
-in cache while its Gaussians stream by, each asked for ahead of its turn. Nothing depends on how tiles are shared among
-threads, so results do not either.
+in cache while its Gaussians stream by, each asked for ahead of its turn. Tiles have nothing to do with each other, so
+results do not depend on how threads share them.
 """
 
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from splatwire.ops.lanes import choose, load, power_of_two, prefetch, smaller, spread, store
 from splatwire.render._cpu_project import SPLAT
-from splatwire.render._lanes import choose, load, power_of_two, prefetch, smaller, spread, store
 
 TILE = 16
 PIXELS = TILE * TILE
@@ -19,7 +19,6 @@ MIN_LEVEL = np.float32(np.log2(1.0 / 255.0))
 _MAX_LEVEL = np.float32(np.log2(0.99))
 _MIN_TRANSMITTANCE = np.float32(1e-4)
 _BLOCK = 4  # tiles
-_SPREAD = 16
 _AHEAD = 4
 # Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns.
 _LIVE, _R, _G, _B, _REST, _COLUMN = (k * PIXELS for k in range(6))
@@ -115,30 +114,22 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
 @njit(cache=True)
 @no_type_check
 def tile_order(num_tiles, grid_x):
-    """Tiles in the order to draw them in: by blocks, since neighbours draw the same Gaussians; equal shares are alike.
-
-    Blocks are taken from all over the image, one after the other, because threads get one piece of the order each and
-    some parts of an image take longer than others.
-    """
+    """Tiles in the order to draw them in: by blocks, since neighbours draw the same Gaussians."""
     grid_y, at = num_tiles // grid_x, 0
     order = np.empty(num_tiles, np.int64)
-    across, down = (grid_x + _BLOCK - 1) // _BLOCK, (grid_y + _BLOCK - 1) // _BLOCK
-    for first in range(_SPREAD):
-        for block in range(first, across * down, _SPREAD):
-            left, top = block % across * _BLOCK, block // across * _BLOCK
-            for ty in range(top, min(top + _BLOCK, grid_y)):
-                for tx in range(left, min(left + _BLOCK, grid_x)):
+    for first_y in range(0, grid_y, _BLOCK):
+        for first_x in range(0, grid_x, _BLOCK):
+            for ty in range(first_y, min(first_y + _BLOCK, grid_y)):
+                for tx in range(first_x, min(first_x + _BLOCK, grid_x)):
                     order[at] = ty * grid_x + tx
                     at += 1
     return order
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image, left_over):
     """Draws the tiles whose lists `fill_tiles` made."""
-    order = tile_order(starts.shape[0] - 1, grid_x)
-    for p in prange(order.shape[0]):
-        t = order[p]
+    for t in tile_order(starts.shape[0] - 1, grid_x):
         left, top = (t % grid_x) * TILE, (first_row + t // grid_x) * TILE
         _draw_tile(splats, ids, spans, starts[t], starts[t + 1], left, top, background, image, left_over)

@@ -7,17 +7,17 @@ worked out per column of tiles, tighter than its bounding box: a slanted Gaussia
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
+from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
-from splatwire.render._lanes import prefetch
 
 _AHEAD = 16
 _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
 _LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def depth_order(depths, tiles):
     """Indices of the drawn Gaussians, nearest first, equal depths in their own order (radix sort)."""
@@ -45,6 +45,31 @@ def depth_order(depths, tiles):
             starts[d] += 1
         order, spare, keys, spare_keys = spare, order, spare_keys, keys
     return order
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def band_members(order, tiles, cuts):
+    """Hands the Gaussians, in the given order, to the bands of tile rows [cuts[b], cuts[b + 1]) that they may reach.
+
+    Returns them band by band, and where each band's begin.
+    """
+    band_of, starts = np.empty(cuts[-1], np.int64), np.zeros(cuts.shape[0], np.int64)
+    for b in range(cuts.shape[0] - 1):
+        band_of[cuts[b] : cuts[b + 1]] = b
+    for k in range(order.shape[0]):
+        _ask_for(tiles, order, k)
+        for b in range(band_of[tiles[order[k], 1]], band_of[tiles[order[k], 3] - 1] + 1):
+            starts[b + 1] += 1
+    for b in range(cuts.shape[0] - 1):
+        starts[b + 1] += starts[b]
+    members, heads = np.empty(starts[-1], np.int32), starts[:-1].copy()
+    for k in range(order.shape[0]):
+        _ask_for(tiles, order, k)
+        for b in range(band_of[tiles[order[k], 1]], band_of[tiles[order[k], 3] - 1] + 1):
+            members[heads[b]] = order[k]
+            heads[b] += 1
+    return members, starts
 
 
 @njit(cache=True, inline="always", error_model="numpy")
@@ -82,7 +107,7 @@ def _ask_for(table, order, k):
         prefetch(table, np.int64(order[k + _AHEAD]) * table.shape[1])
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def reach_columns(splats, order, tiles, first_row, last_row):
     """The rows of pixels [low, high) that Gaussians reach in each of their columns of tiles, in the given order.
@@ -94,18 +119,15 @@ def reach_columns(splats, order, tiles, first_row, last_row):
         _ask_for(tiles, order, k)
         starts[k + 1] = starts[k] + tiles[order[k], 2] - tiles[order[k], 0]
     strips = np.empty((starts[-1], 2), np.int32)
-    for k in prange(order.shape[0]):
+    for k in range(order.shape[0]):
         _ask_for(splats, order, k)
         tile = tiles[order[k]]
         top, bottom = max(tile[1], first_row) * TILE, min(tile[3], last_row) * TILE
-        if top < bottom:
-            _reach(splats[order[k]], tile, top, bottom, strips[starts[k] : starts[k + 1]])
-        else:
-            strips[starts[k] : starts[k + 1]] = 0
+        _reach(splats[order[k]], tile, top, bottom, strips[starts[k] : starts[k + 1]])
     return strips, starts
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 @no_type_check
 def fill_tiles(order, tiles, strips, strip_starts, grid_x, first_row, last_row):
     """Lists the Gaussians of each tile in the tile rows [first_row, last_row), nearest first.

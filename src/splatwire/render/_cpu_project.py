@@ -7,7 +7,7 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 SPLAT = 10
 """Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth.
@@ -17,6 +17,7 @@ falloff is 2 ** ((A dx + B dy) dx + C dy dy).
 """
 LOG2E = 1.4426950408889634
 _MIN_ALPHA = 1.0 / 255.0
+_MIN_LEVEL = math.log2(_MIN_ALPHA)
 
 
 @njit(cache=True, inline="always")
@@ -38,7 +39,7 @@ def _clamped(value, focal, center, size, margin):
     return min(max(value, -center / focal - extra), (size - center) / focal + extra)
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
     """Fills one row of `splats` and `tiles` (left, top, right, bottom) per Gaussian; no tiles where it is not drawn.
@@ -49,7 +50,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
     fx, fy, cx, cy = intrinsics
     near, dilation, margin, side = constants
     grid_x, grid_y = math.ceil(width / side), math.ceil(height / side)
-    for g in prange(means.shape[0]):
+    for g in range(means.shape[0]):
         tiles[g, :] = 0
         m0, m1, m2 = np.float64(means[g, 0]), np.float64(means[g, 1]), np.float64(means[g, 2])
         z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
@@ -67,7 +68,8 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
             continue
         middle = 0.5 * (xx + yy)
         radius = math.ceil(3 * math.sqrt(middle + math.sqrt(max(0.1, middle * middle - det))))
-        reach = 2 * math.log(opacity / _MIN_ALPHA)
+        level = math.log2(opacity)
+        reach = 2 / LOG2E * (level - _MIN_LEVEL)
         half_x, half_y = math.sqrt(reach * xx) + 1e-2, math.sqrt(reach * yy) + 1e-2
         left = max(math.floor((u - radius) / side), math.floor((u - half_x) / side), 0)
         top = max(math.floor((v - radius) / side), math.floor((v - half_y) / side), 0)
@@ -80,7 +82,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
         splats[g, 2] = -0.5 * LOG2E * yy / det
         splats[g, 3] = LOG2E * xy / det
         splats[g, 4] = -0.5 * LOG2E * xx / det
-        splats[g, 5] = math.log2(opacity)
+        splats[g, 5] = level
         splats[g, 6], splats[g, 7], splats[g, 8] = colors[g, 0], colors[g, 1], colors[g, 2]
         splats[g, 9] = z
 
@@ -101,14 +103,14 @@ def _covariance(quat, scale, pose, fx, fy, z, x, y):
     return xx, xy, yy
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 @no_type_check
 def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
     d_means, d_quats, d_scales, d_opacities, d_colors, d_means2d,
 ):  # fmt: skip
     """Turns the nine sums per Gaussian of `_cpu_kernels.draw_tiles_back` into gradients of what was projected."""
-    for g in prange(means.shape[0]):
+    for g in range(means.shape[0]):
         if tiles[g, 2] <= tiles[g, 0]:
             continue
         a, b, c = -2 / LOG2E * splats[g, 2], -1 / LOG2E * splats[g, 3], -2 / LOG2E * splats[g, 4]

@@ -1,7 +1,6 @@
 """The CPU renderer: compiled with numba on first use, results independent of the number of threads."""
 
 import itertools
-import threading
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -11,12 +10,16 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.model.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.ops.threads import allowed_threads, share
 from splatwire.render.base import Drawing
 from splatwire.scene import Cameras, Gaussians
 
-MAX_ENTRIES = 1 << 23
-"""Most (Gaussian, tile) pairs listed at a time, 10 bytes each and 36 for gradients; fuller pictures go in bands."""
-_LOCK = threading.Lock()  # one of numba's threading layers does not allow two callers at once
+MAX_ENTRIES = 1 << 20
+"""Most (Gaussian, tile) pairs of a band, 14 bytes each and 36 for gradients, unless one row of tiles has more."""
+KEPT_ENTRIES = 1 << 23
+"""Most pairs whose lists are kept for the gradient; those of fuller pictures are made again, band by band."""
+_BANDS = 8
+_PIECE = 8192  # Gaussians
 
 
 def render_cpu(
@@ -43,7 +46,8 @@ def render_cpu(
     for view in range(cameras.num_views):
         shift = None if probe is None else probe[view]
         views.append(_Rasterize.apply(cameras, view, shift, *inputs))
-    return torch.stack(views).to(gaussians.means.device)
+    pictures = torch.stack(views) if len(views) > 1 else views[0][None]  # large pictures take long to copy
+    return pictures.to(gaussians.means.device)
 
 
 def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
@@ -58,9 +62,8 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, cameras: Cameras, view: int, probe: Tensor | None, *inputs: Tensor) -> Tensor:
         *arrays, background = (t.detach().numpy() for t in inputs)
-        with _LOCK:
-            picture = _Picture(arrays, cameras, view)
-            image, left_over = picture.draw(background)
+        picture = _Picture(arrays, cameras, view, kept=any(ctx.needs_input_grad))
+        image, left_over = picture.draw(background)
         ctx.picture, ctx.left_over, ctx.has_probe = picture, left_over, probe is not None
         result = torch.from_numpy(image)
         ctx.save_for_backward(*inputs, result)
@@ -70,8 +73,7 @@ class _Rasterize(torch.autograd.Function):
     def backward(ctx: Any, *d_images: Tensor) -> tuple[Any, ...]:
         *inputs, _, image = ctx.saved_tensors  # saved tensors refuse to be used after a change in place
         d_image = d_images[0].detach().to(torch.float32).contiguous().numpy()
-        with _LOCK:
-            gradients = ctx.picture.gradients([t.detach().numpy() for t in inputs], image.detach().numpy(), d_image)
+        gradients = ctx.picture.gradients([t.detach().numpy() for t in inputs], image.detach().numpy(), d_image)
         d_background = np.einsum("hw,hwc->c", ctx.left_over, d_image)
         *d_inputs, d_probe = (torch.from_numpy(g) for g in gradients)
         return None, None, d_probe if ctx.has_probe else None, *d_inputs, torch.from_numpy(d_background)
@@ -81,6 +83,7 @@ class _Band(NamedTuple):
     """The lists of some rows of tiles."""
 
     first_row: int
+    members: np.ndarray
     starts: np.ndarray
     ids: np.ndarray
     spans: np.ndarray
@@ -89,9 +92,18 @@ class _Band(NamedTuple):
 
 
 class _Picture:
-    """One view's projected Gaussians and, where one band is enough, the lists of them per tile."""
+    """One view's projected Gaussians and, where they are kept, the lists of them per tile.
 
-    def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int) -> None:
+    Threads share the Gaussians by pieces and the picture by bands of tile rows. No pixel depends on how it is cut.
+
+    Args:
+        arrays: Means, quats, scales, opacities, colors.
+        cameras: The cameras.
+        view: Which of them.
+        kept: Whether gradients may be asked for: their sums depend on the bands, so these must not depend on threads.
+    """
+
+    def __init__(self, arrays: list[np.ndarray], cameras: Cameras, view: int, *, kept: bool) -> None:
         from splatwire.render import _cpu_lists, _cpu_project
 
         num = arrays[0].shape[0]
@@ -100,20 +112,33 @@ class _Picture:
         self.splats = np.empty((num, _cpu_project.SPLAT), np.float32)
         self.tiles = np.empty((num, 4), np.int32)
         self.camera = _camera_arguments(cameras, view)
-        _cpu_project.project_splats(*arrays, *self.camera, self.splats, self.tiles)
-        self.order = _cpu_lists.depth_order(self.splats[:, 9], self.tiles)
-        cuts = self._band_rows()
+
+        def project(piece: slice) -> None:
+            mine = [a[piece] for a in arrays]
+            _cpu_project.project_splats(*mine, *self.camera, self.splats[piece], self.tiles[piece])
+
+        share(project, _pieces(num))
+        order = _cpu_lists.depth_order(self.splats[:, 9], self.tiles)
+        entries = self._row_entries()
+        cuts = _cuts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
         self.cuts = list(itertools.pairwise(cuts))
-        self.only_band = self._fill(*self.cuts[0]) if len(self.cuts) == 1 else None
+        self.members, self.member_starts = _cpu_lists.band_members(order, self.tiles, np.array(cuts))
+        self.kept: list[_Band] | None = None
+        self.may_keep = kept and entries.sum() <= KEPT_ENTRIES
 
     def draw(self, background: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Draws the image and what light of the background each pixel lets through."""
         from splatwire.render import _cpu_kernels
 
         image, left_over = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
-        for band in self._bands():
+
+        def draw(number: int) -> _Band | None:
+            band = self._fill(number)
             lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
             _cpu_kernels.draw_tiles(self.splats, *lists, background, image, left_over)
+            return band if self.may_keep else None
+
+        self.kept = [band for band in share(draw, range(len(self.cuts))) if band is not None]
         return image, left_over
 
     def gradients(self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray) -> list[np.ndarray]:
@@ -123,37 +148,70 @@ class _Picture:
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():
-            rows = np.zeros(band.ids.shape[0] * width + spare, np.float32)
-            lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
-            _cpu_gradients.draw_tiles_back(self.splats, *lists, image, d_image, rows)
-            _cpu_gradients.add_rows(rows, self.order, band.places, band.place_starts, flat)
+            self._add_gradients(band, image, d_image, flat)
         results = [np.zeros_like(a) for a in arrays] + [np.zeros((num, 2), np.float32)]
         sums = flat[: num * width].reshape(num, width)
-        _cpu_project.project_back(*arrays[:4], *self.camera, self.splats, self.tiles, sums, *results)
+
+        def project_back(piece: slice) -> None:
+            mine, out = [a[piece] for a in arrays[:4]], [r[piece] for r in results]
+            _cpu_project.project_back(*mine, *self.camera, self.splats[piece], self.tiles[piece], sums[piece], *out)
+
+        share(project_back, _pieces(num))
         return results
+
+    def _add_gradients(self, band: _Band, image: np.ndarray, d_image: np.ndarray, sums: np.ndarray) -> None:
+        """Adds a band's sums to those of each Gaussian."""
+        from splatwire.render import _cpu_gradients
+
+        rows = np.zeros(band.ids.shape[0] * _cpu_gradients.SUMS + _cpu_gradients.SPARE, np.float32)
+        lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
+
+        def draw_back(row: int) -> None:
+            tiles = (row * self.grid_x, (row + 1) * self.grid_x)
+            _cpu_gradients.draw_tiles_back(self.splats, *lists, image, d_image, rows, *tiles)
+
+        def add_rows(piece: slice) -> None:
+            starts = band.place_starts[piece.start : piece.stop + 1]
+            _cpu_gradients.add_rows(rows, band.members[piece], band.places, starts, sums)
+
+        share(draw_back, range((band.starts.shape[0] - 1) // self.grid_x))
+        share(add_rows, _pieces(band.members.shape[0]))
 
     def _bands(self) -> Iterator[_Band]:
         """Bands of tile rows that together cover the image."""
-        return iter([self.only_band]) if self.only_band is not None else (self._fill(*cut) for cut in self.cuts)
+        return iter(self.kept) if self.kept else (self._fill(number) for number in range(len(self.cuts)))
 
-    def _band_rows(self) -> list[int]:
-        """Tile rows at which a new band starts, and the end: each band within `MAX_ENTRIES` unless it is one row."""
+    def _row_entries(self) -> np.ndarray:
+        """Number of (Gaussian, tile) pairs in each row of tiles."""
         columns = (self.tiles[:, 2] - self.tiles[:, 0]).astype(np.float64)
         change = np.bincount(self.tiles[:, 1], columns, self.grid_y + 1)
         change -= np.bincount(self.tiles[:, 3], columns, self.grid_y + 1)
-        cuts, held = [0], 0.0
-        for row, entries in enumerate(np.cumsum(change)[:-1]):
-            if held + entries > MAX_ENTRIES and row > cuts[-1]:
-                cuts.append(row)
-                held = 0.0
-            held += entries
-        return [*cuts, self.grid_y]
+        return np.cumsum(change)[:-1]
 
-    def _fill(self, first: int, last: int) -> _Band:
+    def _fill(self, number: int) -> _Band:
         from splatwire.render import _cpu_lists
 
-        strips = _cpu_lists.reach_columns(self.splats, self.order, self.tiles, first, last)
-        return _Band(first, *_cpu_lists.fill_tiles(self.order, self.tiles, *strips, self.grid_x, first, last))
+        first, last = self.cuts[number]
+        members = self.members[self.member_starts[number] : self.member_starts[number + 1]]
+        strips = _cpu_lists.reach_columns(self.splats, members, self.tiles, first, last)
+        lists = _cpu_lists.fill_tiles(members, self.tiles, *strips, self.grid_x, first, last)
+        return _Band(first, members, *lists)
+
+
+def _pieces(num: int) -> list[slice]:
+    return [slice(first, min(first + _PIECE, num)) for first in range(0, num, _PIECE)]
+
+
+def _cuts(entries: np.ndarray, num_bands: int) -> list[int]:
+    """Tile rows at which a new band starts, and the end: each within `MAX_ENTRIES` or one row."""
+    limit = min(MAX_ENTRIES, entries.sum() / num_bands)
+    cuts, held = [0], 0.0
+    for row, more in enumerate(entries):
+        if held + more > limit and row > cuts[-1]:
+            cuts.append(row)
+            held = 0.0
+        held += more
+    return [*cuts, len(entries)]
 
 
 def _camera_arguments(cameras: Cameras, view: int) -> tuple[Any, ...]:

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from splatwire.render import _lanes as lanes
+from splatwire.ops import lanes
 
 
 @numba.njit
