@@ -91,6 +91,17 @@ def load(typingctx, array, index):
 
 @intrinsic
 @no_type_check
+def pick(typingctx, array, index):
+    """One number of a flat float32 array; nobody checks that it is there, or counts from the end."""
+
+    def build(context, builder, signature, arguments):
+        return builder.load(_address(context, builder, signature.args[0], *arguments, ir.FloatType()))
+
+    return types.float32(array, types.intp), build
+
+
+@intrinsic
+@no_type_check
 def store(typingctx, array, index, value):
     """Writes sixteen numbers to a flat float32 array from `index` on; nobody checks that there is room."""
 

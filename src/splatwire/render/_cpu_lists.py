@@ -11,6 +11,7 @@ from numba import njit
 
 from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
+from splatwire.render._cpu_project import DEPTH
 
 _AHEAD = 16
 _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
@@ -19,18 +20,33 @@ _LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def depth_order(depths, tiles):
-    """Indices of the drawn Gaussians, nearest first, equal depths in their own order (radix sort)."""
+def row_entries(tiles, grid_y):
+    """Number of (Gaussian, tile) pairs in each row of tiles."""
+    entries = np.zeros(grid_y + 1, np.int64)
+    for g in range(tiles.shape[0]):
+        columns = tiles[g, 2] - tiles[g, 0]
+        entries[tiles[g, 1]] += columns
+        entries[tiles[g, 3]] -= columns
+    return np.cumsum(entries)[:-1]
+
+
+@njit(cache=True, nogil=True)
+@no_type_check
+def depth_order(splats, tiles, first_row, last_row):
+    """Indices of the Gaussians in the tile rows [first_row, last_row), nearest first (radix sort).
+
+    Equal depths keep their own order.
+    """
     count = 0
-    for g in range(depths.shape[0]):
-        count += tiles[g, 2] > tiles[g, 0]
+    for g in range(tiles.shape[0]):
+        count += (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row)
     order, spare = np.empty(count, np.int32), np.empty(count, np.int32)
     keys, spare_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
     k = 0
-    for g in range(depths.shape[0]):
-        if tiles[g, 2] > tiles[g, 0]:
+    for g in range(tiles.shape[0]):
+        if (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row):
             order[k] = g
-            keys[k] = np.float32(depths[g]).view(np.uint32)  # positive floats sort like their bits
+            keys[k] = np.float32(splats[g, DEPTH]).view(np.uint32)  # positive floats sort like their bits
             k += 1
     for digit in range(3):
         shift = np.uint32(11 * digit)
@@ -47,56 +63,43 @@ def depth_order(depths, tiles):
     return order
 
 
-@njit(cache=True, nogil=True)
-@no_type_check
-def band_members(order, tiles, cuts):
-    """Hands the Gaussians, in the given order, to the bands of tile rows [cuts[b], cuts[b + 1]) that they may reach.
-
-    Returns them band by band, and where each band's begin.
-    """
-    band_of, starts = np.empty(cuts[-1], np.int64), np.zeros(cuts.shape[0], np.int64)
-    for b in range(cuts.shape[0] - 1):
-        band_of[cuts[b] : cuts[b + 1]] = b
-    for k in range(order.shape[0]):
-        _ask_for(tiles, order, k)
-        for b in range(band_of[tiles[order[k], 1]], band_of[tiles[order[k], 3] - 1] + 1):
-            starts[b + 1] += 1
-    for b in range(cuts.shape[0] - 1):
-        starts[b + 1] += starts[b]
-    members, heads = np.empty(starts[-1], np.int32), starts[:-1].copy()
-    for k in range(order.shape[0]):
-        _ask_for(tiles, order, k)
-        for b in range(band_of[tiles[order[k], 1]], band_of[tiles[order[k], 3] - 1] + 1):
-            members[heads[b]] = order[k]
-            heads[b] += 1
-    return members, starts
-
-
 @njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
 def _reach(splat, tile, top, bottom, strips):
     """Writes down, for each column of tiles, which rows in [top, bottom) a splat's ellipse of alpha >= 1/255 reaches.
 
     The ellipse is lowest where dx = `lowest` and highest at the mirrored place, or as near to that as the column goes.
+    Within a single column it is not cut: nearly all of it lies there.
     """
     A, B, C = np.float64(splat[2]), np.float64(splat[3]), np.float64(splat[4])
-    level = max(MIN_LEVEL - _MARGIN - splat[5], _LOWEST)
-    curve = C - B * B / (4 * A)
-    if not curve < 0:  # rounding made it something other than an ellipse
+    level, y = max(MIN_LEVEL - _MARGIN - splat[5], _LOWEST), np.float64(splat[1])
+    inside = B * B - 4 * A * C
+    if not (inside < 0 and A < 0):  # rounding made it something other than an ellipse
         strips[:, 0], strips[:, 1] = top, bottom
         return
-    lowest = -B / (2 * A) * np.sqrt(level / curve)
-    half, inside = -0.5 / C, B * B - 4 * A * C
+    if tile[2] - tile[0] == 1:
+        half = np.sqrt(-4 * A * level / inside)
+        strips[0, 0], strips[0, 1] = _rows_between(y - half, y + half, top, bottom)
+        return
+    lowest, half = B * np.sqrt(level / (-A * inside)), -0.5 / C
     for i in range(tile[2] - tile[0]):
         first = (tile[0] + i) * TILE - np.float64(splat[0])
         low_dx, high_dx = min(max(-lowest, first), first + TILE - 1), min(max(lowest, first), first + TILE - 1)
         above, below = inside * low_dx * low_dx + 4 * C * level, inside * high_dx * high_dx + 4 * C * level
         strips[i, 0] = strips[i, 1] = 0
         if above >= 0 and below >= 0:
-            low = splat[1] + half * (B * low_dx - np.sqrt(above))
-            high = splat[1] + half * (B * high_dx + np.sqrt(below))
-            strips[i, 0] = np.int32(np.ceil(min(max(low, top), bottom)))
-            strips[i, 1] = np.int32(np.floor(min(max(high, top - 1.0), bottom - 1.0))) + 1
+            low = y + half * (B * low_dx - np.sqrt(above))
+            high = y + half * (B * high_dx + np.sqrt(below))
+            strips[i, 0], strips[i, 1] = _rows_between(low, high, top, bottom)
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _rows_between(low, high, top, bottom):
+    """The whole numbers of [low, high] in [top, bottom), as a first one and one past the last."""
+    return np.int32(np.ceil(min(max(low, top), bottom))), np.int32(
+        np.floor(min(max(high, top - 1.0), bottom - 1.0))
+    ) + 1
 
 
 @njit(cache=True, inline="always")
@@ -109,61 +112,57 @@ def _ask_for(table, order, k):
 
 @njit(cache=True, nogil=True)
 @no_type_check
-def reach_columns(splats, order, tiles, first_row, last_row):
-    """The rows of pixels [low, high) that Gaussians reach in each of their columns of tiles, in the given order.
-
-    Returns them and where those of each Gaussian start.
-    """
-    starts = np.zeros(order.shape[0] + 1, np.int64)
-    for k in range(order.shape[0]):
-        _ask_for(tiles, order, k)
-        starts[k + 1] = starts[k] + tiles[order[k], 2] - tiles[order[k], 0]
-    strips = np.empty((starts[-1], 2), np.int32)
-    for k in range(order.shape[0]):
-        _ask_for(splats, order, k)
-        tile = tiles[order[k]]
-        top, bottom = max(tile[1], first_row) * TILE, min(tile[3], last_row) * TILE
-        _reach(splats[order[k]], tile, top, bottom, strips[starts[k] : starts[k + 1]])
-    return strips, starts
-
-
-@njit(cache=True, nogil=True)
-@no_type_check
-def fill_tiles(order, tiles, strips, strip_starts, grid_x, first_row, last_row):
-    """Lists the Gaussians of each tile in the tile rows [first_row, last_row), nearest first.
+def fill_tiles(splats, order, tiles, grid_x, first_row, last_row):
+    """Lists the Gaussians of each tile in the tile rows [first_row, last_row), in the given order.
 
     Returns where each tile's list starts; the lists; for each entry the rows of the tile that the Gaussian reaches;
     the places of each Gaussian's entries, Gaussian by Gaussian in the given order; where each one's places start.
     """
-    starts, place_starts = np.zeros((last_row - first_row) * grid_x + 1, np.int64), np.zeros_like(strip_starts)
-    place = 0
+    num = 0
     for k in range(order.shape[0]):
         _ask_for(tiles, order, k)
-        first_tile = tiles[order[k], 0] - first_row * grid_x - strip_starts[k]
-        for s in range(strip_starts[k], strip_starts[k + 1]):
-            low, high = _tile_rows(strips[s])
+        num += tiles[order[k], 2] - tiles[order[k], 0]
+    strips, starts = np.empty((num, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
+    place_starts, strip = np.zeros(order.shape[0] + 1, np.int64), 0
+    for k in range(order.shape[0]):
+        _ask_for(splats, order, k)
+        tile, place = tiles[order[k]], place_starts[k]
+        columns, first_tile = tile[2] - tile[0], tile[0] - first_row * grid_x
+        top, bottom = max(tile[1], first_row) * TILE, min(tile[3], last_row) * TILE
+        _reach(splats[order[k]], tile, top, bottom, strips[strip : strip + columns])
+        for i in range(columns):
+            low, high = _tile_rows(strips[strip + i])
             for ty in range(low, high):
-                starts[first_tile + s + ty * grid_x + 1] += 1
+                starts[first_tile + i + ty * grid_x + 1] += 1
             place += high - low
+        strip += columns
         place_starts[k + 1] = place
     for t in range(starts.shape[0] - 1):
         starts[t + 1] += starts[t]
-    num, heads, place = starts[-1], starts[:-1].copy(), 0
+    return starts, *_entries(order, tiles, strips, starts, grid_x, first_row), place_starts
+
+
+@njit(cache=True, inline="always")
+@no_type_check
+def _entries(order, tiles, strips, starts, grid_x, first_row):
+    """The lists, their rows and their places, see `fill_tiles`."""
+    num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
     for k in range(order.shape[0]):
         _ask_for(tiles, order, k)
         g = order[k]
-        first_tile = tiles[g, 0] - first_row * grid_x - strip_starts[k]
-        for s in range(strip_starts[k], strip_starts[k + 1]):
-            top, bottom = strips[s]
-            low, high = _tile_rows(strips[s])
+        columns, first_tile = tiles[g, 2] - tiles[g, 0], tiles[g, 0] - first_row * grid_x
+        for i in range(columns):
+            top, bottom = strips[strip + i]
+            low, high = _tile_rows(strips[strip + i])
             for ty in range(low, high):
-                at = heads[first_tile + s + ty * grid_x]
-                heads[first_tile + s + ty * grid_x] = at + 1
+                at = heads[first_tile + i + ty * grid_x]
+                heads[first_tile + i + ty * grid_x] = at + 1
                 ids[at], places[place] = g, at
                 spans[at, 0], spans[at, 1] = max(top - ty * TILE, 0), min(bottom - ty * TILE, TILE)
                 place += 1
-    return starts, ids, spans, places, place_starts
+        strip += columns
+    return ids, spans, places
 
 
 @njit(cache=True, inline="always")

@@ -15,6 +15,7 @@ SPLAT = 10
 The exponents are the inverse covariance times -log2(e)/2 (diagonal) and -log2(e) (off-diagonal), so that a pixel's
 falloff is 2 ** ((A dx + B dy) dx + C dy dy).
 """
+DEPTH = 9
 LOG2E = 1.4426950408889634
 _MIN_ALPHA = 1.0 / 255.0
 _MIN_LEVEL = math.log2(_MIN_ALPHA)
@@ -49,6 +50,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
     """
     fx, fy, cx, cy = intrinsics
     near, dilation, margin, side = constants
+    per_pixel = 1 / side  # exact: the side is a power of two
     grid_x, grid_y = math.ceil(width / side), math.ceil(height / side)
     for g in range(means.shape[0]):
         tiles[g, :] = 0
@@ -71,10 +73,10 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
         level = math.log2(opacity)
         reach = 2 / LOG2E * (level - _MIN_LEVEL)
         half_x, half_y = math.sqrt(reach * xx) + 1e-2, math.sqrt(reach * yy) + 1e-2
-        left = max(math.floor((u - radius) / side), math.floor((u - half_x) / side), 0)
-        top = max(math.floor((v - radius) / side), math.floor((v - half_y) / side), 0)
-        right = min(math.floor((u + radius + side - 1) / side), math.floor((u + half_x) / side) + 1, grid_x)
-        bottom = min(math.floor((v + radius + side - 1) / side), math.floor((v + half_y) / side) + 1, grid_y)
+        left = max(math.floor((u - min(radius, half_x)) * per_pixel), 0)
+        top = max(math.floor((v - min(radius, half_y)) * per_pixel), 0)
+        right = min(math.floor((u + min(radius + side - 1, half_x + side)) * per_pixel), grid_x)
+        bottom = min(math.floor((v + min(radius + side - 1, half_y + side)) * per_pixel), grid_y)
         if right <= left or bottom <= top:
             continue
         tiles[g, 0], tiles[g, 1], tiles[g, 2], tiles[g, 3] = left, top, right, bottom
@@ -84,7 +86,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
         splats[g, 4] = -0.5 * LOG2E * xx / det
         splats[g, 5] = level
         splats[g, 6], splats[g, 7], splats[g, 8] = colors[g, 0], colors[g, 1], colors[g, 2]
-        splats[g, 9] = z
+        splats[g, DEPTH] = z
 
 
 @njit(cache=True, inline="always")

@@ -83,7 +83,7 @@ class _Band(NamedTuple):
     """The lists of some rows of tiles."""
 
     first_row: int
-    members: np.ndarray
+    order: np.ndarray
     starts: np.ndarray
     ids: np.ndarray
     spans: np.ndarray
@@ -118,11 +118,9 @@ class _Picture:
             _cpu_project.project_splats(*mine, *self.camera, self.splats[piece], self.tiles[piece])
 
         share(project, _pieces(num))
-        order = _cpu_lists.depth_order(self.splats[:, 9], self.tiles)
-        entries = self._row_entries()
+        entries = _cpu_lists.row_entries(self.tiles, self.grid_y)
         cuts = _cuts(entries, _BANDS if kept else max(_BANDS, 2 * allowed_threads()))
         self.cuts = list(itertools.pairwise(cuts))
-        self.members, self.member_starts = _cpu_lists.band_members(order, self.tiles, np.array(cuts))
         self.kept: list[_Band] | None = None
         self.may_keep = kept and entries.sum() <= KEPT_ENTRIES
 
@@ -172,30 +170,21 @@ class _Picture:
 
         def add_rows(piece: slice) -> None:
             starts = band.place_starts[piece.start : piece.stop + 1]
-            _cpu_gradients.add_rows(rows, band.members[piece], band.places, starts, sums)
+            _cpu_gradients.add_rows(rows, band.order[piece], band.places, starts, sums)
 
         share(draw_back, range((band.starts.shape[0] - 1) // self.grid_x))
-        share(add_rows, _pieces(band.members.shape[0]))
+        share(add_rows, _pieces(band.order.shape[0]))
 
     def _bands(self) -> Iterator[_Band]:
         """Bands of tile rows that together cover the image."""
         return iter(self.kept) if self.kept else (self._fill(number) for number in range(len(self.cuts)))
 
-    def _row_entries(self) -> np.ndarray:
-        """Number of (Gaussian, tile) pairs in each row of tiles."""
-        columns = (self.tiles[:, 2] - self.tiles[:, 0]).astype(np.float64)
-        change = np.bincount(self.tiles[:, 1], columns, self.grid_y + 1)
-        change -= np.bincount(self.tiles[:, 3], columns, self.grid_y + 1)
-        return np.cumsum(change)[:-1]
-
     def _fill(self, number: int) -> _Band:
         from splatwire.render import _cpu_lists
 
         first, last = self.cuts[number]
-        members = self.members[self.member_starts[number] : self.member_starts[number + 1]]
-        strips = _cpu_lists.reach_columns(self.splats, members, self.tiles, first, last)
-        lists = _cpu_lists.fill_tiles(members, self.tiles, *strips, self.grid_x, first, last)
-        return _Band(first, members, *lists)
+        order = _cpu_lists.depth_order(self.splats, self.tiles, first, last)
+        return _Band(first, order, *_cpu_lists.fill_tiles(self.splats, order, self.tiles, self.grid_x, first, last))
 
 
 def _pieces(num: int) -> list[slice]:

@@ -7,7 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.model import AnchorScene
-from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.compiled_heads import drawn_gaussians
+from splatwire.ops.threads import one_torch_thread
 from splatwire.render.base import Renderer, create_renderer
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.background import BLACK
@@ -54,14 +55,16 @@ def _views(
     for view in range(cameras.num_views):
         with torch.no_grad():  # inside the loop: a generator must not hold the mode while its caller works
             gaussians = _gaussians(scene, cameras, view)
-            image = draw(gaussians, cameras.select([view]), background=background.to(gaussians.means))[0].clamp(0, 1)
+            image = draw(gaussians, cameras.select([view]), background=background.to(gaussians.means))[0]
+            with one_torch_thread():  # its own threads would go on spinning while the next picture needs processors
+                image.clamp_(0, 1)
         yield image
 
 
 def _gaussians(scene: AnchorScene | Splats, cameras: Cameras, view: int) -> Gaussians:
     if isinstance(scene, Splats):
         return scene.seen_from(cameras.centers[view].to(scene.means))
-    return generate_gaussians(scene, cameras, view)
+    return drawn_gaussians(scene, cameras, view)
 
 
 def render_scene(

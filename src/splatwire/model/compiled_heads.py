@@ -1,0 +1,88 @@
+"""The Gaussians of a view for drawing, with compiled heads; `gaussian_heads` is the plain, differentiable version."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatwire.model.anchor_scene import AnchorScene, GaussianHeads
+from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.networks import Linear, Mlp
+from splatwire.ops.threads import share
+from splatwire.scene import Cameras, Gaussians
+
+_BLOCK = 1024  # anchors; a multiple of sixteen
+
+
+@torch.no_grad()
+def drawn_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
+    """Generates what camera `view` sees of `scene`, without gradients; arguments as in `generate_gaussians`.
+
+    Compiled on first use where the scene is float32 on the CPU; elsewhere the plain version does it.
+
+    Returns:
+        The Gaussians of all anchors in view whose opacity is at least 1/255, anchor by anchor; the same whatever the
+        number of threads.
+    """
+    positions = scene.anchors.positions
+    if positions.device.type != "cpu" or positions.dtype != torch.float32:
+        return generate_gaussians(scene, cameras, view)
+    from splatwire.model import _heads_kernels
+
+    arguments = _arguments(scene, cameras, view)
+    num = scene.anchors.num_anchors
+
+    def spawn(first: int) -> tuple[np.ndarray, ...]:
+        return _heads_kernels.spawn_block(first, min(first + _BLOCK, num), *arguments)
+
+    blocks = share(spawn, range(0, max(num, 1), _BLOCK))
+    return Gaussians(*[torch.from_numpy(np.concatenate(parts)) for parts in zip(*blocks, strict=True)])
+
+
+def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object, ...]:
+    """What `_heads_kernels.spawn_block` takes after the block's bounds."""
+    anchors, hints, nothing = scene.anchors, scene.hints, torch.empty(0)
+    fields = (anchors.positions, anchors.features, anchors.scalings, anchors.offsets, anchors.mask)
+    gains = (torch.empty(0, dtype=torch.bool), nothing, nothing)
+    if hints is not None:
+        gains = (hints.left_out, hints.size_gain, nothing if hints.opacity_gain is None else hints.opacity_gain)
+    K = cameras.Ks[view].tolist()
+    intrinsics = (K[0][0], K[1][1], K[0][2], K[1][2])
+    pose, center = cameras.viewmats[view].double().numpy(), cameras.centers[view].to(torch.float32).numpy()
+    camera = (pose, intrinsics, center, cameras.width, cameras.height)
+    return _arrays(fields), _arrays(gains), camera, *_packed(scene.heads)
+
+
+def _arrays(tensors: tuple[Tensor, ...]) -> tuple[np.ndarray, ...]:
+    return tuple(t.contiguous().numpy() for t in tensors)
+
+
+def _packed(heads: GaussianHeads) -> tuple[object, ...]:
+    """The networks as the kernel reads them: hidden numbers, layers of the opacity, of the others, slopes."""
+    networks = (heads.opacity, heads.covariance, heads.color)
+    opacity, shape, color = (_packed_layer(network.hidden) for network in networks)
+    last = (opacity, _packed_layer(heads.opacity.output)), (shape, color, _by_offset(heads.covariance, heads.color))
+    slopes = tuple(np.float32(network.negative_slope) for network in networks)
+    return heads.opacity.hidden.bias.shape[0], *last, slopes
+
+
+def _packed_layer(layer: Linear) -> np.ndarray:
+    """A layer's biases and then its weights by input, for six outputs at a time, zeros where there are no more."""
+    from splatwire.model._heads_kernels import ROWS
+
+    table = torch.cat([layer.bias[None], layer.weight.T])
+    spare = -table.shape[1] % ROWS
+    table = torch.nn.functional.pad(table, (0, spare)).to(torch.float32)
+    return table.view(table.shape[0], -1, ROWS).transpose(0, 1).contiguous().view(-1).numpy()
+
+
+def _by_offset(shape: Mlp, color: Mlp) -> np.ndarray:
+    """Output layers by offset: a row of biases, then a row per hidden number, `shape` first, `color` in later lanes."""
+    from splatwire.model._heads_kernels import COLOR, LANES
+
+    num_offsets, num_hidden = color.output.bias.shape[0] // 3, color.hidden.bias.shape[0]
+    table = torch.zeros(num_offsets, 1 + num_hidden + -num_hidden % 4, LANES)
+    for output, lane in ((shape.output, 0), (color.output, COLOR)):
+        lanes = slice(lane, lane + output.bias.shape[0] // num_offsets)
+        table[:, 0, lanes] = output.bias.view(num_offsets, -1)
+        table[:, 1 : num_hidden + 1, lanes] = output.weight.view(num_offsets, -1, num_hidden).transpose(1, 2)
+    return table.view(-1).numpy()
