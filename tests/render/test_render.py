@@ -4,7 +4,7 @@ import torch
 from scenes import tiny_cameras, tiny_scene
 from splatwire.errors import UnknownNameError
 from splatwire.model import RenderHints
-from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.compiled_heads import drawn_gaussians
 from splatwire.render import create_renderer, iterate_views, render_scene
 
 
@@ -25,7 +25,7 @@ def test_views_come_one_by_one_with_progress_and_without_gradients() -> None:
     for view, image in enumerate(iterate_views(scene, cameras)):
         assert torch.equal(image, images[view])
         assert torch.is_grad_enabled()
-        gaussians = generate_gaussians(scene, cameras, view)
+        gaussians = drawn_gaussians(scene, cameras, view)
         alone = create_renderer("cpu")(gaussians, cameras.select([view]), background=torch.zeros(3))
         assert torch.equal(alone[0].clamp(0, 1), image)
 

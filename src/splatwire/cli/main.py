@@ -41,6 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: Words after the program's name; None for those of the process.
     """
+    # Before any library starts OpenMP: its threads spin while they wait, which on busy processors costs others their
+    # turn and the work itself several times its length.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     try:
         status = _run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()

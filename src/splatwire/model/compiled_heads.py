@@ -49,20 +49,39 @@ def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object,
     intrinsics = (K[0][0], K[1][1], K[0][2], K[1][2])
     pose, center = cameras.viewmats[view].double().numpy(), cameras.centers[view].to(torch.float32).numpy()
     camera = (pose, intrinsics, center, cameras.width, cameras.height)
-    return _arrays(fields), _arrays(gains), camera, *_packed(scene.heads)
+    if any(t.shape[0] not in (0, anchors.num_anchors) for t in gains):
+        raise ValueError(f"hints of {[t.shape[0] for t in gains]} anchors, the scene has {anchors.num_anchors}")
+    heads = _packed(scene.heads, anchors.features.shape[1] + 4, anchors.mask.shape[1])
+    return _arrays(fields), _arrays(gains), camera, *heads
 
 
 def _arrays(tensors: tuple[Tensor, ...]) -> tuple[np.ndarray, ...]:
     return tuple(t.contiguous().numpy() for t in tensors)
 
 
-def _packed(heads: GaussianHeads) -> tuple[object, ...]:
+def _packed(heads: GaussianHeads, num_inputs: int, num_offsets: int) -> tuple[object, ...]:
     """The networks as the kernel reads them: hidden numbers, layers of the opacity, of the others, slopes."""
-    networks = (heads.opacity, heads.covariance, heads.color)
-    opacity, shape, color = (_packed_layer(network.hidden) for network in networks)
-    last = (opacity, _packed_layer(heads.opacity.output)), (shape, color, _by_offset(heads.covariance, heads.color))
-    slopes = tuple(np.float32(network.negative_slope) for network in networks)
-    return heads.opacity.hidden.bias.shape[0], *last, slopes
+    width = max(network.hidden.bias.shape[0] for network in (heads.opacity, heads.covariance, heads.color))
+    opacity = _widened(heads.opacity, width, num_inputs, num_offsets)
+    shape = _widened(heads.covariance, width, num_inputs, 7 * num_offsets)
+    color = _widened(heads.color, width, num_inputs, 3 * num_offsets)
+    first, second, third = (_packed_layer(network.hidden) for network in (opacity, shape, color))
+    last = (first, _packed_layer(opacity.output)), (second, third, _by_offset(shape, color))
+    return width, *last, tuple(np.float32(network.negative_slope) for network in (opacity, shape, color))
+
+
+def _widened(network: Mlp, width: int, num_inputs: int, num_outputs: int) -> Mlp:
+    """The same network with hidden numbers that are zero and count for nothing: in a file each has a width of its own.
+
+    Raises:
+        ValueError: If the network takes or gives something else: the kernel checks nothing.
+    """
+    spare, hidden, output = width - network.hidden.bias.shape[0], network.hidden, network.output
+    if (hidden.weight.shape[1], output.bias.shape[0]) != (num_inputs, num_outputs):
+        raise ValueError(f"a head of {num_inputs} inputs and {num_outputs} outputs was expected")
+    pad = torch.nn.functional.pad
+    wide = Linear(pad(hidden.weight, (0, 0, 0, spare)), pad(hidden.bias, (0, spare)))
+    return Mlp(wide, Linear(pad(output.weight, (0, spare)), output.bias), network.negative_slope)
 
 
 def _packed_layer(layer: Linear) -> np.ndarray:
