@@ -21,7 +21,7 @@ from PIL import Image
 
 from splatwire.importers.hacpp import import_hacpp
 from splatwire.metrics import psnr, psnr_by_channel, ssim
-from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.compiled_heads import drawn_gaussians
 from splatwire.render import iterate_views, render_scene
 from splatwire.render.cpu import render_cpu
 from splatwire.scene import Cameras, Gaussians
@@ -90,7 +90,7 @@ def photo_scores(scene: Any, cameras: Cameras, model_dir: Path, photos: Path) ->
 def timings(scene: Any, cameras: Cameras, repeats: int) -> dict[str, Any]:
     """Milliseconds of one view: heads, rasteriser, and the rasteriser with gradients."""
     one = cameras.select([0])
-    gaussians = generate_gaussians(scene, one, 0)
+    gaussians = drawn_gaussians(scene, one, 0)
     black = torch.zeros(3)
     fields = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.colors)
     leaves = [t.detach().clone().requires_grad_() for t in fields]
@@ -99,7 +99,7 @@ def timings(scene: Any, cameras: Cameras, repeats: int) -> dict[str, Any]:
         render_cpu(Gaussians(*leaves), one, background=black).sum().backward()
 
     with torch.no_grad():
-        heads = milliseconds(lambda: generate_gaussians(scene, one, 0), repeats)
+        heads = milliseconds(lambda: drawn_gaussians(scene, one, 0), repeats)
         draw = milliseconds(lambda: render_cpu(gaussians, one, background=black), repeats)
         whole = milliseconds(lambda: render_scene(scene, one), repeats)
     return {
