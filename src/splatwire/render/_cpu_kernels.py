@@ -83,9 +83,7 @@ def _finished(buf):
 def _ask_for(splats, ids, k):
     """Has a splat fetched that will be drawn soon; those of a tile lie far apart."""
     if k < ids.shape[0]:
-        first = np.int64(ids[k]) * SPLAT
-        prefetch(splats, first)
-        prefetch(splats, first + SPLAT - 1)
+        prefetch(splats, np.int64(ids[k]) * SPLAT)
 
 
 @njit(cache=True)

@@ -11,7 +11,7 @@ from numba import njit
 
 from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
-from splatwire.render._cpu_project import DEPTH
+from splatwire.render._cpu_project import DEPTH, SPLAT, TILES
 
 _AHEAD = 16
 _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
@@ -35,11 +35,13 @@ def row_entries(tiles, grid_y):
 def depth_order(splats, tiles, first_row, last_row):
     """Indices of the Gaussians in the tile rows [first_row, last_row), nearest first (radix sort).
 
-    Equal depths keep their own order.
+    Equal depths keep their own order. Also returns the number of columns of tiles that each has, all together.
     """
-    count = 0
+    count, columns = 0, 0
     for g in range(tiles.shape[0]):
-        count += (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row)
+        here = (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row)
+        count += here
+        columns += here * (tiles[g, 2] - tiles[g, 0])
     order, spare = np.empty(count, np.int32), np.empty(count, np.int32)
     keys, spare_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
     k = 0
@@ -60,12 +62,12 @@ def depth_order(splats, tiles, first_row, last_row):
             spare[starts[d]], spare_keys[starts[d]] = order[i], keys[i]
             starts[d] += 1
         order, spare, keys, spare_keys = spare, order, spare_keys, keys
-    return order
+    return order, columns
 
 
 @njit(cache=True, inline="always", error_model="numpy")
 @no_type_check
-def _reach(splat, tile, top, bottom, strips):
+def _reach(splat, left, columns, top, bottom, strips):
     """Writes down, for each column of tiles, which rows in [top, bottom) a splat's ellipse of alpha >= 1/255 reaches.
 
     The ellipse is lowest where dx = `lowest` and highest at the mirrored place, or as near to that as the column goes.
@@ -77,13 +79,13 @@ def _reach(splat, tile, top, bottom, strips):
     if not (inside < 0 and A < 0):  # rounding made it something other than an ellipse
         strips[:, 0], strips[:, 1] = top, bottom
         return
-    if tile[2] - tile[0] == 1:
+    if columns == 1:
         half = np.sqrt(-4 * A * level / inside)
         strips[0, 0], strips[0, 1] = _rows_between(y - half, y + half, top, bottom)
         return
     lowest, half = B * np.sqrt(level / (-A * inside)), -0.5 / C
-    for i in range(tile[2] - tile[0]):
-        first = (tile[0] + i) * TILE - np.float64(splat[0])
+    for i in range(columns):
+        first = (left + i) * TILE - np.float64(splat[0])
         low_dx, high_dx = min(max(-lowest, first), first + TILE - 1), min(max(lowest, first), first + TILE - 1)
         above, below = inside * low_dx * low_dx + 4 * C * level, inside * high_dx * high_dx + 4 * C * level
         strips[i, 0] = strips[i, 1] = 0
@@ -102,66 +104,58 @@ def _rows_between(low, high, top, bottom):
     ) + 1
 
 
-@njit(cache=True, inline="always")
-@no_type_check
-def _ask_for(table, order, k):
-    """Has a row of a table fetched that comes after some more in the given order."""
-    if k + _AHEAD < order.shape[0]:
-        prefetch(table, np.int64(order[k + _AHEAD]) * table.shape[1])
-
-
 @njit(cache=True, nogil=True)
 @no_type_check
-def fill_tiles(splats, order, tiles, grid_x, first_row, last_row):
+def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     """Lists the Gaussians of each tile in the tile rows [first_row, last_row), in the given order.
 
     Returns where each tile's list starts; the lists; for each entry the rows of the tile that the Gaussian reaches;
     the places of each Gaussian's entries, Gaussian by Gaussian in the given order; where each one's places start.
     """
-    num = 0
-    for k in range(order.shape[0]):
-        _ask_for(tiles, order, k)
-        num += tiles[order[k], 2] - tiles[order[k], 0]
-    strips, starts = np.empty((num, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
+    strips, starts = np.empty((num_columns, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
+    corners = np.empty((order.shape[0], 2), np.int32)  # the tile of the first column in the first row, and the columns
     place_starts, strip = np.zeros(order.shape[0] + 1, np.int64), 0
     for k in range(order.shape[0]):
-        _ask_for(splats, order, k)
-        tile, place = tiles[order[k]], place_starts[k]
-        columns, first_tile = tile[2] - tile[0], tile[0] - first_row * grid_x
-        top, bottom = max(tile[1], first_row) * TILE, min(tile[3], last_row) * TILE
-        _reach(splats[order[k]], tile, top, bottom, strips[strip : strip + columns])
+        if k + _AHEAD < order.shape[0]:
+            prefetch(splats, np.int64(order[k + _AHEAD]) * SPLAT)
+        splat, place = splats[order[k]], place_starts[k]
+        left, columns = np.int64(splat[TILES]), np.int64(splat[TILES + 2]) - np.int64(splat[TILES])
+        top, bottom = (
+            max(np.int64(splat[TILES + 1]), first_row) * TILE,
+            min(np.int64(splat[TILES + 3]), last_row) * TILE,
+        )
+        _reach(splat, left, columns, top, bottom, strips[strip : strip + columns])
+        corners[k, 0], corners[k, 1] = left - first_row * grid_x, columns
         for i in range(columns):
             low, high = _tile_rows(strips[strip + i])
             for ty in range(low, high):
-                starts[first_tile + i + ty * grid_x + 1] += 1
+                starts[corners[k, 0] + i + ty * grid_x + 1] += 1
             place += high - low
         strip += columns
         place_starts[k + 1] = place
     for t in range(starts.shape[0] - 1):
         starts[t + 1] += starts[t]
-    return starts, *_entries(order, tiles, strips, starts, grid_x, first_row), place_starts
+    return starts, *_entries(order, corners, strips, starts, grid_x), place_starts
 
 
 @njit(cache=True, inline="always")
 @no_type_check
-def _entries(order, tiles, strips, starts, grid_x, first_row):
+def _entries(order, corners, strips, starts, grid_x):
     """The lists, their rows and their places, see `fill_tiles`."""
     num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
     for k in range(order.shape[0]):
-        _ask_for(tiles, order, k)
-        g = order[k]
-        columns, first_tile = tiles[g, 2] - tiles[g, 0], tiles[g, 0] - first_row * grid_x
-        for i in range(columns):
-            top, bottom = strips[strip + i]
-            low, high = _tile_rows(strips[strip + i])
+        for i in range(corners[k, 1]):
+            top, bottom = strips[strip]
+            low, high = _tile_rows(strips[strip])
             for ty in range(low, high):
-                at = heads[first_tile + i + ty * grid_x]
-                heads[first_tile + i + ty * grid_x] = at + 1
-                ids[at], places[place] = g, at
+                tile = corners[k, 0] + i + ty * grid_x
+                at = heads[tile]
+                heads[tile] = at + 1
+                ids[at], places[place] = order[k], at
                 spans[at, 0], spans[at, 1] = max(top - ty * TILE, 0), min(bottom - ty * TILE, TILE)
                 place += 1
-        strip += columns
+            strip += 1
     return ids, spans, places
 
 

@@ -9,13 +9,14 @@ from typing import no_type_check
 import numpy as np
 from numba import njit
 
-SPLAT = 10
-"""Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth.
+SPLAT = 16
+"""Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth, its tiles, two that nobody reads.
 
-The exponents are the inverse covariance times -log2(e)/2 (diagonal) and -log2(e) (off-diagonal), so that a pixel's
-falloff is 2 ** ((A dx + B dy) dx + C dy dy).
+A splat is one cache line: those of a tile lie far apart, and fetching them is much of the work. The exponents are the
+inverse covariance times -log2(e)/2 (diagonal) and -log2(e) (off-diagonal), so that a pixel's falloff is
+2 ** ((A dx + B dy) dx + C dy dy).
 """
-DEPTH = 9
+DEPTH, TILES = 9, 10
 LOG2E = 1.4426950408889634
 _MIN_ALPHA = 1.0 / 255.0
 _MIN_LEVEL = math.log2(_MIN_ALPHA)
@@ -87,6 +88,8 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
         splats[g, 5] = level
         splats[g, 6], splats[g, 7], splats[g, 8] = colors[g, 0], colors[g, 1], colors[g, 2]
         splats[g, DEPTH] = z
+        for side_of_box in range(4):
+            splats[g, TILES + side_of_box] = tiles[g, side_of_box]
 
 
 @njit(cache=True, inline="always")

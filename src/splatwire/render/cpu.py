@@ -109,7 +109,7 @@ class _Picture:
         num = arrays[0].shape[0]
         self.size = (cameras.height, cameras.width)
         self.grid_x, self.grid_y = -(-cameras.width // TILE), -(-cameras.height // TILE)
-        self.splats = np.empty((num, _cpu_project.SPLAT), np.float32)
+        self.splats = _cache_lines(num)
         self.tiles = np.empty((num, 4), np.int32)
         self.camera = _camera_arguments(cameras, view)
 
@@ -183,8 +183,17 @@ class _Picture:
         from splatwire.render import _cpu_lists
 
         first, last = self.cuts[number]
-        order = _cpu_lists.depth_order(self.splats, self.tiles, first, last)
-        return _Band(first, order, *_cpu_lists.fill_tiles(self.splats, order, self.tiles, self.grid_x, first, last))
+        order, columns = _cpu_lists.depth_order(self.splats, self.tiles, first, last)
+        return _Band(first, order, *_cpu_lists.fill_tiles(self.splats, order, columns, self.grid_x, first, last))
+
+
+def _cache_lines(num: int) -> np.ndarray:
+    """Room for splats, each where a cache line begins."""
+    from splatwire.render._cpu_project import SPLAT
+
+    room = np.empty((num + 1) * SPLAT, np.float32)
+    first = -room.ctypes.data % 64 // 4
+    return room[first : first + num * SPLAT].reshape(num, SPLAT)
 
 
 def _pieces(num: int) -> list[slice]:
