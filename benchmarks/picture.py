@@ -36,7 +36,12 @@ from splatwire.render import render_scene
 from splatwire.render.cpu import render_cpu
 
 GOAL_RATIO, GOAL_DB, GOAL_MS = 1.15, 60.0, {96: 15.0, 720: 40.0}
-BUSY = "import sys, time\nend = time.monotonic() + float(sys.argv[1])\nwhile time.monotonic() < end: pass"
+BUSY = """
+import os, sys, time
+end, parent = time.monotonic() + float(sys.argv[1]), os.getppid()
+while time.monotonic() < end and os.getppid() == parent:
+    pass
+"""
 
 
 def bundled() -> tuple[Any, Any]:
