@@ -10,8 +10,9 @@ import pytest
 from scenes import tiny_cameras, tiny_scene
 from splatwire.codec import encode_scene
 from splatwire.packets import Packetization
+from splatwire.scene import Cameras
 from splatwire.view.looks import first_look
-from splatwire.view.model import LAYERS, Settings, Viewer
+from splatwire.view.model import LAYERS, Frame, Settings, Viewer
 from splatwire.view.sources import FileSource
 from view.chromium import Chromium, find_chromium
 
@@ -19,9 +20,23 @@ pytest.importorskip("viser", reason="the viewer's extra is not installed")
 if find_chromium() is None:
     pytest.skip("no Chromium here; on Debian: apt-get install chromium", allow_module_level=True)
 
+import viser
+
 from splatwire.view.server import ViewerServer
 
 PATIENCE_S = 60.0
+
+
+class Recorder(Viewer):
+    """Remembers where it drew from."""
+
+    def __init__(self, source: FileSource) -> None:
+        super().__init__(source)
+        self.places: list[np.ndarray] = []
+
+    def frame(self, settings: Settings, cameras: Cameras, *, score: bool = True) -> Frame:
+        self.places.append(cameras.centers[0].numpy())
+        return super().frame(settings, cameras, score=score)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +45,7 @@ def server() -> Iterator[ViewerServer]:
     stream = encode_scene(scene, Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=700))
     first = first_look(scene.anchors, tiny_cameras(distance=4.0))
     names, settings = ("drop", "grow", "idw"), Settings(loss=0.5, concealer="grow")
-    server = ViewerServer(Viewer(FileSource(stream)), settings, first, names, port=0, still_height=160, play_s=2.0)
+    server = ViewerServer(Recorder(FileSource(stream)), settings, first, names, port=0, still_height=160, play_s=2.0)
     thread = threading.Thread(target=server.run)
     thread.start()
     yield server
@@ -92,6 +107,12 @@ def choose(page: Chromium, number: int, option: str) -> None:
     page.click(*place(page, found))
 
 
+def test_the_first_picture_is_drawn_from_where_the_view_starts(server, page):
+    settled(page)
+    for place in server._viewer.places:
+        np.testing.assert_allclose(place, server._first.position, atol=1e-3)
+
+
 def test_the_page_follows_a_persons_hands(server, page):
     first = settled(page)
     assert "PSNR" in page.evaluate("document.body.innerText")
@@ -123,6 +144,33 @@ def test_the_transfer_is_played(server, page):
     early = server.settings.progress
     wait_for(lambda: server.settings.progress > early)
     wait_for(lambda: server.settings.progress == 1.0 and not server.playing)
+
+
+def test_nobody_gets_lost(server, page):
+    """However a person zooms and turns: where there was no camera there is nothing to see."""
+    first, limits = server._first, server._first.limits
+    for turn in (200, -200):
+        for _ in range(60):
+            page.call("Input.dispatchMouseEvent", type="mouseWheel", x=300, y=400, deltaX=0, deltaY=turn)
+    for _ in range(3):
+        page.drag((500, 200), (200, 500))
+    time.sleep(1.0)
+    handle = next(iter(server._clients.values())).handle
+    wait_for(lambda: np.allclose(server._viewer.places[-1], handle.camera.position, atol=1e-3))
+    for place in server._viewer.places:
+        allowed, target = limits.within(tuple(place.tolist()), first.look_at)
+        np.testing.assert_allclose(allowed, place, atol=0.01 * limits.farthest)
+        assert target == pytest.approx(first.look_at)
+    assert np.linalg.norm(np.ptp(server._viewer.places, axis=0)) > limits.nearest  # it did move
+
+
+def test_another_page_gets_no_connection(server, page):
+    page.call("Page.navigate", url="about:blank")
+    time.sleep(0.5)
+    address = server.url.replace("http", "ws")
+    script = f"new Promise(r => {{ const s = new WebSocket('{address}', 'viser-v{viser.__version__}');" \
+             "s.onopen = () => r('open'); s.onerror = () => r('refused'); })"  # fmt: skip
+    assert page.evaluate(script) == "refused"
 
 
 def test_nothing_but_this_machine_can_connect(server):

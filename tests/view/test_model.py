@@ -5,6 +5,7 @@ import math
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -19,7 +20,7 @@ from splatwire.packets import Packetization, SceneStream, read_stream, send_sequ
 from splatwire.render import render_scene
 from splatwire.view import ProgressiveScene, plan_transfer
 from splatwire.view.looks import Look, Pace, first_look, heat
-from splatwire.view.model import LAYERS, Settings, Status, Viewer
+from splatwire.view.model import LAYERS, LIVE_LAYERS, Settings, Status, Viewer
 from splatwire.view.panel import status_text
 from splatwire.view.sources import FileSource, LiveSource
 
@@ -84,6 +85,17 @@ def test_without_loss_the_picture_is_the_reference(viewer):
     assert torch.equal(reference.image, frame.image)
     dark = viewer.frame(Settings(loss=0.0, layer="difference"), CAMERA)
     assert torch.equal(dark.image, (heat(torch.zeros(32, 48)) * 255).round().to(torch.uint8))
+
+
+def test_what_is_behind_a_scene_is_behind_its_lossless_picture():
+    scene = dataclasses.replace(tiny_scene(seed=2, num_anchors=100), background=(1.0, 1.0, 1.0))
+    viewer = Viewer(FileSource(encode_scene(scene)))
+    frame = viewer.frame(Settings(loss=0.0), CAMERA)
+    assert frame.status.psnr == math.inf
+    assert (frame.image[0, 0] == 255).all()
+    assert torch.equal(viewer.frame(Settings(layer="lossless"), CAMERA).image, frame.image)
+    lossy = viewer.frame(Settings(loss=0.5), CAMERA)
+    assert 10 < lossy.status.psnr < math.inf
 
 
 def test_heat_maps_show_damage(viewer):
@@ -203,6 +215,32 @@ def test_looks_are_pinhole_cameras():
     assert math.isfinite(first_look(tiny_scene(num_anchors=50).anchors, None).fov)
 
 
+def test_a_first_look_is_the_picture_of_its_camera():
+    scene, camera = tiny_scene(num_anchors=50), tiny_cameras(num_views=1)
+    found = first_look(scene.anchors, camera).look(camera.width / camera.height).cameras(camera.height)
+    torch.testing.assert_close(found.viewmats, camera.viewmats, atol=1e-4, rtol=0)
+    torch.testing.assert_close(found.Ks, camera.Ks, atol=1e-3, rtol=0)
+
+
+def test_limits_let_through_what_cameras_saw_and_bring_back_the_rest():
+    cameras = tiny_cameras(num_views=3)
+    start = first_look(tiny_scene(num_anchors=50).anchors, cameras)
+    limits, target = start.limits, start.look_at
+    for center in cameras.centers.tolist():
+        assert limits.within(tuple(center), target) == (pytest.approx(center, abs=1e-5), pytest.approx(target))
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        position, look_at = limits.within(tuple(rng.normal(0, 9, 3)), tuple(rng.normal(0, 9, 3)))
+        again = limits.within(position, look_at)
+        assert again[0] == pytest.approx(position, abs=1e-6)
+        assert again[1] == pytest.approx(look_at, abs=1e-6)
+        assert limits.nearest <= math.dist(position, look_at) + 1e-9 <= limits.farthest + 1e-6
+        away = np.subtract(position, look_at)
+        cosines = limits.cameras @ away / np.linalg.norm(limits.cameras, axis=1) / np.linalg.norm(away)
+        assert cosines.max() >= math.cos(limits.aside) - 1e-9
+    assert first_look(tiny_scene(num_anchors=50).anchors, None).limits.aside == math.pi
+
+
 def test_the_pace_settles_at_its_target():
     pace = Pace(target_s=0.1, low=32, high=1000, height=700)
     for _ in range(40):
@@ -217,5 +255,7 @@ def test_the_overlay_names_bytes_and_quality():
     text = status_text(status)
     for words in ("250 of 1,000 kB", "20 of 80 packets", "25.0 %", "31.23 dB", "12 ms", "hello"):
         assert words in text
+    assert "PSNR" not in status_text(dataclasses.replace(status, psnr=None), live=True)
     assert "identical" in status_text(dataclasses.replace(status, psnr=math.inf))
+    assert set(LIVE_LAYERS) < set(LAYERS)
     assert set(LAYERS) == {"received", "lossless", "difference", "lost anchors"}

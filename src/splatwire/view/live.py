@@ -197,6 +197,8 @@ class PreviewSource:
         """See `Source`."""
         return torch.zeros(self._preview.splats.num_gaussians, dtype=torch.bool)
 
+    has_news: bool = False
+
     @property
     def has_scene(self) -> bool:
         """Whether it is time to open the scene."""

@@ -24,6 +24,8 @@ from splatwire.view.looks import heat
 
 LAYERS = ("received", "lossless", "difference", "lost anchors")
 """What can be shown: the concealed scene, the reference, the error of each pixel, the loss around each anchor."""
+LIVE_LAYERS = ("received", "lost anchors")
+"""Of these, what needs no reference."""
 ERROR_AT_FULL_HEAT = 0.1
 LOST_NEIGHBORS = 16
 

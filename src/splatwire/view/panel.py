@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from splatwire.view.model import LAYERS, Settings, Status
+from splatwire.view.model import LAYERS, LIVE_LAYERS, Settings, Status
 
 
 class Panel:
@@ -24,10 +24,11 @@ class Panel:
         gui = server.gui
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         gui.set_panel_label("splatwire")
+        self._live = live
         self._status = gui.add_markdown("starting")
         self._concealer = gui.add_dropdown("Concealer", concealers, initial_value=settings.concealer)
-        self._layer = gui.add_dropdown("Show", LAYERS, initial_value=settings.layer)
-        self._reference = gui.add_checkbox("Lossless picture", False, disabled=live, hint="The scene without loss.")
+        self._layer = gui.add_dropdown("Show", LIVE_LAYERS if live else LAYERS, initial_value=settings.layer)
+        self._reference = gui.add_checkbox("Lossless picture", False, visible=not live, hint="The scene without loss.")
         with gui.add_folder("Losses", visible=not live):
             self._loss = gui.add_slider("Loss, %", 0, 90, 1, round(100 * settings.loss))
             self._burst = gui.add_slider("Burst", 1, 50, 1, round(settings.burst), hint="Mean length, packets.")
@@ -78,7 +79,7 @@ class Panel:
 
     def say(self, status: Status) -> None:
         """Writes what is known about the picture."""
-        text = status_text(status)
+        text = status_text(status, live=self._live)
         if self._status.content != text:
             self._status.content = text
 
@@ -87,14 +88,14 @@ class Panel:
         self._status.content = "**This cannot be shown.** " + " ".join(problem.split())
 
 
-def status_text(status: Status) -> str:
-    """The overlay, as Markdown."""
+def status_text(status: Status, *, live: bool = False) -> str:
+    """The overlay, as Markdown; a live view has no lossless render and thus no PSNR."""
     total = "" if status.bytes_total is None else f" of {status.bytes_total / 1e3:,.0f}"
     share = status.anchors_known / max(status.anchors_total, 1)
     lines = [
         f"**{status.bytes_sent / 1e3:,.0f}{total} kB**, {status.seconds:.2f} s",
         f"{status.packets_received} of {status.packets_total} packets, {100 * share:.1f} % of the anchors",
-        f"**PSNR {_decibels(status.psnr)}** against the lossless render",
+        *([] if live else [f"**PSNR {_decibels(status.psnr)}** against the lossless render"]),
         f"drawn in {status.draw_ms:.0f} ms",
     ]
     if status.note:

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 import socket
 import threading
 import time
@@ -11,24 +12,35 @@ from typing import Any
 
 from splatwire.conceal import concealer_names
 from splatwire.errors import BackendUnavailableError, InvalidValueError, SplatwireError
+from splatwire.view.guard import start_guarded
 from splatwire.view.live import PreviewSource
-from splatwire.view.looks import FirstLook, Look, Pace
+from splatwire.view.looks import FirstLook, Look, Pace, Triple
 from splatwire.view.model import Settings, Viewer
 from splatwire.view.panel import Panel
-from splatwire.view.sources import LiveSource
 
 STILL_S = 0.25
 """A view that has not moved for so long gets a sharp picture."""
+ARRIVAL_S = 3.0
+"""A new page first says some place of its own; when it has not gone to the starting place for so long, it is let be."""
 MOST_CLIENTS = 8
 """Further pages are told that there is no room; pictures are drawn for one after another."""
 
 
 @dataclass
 class _Client:
-    """Someone who looks at the page."""
+    """Someone who looks at the page.
+
+    Attributes:
+        look: What is drawn for them.
+        said: Where their page said it was, last.
+        arrived: Whether that is what is drawn.
+    """
 
     handle: Any
-    look: Look | None = None
+    look: Look
+    said: Look
+    joined_at: float
+    arrived: bool = False
     changed_at: float = 0.0
     drawn: tuple[Any, ...] | None = None
     sharp: bool = False
@@ -67,13 +79,16 @@ class ViewerServer:
     ) -> None:
         viser = require_viser()
         self._viewer, self._first, self._still_height, self._play_s = viewer, first, still_height, play_s
+        self._reach = first.limits.farthest
         self._clients: dict[int, _Client] = {}
         self._news = threading.Condition()
         self._stopped = self._cannot_open = False
         self._settings_at = self._drawn_at = time.monotonic()
         port = free_port(host, port)
         with contextlib.redirect_stdout(io.StringIO()):  # a banner that nobody asked for
-            self._server = viser.ViserServer(host=host, port=port, label="splatwire", verbose=False)
+            self._server = start_guarded(
+                lambda: viser.ViserServer(host=host, port=port, label="splatwire", verbose=False), host
+            )
         live = viewer.source.live
         self._panel = Panel(self._server, settings, concealers, live=live, changed=self._settings_changed)
         self._server.scene.set_up_direction(first.up)
@@ -86,7 +101,8 @@ class ViewerServer:
     @property
     def url(self) -> str:
         """Where the page is."""
-        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+        host = self._server.get_host()
+        return f"http://{f'[{host}]' if ':' in host else host}:{self._server.get_port()}"
 
     @property
     def settings(self) -> Settings:
@@ -125,11 +141,15 @@ class ViewerServer:
             self._news.notify_all()
 
     def _joined(self, handle: Any) -> None:
+        said = _look_of(handle.camera)
+        client = _Client(handle, self._first.look(said.aspect), said, time.monotonic())
         with self._news:
             if len(self._clients) >= MOST_CLIENTS:
                 handle.add_notification("No room", f"{MOST_CLIENTS} pages are open already.", color="red")
                 return
-            client = self._clients[handle.client_id] = _Client(handle)
+            self._clients[handle.client_id] = client
+        limits = self._first.limits
+        handle.camera.max_orbit_distance, handle.camera.min_orbit_distance = limits.farthest, limits.nearest
         handle.camera.on_update(lambda _: self._moved(client))
 
     def _left(self, handle: Any) -> None:
@@ -137,13 +157,25 @@ class ViewerServer:
             self._clients.pop(handle.client_id, None)
 
     def _moved(self, client: _Client) -> None:
-        camera = client.handle.camera
-        position, wxyz = tuple(map(float, camera.position)), tuple(map(float, camera.wxyz))
-        aspect = min(max(float(camera.aspect), 0.2), 5.0)
+        said = _look_of(client.handle.camera)
         with self._news:
-            client.look = Look(position, wxyz, float(camera.fov), aspect)  # type: ignore[arg-type]
-            client.changed_at = time.monotonic()
+            client.said = said
+            client.arrived = client.arrived or math.dist(said.position, self._first.position) < 1e-3 * self._reach
+            if client.arrived and self._stays_within(client.handle):
+                client.look, client.changed_at = said, time.monotonic()
             self._news.notify_all()
+
+    def _stays_within(self, handle: Any) -> bool:
+        """Brings a view back that left the place where there is something to see; says whether it had not."""
+        camera = handle.camera
+        position, look_at = _triple(camera.position), _triple(camera.look_at)
+        place, target = self._first.limits.within(position, look_at)
+        if max(math.dist(place, position), math.dist(target, look_at)) < 1e-3 * self._reach:
+            return True
+        with handle.atomic():  # the first moves the second along, which nobody should see
+            camera.position = place
+            camera.look_at = target
+        return False
 
     def _settings_changed(self) -> None:
         with self._news:
@@ -163,16 +195,16 @@ class ViewerServer:
         """Whose picture is due, and whether a sharp one: moving views first, sharp pictures when all is quiet."""
         self._open()
         source, settings, now = self._viewer.source, self._panel.settings, time.monotonic()
-        if isinstance(source, LiveSource) and source.has_news:
+        if source.has_news:
             self._settings_at = now
         with self._news:
-            clients = [client for client in self._clients.values() if client.look is not None]
+            clients = list(self._clients.values())
             for client in clients:
-                assert client.look is not None
+                if not client.arrived and now - client.joined_at > ARRIVAL_S:
+                    client.arrived, client.look = True, client.said
                 if client.drawn != (client.look, settings, self._settings_at):
                     return client, client.look, False
             for client in clients:
-                assert client.look is not None
                 if not client.sharp and now - max(client.changed_at, self._settings_at) > STILL_S:
                     return client, client.look, True
         return None
@@ -216,6 +248,17 @@ class ViewerServer:
         self._panel.say(frame.status)
         if not sharp:
             client.pace = pace.after(height, seconds)
+
+
+def _look_of(camera: Any) -> Look:
+    """Where a page is."""
+    w, x, y, z = map(float, camera.wxyz)
+    return Look(_triple(camera.position), (w, x, y, z), float(camera.fov), min(max(float(camera.aspect), 0.2), 5.0))
+
+
+def _triple(vector: Any) -> Triple:
+    x, y, z = map(float, vector)
+    return x, y, z
 
 
 def require_viser() -> Any:

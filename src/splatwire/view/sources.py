@@ -37,6 +37,7 @@ class FileSource:
     """
 
     live = False
+    has_news = False
 
     def __init__(
         self,
