@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import splatwire
+from splatwire.byte_io import ByteWriter
 from splatwire.channel import Bernoulli, parse_loss
-from splatwire.entropy.byte_io import ByteWriter
 from splatwire.packets import (
     PRESETS,
     Packet,

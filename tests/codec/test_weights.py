@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.integer_network import IntegerLinear
 from splatwire.codec.weight_bytes import read_mlp, write_mlp
 from splatwire.codec.weights import QuantisedMlp, quantise_linear, quantise_mlp
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import encode_symbols
 from splatwire.entropy.integers import scale_index, write_integers, zero_mean_rows
 from splatwire.errors import BitstreamError

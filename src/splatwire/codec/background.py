@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.sections import split_sections
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import SceneStream
 from splatwire.scene.background import BLACK, Background, check_background

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import fresh_models, tables
 from splatwire.errors import BitstreamError
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode

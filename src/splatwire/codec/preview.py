@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Gaussians

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import SceneStream
 

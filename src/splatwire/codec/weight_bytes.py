@@ -6,8 +6,8 @@ wider steps, and fewer bits. (Streams of before have a scale for each row only; 
 
 import numpy as np
 
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.weights import MAX_SHIFT, MAX_STEP, QuantisedLinear, QuantisedMlp
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import decode_symbols, encode_symbols
 from splatwire.entropy.integers import MAX_SYMBOL, read_integers, scale_index, write_integers, zero_mean_cells
 from splatwire.entropy.tables import NUM_SCALES, SCALE_STEPS

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import Mixtures, decode_symbols, encode_symbols
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES, SCALE_MIN_EXPONENT, SCALE_STEPS
 from splatwire.errors import BitstreamError

@@ -1,6 +1,6 @@
 """What a welcome shows of a scene: the section `preview` of its side information, found without decoding anything."""
 
-from splatwire.entropy.byte_io import ByteReader
+from splatwire.byte_io import ByteReader
 from splatwire.errors import BitstreamError
 from splatwire.transport.wire import MAX_PREVIEW
 

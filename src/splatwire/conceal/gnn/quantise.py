@@ -12,9 +12,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.conceal.gnn.network import InpaintingNetwork
 from splatwire.conceal.gnn.settings import GnnSettings
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import decode_symbols, encode_symbols
 from splatwire.entropy.integers import read_integers, scale_index, write_integers, zero_mean_rows
 from splatwire.entropy.tables import NUM_SCALES

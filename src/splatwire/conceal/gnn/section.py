@@ -2,12 +2,12 @@
 
 from typing import Any
 
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.conceal.context import AnchorContext
 from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.conceal.gnn.quantise import check_bits, read_parameters, write_parameters
 from splatwire.conceal.gnn.settings import BASELINES, INTERPOLATIONS, METRICS, GnnSettings
 from splatwire.conceal.gnn.weights import GnnWeights, scene_fingerprint
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 
 SECTION = "gnn"

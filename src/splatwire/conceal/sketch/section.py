@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.entropy.byte_io import ByteReader, ByteWriter
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.entropy.coder import decode_symbols, encode_symbols, fresh_models
 from splatwire.entropy.integers import scale_index, zero_mean_rows
 from splatwire.entropy.tables import NUM_SCALES
