@@ -35,11 +35,11 @@ from splatwire.packets import (
     read_stream,
     write_stream,
 )
+from splatwire.packets.sections import FIXED_SECTIONS
 from splatwire.transport import Protection, Receiver, ReceiverOptions, Server, ServerLimits, make_program
 from splatwire.transport.address import Address
 from splatwire.transport.fec import recover
 from splatwire.transport.layout import Segments
-from splatwire.transport.preview import FIXED_SECTIONS
 from splatwire.transport.program import Program
 from splatwire.transport.udp import UdpServer, receive_udp
 from splatwire.transport.wire import DATA, SIDE, SIDE_OVERHEAD
@@ -79,7 +79,7 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
             count = min(per_packet, plan.block_anchors(block) - first)
             packets.append(Packet(PacketId(block, first), count, bytes(1124)))
     sections = ByteWriter()
-    for size in (side_bytes, *(0,) * (FIXED_SECTIONS - 1)):
+    for size in (side_bytes, *(0,) * (len(FIXED_SECTIONS) - 1)):
         sections.blob(bytes(size))
     return make_stream(
         packetization=PRESETS["datagram"], num_anchors=num_anchors, feature_dim=50, num_offsets=10,

@@ -93,7 +93,7 @@ def test_a_sketch_travels_in_the_stream(run, journey, tmp_path):
 def test_a_preview_travels_in_the_stream(run, journey, tmp_path, monkeypatch):
     from splatwire.calibrate import preview as fit
     from splatwire.codec.preview import preview_gaussians
-    from splatwire.codec.sections import split_sections
+    from splatwire.packets.sections import split_sections
 
     settings = fit.PreviewConfig
     monkeypatch.setattr(fit, "PreviewConfig", lambda seed: settings(steps=60, rounds=2, width=48, seed=seed))

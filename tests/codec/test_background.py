@@ -6,10 +6,10 @@ import pytest
 
 from splatwire.codec import add_concealment, decode_stream, encode_scene, without_concealment
 from splatwire.codec.background import SECTION, background_of, background_sections, read_background
-from splatwire.codec.sections import split_sections
 from splatwire.errors import BitstreamError
 from splatwire.model import AnchorScene
 from splatwire.packets import PRESETS, Packetization
+from splatwire.packets.sections import split_sections
 from splatwire.scene.background import BLACK, WHITE
 
 

@@ -7,12 +7,12 @@ import torch
 from splatwire.byte_io import ByteWriter
 from splatwire.codec import add_concealment, decode_stream, encode_scene, side_info_parts, without_concealment
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
-from splatwire.codec.sections import MAX_SECTIONS, read_sections, split_sections, write_sections
 from splatwire.conceal import context_of
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_partial, save_partial
 from splatwire.packets import Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.packets.sections import MAX_SECTIONS, read_sections, split_sections, write_sections
 
 SECTIONS = {"gnn": b"weights", "hints": b"", "later_release": bytes(range(200))}
 

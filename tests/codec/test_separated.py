@@ -11,10 +11,10 @@ from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.schemas.hacpp.decoder import open_side_info
 from splatwire.codec.schemas.hacpp.encoder import scene_in_order
 from splatwire.codec.schemas.hacpp.separated import SECTION
-from splatwire.codec.sections import side_info_parts, without_concealment
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import PRESETS, PacketId, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.packets.sections import side_info_parts, without_concealment
 from splatwire.scene import Anchors, Attribute
 
 HACPP = replace(PRESETS["hacpp"], block_size=200)

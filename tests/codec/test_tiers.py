@@ -10,7 +10,6 @@ import torch
 
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder
-from splatwire.codec.sections import add_concealment, side_info_parts, without_concealment
 from splatwire.codec.tiers import SECTION, arrange_stream, decode_tiers, encode_tiers, read_tiers
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.model import AnchorScene
@@ -26,6 +25,7 @@ from splatwire.packets import (
     stream_from_bytes,
     stream_to_bytes,
 )
+from splatwire.packets.sections import add_concealment, side_info_parts, without_concealment
 from splatwire.scene.importance import Importance
 
 NAMES = ("positions", "features", "scalings", "offsets", "mask")

@@ -23,7 +23,7 @@ from splatwire.transport import (
     make_program,
 )
 from splatwire.transport.layout import head_object, split_head_object
-from splatwire.transport.preview import FIXED_SECTIONS, SECTION, stream_preview
+from splatwire.transport.preview import SECTION, stream_preview
 from splatwire.transport.transfer import ServerTransfer
 from splatwire.transport.wire import (
     DATA,
@@ -419,10 +419,10 @@ def test_nobody_without_a_token_is_sent_a_preview():
 def test_the_preview_is_found_in_the_side_information():
     from splatwire.codec import add_concealment
     from splatwire.codec import preview as codec
-    from splatwire.codec.sections import FIXED_SECTIONS as NAMES
+    from splatwire.packets.sections import FIXED_SECTIONS
 
-    assert (len(NAMES), codec.SECTION, codec.MAX_PREVIEW_BYTES) == (FIXED_SECTIONS, SECTION, MAX_PREVIEW)
-    side_info = b"".join(bytes([n]) + b"x" * n for n in range(FIXED_SECTIONS))
+    assert (codec.SECTION, codec.MAX_PREVIEW_BYTES) == (SECTION, MAX_PREVIEW)
+    side_info = b"".join(bytes([n]) + b"x" * n for n in range(len(FIXED_SECTIONS)))
     bare = dataclasses.replace(STREAM, side_info=side_info)
     assert stream_preview(side_info) == b""
     richer = add_concealment(add_concealment(bare, "gnn", b"weights"), "preview", b"scene")

@@ -88,11 +88,11 @@ class Demo:
         from splatwire.channel import parse_loss
         from splatwire.cli.evaluate import encode_contiguous
         from splatwire.codec import decode_stream
-        from splatwire.codec.sections import split_sections
         from splatwire.conceal import concealer_names
         from splatwire.evaluate import Protocol, concealment_methods, evaluate_streams, rendered_views
         from splatwire.evaluate.views import spread
         from splatwire.metrics import find_lpips
+        from splatwire.packets.sections import split_sections
 
         loss, lpips, background = parse_loss(self.loss), find_lpips(), chosen_background(self.background)
         stream, cameras = self._input()

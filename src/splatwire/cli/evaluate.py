@@ -104,9 +104,9 @@ class Evaluate:
             folder: For temporary files.
             show: Progress.
         """
-        from splatwire.codec.sections import split_sections
         from splatwire.evaluate import evaluate_streams
         from splatwire.metrics import find_lpips
+        from splatwire.packets.sections import split_sections
 
         self._protocol(complete=True)  # wrong names are told before any work
         lpips = find_lpips()

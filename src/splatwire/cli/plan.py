@@ -111,8 +111,8 @@ class PlanCommand:
 
     def _offer(self, stream: "SceneStream", progress: "Callable[[float], None]") -> "Offer":
         from splatwire.codec import decode_stream
-        from splatwire.codec.sections import split_sections
         from splatwire.conceal.sketch import SECTION
+        from splatwire.packets.sections import split_sections
         from splatwire.plan.measure import LossyPictures, offer_of
 
         complete, sketch = decode_stream(stream), split_sections(stream.side_info)[1].get(SECTION, b"")

@@ -3,7 +3,7 @@
 from splatwire.codec.schemas.hacpp.decoder import decode_stream
 from splatwire.codec.schemas.hacpp.encoder import encode_scene, scene_in_order
 from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder
-from splatwire.codec.sections import add_concealment, side_info_parts, without_concealment
+from splatwire.packets.sections import add_concealment, side_info_parts, without_concealment
 
 __all__ = [
     "ProgressiveDecoder",

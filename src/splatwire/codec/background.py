@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 from splatwire.byte_io import ByteReader, ByteWriter
-from splatwire.codec.sections import split_sections
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import SceneStream
+from splatwire.packets.sections import split_sections
 from splatwire.scene.background import BLACK, Background, check_background
 
 SECTION = "background"

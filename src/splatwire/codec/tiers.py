@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from splatwire.codec.sections import split_sections
 from splatwire.entropy.coder import fresh_models
 from splatwire.errors import BitstreamError
 from splatwire.packets import Arrangement, Manifest, PacketGroups, SceneStream, arrange, tier_order
+from splatwire.packets.sections import split_sections
 
 SECTION = "tiers"
 """Name of the section."""

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from splatwire.codec.sections import split_sections, without_concealment
 from splatwire.conceal.base import concealer_sections
 from splatwire.packets import SceneStream
+from splatwire.packets.sections import split_sections, without_concealment
 
 
 def bytes_needed(stream: SceneStream, concealer: str) -> int:

@@ -11,13 +11,13 @@ from torch import Tensor
 
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.preview import preview_splats
-from splatwire.codec.sections import split_sections
 from splatwire.codec.tiers import arrange_stream, read_tiers
 from splatwire.conceal import conceal
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import SceneStream, send_sequence
+from splatwire.packets.sections import split_sections
 from splatwire.plan.damage import BLANK_PSNR, Damage, Offer
 from splatwire.plan.outline import StreamLoad
 from splatwire.render import iterate_views

@@ -2,11 +2,11 @@ import pytest
 
 from scenes import tiny_scene
 from splatwire.codec import encode_scene
-from splatwire.codec.sections import add_concealment
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study.definition import Row
 from splatwire.evaluate.study.inputs import _with_sections, sections_of
 from splatwire.packets import PRESETS
+from splatwire.packets.sections import add_concealment
 
 
 def test_a_row_gets_the_calibrated_stream_with_its_own_sections_only() -> None:

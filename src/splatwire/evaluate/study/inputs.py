@@ -7,7 +7,6 @@ from pathlib import Path
 
 from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.codec.background import SECTION as BACKGROUND
-from splatwire.codec.sections import split_sections, without_concealment
 from splatwire.conceal.gnn.weights import load_weights
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluate.study.definition import Loss, Row, SceneEntry, Study, canonical
@@ -18,6 +17,7 @@ from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_scene
 from splatwire.packets import SceneStream, read_stream, stream_to_bytes
+from splatwire.packets.sections import split_sections, without_concealment
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from splatwire.codec.geometry import decode_positions, encode_positions
 from splatwire.codec.schemas.hacpp.coding_params import CodingContext
 from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, touched_rows, unit_coordinates
 from splatwire.codec.schemas.hacpp.grid_signs import decode_signs, encode_signs
-from splatwire.codec.sections import FIXED_SECTIONS, read_sections, write_sections
 from splatwire.codec.weight_bytes import read_mlp, write_mlp
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model import HashGridConfig, ModelConfig
+from splatwire.packets.sections import FIXED_SECTIONS, read_sections, write_sections
 from splatwire.scene import AnchorLayout
 
 VERSION = 1

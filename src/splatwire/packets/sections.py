@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets import SceneStream
+from splatwire.packets.scene_stream import SceneStream
 
 FIXED_SECTIONS = (
     "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
