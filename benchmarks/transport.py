@@ -26,11 +26,11 @@ from splatwire.byte_io import ByteWriter
 from splatwire.channel import Bernoulli, parse_loss
 from splatwire.packets import (
     PRESETS,
-    Packet,
     PacketId,
     Packetization,
     PacketPlan,
     SceneStream,
+    make_packet,
     make_stream,
     read_stream,
     write_stream,
@@ -77,7 +77,7 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
     for block in range(plan.num_blocks):
         for first in range(0, plan.block_anchors(block), per_packet):
             count = min(per_packet, plan.block_anchors(block) - first)
-            packets.append(Packet(PacketId(block, first), count, bytes(1124)))
+            packets.append(make_packet(PacketId(block, first), count, bytes(1124)))
     sections = ByteWriter()
     for size in (side_bytes, *(0,) * (len(FIXED_SECTIONS) - 1)):
         sections.blob(bytes(size))

@@ -5,7 +5,7 @@ import pytest
 
 from splatwire.channel import Bernoulli, GilbertElliott, Nothing, parse_loss, transmit
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets import Packet, Packetization, PacketPlan, SceneStream, TierShape, make_stream, send_sequence
+from splatwire.packets import Packetization, PacketPlan, SceneStream, TierShape, make_packet, make_stream, send_sequence
 
 
 def build(num_anchors: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] = (), **packetization) -> SceneStream:
@@ -18,7 +18,7 @@ def build(num_anchors: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] =
         num_offsets=2,
         feature_groups=(4,),
         side_info=rng.bytes(50),
-        packets=[Packet(i, plan.count(i), rng.bytes(9)) for i in plan.ids],
+        packets=[make_packet(i, plan.count(i), rng.bytes(9)) for i in plan.ids],
         symbols_digest="0" * 64,
         writer="test",
         tiers=tiers,

@@ -15,7 +15,7 @@ from splatwire.codec.schemas.hacpp.encoder import scene_in_order
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
 from splatwire.model import AnchorScene, ModelConfig
 from splatwire.model.prior_field import evaluate_prior
-from splatwire.packets import Packetization, SceneStream, read_stream, stream_to_bytes, write_stream
+from splatwire.packets import Packetization, SceneStream, make_packet, read_stream, stream_to_bytes, write_stream
 
 PACKETIZATION = Packetization(block_size=100, lanes=4)
 GOLDEN = Path(__file__).parent.parent / "golden" / "tiny.swz"
@@ -165,7 +165,7 @@ def test_damaged_payloads_decode_to_something(stream: SceneStream) -> None:
     # checksums catch this before the codec does; the codec must survive it all the same
     rng = np.random.default_rng(1)
     for _ in range(100):
-        packets = [replace(p, payload=rng.bytes(int(rng.integers(0, 60)))) for p in stream.packets[:4]]
+        packets = [make_packet(p.id, p.num_anchors, rng.bytes(int(rng.integers(0, 60)))) for p in stream.packets[:4]]
         assert decode_stream(stream.with_packets(packets)).erasures.num_lost > 0
 
 

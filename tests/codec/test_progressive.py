@@ -15,7 +15,7 @@ from splatwire.codec.schemas.hacpp import progressive
 from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.model import PartialScene
-from splatwire.packets import PacketId, Packetization, SceneStream
+from splatwire.packets import PacketId, Packetization, SceneStream, make_packet
 
 PACKETIZATIONS = {
     "stratified": Packetization(block_size=200, lanes=4),
@@ -77,8 +77,8 @@ def test_duplicates_and_strangers_are_counted_and_change_nothing(stream):
     decoder, first = start(stream), stream.packets[0]
     assert len(decoder.add([first, first])) == first.num_anchors
     assert len(decoder.add([first])) == 0
-    nowhere = dataclasses.replace(first, id=PacketId(10_000, 0))
-    too_many = dataclasses.replace(stream.packets[1], num_anchors=5000)
+    nowhere = make_packet(PacketId(10_000, 0), first.num_anchors, first.payload)
+    too_many = make_packet(stream.packets[1].id, 5000, first.payload)
     assert len(decoder.add([nowhere, too_many])) == 0
     assert_same(decoder.partial, decode_stream(stream.with_packets([first])))
     assert (decoder.report.num_duplicate, decoder.report.num_corrupt, decoder.report.num_received) == (2, 2, 1)
@@ -114,7 +114,8 @@ def test_wrong_integers_are_found_out_at_the_end(stream):
 
 
 def test_a_payload_of_other_bytes_is_found_out_at_the_end(stream):
-    spoiled = dataclasses.replace(stream.packets[2], payload=stream.packets[2].payload[::-1])
+    second = stream.packets[2]
+    spoiled = make_packet(second.id, second.num_anchors, second.payload[::-1])
     decoder = start(stream)
     decoder.add(stream.packets[:2])
     decoder.add([spoiled])

@@ -5,13 +5,12 @@ import numpy as np
 from splatwire.channel import LOSS_PRESETS, Bernoulli, transmit
 from splatwire.packets import (
     PRESETS,
-    Packet,
     PacketId,
     Packetization,
     PacketPlan,
+    make_packet,
     make_stream,
     manifest_to_bytes,
-    packet_to_bytes,
     stream_from_bytes,
     stream_to_bytes,
 )
@@ -44,7 +43,7 @@ def tiny_stream():
         num_offsets=2,
         feature_groups=(1, 2),
         side_info=b"side",
-        packets=[Packet(i, plan.count(i), b"payload" + bytes([n])) for n, i in enumerate(plan.ids)],
+        packets=[make_packet(i, plan.count(i), b"payload" + bytes([n])) for n, i in enumerate(plan.ids)],
         symbols_digest="5" * 64,
         writer="golden",
     )
@@ -55,8 +54,8 @@ def test_lanes_of_the_first_ranks():
 
 
 def test_packet():
-    packet = Packet(PacketId(0x012345, 7, 1), 0x0177, b"splat")
-    assert packet_to_bytes(packet, 0xAABBCCDD).hex() == PACKET_HEX
+    packet = make_packet(PacketId(0x012345, 7, 1), 0x0177, b"splat", 0xAABBCCDD)
+    assert packet.data.hex() == PACKET_HEX
 
 
 def test_stream():

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from splatwire.channel import parse_loss, transmit
 from splatwire.packets import (
-    Packet,
     Packetization,
     PacketPlan,
     SceneStream,
     TierShape,
+    make_packet,
     make_stream,
     manifest_from_bytes,
     manifest_to_bytes,
@@ -64,7 +64,7 @@ def build(packetization: Packetization, num_anchors: int, seed: int, tiers: tupl
         num_offsets=3,
         feature_groups=(2, 5),
         side_info=rng.bytes(int(rng.integers(30))),
-        packets=[Packet(i, plan.count(i), rng.bytes(int(rng.integers(9)))) for i in plan.ids],
+        packets=[make_packet(i, plan.count(i), rng.bytes(int(rng.integers(9)))) for i in plan.ids],
         symbols_digest="ab" * 32,
         writer="law",
         tiers=tiers,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from splatwire.packets import Packet, Packetization, PacketPlan, SceneStream, make_stream
+from splatwire.packets import Packetization, PacketPlan, SceneStream, make_packet, make_stream
 
 SYMBOLS_DIGEST = "0123456789abcdef" * 4
 
@@ -22,7 +22,7 @@ def build_stream(
         num_offsets=10,
         feature_groups=(10, 10, 10, 10, 10),
         side_info=rng.bytes(side_info_bytes),
-        packets=[Packet(i, plan.count(i), rng.bytes(int(rng.integers(1, payload_bytes)))) for i in plan.ids],
+        packets=[make_packet(i, plan.count(i), rng.bytes(int(rng.integers(1, payload_bytes)))) for i in plan.ids],
         symbols_digest=SYMBOLS_DIGEST,
         writer="splatwire test",
     )

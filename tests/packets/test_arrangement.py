@@ -13,10 +13,10 @@ from splatwire.packets import (
     PacketPlan,
     SceneStream,
     arrange,
+    make_packet,
     make_stream,
     manifest_from_bytes,
     manifest_to_bytes,
-    packet_to_bytes,
     stream_from_bytes,
     stream_to_bytes,
 )
@@ -32,7 +32,7 @@ def hashed_stream(num_anchors: int, rng: np.random.Generator, packetization: Pac
         position = 0
         while position < plan.block_anchors(block):
             size = min(int(rng.integers(1, 20)), plan.block_anchors(block) - position)
-            packets.append(Packet(PacketId(block, position), size, rng.bytes(int(rng.integers(1, 100)))))
+            packets.append(make_packet(PacketId(block, position), size, rng.bytes(int(rng.integers(1, 100)))))
             position += size
     return make_stream(
         packetization=packetization,
@@ -71,7 +71,7 @@ def expected_ranks(packet: Packet, num_anchors: int) -> list[int]:
 
 def test_fixed_plans_are_arranged_as_they_are_planned():
     plan = PacketPlan(Packetization(block_size=10, lanes=3), 25)
-    kept = [Packet(i, plan.count(i), b"x") for i in plan.ids[::2]]
+    kept = [make_packet(i, plan.count(i), b"x") for i in plan.ids[::2]]
     groups, packets = arrange(plan, kept)
     assert groups.ranks.tolist() == plan.groups().ranks.tolist()
     assert [i for i, packet in zip(plan.ids, packets, strict=True) if packet] == list(plan.ids[::2])
@@ -107,8 +107,8 @@ def test_incomplete_overlapping_or_large_packets_make_no_stream():
     bad = [
         [second, *rest],
         stream.packets[:-1],
-        [Packet(first.id, first.num_anchors + 1, b"x"), second, *rest],
-        [Packet(first.id, first.num_anchors, bytes(113)), second, *rest],
+        [make_packet(first.id, first.num_anchors + 1, b"x"), second, *rest],
+        [make_packet(first.id, first.num_anchors, bytes(113)), second, *rest],
     ]
     for packets in bad:
         with pytest.raises(InvalidValueError):
@@ -121,8 +121,8 @@ def test_intake_refuses_packets_that_claim_each_others_anchors():
     intake = PacketIntake(stream.manifest)
 
     def offer(block: int, first: int, count: int, size: int = 5) -> Packet | None:
-        packet = Packet(PacketId(block, first), count, bytes(size))
-        return intake.offer(packet_to_bytes(packet, stream.manifest.stream_id), "test")
+        packet = make_packet(PacketId(block, first), count, bytes(size), stream.manifest.stream_id)
+        return intake.offer(packet.data, "test")
 
     assert offer(0, 10, 10)
     for first, count in ((5, 6), (19, 1), (10, 9), (0, 50), (45, 6), (50, 1), (12, 3)):
@@ -142,8 +142,8 @@ def test_intake_keeps_no_more_packets_than_announced():
     stream = hashed_stream(120, np.random.default_rng(3))
     intake = PacketIntake(stream.manifest)
     for rank in range(120):
-        packet = Packet(PacketId(rank // 50, rank % 50), 1, b"x")
-        intake.offer(packet_to_bytes(packet, stream.manifest.stream_id), "test")
+        packet = make_packet(PacketId(rank // 50, rank % 50), 1, b"x", stream.manifest.stream_id)
+        intake.offer(packet.data, "test")
     assert len(intake.packets) == stream.manifest.num_packets
 
 

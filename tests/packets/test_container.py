@@ -9,8 +9,8 @@ from splatwire.packets import (
     HEADER_BYTES,
     Packetization,
     SceneStream,
+    make_packet,
     make_stream_id,
-    packet_to_bytes,
     stream_from_bytes,
     stream_to_bytes,
 )
@@ -30,7 +30,7 @@ def packets_start(stream: SceneStream) -> int:
 
 
 def records(stream: SceneStream) -> list[bytes]:
-    packed = [packet_to_bytes(packet, stream.manifest.stream_id) for packet in stream.packets]
+    packed = [packet.data for packet in stream.packets]
     return [RECORD_PREFIX.pack(len(data)) + data for data in packed]
 
 
@@ -94,7 +94,7 @@ def test_duplicates_foreign_and_reordered_packets_are_counted(stream, make_test_
 def test_packets_of_another_plan_are_not_taken(stream, make_test_stream):
     """Packets with the right stream id that the manifest's plan has no place for."""
     other = make_test_stream(num_anchors=900)
-    forged = [packet_to_bytes(packet, stream.manifest.stream_id) for packet in other.packets]
+    forged = [make_packet(p.id, p.num_anchors, p.payload, stream.manifest.stream_id).data for p in other.packets]
     data = head(stream) + b"".join(RECORD_PREFIX.pack(len(p)) + p for p in forged)
     found, report = stream_from_bytes(data)
     kept = {packet.id for packet in found.packets}

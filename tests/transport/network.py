@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from splatwire.packets import PRESETS, Packet, PacketId, PacketPlan, SceneStream, make_stream
+from splatwire.packets import PRESETS, PacketId, PacketPlan, SceneStream, make_packet, make_stream
 from splatwire.packets.tiers import TierShape
 from splatwire.transport import Event, Receiver, ReceiverOptions, Server, ServerLimits
 from splatwire.transport.program import Program, make_program
@@ -34,7 +34,7 @@ def datagram_stream(
     for block in range(plan.num_blocks):
         for first in range(0, plan.block_anchors(block), per_packet):
             count = min(per_packet, plan.block_anchors(block) - first)
-            packets.append(Packet(PacketId(block, first), count, rng.bytes(int(rng.integers(1080, 1135)))))
+            packets.append(make_packet(PacketId(block, first), count, rng.bytes(int(rng.integers(1080, 1135)))))
     return make_stream(
         packetization=PRESETS["datagram"], num_anchors=num_anchors, feature_dim=50, num_offsets=10,
         feature_groups=(10,) * 5, side_info=rng.bytes(side_bytes), packets=packets, symbols_digest="5" * 64,
@@ -164,7 +164,7 @@ def tiered_stream(seed: int = 0, side_bytes: int = 30_000, per_packet: int = 40)
     for block in range(plan.num_blocks):
         for first in range(0, plan.block_anchors(block), per_packet):
             count = min(per_packet, plan.block_anchors(block) - first)
-            packets.append(Packet(PacketId(block, first), count, rng.bytes(int(rng.integers(1080, 1135)))))
+            packets.append(make_packet(PacketId(block, first), count, rng.bytes(int(rng.integers(1080, 1135)))))
     return make_stream(
         packetization=PRESETS["datagram"], num_anchors=9000, feature_dim=50, num_offsets=10,
         feature_groups=(10,) * 5, side_info=rng.bytes(side_bytes), packets=packets, symbols_digest="5" * 64,

@@ -5,7 +5,7 @@ import tracemalloc
 
 import pytest
 
-from splatwire.packets import Packet, PacketId, packet_to_bytes
+from splatwire.packets import PacketId, make_packet
 from splatwire.transport import Event, PacketArrived, Receiver, Server, ServerLimits, make_program
 from splatwire.transport.wire import (
     VERSION,
@@ -104,10 +104,9 @@ def hostile(rng: random.Random, seen: list[bytes], session: int, stream_id: int)
                 )
             )  # fmt: skip
         case _:  # packets of another stream, or beyond this one's plan, with checksums that hold
-            packet = Packet(PacketId(number() & 0xFFFFFF, number() & 0x3FFF), 1 + number() % 65_535, b"evil")
-            return encode(
-                Data(session, number(), rng.randrange(200), packet_to_bytes(packet, rng.choice([stream_id, 7])))
-            )
+            packet_id, place = PacketId(number() & 0xFFFFFF, number() & 0x3FFF), rng.randrange(200)
+            packet = make_packet(packet_id, 1 + number() % 65_535, b"evil", rng.choice([stream_id, 7]))
+            return encode(Data(session, number(), place, packet.data))
 
 
 def test_receiver_survives_and_still_receives():

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets import Packet, Packetization, PacketPlan, make_stream, packet_from_bytes
+from splatwire.packets import Packetization, PacketPlan, make_packet, make_stream, packet_from_bytes
 from splatwire.plan.outline import StreamLoad, outline_transfer
 from splatwire.transport import (
     Finished,
@@ -258,7 +258,7 @@ def test_what_cannot_be_served_is_said():
     plan = PacketPlan(Packetization(), 100)
     paper = make_stream(
         packetization=Packetization(), num_anchors=100, feature_dim=1, num_offsets=1, feature_groups=(1,),
-        side_info=b"s", packets=[Packet(i, plan.count(i), bytes(2000)) for i in plan.ids], symbols_digest="5" * 64,
+        side_info=b"s", packets=[make_packet(i, plan.count(i), bytes(2000)) for i in plan.ids], symbols_digest="5" * 64,
         writer="test",
     )  # fmt: skip
     with pytest.raises(InvalidValueError, match="--preset datagram"):

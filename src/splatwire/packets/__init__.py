@@ -4,7 +4,7 @@ from splatwire.packets.arrangement import Arrangement, arrange
 from splatwire.packets.container import stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
-from splatwire.packets.packet import HEADER_BYTES, Packet, packet_from_bytes, packet_to_bytes
+from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.packets.packet_id import PARTS, PacketId
 from splatwire.packets.packetization import PRESETS, Packetization
 from splatwire.packets.plan import PacketGroups, PacketPlan
@@ -33,13 +33,13 @@ __all__ = [
     "StreamSizes",
     "TierShape",
     "arrange",
+    "make_packet",
     "make_stream",
     "make_stream_id",
     "manifest_from_bytes",
     "manifest_to_bytes",
     "measure_sizes",
     "packet_from_bytes",
-    "packet_to_bytes",
     "read_stream",
     "send_sequence",
     "shape_tiers",

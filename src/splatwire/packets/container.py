@@ -17,7 +17,7 @@ import hashlib
 from splatwire.errors import BitstreamError, MissingSideInfoError, TruncatedStreamError, UnsupportedVersionError
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import MAX_MANIFEST_BYTES, Manifest, manifest_from_bytes, manifest_to_bytes
-from splatwire.packets.packet import HEADER_BYTES, MAX_PACKET_BYTES, packet_mark, packet_to_bytes
+from splatwire.packets.packet import HEADER_BYTES, MAX_PACKET_BYTES, packet_mark
 from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION, RECORD_PREFIX, SceneStream
 
 RESYNC_EFFORT = 4
@@ -29,7 +29,7 @@ def stream_to_bytes(stream: SceneStream) -> bytes:
     manifest = manifest_to_bytes(stream.manifest)
     pieces = [FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(manifest)), manifest, stream.side_info]
     for packet in stream.packets:
-        pieces += [RECORD_PREFIX.pack(packet.num_bytes), packet_to_bytes(packet, stream.manifest.stream_id)]
+        pieces += [RECORD_PREFIX.pack(packet.num_bytes), packet.data]
     return b"".join(pieces)
 
 

@@ -40,38 +40,27 @@ _CHECKSUM = struct.Struct("<I")
 
 @dataclass(frozen=True)
 class Packet:
-    """One packet of a stream.
+    """One packet of a stream; `make_packet` writes one, `packet_from_bytes` reads one.
 
     Attributes:
         id: Its name within the stream.
         num_anchors: Anchors it holds, 1 to 65535.
-        payload: Their entropy-coded attributes.
-
-    Raises:
-        InvalidValueError: If a number does not fit the header, or the payload is too long.
+        data: All of its bytes, as they travel.
     """
 
     id: PacketId
     num_anchors: int
-    payload: bytes
+    data: bytes
 
-    def __post_init__(self) -> None:
-        fits = (
-            0 <= self.id.block < MAX_BLOCKS
-            and 0 <= self.id.lane < (MAX_LANES if self.id.part else MAX_HASHED_BLOCK)
-            and 0 <= self.id.part < len(PARTS)
-            and 1 <= self.num_anchors <= MAX_BLOCK_SIZE
-            and HEADER_BYTES + len(self.payload) <= MAX_PACKET_BYTES
-        )
-        if not fits:
-            raise InvalidValueError(
-                f"no packet holds {self.id} with {self.num_anchors} anchors and {len(self.payload)} bytes"
-            )
+    @property
+    def payload(self) -> bytes:
+        """The entropy-coded attributes of its anchors."""
+        return self.data[HEADER_BYTES:]
 
     @property
     def num_bytes(self) -> int:
         """Size with its header, bytes."""
-        return HEADER_BYTES + len(self.payload)
+        return len(self.data)
 
 
 def part_byte(part: int) -> int:
@@ -79,22 +68,33 @@ def part_byte(part: int) -> int:
     return (part - 1) // 3 * 4 + (part - 1) % 3 + 1
 
 
-def packet_to_bytes(packet: Packet, stream_id: int) -> bytes:
+def make_packet(packet_id: PacketId, num_anchors: int, payload: bytes, stream_id: int = 0) -> Packet:
     """Writes a packet.
 
     Args:
-        packet: The packet.
-        stream_id: Id of the stream it belongs to, 32 bits.
+        packet_id: Its name within the stream.
+        num_anchors: Anchors it holds, 1 to 65535.
+        payload: Their entropy-coded attributes.
+        stream_id: Id of the stream it belongs to, 32 bits; 0 until `make_stream` gives it one.
 
-    Returns:
-        Header and payload.
+    Raises:
+        InvalidValueError: If a number does not fit the header, or the payload is too long.
     """
-    block_high, block_low = divmod(packet.id.block, 1 << 16)
-    lane_high, lane_low = divmod(packet.id.lane, 1 << 8)
-    part = part_byte(packet.id.part) if packet.id.part else lane_high << 2
-    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, packet.num_anchors)
-    checksum = zlib.crc32(packet.payload, zlib.crc32(fields))
-    return b"".join((fields, _CHECKSUM.pack(checksum), packet.payload))
+    fits = (
+        0 <= packet_id.block < MAX_BLOCKS
+        and 0 <= packet_id.lane < (MAX_LANES if packet_id.part else MAX_HASHED_BLOCK)
+        and 0 <= packet_id.part < len(PARTS)
+        and 1 <= num_anchors <= MAX_BLOCK_SIZE
+        and HEADER_BYTES + len(payload) <= MAX_PACKET_BYTES
+    )
+    if not fits:
+        raise InvalidValueError(f"no packet holds {packet_id} with {num_anchors} anchors and {len(payload)} bytes")
+    block_high, block_low = divmod(packet_id.block, 1 << 16)
+    lane_high, lane_low = divmod(packet_id.lane, 1 << 8)
+    part = part_byte(packet_id.part) if packet_id.part else lane_high << 2
+    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, num_anchors)
+    checksum = _CHECKSUM.pack(zlib.crc32(payload, zlib.crc32(fields)))
+    return Packet(packet_id, num_anchors, b"".join((fields, checksum, payload)))
 
 
 def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet:
@@ -134,7 +134,7 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
         raise CorruptPacketError(name, f"its header makes no sense (version {version}, {num_anchors} anchors)")
     if stream_id is not None and found_id != stream_id:
         raise ForeignPacketError(name, f"it belongs to stream {found_id:08x}, not {stream_id:08x}")
-    return Packet(packet_id, num_anchors, bytes(view[HEADER_BYTES:]))
+    return Packet(packet_id, num_anchors, bytes(view))
 
 
 def packet_mark(stream_id: int) -> bytes:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets.manifest import Manifest, manifest_to_bytes, packetization_to_json
-from splatwire.packets.packet import HEADER_BYTES, Packet
+from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet
 from splatwire.packets.packet_id import PacketId
 from splatwire.packets.packetization import Packetization
 from splatwire.packets.plan import PacketPlan
@@ -53,7 +53,7 @@ class SceneStream:
             "manifest": len(manifest_to_bytes(self.manifest)),
             "side_info": len(self.side_info),
             "packet_headers": HEADER_BYTES * len(self.packets),
-            "packet_payloads": sum(len(packet.payload) for packet in self.packets),
+            "packet_payloads": sum(packet.num_bytes - HEADER_BYTES for packet in self.packets),
             "container": FILE_PREFIX.size + RECORD_PREFIX.size * len(self.packets),
         }
 
@@ -77,9 +77,10 @@ def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequ
     digest.update(struct.pack("<Q", len(side_info)))
     digest.update(side_info)
     for packet in packets:
-        head = (packet.id.block, packet.id.lane, packet.id.part, packet.num_anchors, len(packet.payload))
+        payload = packet.payload
+        head = (packet.id.block, packet.id.lane, packet.id.part, packet.num_anchors, len(payload))
         digest.update(struct.pack("<5I", *head))
-        digest.update(packet.payload)
+        digest.update(payload)
     return int.from_bytes(digest.digest()[:4], "little")
 
 
@@ -105,7 +106,7 @@ def make_stream(
         num_offsets: Offsets per anchor, K.
         feature_groups: Sizes of the feature's channel groups.
         side_info: The side information.
-        packets: All packets of the plan.
+        packets: All packets of the plan, of no stream yet.
         symbols_digest: SHA-256 of all decoded integers, hexadecimal.
         writer: Name and version of the program.
         tiers: Sizes of the tiers; empty if there is one.
@@ -130,7 +131,8 @@ def make_stream(
     )
     if not _complete(manifest.plan, ordered):
         raise InvalidValueError("the packets of a new stream must be exactly those of its plan")
-    return SceneStream(manifest, side_info, ordered)
+    packets = (make_packet(p.id, p.num_anchors, p.payload, manifest.stream_id) for p in ordered)
+    return SceneStream(manifest, side_info, tuple(packets))
 
 
 def _complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:

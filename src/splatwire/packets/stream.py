@@ -22,7 +22,7 @@ from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoE
 from splatwire.packets.container import check_side_info, stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import MAX_MANIFEST_BYTES, manifest_from_bytes, manifest_to_bytes
-from splatwire.packets.packet import MAX_PACKET_BYTES, packet_to_bytes
+from splatwire.packets.packet import MAX_PACKET_BYTES
 from splatwire.packets.packet_id import PacketId
 from splatwire.packets.scene_stream import FILE_MAGIC, SceneStream
 
@@ -92,7 +92,7 @@ def _write_directory(stream: SceneStream, folder: Path) -> None:
     (folder / MANIFEST_NAME).write_bytes(manifest_to_bytes(stream.manifest))
     (folder / SIDE_INFO_NAME).write_bytes(stream.side_info)
     for packet in stream.packets:
-        (folder / packet.id.filename).write_bytes(packet_to_bytes(packet, stream.manifest.stream_id))
+        (folder / packet.id.filename).write_bytes(packet.data)
 
 
 def _replace_directory(new: Path, target: Path) -> None:

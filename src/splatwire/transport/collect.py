@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from splatwire.errors import BitstreamError
-from splatwire.packets import Manifest, Packet, PacketIntake, packet_from_bytes, packet_to_bytes
+from splatwire.packets import Manifest, Packet, PacketIntake, packet_from_bytes
 from splatwire.packets.container import check_side_info
 from splatwire.transport import fec
 from splatwire.transport.layout import GroupFinder, Segments, split_head_object
@@ -268,8 +268,7 @@ class PacketCollector:
         members = self._members.setdefault(number, {})
         if not repair or len(members) == group.size or len(members) + len(repair) < group.size:
             return []
-        have = {n: packet_to_bytes(packet, self._welcome.stream_id) for n, packet in members.items()}
-        symbols = {n: fec.framed([data], self._symbol_bytes) for n, data in have.items()}
+        symbols = {n: fec.framed([packet.data], self._symbol_bytes) for n, packet in members.items()}
         found = fec.recover({**symbols, **repair}, group.size, self._symbol_bytes)
         if found is None:
             return []

@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets import SceneStream, packet_to_bytes, send_sequence
+from splatwire.packets import SceneStream, send_sequence
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
 from splatwire.transport.layout import Segments, head_object, parity_groups
 from splatwire.transport.protection import (
@@ -132,7 +132,7 @@ def make_program(stream: SceneStream, protection: Protection | None = None, *, p
     if len(preview) > MAX_PREVIEW:
         raise InvalidValueError(f"a preview of {len(preview):,} bytes: a welcome carries at most {MAX_PREVIEW}")
     ordered = send_sequence(stream, "tiers")
-    packets = tuple(packet_to_bytes(packet, manifest.stream_id) for packet in ordered)
+    packets = tuple(packet.data for packet in ordered)
     largest = max(map(len, packets), default=0)
     if largest > MAX_PACKET_BYTES:
         raise InvalidValueError(

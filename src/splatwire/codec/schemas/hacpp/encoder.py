@@ -38,6 +38,7 @@ from splatwire.packets import (
     Packetization,
     PacketPlan,
     SceneStream,
+    make_packet,
     make_stream,
     shape_tiers,
     tier_order,
@@ -108,7 +109,7 @@ def encode_scene(
         if progress:
             progress(run.stop / len(counts))
     ids = _hashed_ids(plan, held) if packetization.hashed else plan.ids
-    packets = [Packet(i, n, p) for i, n, p in zip(ids, held, payloads, strict=True)]
+    packets = [make_packet(i, n, p) for i, n, p in zip(ids, held, payloads, strict=True)]
     _check_sizes(packetization, packets)
     layout = scene.coding.config.layout
     return make_stream(
