@@ -43,7 +43,7 @@ class Recorder(Viewer):
 def server() -> Iterator[ViewerServer]:
     scene = tiny_scene(seed=2, num_anchors=600)
     stream = encode_scene(scene, Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=700))
-    first = first_look(scene.anchors, tiny_cameras(distance=4.0))
+    first = first_look(scene.anchors.positions, tiny_cameras(distance=4.0))
     names, settings = ("drop", "grow", "idw"), Settings(loss=0.5, concealer="grow")
     server = ViewerServer(Recorder(FileSource(stream)), settings, first, names, port=0, still_height=160, play_s=2.0)
     thread = threading.Thread(target=server.run)

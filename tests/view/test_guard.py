@@ -27,7 +27,7 @@ from splatwire.view.server import ViewerServer
 @pytest.fixture(scope="module")
 def server() -> Iterator[ViewerServer]:
     source = FileSource(encode_scene(tiny_scene(num_anchors=100)))
-    server = ViewerServer(Viewer(source), Settings(), first_look(source.anchors, None), ("grow",), port=0)
+    server = ViewerServer(Viewer(source), Settings(), first_look(source.positions, None), ("grow",), port=0)
     thread = threading.Thread(target=server.run)
     thread.start()
     yield server

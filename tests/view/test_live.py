@@ -13,8 +13,8 @@ import torch
 from scenes import tiny_cameras, tiny_scene
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, preview_gaussians, write_preview
-from splatwire.errors import MissingSideInfoError
-from splatwire.packets import Packetization, SceneStream
+from splatwire.errors import BitstreamError, MissingSideInfoError
+from splatwire.packets import PacketIntake, Packetization, SceneStream
 from splatwire.render import render_scene
 from splatwire.render.cpu import render_cpu
 from splatwire.transport import (
@@ -27,10 +27,9 @@ from splatwire.transport import (
     Welcomed,
 )
 from splatwire.transport.address import parse_url
-from splatwire.view.live import LiveTransfer, PreviewSource
+from splatwire.view.live import LiveTransfer
 from splatwire.view.looks import first_look
 from splatwire.view.model import LAYERS, Settings, Viewer
-from splatwire.view.sources import LiveSource
 
 CAMERA = tiny_cameras(num_views=1, width=48, height=32)
 
@@ -122,7 +121,10 @@ class Scripted:
 
 def arrival(stream: SceneStream) -> list[Event]:
     packets = [PacketArrived(packet, False) for packet in stream.packets]
-    return [SideInfoArrived(stream.manifest, stream.side_info), *packets, Finished("complete", True)]
+    intake = PacketIntake(stream.manifest)
+    for packet in stream.packets:
+        intake.take(packet, "test")
+    return [SideInfoArrived(stream.manifest, stream.side_info, intake), *packets, Finished("complete", True)]
 
 
 def wait_for(what) -> None:
@@ -137,7 +139,7 @@ def test_a_preview_is_shown_until_there_is_a_scene(stream):
     script = Scripted(Welcomed(len(stream.packets), 1000, preview))
     transfer = LiveTransfer("udp://somewhere", script)
     source = transfer.start(lambda *_: None)
-    assert isinstance(source, PreviewSource)
+    assert source.progressive is None
     viewer = Viewer(source)
     gaussians, background = preview_gaussians(preview)
     truth = render_cpu(gaussians, CAMERA, background=torch.tensor(background))[0].clamp(0, 1)
@@ -147,12 +149,13 @@ def test_a_preview_is_shown_until_there_is_a_scene(stream):
         assert (frame.status.bytes_sent, frame.status.psnr, frame.status.note) == (
             len(preview), None, "a preview, until the scene is there",
         )  # fmt: skip
-    assert first_look(source.anchors, None).fov > 0
+    assert first_look(source.positions, None).fov > 0
     assert not source.has_scene
     script.hand_over(*arrival(stream))
     wait_for(lambda: source.has_scene)
-    viewer.source = source.open()
-    wait_for(lambda: viewer.source.note == "everything has arrived")
+    assert source.advance()
+    assert source.preview is None
+    wait_for(lambda: source.note == "everything has arrived")
     assert viewer.frame(Settings(), CAMERA).status.anchors_known == stream.manifest.num_anchors
     transfer.stop()
 
@@ -163,15 +166,29 @@ def test_a_preview_stays_when_no_scene_comes():
     )
     source = transfer.start(lambda *_: None)
     wait_for(lambda: "no scene arrived (deadline)" in source.status().note)
-    with pytest.raises(MissingSideInfoError, match="deadline"):
-        source.open()
+    assert not source.advance()
+    assert source.preview is not None
+    transfer.stop()
+
+
+def test_side_information_that_cannot_be_read_leaves_the_preview(stream):
+    script = Scripted(Welcomed(5, 1000, preview_bytes()))
+    transfer = LiveTransfer("udp://somewhere", script)
+    source = transfer.start(lambda *_: None)
+    script.hand_over(SideInfoArrived(stream.manifest, stream.side_info[:-1], PacketIntake(stream.manifest)))
+    wait_for(lambda: source.has_scene)
+    with pytest.raises(BitstreamError):
+        source.advance()
+    assert not source.advance()
+    assert Viewer(source).frame(Settings(), CAMERA).image.any()
     transfer.stop()
 
 
 def test_a_damaged_preview_is_told_and_does_no_harm(stream):
     transfer = LiveTransfer("udp://somewhere", Scripted(Welcomed(5, 1000, b"\x01nonsense"), *arrival(stream)[:-1]))
     source = transfer.start(lambda *_: None)
-    assert isinstance(source, LiveSource)
+    assert source.preview is None
+    assert source.progressive is not None
     assert "receiving; what should have been its preview: " in source.note
     transfer.stop()
 
@@ -184,13 +201,13 @@ def test_the_page_goes_over_to_the_scene(stream):
     transfer = LiveTransfer("udp://somewhere", script)
     source = transfer.start(lambda *_: None)
     viewer = Viewer(source)
-    server = ViewerServer(viewer, Settings(), first_look(source.anchors, None), ("grow",), port=0)
+    server = ViewerServer(viewer, Settings(), first_look(source.positions, None), ("grow",), port=0)
     thread = threading.Thread(target=server.run)
     thread.start()
     try:
-        assert viewer.source is source
+        assert source.progressive is None
         script.hand_over(*arrival(stream))
-        wait_for(lambda: isinstance(viewer.source, LiveSource))
+        wait_for(lambda: source.progressive is not None)
         wait_for(lambda: "drop" in server.concealers)
     finally:
         server.stop()

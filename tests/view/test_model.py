@@ -16,8 +16,9 @@ from splatwire.conceal import conceal, concealer_names
 from splatwire.data import load_cameras
 from splatwire.errors import DesyncError, InvalidValueError, UnknownNameError
 from splatwire.metrics import psnr
-from splatwire.packets import Packetization, SceneStream, read_stream, send_sequence
+from splatwire.packets import PacketIntake, Packetization, SceneStream, read_stream, send_sequence
 from splatwire.render import render_scene
+from splatwire.transport import PacketArrived, SideInfoArrived
 from splatwire.view import ProgressiveScene, plan_transfer
 from splatwire.view.looks import Look, Pace, first_look, heat
 from splatwire.view.model import LAYERS, LIVE_LAYERS, Settings, Status, Viewer
@@ -52,15 +53,16 @@ def test_what_a_stream_carries_for_concealers_is_offered_and_used(viewer):
     assets = Path(str(resources.files("splatwire").joinpath("assets")))
     bundled, _ = read_stream(assets / "snowmiku.swz")
     source, settings = FileSource(bundled), Settings(loss=0.5, concealer="sketch")
-    assert "sketch" in concealer_names(source.sections)
-    assert "sketch" not in concealer_names(viewer.source.sections)
+    assert "sketch" in concealer_names(source.progressive.sections)
+    assert "sketch" not in concealer_names(viewer.source.progressive.sections)
     camera = load_cameras(assets / "snowmiku_cameras.json").select([0]).scaled(0.2)
     frame = Viewer(source).frame(settings, camera, score=False)
     partial = decode_stream(arrived(bundled, settings))
     pictures = [render_scene(conceal(partial, name), camera)[0] for name in ("sketch", "grow")]
     assert torch.equal(frame.image, (pictures[0] * 255).round().to(torch.uint8))
     assert not torch.equal(pictures[0], pictures[1])
-    assert LiveSource(bundled.manifest, bundled.side_info).sections == source.sections
+    live = ProgressiveScene(bundled.manifest, bundled.side_info)
+    assert live.sections == source.progressive.sections
 
 
 def test_pictures_are_those_of_decoding_and_concealing_what_arrived(stream, viewer):
@@ -159,19 +161,44 @@ def test_important_tiers_are_sent_first():
 
 
 def test_a_live_source_shows_what_was_handed_over(stream):
-    source = LiveSource(stream.manifest, stream.side_info)
+    source, intake = LiveSource(), PacketIntake(stream.manifest)
+    source.take(SideInfoArrived(stream.manifest, stream.side_info, intake), 0.1)
+    assert source.advance()
     viewer, settings = Viewer(source), Settings(concealer="grow")
     for number in (0, 4, len(stream.packets)):
         for packet in reversed(stream.packets[:number]):  # early ones are told again
-            source.hand_over(packet)
-        assert source.has_news == (number > 0)
+            intake.take(packet, "test")
+            source.take(PacketArrived(packet, False), 0.2)
+        assert source.advance() == (number > 0)
         frame = viewer.frame(settings, CAMERA)
-        assert not source.has_news
+        assert not source.advance()
         partial = decode_stream(stream.with_packets(stream.packets[:number]))
         expected = render_scene(conceal(partial, "grow"), CAMERA)[0]
         assert torch.equal(frame.image, (expected * 255).round().to(torch.uint8))
         assert frame.status.packets_received == number
         assert frame.status.psnr is None
+
+
+def test_a_progressive_scene_shows_some_of_what_arrived(stream):
+    scene = ProgressiveScene(stream.manifest, stream.side_info, "grow")
+    scene.add(stream.packets)
+    for packets in (stream.packets[:5], stream.packets[3:], (), stream.packets):
+        scene.show(packets)
+        expected = conceal(decode_stream(stream.with_packets(packets)), "grow")
+        with scene.reading() as current:
+            assert torch.equal(current.anchors.features, expected.anchors.features)
+        assert scene.num_known == sum(packet.num_anchors for packet in packets)
+
+
+def test_what_passed_a_receivers_intake_passes_no_second_one(stream):
+    intake = PacketIntake(stream.manifest)
+    for packet in stream.packets:
+        intake.take(packet, "test")
+    scene = ProgressiveScene(stream.manifest, stream.side_info, "drop", intake=intake)
+    assert scene.add(stream.packets) == stream.manifest.num_anchors
+    assert intake.report().num_duplicate == 0
+    assert scene.add(stream.packets[:2]) == 0
+    assert scene.decoder.report.num_duplicate == intake.report().num_duplicate == 2
 
 
 def test_a_progressive_scene_changes_its_concealer_midway(stream):
@@ -199,7 +226,7 @@ def test_a_scene_that_decodes_wrongly_says_so_once_and_goes_on(stream):
 
 def test_looks_are_pinhole_cameras():
     cameras = tiny_cameras(num_views=3)
-    start = first_look(tiny_scene(num_anchors=50).anchors, cameras)
+    start = first_look(tiny_scene(num_anchors=50).anchors.positions, cameras)
     assert start.position == pytest.approx(cameras.centers[0].tolist(), abs=1e-5)
     straight = torch.tensor(start.look_at) - torch.tensor(start.position)
     torch.testing.assert_close(straight / straight.norm(), cameras.viewmats[0, 2, :3], atol=1e-5, rtol=0)
@@ -212,19 +239,19 @@ def test_looks_are_pinhole_cameras():
     assert camera.centers[0].tolist() == pytest.approx([1.0, 2.0, 3.0])
     turned = dataclasses.replace(look, wxyz=(math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)).cameras(10)
     assert turned.viewmats[0, 2, :3].tolist() == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)  # looks along +x
-    assert math.isfinite(first_look(tiny_scene(num_anchors=50).anchors, None).fov)
+    assert math.isfinite(first_look(tiny_scene(num_anchors=50).anchors.positions, None).fov)
 
 
 def test_a_first_look_is_the_picture_of_its_camera():
     scene, camera = tiny_scene(num_anchors=50), tiny_cameras(num_views=1)
-    found = first_look(scene.anchors, camera).look(camera.width / camera.height).cameras(camera.height)
+    found = first_look(scene.anchors.positions, camera).look(camera.width / camera.height).cameras(camera.height)
     torch.testing.assert_close(found.viewmats, camera.viewmats, atol=1e-4, rtol=0)
     torch.testing.assert_close(found.Ks, camera.Ks, atol=1e-3, rtol=0)
 
 
 def test_limits_let_through_what_cameras_saw_and_bring_back_the_rest():
     cameras = tiny_cameras(num_views=3)
-    start = first_look(tiny_scene(num_anchors=50).anchors, cameras)
+    start = first_look(tiny_scene(num_anchors=50).anchors.positions, cameras)
     limits, target = start.limits, start.look_at
     for center in cameras.centers.tolist():
         assert limits.within(tuple(center), target) == (pytest.approx(center, abs=1e-5), pytest.approx(target))
@@ -238,7 +265,7 @@ def test_limits_let_through_what_cameras_saw_and_bring_back_the_rest():
         away = np.subtract(position, look_at)
         cosines = limits.cameras @ away / np.linalg.norm(limits.cameras, axis=1) / np.linalg.norm(away)
         assert cosines.max() >= math.cos(limits.aside) - 1e-9
-    assert first_look(tiny_scene(num_anchors=50).anchors, None).limits.aside == math.pi
+    assert first_look(tiny_scene(num_anchors=50).anchors.positions, None).limits.aside == math.pi
 
 
 def test_the_pace_settles_at_its_target():

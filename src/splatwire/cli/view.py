@@ -61,7 +61,6 @@ class View:
     def run(self) -> None:
         """Runs the verb until Ctrl-C."""
         from splatwire.conceal import concealer_names, create_concealer
-        from splatwire.view.live import PreviewSource
         from splatwire.view.looks import first_look
         from splatwire.view.model import Settings, Viewer
         from splatwire.view.server import ViewerServer, require_viser
@@ -74,16 +73,16 @@ class View:
         settings.loss_model()
         with progress_bars() as show:
             source, transfer, cameras = self._open(show)
-        names = concealer_names(source.sections)
+        names = concealer_names(source.progressive.sections if source.progressive else ())
         names = names if self.conceal in names else (*names, self.conceal)
         try:
             play_s = getattr(source, "transfer_seconds", 10.0)
             viewer = Viewer(source, self.renderer, background)
             server = ViewerServer(
-                viewer, settings, first_look(source.anchors, cameras), names,
+                viewer, settings, first_look(source.positions, cameras), names,
                 host=self.host, port=self.port, still_height=self.height, play_s=max(play_s, 2.0),
             )  # fmt: skip
-            count, early = source.anchors.num_anchors, isinstance(source, PreviewSource)
+            count, early = len(source.positions), source.preview is not None
             with _stopping(server.stop):
                 if self.json:
                     about = {"anchors": count, "preview": early, "live": source.live, "concealers": names}

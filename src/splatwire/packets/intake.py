@@ -1,6 +1,7 @@
 """What is done with bytes that claim to be packets: each is kept, or counted as a loss and why."""
 
 import bisect
+import threading
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -51,7 +52,9 @@ class ReadReport:
 
 
 class PacketIntake:
-    """Collects the good packets of one stream out of whatever bytes arrive.
+    """Collects the good packets of one stream out of whatever bytes arrive, in any thread.
+
+    One is enough for a process: what passed it is known by being the very object that it gave back.
 
     Args:
         manifest: The stream that is being read.
@@ -59,6 +62,7 @@ class PacketIntake:
 
     def __init__(self, manifest: Manifest) -> None:
         self._manifest = manifest
+        self._lock = threading.Lock()
         self._plan = manifest.plan
         self._packets: dict[PacketId, Packet] = {}
         self._firsts: dict[int, list[int]] = {}
@@ -68,7 +72,12 @@ class PacketIntake:
     @property
     def packets(self) -> tuple[Packet, ...]:
         """The good packets so far, ascending by id."""
-        return tuple(self._packets[key] for key in sorted(self._packets))
+        with self._lock:
+            return tuple(self._packets[key] for key in sorted(self._packets))
+
+    def has(self, packet: Packet) -> bool:
+        """Whether this packet, not only one of its name, passed."""
+        return self._packets.get(packet.id) is packet
 
     @property
     def num_corrupt(self) -> int:
@@ -109,21 +118,23 @@ class PacketIntake:
             The packet if it was taken, else None.
         """
         try:
-            self._check(packet)
+            with self._lock:
+                self._check(packet)
+                if packet.id not in self._packets:
+                    self._packets[packet.id] = packet
+                    return packet
         except CorruptPacketError as error:
             self.count("corrupt", f"{source}: {error}")
-            return None
-        if packet.id in self._packets:
+        else:
             self.count("duplicate", f"{source}: {packet.id.filename} was already there")
-            return None
-        self._packets[packet.id] = packet
-        return packet
+        return None
 
     def count(self, kind: str, problem: str) -> None:
         """Counts a loss of a kind: `corrupt`, `foreign` or `duplicate`."""
-        self._counts[kind] += 1
-        if len(self._problems) < MAX_PROBLEMS:
-            self._problems.append(problem)
+        with self._lock:
+            self._counts[kind] += 1
+            if len(self._problems) < MAX_PROBLEMS:
+                self._problems.append(problem)
 
     def _check(self, packet: Packet) -> None:
         """Refuses what the plan has no place for.

@@ -46,22 +46,27 @@ def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[Tens
 
 
 def surrounding_cameras(anchors: Anchors, num_views: int = 16, size: int = 256) -> Cameras:
+    """Places cameras around the anchors of a scene; see `cameras_around`."""
+    return cameras_around(anchors.positions, num_views, size)
+
+
+def cameras_around(positions: Float[Tensor, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:
     """Places cameras evenly on a sphere around the middle of a scene, looking inwards.
 
     The middle is the median of the anchors, the radius twice their median distance from it: the far background of an
     unbounded scene does not push the cameras away.
 
     Args:
-        anchors: The scene.
+        positions: The anchors of the scene.
         num_views: Number of cameras.
         size: Width and height of the images, pixels; the field of view is 60 degrees.
 
     Raises:
         InvalidValueError: If there is no view, no pixel or no anchor.
     """
-    if num_views < 1 or size < 1 or anchors.num_anchors < 1:
-        raise InvalidValueError(f"{num_views} views of {size} pixels of {anchors.num_anchors} anchors show nothing")
-    positions = anchors.positions.detach().cpu().double()
+    if num_views < 1 or size < 1 or len(positions) < 1:
+        raise InvalidValueError(f"{num_views} views of {size} pixels of {len(positions)} anchors show nothing")
+    positions = positions.detach().cpu().double()
     middle = positions.median(dim=0).values
     radius = max(2 * float((positions - middle).norm(dim=1).median()), 0.5)
     place = torch.arange(num_views, dtype=torch.float64) + 0.5

@@ -173,8 +173,8 @@ class PacketCollector:
         """The intake that every packet passed; None before the manifest is there."""
         return self._intake
 
-    def open(self, manifest: Manifest, carried: Sequence[bytes] = ()) -> list[Packet]:
-        """Gives the packets that came with the manifest, and those from before it that belong to it."""
+    def open(self, manifest: Manifest, carried: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
+        """Gives what packets pass now, those that came with the manifest, and earlier ones that belong to it."""
         self._intake = PacketIntake(manifest)
         early, self._early = self._early, {}
         taken = []
@@ -187,7 +187,7 @@ class PacketCollector:
             new = None if self._have[index] else self._take(index, data)
             if new is not None:
                 taken.append(new)
-        return taken
+        return self._intake, taken
 
     def add(self, frame: Data) -> list[Packet]:
         """Takes a packet; gives those that are new because of it, the repaired ones after it."""

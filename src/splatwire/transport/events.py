@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from splatwire.packets import Manifest, Packet
+from splatwire.packets import Manifest, Packet, PacketIntake
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,12 @@ class SideInfoArrived:
     Attributes:
         manifest: The stream's manifest.
         side_info: Its side information, checked against the manifest.
+        intake: What every packet passed that is told of.
     """
 
     manifest: Manifest
     side_info: bytes
+    intake: PacketIntake
 
 
 @dataclass(frozen=True)

@@ -263,8 +263,9 @@ class Receiver:
             self.finished = Finished(str(error), False)
             return []
         self._head = None
-        early = [PacketArrived(packet, False) for packet in self._collector.open(self._manifest, carried)]
-        return [SideInfoArrived(self._manifest, self._side_info), *early]
+        intake, new = self._collector.open(self._manifest, carried)
+        arrived = SideInfoArrived(self._manifest, self._side_info, intake)
+        return [arrived, *(PacketArrived(packet, False) for packet in new)]
 
     def _over(self, now: float) -> str | None:
         """Why it is over, if it is."""

@@ -1,11 +1,11 @@
 """The viewer: a scene while it arrives, what it has lost, and how that is hidden, in a browser."""
 
 from splatwire.view.progressive_scene import ProgressiveScene
-from splatwire.view.transfer import Arrival, Transfer, plan_transfer
+from splatwire.view.transfer import Playback, PlayedPacket, plan_transfer
 
 __all__ = [
-    "Arrival",
+    "Playback",
+    "PlayedPacket",
     "ProgressiveScene",
-    "Transfer",
     "plan_transfer",
 ]

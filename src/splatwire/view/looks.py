@@ -10,8 +10,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from splatwire.render.importance import surrounding_cameras
-from splatwire.scene import Anchors, Cameras
+from splatwire.render.importance import cameras_around
+from splatwire.scene import Cameras
 
 Triple: TypeAlias = tuple[float, float, float]
 NEAREST, FARTHEST = 0.35, 1.5
@@ -119,17 +119,17 @@ class FirstLook:
         return Look(self.position, (w, x, y, z), self.fov, aspect)
 
 
-def first_look(anchors: Anchors, cameras: Cameras | None) -> FirstLook:
+def first_look(positions: Float[Tensor, "N 3"], cameras: Cameras | None) -> FirstLook:
     """Chooses where to begin.
 
     Args:
-        anchors: The scene; their median is what the view turns around.
+        positions: The anchors of the scene; their median is what the view turns around.
         cameras: Cameras that saw the scene: the first of them is taken, and up is what they agree on. None looks at
             the scene from the outside, with the world's -y axis up, as photo datasets mostly have it.
     """
-    seen = surrounding_cameras(anchors, num_views=8) if cameras is None else cameras
+    seen = cameras_around(positions, num_views=8) if cameras is None else cameras
     view = seen.num_views // 2 if cameras is None else 0
-    positions, pose, centers = anchors.positions.double(), seen.viewmats.double(), seen.centers.double()
+    positions, pose, centers = positions.double(), seen.viewmats.double(), seen.centers.double()
     middle, center, forward = positions.median(dim=0).values, centers[view], pose[view, 2, :3]
     distance = max(float((middle - center) @ forward), 0.1 * float((middle - center).norm()), 1e-3)
     up = -pose[:, 1, :3].mean(dim=0) if cameras is not None else torch.tensor([0.0, -1.0, 0.0], dtype=torch.float64)

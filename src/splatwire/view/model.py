@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from splatwire.channel import Bernoulli, GilbertElliott, LossModel
 from splatwire.conceal.grow import lost_share
 from splatwire.errors import InvalidValueError
+from splatwire.metrics import psnr
 from splatwire.model import AnchorScene
 from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
 from splatwire.render import render_scene
@@ -21,6 +22,7 @@ from splatwire.scene import Anchors, Cameras
 from splatwire.scene.background import Background
 from splatwire.scene.splats import Splats
 from splatwire.view.looks import heat
+from splatwire.view.progressive_scene import ProgressiveScene
 
 LAYERS = ("received", "lossless", "difference", "lost anchors")
 """What can be shown: the concealed scene, the reference, the error of each pixel, the loss around each anchor."""
@@ -121,19 +123,22 @@ class Source(Protocol):
         """Whether losses are real, so that nobody may choose them."""
 
     @property
-    def anchors(self) -> Anchors:
-        """Any state of the anchors; positions are right."""
+    def positions(self) -> Float[Tensor, "N 3"]:
+        """Where the scene is: the places of its anchors, or of its preview's Gaussians."""
 
     @property
-    def sections(self) -> tuple[str, ...]:
-        """Names of what the stream carries for concealers."""
+    def preview(self) -> PreviewScene | None:
+        """What there is to look at before there is a scene."""
 
     @property
-    def known(self) -> Bool[Tensor, "N"]:
-        """Anchors that were there at the last call of `scene`."""
+    def progressive(self) -> ProgressiveScene | None:
+        """The scene, as `scene` left it; None while there is only a preview."""
 
-    def scene(self, settings: Settings) -> AnchorScene | PreviewScene:
-        """The concealed scene under these settings, or its preview; tensors may be changed by the next call."""
+    def advance(self) -> bool:
+        """Goes over to the scene when it is time; says whether anything is to be drawn anew."""
+
+    def scene(self, settings: Settings) -> AnchorScene:
+        """The concealed scene under these settings; tensors may be changed by the next call."""
 
     def reference(self) -> AnchorScene | None:
         """The scene without loss, once it is known."""
@@ -177,11 +182,11 @@ class Viewer:
         if settings.layer not in LAYERS:
             raise InvalidValueError(f"a viewer shows {', '.join(LAYERS)}, not {settings.layer!r}")
         began = time.perf_counter()
-        scene = self.source.scene(settings)
-        if isinstance(scene, PreviewScene):
-            image, quality = self._preview(scene, cameras), None
+        preview = self.source.preview
+        if preview is not None:
+            image, quality = self._preview(preview, cameras), None
         else:
-            image, quality = self._draw(settings, scene, cameras, score)
+            image, quality = self._draw(settings, self.source.scene(settings), cameras, score)
         seconds = time.perf_counter() - began
         status = dataclasses.replace(self.source.status(), psnr=quality, draw_ms=seconds * 1e3)
         return Frame((image * 255).round().to(torch.uint8), status)
@@ -198,8 +203,7 @@ class Viewer:
         if lossless is None or not (score or settings.layer == "difference"):
             return picture, None
         truth = self._lossless(lossless, cameras)
-        error = float((picture - truth).square().mean())
-        quality = -10 * math.log10(error) if error > 0 else math.inf
+        quality = float(psnr(picture[None], truth[None])[0])
         if settings.layer == "difference":
             picture = heat((picture - truth).abs().mean(dim=2) / ERROR_AT_FULL_HEAT)
         return picture, quality
@@ -210,7 +214,8 @@ class Viewer:
 
     def _damage(self, anchors: Anchors) -> Float[Tensor, "N"]:
         """Share of lost anchors around each one, 1 for those that are lost; kept while nothing arrives."""
-        known = self.source.known
+        assert self.source.progressive is not None
+        known = self.source.progressive.known
         if self._shares is None or not torch.equal(self._shares[0], known):
             share = lost_share(anchors.positions, known, LOST_NEIGHBORS)
             self._shares = (known.clone(), torch.where(known, share, 1.0))

@@ -63,7 +63,8 @@ class Panel:
     def offer(self, concealers: tuple[str, ...]) -> None:
         """Adds to them."""
         have = self.concealers
-        self._concealer.options = (*have, *(name for name in concealers if name not in have))
+        if new := tuple(name for name in concealers if name not in have):
+            self._concealer.options = (*have, *new)
 
     def move_to(self, progress: float) -> None:
         """Moves the transfer to some share; at its end the play button comes up."""

@@ -2,15 +2,20 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
+import torch
+from jaxtyping import Bool
+from torch import Tensor
 
 from splatwire.codec import ProgressiveDecoder
 from splatwire.conceal import Concealer
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import DesyncError
-from splatwire.model import AnchorScene
-from splatwire.packets import Manifest, Packet, SceneStream
+from splatwire.model import AnchorScene, PartialScene
+from splatwire.packets import Manifest, Packet, PacketIntake, SceneStream
+from splatwire.scene import Anchors, Erasures
 
 
 class ProgressiveScene:
@@ -22,6 +27,7 @@ class ProgressiveScene:
         manifest: The stream's manifest.
         side_info: Its side information; from here on there is a scene.
         concealer: A concealer or its name.
+        intake: What its packets passed where they arrived; None lets them pass one here.
         progress: Called with the share of the preparation that is done, 0 to 1.
 
     Raises:
@@ -35,20 +41,32 @@ class ProgressiveScene:
         side_info: bytes,
         concealer: Concealer | str = "grow",
         *,
+        intake: PacketIntake | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        self._decoder = ProgressiveDecoder(manifest, side_info, progress=progress)
-        self._concealer = ProgressiveConcealer(self._decoder.partial, concealer)
+        self._decoder = ProgressiveDecoder(manifest, side_info, intake=intake, progress=progress)
+        self._shown = self._decoder.partial
+        self._concealer = ProgressiveConcealer(self._shown, concealer)
 
     @property
-    def num_anchors(self) -> int:
-        """Anchors of the complete scene."""
-        return self._decoder.manifest.num_anchors
+    def anchors(self) -> Anchors:
+        """Any state of the anchors; positions are right."""
+        return self._shown.scene.anchors
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """Names of what the stream carries for concealers."""
+        return tuple(self._shown.concealment)
+
+    @property
+    def known(self) -> Bool[Tensor, "N"]:
+        """Anchors that are exact."""
+        return self._shown.erasures.known
 
     @property
     def num_known(self) -> int:
-        """Anchors that have arrived."""
-        return self._decoder.num_known
+        """Anchors that are exact."""
+        return int(self.known.sum())
 
     @property
     def complete(self) -> bool:
@@ -99,10 +117,53 @@ class ProgressiveScene:
             UnknownNameError: No concealer has that name.
         """
         with self._decoder.lock:
-            self._concealer = ProgressiveConcealer(self._decoder.partial, concealer)
+            self._concealer = ProgressiveConcealer(self._shown, concealer)
+
+    def show(self, packets: Iterable[Packet]) -> None:
+        """Shows exactly these of the packets that arrived, as if no other had; whatever comes later must be shown, too.
+
+        Args:
+            packets: Any of those that were added.
+        """
+        decoder = self._decoder
+        wanted = np.zeros(len(self.known), dtype=np.bool_)
+        for packet in packets:
+            wanted[decoder.members(packet)] = True
+        with decoder.lock:
+            if self._shown is decoder.partial:
+                self._shown = _emptied(decoder.partial)
+                self._concealer = ProgressiveConcealer(self._shown, self._concealer.concealer)
+            known = self.known.numpy()
+            old, new = np.flatnonzero(known & ~wanted), np.flatnonzero(wanted & ~known)
+            _fill(self._shown, new, decoder.partial)
+            if len(old):
+                _fill(self._shown, old, None)
+                self._concealer.restart()
+            else:
+                self._concealer.arrived(new)
 
     @contextmanager
     def reading(self) -> Iterator[AnchorScene]:
         """Gives the scene as of now; while it is read, arrivals wait. Keep nothing of it."""
         with self._decoder.lock:
             yield self._concealer.scene()
+
+
+_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
+
+
+def _emptied(partial: PartialScene) -> PartialScene:
+    """The same scene with nothing received."""
+    anchors = partial.scene.anchors
+    nothing = {name: torch.zeros_like(getattr(anchors, name)) for name in _ATTRIBUTES}
+    scene = replace(partial.scene, anchors=replace(anchors, **nothing))
+    return replace(partial, scene=scene, erasures=Erasures(torch.zeros_like(partial.erasures.received)))
+
+
+def _fill(partial: PartialScene, rows: np.ndarray, source: PartialScene | None) -> None:
+    """Copies rows of another scene, or takes them back."""
+    index = torch.from_numpy(rows)
+    for name in _ATTRIBUTES:
+        value = 0 if source is None else getattr(source.scene.anchors, name)[index]
+        getattr(partial.scene.anchors, name)[index] = value
+    partial.erasures.received[index] = source is not None

@@ -13,7 +13,6 @@ from typing import Any
 from splatwire.conceal import concealer_names
 from splatwire.errors import BackendUnavailableError, InvalidValueError, SplatwireError
 from splatwire.view.guard import start_guarded
-from splatwire.view.live import PreviewSource
 from splatwire.view.looks import FirstLook, Look, Pace, Triple
 from splatwire.view.model import Settings, Viewer
 from splatwire.view.panel import Panel
@@ -82,7 +81,7 @@ class ViewerServer:
         self._reach = first.limits.farthest
         self._clients: dict[int, _Client] = {}
         self._news = threading.Condition()
-        self._stopped = self._cannot_open = False
+        self._stopped = False
         self._settings_at = self._drawn_at = time.monotonic()
         port = free_port(host, port)
         with contextlib.redirect_stdout(io.StringIO()):  # a banner that nobody asked for
@@ -193,10 +192,8 @@ class ViewerServer:
 
     def _next_work(self) -> tuple[_Client, Look, bool] | None:
         """Whose picture is due, and whether a sharp one: moving views first, sharp pictures when all is quiet."""
-        self._open()
-        source, settings, now = self._viewer.source, self._panel.settings, time.monotonic()
-        if source.has_news:
-            self._settings_at = now
+        self._advance()
+        settings, now = self._panel.settings, time.monotonic()
         with self._news:
             clients = list(self._clients.values())
             for client in clients:
@@ -209,20 +206,17 @@ class ViewerServer:
                     return client, client.look, True
         return None
 
-    def _open(self) -> None:
-        """Puts the scene in the place of its preview once it is there."""
-        preview = self._viewer.source
-        if not isinstance(preview, PreviewSource) or not preview.has_scene or self._cannot_open:
-            return
+    def _advance(self) -> None:
+        """Takes what came meanwhile; with a scene come its concealers."""
+        source = self._viewer.source
         try:
-            scene = preview.open()
+            news = source.advance()
         except SplatwireError as error:  # the preview is better than nothing
             self._panel.complain(str(error))
-            self._cannot_open = True
             return
-        self._viewer.source = scene
-        self._panel.offer(concealer_names(scene.sections))
-        self._settings_at = time.monotonic()
+        if news:
+            self._settings_at = time.monotonic()
+            self._panel.offer(concealer_names(source.progressive.sections if source.progressive else ()))
 
     def _draw(self, client: _Client, look: Look, sharp: bool) -> None:
         settings, at, pace = self._panel.settings, self._settings_at, client.pace

@@ -2,22 +2,21 @@
 
 import queue
 from collections.abc import Callable
-from dataclasses import replace
 
-import numpy as np
-import torch
-from jaxtyping import Bool
+from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.codec import ProgressiveDecoder
+from splatwire.codec.preview import preview_splats
 from splatwire.conceal import conceal
-from splatwire.conceal.progressive import ProgressiveConcealer
-from splatwire.model import AnchorScene, PartialScene
-from splatwire.packets import Manifest, Packet, SceneStream
-from splatwire.scene import Anchors, Erasures
-from splatwire.view.model import Settings, Status
+from splatwire.errors import BitstreamError
+from splatwire.model import AnchorScene
+from splatwire.packets import Packet, SceneStream
+from splatwire.transport import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
+from splatwire.view.model import PreviewScene, Settings, Status
 from splatwire.view.progressive_scene import ProgressiveScene
-from splatwire.view.transfer import Transfer, plan_transfer
+from splatwire.view.transfer import Playback, plan_transfer
+
+_WORDS = {"complete": "everything has arrived", "sent": "everything was sent, some was lost"}
 
 
 class FileSource:
@@ -37,7 +36,7 @@ class FileSource:
     """
 
     live = False
-    has_news = False
+    preview = None
 
     def __init__(
         self,
@@ -47,38 +46,27 @@ class FileSource:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         self._stream, self._rate = stream, bytes_per_second
-        decoder = ProgressiveDecoder(stream.manifest, stream.side_info, progress=progress)
-        decoder.add(stream.packets)
-        self._full = decoder.partial
-        self._complete = decoder.complete
-        self._members = {packet.id: decoder.members(packet) for packet in stream.packets}
+        self._concealer = "drop"
+        self.progressive = ProgressiveScene(stream.manifest, stream.side_info, self._concealer, progress=progress)
+        self.progressive.add(stream.packets)
         # What the file lacks, the reference lacks: it is the best that anybody can show of this file.
-        self._reference = conceal(decoder.snapshot(), "grow")
-        self._partial = _emptied(self._full)
-        self._concealer: ProgressiveConcealer | None = None
-        self._name = ""
-        self._transfer: tuple[tuple[float, float, int], Transfer] | None = None
+        self._reference = conceal(self.progressive.decoder.snapshot(), "grow")
+        self._playback: tuple[tuple[float, float, int], Playback] | None = None
         self._shown: tuple[int, float, int] = (0, 0.0, 0)
 
     @property
-    def anchors(self) -> Anchors:
+    def positions(self) -> Float[Tensor, "N 3"]:
         """See `Source`."""
-        return self._full.scene.anchors
-
-    @property
-    def sections(self) -> tuple[str, ...]:
-        """See `Source`."""
-        return tuple(self._full.concealment)
-
-    @property
-    def known(self) -> Bool[Tensor, "N"]:
-        """See `Source`."""
-        return self._partial.erasures.known
+        return self.progressive.anchors.positions
 
     @property
     def transfer_seconds(self) -> float:
         """Time that a transfer without loss takes."""
         return plan_transfer(self._stream, Settings(loss=0).loss_model(), seed=0, bytes_per_second=self._rate).seconds
+
+    def advance(self) -> bool:
+        """See `Source`."""
+        return False
 
     def reference(self) -> AnchorScene | None:
         """See `Source`."""
@@ -86,148 +74,140 @@ class FileSource:
 
     def scene(self, settings: Settings) -> AnchorScene:
         """See `Source`."""
-        transfer = self._planned(settings)
-        packets = transfer.upto(settings.progress)
-        self._show(packets, settings.concealer)
-        self._shown = (*transfer.moment(settings.progress), len(packets))
-        assert self._concealer is not None
-        return self._concealer.scene()
+        playback = self._planned(settings)
+        packets = playback.upto(settings.progress)
+        if settings.concealer != self._concealer:
+            self.progressive.conceal_with(settings.concealer)
+            self._concealer = settings.concealer
+        self.progressive.show(packets)
+        self._shown = (*playback.moment(settings.progress), len(packets))
+        with self.progressive.reading() as scene:
+            return scene  # only this thread shows packets, so nobody changes it before the next call
 
     def status(self) -> Status:
         """See `Source`."""
         sent, seconds, packets = self._shown
-        total = self._transfer[1].num_bytes if self._transfer else None
-        lacking = self._stream.manifest.num_packets - len(self._stream.packets)
-        note = "" if self._complete else f"the file itself lacks {lacking} packets; PSNR is against what it has"
-        known = int(self.known.sum())
-        return Status(
-            sent, total, seconds, packets, self._stream.manifest.num_packets, known, len(self.known), note=note
-        )
+        total = self._playback[1].num_bytes if self._playback else None
+        expected, scene = self._stream.manifest.num_packets, self.progressive
+        lacking = expected - len(self._stream.packets)
+        note = f"the file itself lacks {lacking} packets; PSNR is against what it has" if lacking else ""
+        return Status(sent, total, seconds, packets, expected, scene.num_known, len(scene.known), note=note)
 
-    def _planned(self, settings: Settings) -> Transfer:
+    def _planned(self, settings: Settings) -> Playback:
         key = (float(settings.loss), float(settings.burst), settings.seed)
-        if self._transfer is None or self._transfer[0] != key:
+        if self._playback is None or self._playback[0] != key:
             model = settings.loss_model()
             plan = plan_transfer(self._stream, model, seed=settings.seed, bytes_per_second=self._rate)
-            self._transfer = (key, plan)
-        return self._transfer[1]
-
-    def _show(self, packets: tuple[Packet, ...], concealer: str) -> None:
-        """Makes exactly these packets the ones that are there."""
-        wanted = np.zeros(len(self.known), dtype=np.bool_)
-        for packet in packets:
-            wanted[self._members[packet.id]] = True
-        known = self.known.numpy()
-        taken_back = bool((known & ~wanted).any())
-        if taken_back:
-            _take_back(self._partial, np.flatnonzero(known & ~wanted))
-        new = np.flatnonzero(wanted & ~known)
-        _copy(self._full, self._partial, new)
-        self._partial.erasures.received[torch.from_numpy(new)] = True
-        if self._concealer is None or self._name != concealer:
-            self._concealer, self._name = ProgressiveConcealer(self._partial, concealer), concealer
-        elif taken_back:
-            self._concealer.restart()
-        else:
-            self._concealer.arrived(new)
+            self._playback = (key, plan)
+        return self._playback[1]
 
 
 class LiveSource:
-    """A stream that a server sends now; packets are handed over by whoever receives them, in any thread.
+    """What a server sends now: its preview, and the scene as soon as its side information is there.
 
-    Args:
-        manifest: The stream's manifest.
-        side_info: Its side information.
-        progress: Called with the share of the preparation that is done, 0 to 1.
-
-    Raises:
-        BitstreamError: If the side information cannot be read.
+    Whoever receives hands over what arrives, in any thread; one other thread draws.
     """
 
     live = True
 
-    def __init__(
-        self, manifest: Manifest, side_info: bytes, *, progress: Callable[[float], None] | None = None
-    ) -> None:
-        self._progressive = ProgressiveScene(manifest, side_info, "drop", progress=progress)
+    def __init__(self) -> None:
+        self.preview: PreviewScene | None = None
+        self.progressive: ProgressiveScene | None = None
         self._concealer = "drop"
+        self._welcomed: Welcomed | None = None
+        self._arrived: SideInfoArrived | None = None
         # A receiver hands each packet over once, so this is bounded by the stream that its limits allowed.
         self._waiting: queue.SimpleQueue[Packet] = queue.SimpleQueue()
-        self._head_bytes = len(side_info)
-        self._bytes = len(side_info)
+        self._bytes = 0
+        self._damaged = ""
+        self.has_scene = False
         self.seconds = 0.0
         self.note = "receiving"
 
     @property
-    def anchors(self) -> Anchors:
-        """See `Source`."""
-        return self._progressive.decoder.partial.scene.anchors
+    def positions(self) -> Float[Tensor, "N 3"]:
+        """See `Source`; there is a preview or a scene."""
+        if self.progressive is not None:
+            return self.progressive.anchors.positions
+        assert self.preview is not None
+        return self.preview.splats.means
 
-    @property
-    def sections(self) -> tuple[str, ...]:
-        """See `Source`."""
-        return tuple(self._progressive.decoder.partial.concealment)
+    def take(self, event: Event, seconds: float) -> None:
+        """Takes what happened; costs next to nothing.
 
-    @property
-    def known(self) -> Bool[Tensor, "N"]:
-        """See `Source`."""
-        return self._progressive.decoder.partial.erasures.known
+        Args:
+            event: What a receiver tells.
+            seconds: When, since the beginning.
+        """
+        self.seconds = seconds
+        match event:
+            case PacketArrived():
+                self._waiting.put(event.packet)
+            case Welcomed(preview=preview) if preview:
+                self._welcomed = event
+                self._take_preview(preview)
+            case SideInfoArrived():
+                self._arrived, self.has_scene, self.note = event, True, f"receiving{self._damaged}"
+            case Finished():
+                self.end(_WORDS.get(event.reason, event.reason))
 
-    @property
-    def has_news(self) -> bool:
-        """Whether packets wait to be shown."""
-        return not self._waiting.empty()
+    def end(self, reason: str) -> None:
+        """Says that nothing more will come, and why."""
+        self.note = reason if self.has_scene else f"no scene arrived ({reason}): this is its preview"
 
-    def hand_over(self, packet: Packet) -> None:
-        """Takes a packet; costs next to nothing."""
-        self._waiting.put(packet)
+    def _take_preview(self, preview: bytes) -> None:
+        """Takes a preview, if it is one: the scene may be good all the same."""
+        try:
+            self.preview, self.note = PreviewScene(*preview_splats(preview)), "a preview, until the scene is there"
+        except BitstreamError as error:
+            self._damaged = f"; what should have been its {error}"
+
+    def advance(self, progress: Callable[[float], None] | None = None) -> bool:
+        """See `Source`: goes over to the scene when it is time.
+
+        Args:
+            progress: Called with the share of its preparation that is done, 0 to 1.
+
+        Raises:
+            BitstreamError: If its side information cannot be read; the preview stays.
+        """
+        if self.progressive is not None:
+            return not self._waiting.empty()
+        if self._arrived is None:
+            return False
+        arrived, self._arrived = self._arrived, None  # once: what cannot be read will not be read the next time
+        self.progressive = ProgressiveScene(
+            arrived.manifest, arrived.side_info, self._concealer, intake=arrived.intake, progress=progress
+        )
+        self._bytes, self.preview = len(arrived.side_info), None
+        return True
 
     def reference(self) -> AnchorScene | None:
-        """See `Source`; known once everything has arrived, and then it is the scene itself."""
+        """See `Source`; there is none: once everything has arrived, it is the scene itself."""
         return None
 
     def scene(self, settings: Settings) -> AnchorScene:
         """See `Source`; losses and progress are what they are."""
+        assert self.progressive is not None
         packets = []
         while not self._waiting.empty():
             packets.append(self._waiting.get())
-        self._progressive.add(packets)
+        self.progressive.add(packets)
         self._bytes += sum(packet.num_bytes for packet in packets)
         if settings.concealer != self._concealer:
-            self._progressive.conceal_with(settings.concealer)
+            self.progressive.conceal_with(settings.concealer)
             self._concealer = settings.concealer
-        with self._progressive.reading() as scene:
+        with self.progressive.reading() as scene:
             return scene  # only this thread adds packets, so nobody changes it before the next call
 
     def status(self) -> Status:
         """See `Source`."""
-        scene = self._progressive
-        report = scene.decoder.report
-        return Status(
-            self._bytes, None, self.seconds, report.num_received, report.num_expected,
-            scene.num_known, scene.num_anchors, note=self.note,
-        )  # fmt: skip
-
-
-_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
-
-
-def _emptied(partial: PartialScene) -> PartialScene:
-    """The same scene with nothing received."""
-    anchors = partial.scene.anchors
-    nothing = {name: torch.zeros_like(getattr(anchors, name)) for name in _ATTRIBUTES}
-    scene = replace(partial.scene, anchors=Anchors(positions=anchors.positions, **nothing))
-    return replace(partial, scene=scene, erasures=Erasures(torch.zeros_like(partial.erasures.received)))
-
-
-def _copy(source: PartialScene, target: PartialScene, rows: np.ndarray) -> None:
-    index = torch.from_numpy(rows)
-    for name in _ATTRIBUTES:
-        getattr(target.scene.anchors, name)[index] = getattr(source.scene.anchors, name)[index]
-
-
-def _take_back(partial: PartialScene, rows: np.ndarray) -> None:
-    index = torch.from_numpy(rows)
-    for name in _ATTRIBUTES:
-        getattr(partial.scene.anchors, name)[index] = 0
-    partial.erasures.received[index] = False
+        scene, welcomed = self.progressive, self._welcomed
+        if scene is not None:
+            decoder, known = scene.decoder, scene.known
+            packets, expected = decoder.num_packets, decoder.manifest.num_packets
+            return Status(
+                self._bytes, None, self.seconds, packets, expected, scene.num_known, len(known), note=self.note
+            )
+        sent, expected = (len(welcomed.preview), welcomed.num_packets) if welcomed else (0, 0)
+        return Status(sent, None, self.seconds, 0, expected, 0, 0, note=self.note)

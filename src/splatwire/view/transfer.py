@@ -13,7 +13,7 @@ from splatwire.packets import Packet, SceneStream, send_sequence
 
 
 @dataclass(frozen=True)
-class Arrival:
+class PlayedPacket:
     """A packet that was sent.
 
     Attributes:
@@ -30,7 +30,7 @@ class Arrival:
 
 
 @dataclass(frozen=True)
-class Transfer:
+class Playback:
     """One pass over a stream.
 
     Attributes:
@@ -41,7 +41,7 @@ class Transfer:
 
     head_bytes: int
     head_seconds: float
-    arrivals: tuple[Arrival, ...]
+    arrivals: tuple[PlayedPacket, ...]
 
     @property
     def num_bytes(self) -> int:
@@ -81,7 +81,7 @@ def plan_transfer(
     seed: int,
     bytes_per_second: float | int = 1_250_000,
     order: Sequence[Packet] | None = None,
-) -> Transfer:
+) -> Playback:
     """Sends every packet once, after manifest and side information; under one seed always the same packets are lost.
 
     Args:
@@ -105,5 +105,5 @@ def plan_transfer(
     arrivals = []
     for packet, ok in zip(packets, received.tolist(), strict=True):
         sent += packet.num_bytes
-        arrivals.append(Arrival(packet, not ok, sent, sent / bytes_per_second))
-    return Transfer(head, head / bytes_per_second, tuple(arrivals))
+        arrivals.append(PlayedPacket(packet, not ok, sent, sent / bytes_per_second))
+    return Playback(head, head / bytes_per_second, tuple(arrivals))

@@ -21,7 +21,7 @@ from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError
 from splatwire.model import PartialScene
 from splatwire.ops.threads import one_blas_thread
-from splatwire.packets import Manifest, Packet, PacketIntake, ReadReport, SceneStream
+from splatwire.packets import Manifest, Packet, PacketId, PacketIntake, ReadReport, SceneStream
 from splatwire.scene import Anchors, Erasures
 
 
@@ -43,6 +43,7 @@ class ProgressiveDecoder:
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
+        intake: What its packets passed where they arrived; None lets them pass one here.
         threads: Threads for the prior of all anchors, and for packets of thousands of anchors that come at once; None
             for one for each processor. What a datagram brings is decoded by the thread that brings it.
         progress: Called with the share of the prior that is done, 0 to 1.
@@ -60,6 +61,7 @@ class ProgressiveDecoder:
         manifest: Manifest,
         side_info: bytes,
         *,
+        intake: PacketIntake | None = None,
         threads: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
@@ -69,7 +71,8 @@ class ProgressiveDecoder:
         self._info = open_side_info(manifest, side_info)
         self._context, self._models = self._info.coding_context(), self._info.mask_models()
         self._arrays = DecodedArrays.empty(self._info)
-        self._intake = PacketIntake(manifest)
+        self._intake = intake or PacketIntake(manifest)
+        self._taken: set[PacketId] = set()
         self._order = ranks_in_order(self._info, manifest)
         self._threads = threads
         self._predict(progress)
@@ -93,6 +96,11 @@ class ProgressiveDecoder:
         return self._num_known
 
     @property
+    def num_packets(self) -> int:
+        """Packets that were decoded."""
+        return len(self._taken)
+
+    @property
     def complete(self) -> bool:
         """Whether every anchor has arrived."""
         return self._num_known == self.manifest.num_anchors
@@ -108,6 +116,14 @@ class ProgressiveDecoder:
         """What has arrived."""
         with self.lock:
             return SceneStream(self.manifest, self._side_info, self._intake.packets)
+
+    def _takes(self, packet: Packet) -> bool:
+        """Whether a packet is to be decoded: it passed where it came in, or does here, and is new."""
+        passed = self._intake.has(packet) and packet.id not in self._taken
+        if not passed and self._intake.take(packet, "transfer") is None:
+            return False
+        self._taken.add(packet.id)
+        return True
 
     def members(self, packet: Packet) -> np.ndarray:
         """Ranks of a packet's anchors, int64, in the order in which it holds them.
@@ -140,7 +156,7 @@ class ProgressiveDecoder:
             DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
         """
         with self.lock:
-            taken = [packet for packet in packets if self._intake.take(packet, "transfer") is not None]
+            taken = [packet for packet in packets if self._takes(packet)]
         new = [np.empty(0, dtype=np.int64)]
         for decoded in self._decode_all(taken):
             with self.lock:
@@ -192,7 +208,7 @@ class ProgressiveDecoder:
         """Compares all decoded integers with the manifest's digest, once; their copy is not needed after that."""
         with self.lock:
             symbols, self._symbols = self._symbols, None
-            if symbols is None or len(self._intake.packets) != self.manifest.num_packets:
+            if symbols is None or len(self._taken) != self.manifest.num_packets:
                 return
         ranks = self.manifest.plan.groups().ranks
         ranks = ranks if self._order is None else self._order[ranks]
