@@ -5,7 +5,6 @@ Fitted to the training photos, judged on the test photos, at most 400 pixels wid
 
 import argparse
 import json
-import math
 from pathlib import Path
 
 import torch
@@ -16,6 +15,7 @@ from splatwire.calibrate.views import CalibrationViews
 from splatwire.codec import decode_stream
 from splatwire.codec.preview import MAX_PREVIEW_BYTES
 from splatwire.data import open_dataset
+from splatwire.metrics import decibels
 from splatwire.packets import read_stream
 from splatwire.scene.background import Background
 
@@ -27,7 +27,7 @@ def views_of(data: Path, split: str, background: Background) -> CalibrationViews
 
 
 def black_of(views: CalibrationViews) -> float:
-    each = [-10 * math.log10(float(views.photo(v).square().mean())) for v in range(views.cameras.num_views)]
+    each = [float(decibels(views.photo(v).square().mean())) for v in range(views.cameras.num_views)]
     return sum(each) / len(each)
 
 

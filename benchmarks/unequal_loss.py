@@ -19,6 +19,7 @@ from frontier import TIERS, Bench
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import AnchorContext, Concealed, Concealer, Drop, Grow, conceal, create_concealer
 from splatwire.conceal.grow import lost_share
+from splatwire.metrics import decibels
 from splatwire.packets import PRESETS
 from splatwire.plan.measure import known_anchors, packet_members, without
 from splatwire.plan.outline import StreamLoad
@@ -72,8 +73,8 @@ def main() -> None:
             partial = without(complete, known_anchors(members, packets, num_anchors))
             for method in methods:
                 pictures = iterate_views(conceal(partial, method), bench.test.cameras)
-                errors = [float((a - b).double().square().mean()) for a, b in zip(pictures, bench.photos, strict=True)]
-                score = float(np.mean(-10 * np.log10(errors)))
+                errors = [(a - b).double().square().mean() for a, b in zip(pictures, bench.photos, strict=True)]
+                score = float(decibels(torch.stack(errors)).mean())
                 found.setdefault(name, {}).setdefault(method.name, []).append(score)
         print(f"loss {seed + 1} of {arguments.seeds}", file=sys.stderr, flush=True)
     mean = {name: {way: float(np.mean(scores)) for way, scores in ways.items()} for name, ways in found.items()}

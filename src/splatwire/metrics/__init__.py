@@ -2,12 +2,13 @@
 
 from splatwire.metrics.lpips import Lpips, find_lpips
 from splatwire.metrics.masks import black_outside
-from splatwire.metrics.psnr import psnr, psnr_by_channel
+from splatwire.metrics.psnr import decibels, psnr, psnr_by_channel
 from splatwire.metrics.ssim import ssim
 
 __all__ = [
     "Lpips",
     "black_outside",
+    "decibels",
     "find_lpips",
     "psnr",
     "psnr_by_channel",

@@ -7,6 +7,11 @@ from torch import Tensor
 from splatwire.metrics.masks import black_outside, mean_inside
 
 
+def decibels(mse: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape"]:
+    """PSNR of mean squared errors of values in [0, 1]; infinite for 0."""
+    return -10 * torch.log10(mse)
+
+
 def psnr(
     images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"], masks: Bool[Tensor, "C H W"] | None = None
 ) -> Float[Tensor, "C"]:
@@ -25,7 +30,7 @@ def psnr(
     """
     if masks is not None:
         images, references = black_outside(images, masks), black_outside(references, masks)
-    return -10 * torch.log10(mean_inside((images - references).square(), masks))
+    return decibels(mean_inside((images - references).square(), masks))
 
 
 def psnr_by_channel(images: Float[Tensor, "C H W 3"], references: Float[Tensor, "C H W 3"]) -> Float[Tensor, "C"]:
@@ -41,4 +46,4 @@ def psnr_by_channel(images: Float[Tensor, "C H W 3"], references: Float[Tensor, 
         Decibels, one per view.
     """
     mse = (images - references).square().mean(dim=(1, 2))
-    return (-10 * torch.log10(mse)).mean(dim=1)
+    return decibels(mse).mean(dim=1)
