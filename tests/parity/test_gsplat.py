@@ -4,7 +4,7 @@ import torch
 
 from gpu import DEVICE, NEEDS_GPU
 from splatwire.render import create_renderer
-from splatwire.render.base import create_training_renderer
+from splatwire.render.backends import create_training_renderer
 from splatwire.scene import Cameras, Gaussians
 
 pytestmark = NEEDS_GPU

@@ -8,9 +8,10 @@ import pytest
 
 from splatwire.transport import Server, ServerLimits, make_program
 from splatwire.transport.admission import MOST_NETWORKS, WINDOW_S, Starts, network_of
+from splatwire.transport.frames import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
 from splatwire.transport.sender import STARTS, TOO_MANY
 from splatwire.transport.transfer import MOST_WELCOMES, WELCOME_S
-from splatwire.transport.wire import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome, decode, encode
+from splatwire.transport.wire import decode, encode
 from transport.network import SECRET, datagram_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")

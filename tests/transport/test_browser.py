@@ -94,7 +94,8 @@ def test_the_page_reads_frames_as_the_core_writes_them(tmp_path):
         "  console.log(transfer.welcome ? Buffer.from(transfer.welcome.preview).toString() : transfer.finished);\n"
         "}\n"
     )
-    from splatwire.transport.wire import Request, TierHead, Welcome, encode
+    from splatwire.transport.frames import Request, TierHead, Welcome
+    from splatwire.transport.wire import encode
 
     tiers = (TierHead(1, 0, 0),) * 3
     welcome = encode(Welcome(7, 2, 3, 400, bytes(32), 256, 3, 1150, 0, tiers, b"preview"))[:-4]

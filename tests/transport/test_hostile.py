@@ -7,8 +7,7 @@ import pytest
 
 from splatwire.packets import PacketId, make_packet
 from splatwire.transport import Event, PacketArrived, Receiver, Server, ServerLimits, make_program
-from splatwire.transport.wire import (
-    VERSION,
+from splatwire.transport.frames import (
     Bye,
     Challenge,
     Data,
@@ -21,9 +20,8 @@ from splatwire.transport.wire import (
     Side,
     TierHead,
     Welcome,
-    decode,
-    encode,
 )
+from splatwire.transport.wire import VERSION, decode, encode
 from transport.network import SECRET, datagram_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")

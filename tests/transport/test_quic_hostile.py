@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from splatwire.transport import ReceiverOptions
-from splatwire.transport.wire import DATA, Feedback, Request, encode
+from splatwire.transport.frames import Feedback, Request
+from splatwire.transport.wire import DATA, encode
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.asyncio.protocol import QuicConnectionProtocol

@@ -22,23 +22,11 @@ from splatwire.transport import (
     Welcomed,
     make_program,
 )
+from splatwire.transport.frames import MAX_PREVIEW, Feedback, Hello, Refuse, Request, Side, Welcome
 from splatwire.transport.layout import head_object, split_head_object
 from splatwire.transport.preview import SECTION, stream_preview
 from splatwire.transport.transfer import ServerTransfer
-from splatwire.transport.wire import (
-    DATA,
-    MAX_PREVIEW,
-    PARITY,
-    SIDE,
-    Feedback,
-    Hello,
-    Refuse,
-    Request,
-    Side,
-    Welcome,
-    decode,
-    encode,
-)
+from splatwire.transport.wire import DATA, PARITY, SIDE, decode, encode
 from transport.network import SECRET, Link, bernoulli, bursts, datagram_stream, tiered_stream, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")

@@ -22,7 +22,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.ops.knn import nearest_neighbors
 from splatwire.render import iterate_views
-from splatwire.render.base import create_training_renderer
+from splatwire.render.backends import create_training_renderer
 from splatwire.render.importance import footprint_importance
 from splatwire.scene import Gaussians
 from splatwire.train.schedule import half_cosine

@@ -15,7 +15,7 @@ from splatwire.conceal.scene_free.network import HIDDEN, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians, visible_anchors
-from splatwire.render.base import create_renderer
+from splatwire.render.backends import create_renderer
 from splatwire.scene import Gaussians
 from splatwire.train.schedule import half_cosine
 

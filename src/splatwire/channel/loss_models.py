@@ -2,18 +2,15 @@
 
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
+from splatwire.errors import InvalidValueError
 
 UNIT = "pak"
 """What these models lose: whole `.pak` packets. One of them may fill several datagrams, so a rate per datagram is a
 different (much lower) rate."""
-
-MAX_TRACE_BYTES = 1 << 26
 
 
 def _check_share(what: str, value: float | int) -> None:
@@ -176,136 +173,3 @@ class GilbertElliott:
         last = np.concatenate([[0], np.maximum.accumulate(ends)])[:n]
         there = np.concatenate([[start], enter])[last]
         return there ^ ((swaps[:n] - swaps[last]) % 2 == 1)
-
-
-LOSS_PRESETS = {
-    "webrtc-20/3": GilbertElliott(0.20, 3),
-    "20/20": GilbertElliott(0.20, 20),
-    "10/8": GilbertElliott(0.10, 8),
-    "5/5": GilbertElliott(0.05, 5),
-    "2/10": GilbertElliott(0.02, 10),
-    "1/20": GilbertElliott(0.01, 20),
-}
-"""Named bursts: percent lost / mean burst in packets. `webrtc-20/3` is a setting of libwebrtc's own tests."""
-
-
-@dataclass(frozen=True)
-class Trace:
-    """Replays a recorded trace from its beginning; draws nothing at random.
-
-    The file is text: one entry per packet, `1` or `received`, `0` or `lost` (either case), with white space, commas or
-    nothing between the digits; `#` starts a comment. **1 means that the packet arrived.**
-
-    Attributes:
-        path: The file.
-        repeat: Whether to start over when more packets are sent than the trace has; otherwise that is an error.
-        entries: The trace, True where a packet arrived, bool.
-
-    Raises:
-        DatasetError: If the file is missing or not a trace; the message names the line.
-    """
-
-    path: Path | str
-    repeat: bool = False
-    unit: str = field(default=UNIT, kw_only=True)
-    entries: np.ndarray = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "path", Path(self.path))
-        object.__setattr__(self, "entries", read_trace(Path(self.path)))
-
-    @property
-    def name(self) -> str:
-        """`trace:FILE[,repeat]`."""
-        return f"trace:{self.path}{',repeat' if self.repeat else ''}"
-
-    def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """See `LossModel.received`.
-
-        Raises:
-            DatasetError: If the trace is too short and is not to be repeated.
-        """
-        if n > len(self.entries) and not self.repeat:
-            raise DatasetError(
-                f"{self.path} has {len(self.entries)} entries and {n} packets are sent; add ',repeat' to start it over"
-            )
-        return np.resize(self.entries, n)
-
-
-_WORDS = {"received": True, "lost": False}
-
-
-def read_trace(path: Path) -> np.ndarray:
-    """Reads the file of a `Trace`.
-
-    Returns:
-        True where a packet arrived, bool.
-
-    Raises:
-        DatasetError: If the file is missing, too large, empty or not a trace.
-    """
-    try:
-        if not path.is_file():
-            raise DatasetError(f"loss trace {path} is not a file")
-        with path.open("rb") as file:
-            data = file.read(MAX_TRACE_BYTES + 1)
-    except OSError as error:
-        raise DatasetError(f"loss trace {path} cannot be read: {error}") from error
-    if len(data) > MAX_TRACE_BYTES:
-        raise DatasetError(f"loss trace {path} is larger than {MAX_TRACE_BYTES} bytes")
-    entries = bytearray()
-    for number, line in enumerate(data.split(b"\n"), 1):
-        for word in line.partition(b"#")[0].replace(b",", b" ").lower().split():
-            known = _WORDS.get(word.decode("ascii", "replace"))
-            if known is not None:
-                entries.append(known)
-            elif word.strip(b"01"):
-                raise DatasetError(f"loss trace {path}, line {number}: {word[:20]!r} is not 0, 1, lost or received")
-            else:
-                entries += word.translate(_DIGITS)
-    if not entries:
-        raise DatasetError(f"loss trace {path} has no entries")
-    return np.frombuffer(bytes(entries), np.uint8).astype(bool)
-
-
-_DIGITS = bytes.maketrans(b"01", b"\x00\x01")
-
-
-def parse_loss(spec: str) -> LossModel:
-    """Makes a loss model from text.
-
-    Args:
-        spec: `none`, `bernoulli:RATE`, `gilbert:RATE,BURST`, `gilbert:RATE,BURST,ARRIVAL_BAD,ARRIVAL_GOOD`,
-            `gilbert:PRESET` (a key of `LOSS_PRESETS`) or `trace:FILE[,repeat]`. Rates are shares from 0 to 1.
-
-    Raises:
-        UnknownNameError: If there is no such model or preset.
-        InvalidValueError: If a parameter is missing, superfluous or out of range.
-        DatasetError: If a trace file is missing or not a trace.
-    """
-    kind, colon, text = spec.strip().partition(":")
-    if kind == "none" and not colon:
-        return Nothing()
-    if kind == "bernoulli":
-        return Bernoulli(*_numbers(spec, text, (1,), "bernoulli:RATE"))
-    if kind == "gilbert":
-        if text in LOSS_PRESETS:
-            return LOSS_PRESETS[text]
-        if text and "," not in text:
-            raise UnknownNameError("gilbert preset", text, [*LOSS_PRESETS, "RATE,BURST"])
-        return GilbertElliott(*_numbers(spec, text, (2, 4), "gilbert:RATE,BURST"))
-    if kind == "trace":
-        if not text:
-            raise InvalidValueError(f"'{spec}' names no file: it should look like trace:FILE")
-        return Trace(Path(text.removesuffix(",repeat")), repeat=text.endswith(",repeat"))
-    raise UnknownNameError("loss model", spec, ("none", "bernoulli:RATE", "gilbert:RATE,BURST", "trace:FILE"))
-
-
-def _numbers(spec: str, text: str, counts: tuple[int, ...], form: str) -> list[float]:
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in counts:
-        raise InvalidValueError(f"'{spec}' should look like {form}")
-    return numbers

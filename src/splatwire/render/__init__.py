@@ -1,6 +1,7 @@
 """Pictures from scenes: one protocol, a compiled CPU renderer, a plain reference, and gsplat where there is a GPU."""
 
-from splatwire.render.base import Renderer, create_renderer, renderer_names
+from splatwire.render.backends import create_renderer, renderer_names
+from splatwire.render.base import Renderer
 from splatwire.render.render import iterate_views, render_scene
 
 __all__ = [

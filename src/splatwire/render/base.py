@@ -1,14 +1,11 @@
 """What a renderer is, and the names of the ones there are."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.errors import BackendUnavailableError, UnknownNameError
 from splatwire.scene import Cameras, Gaussians
 
 
@@ -67,60 +64,3 @@ class TrainingRenderer(Protocol):
             watched: Whether the gradient in the 2D centres will be asked for.
         """
         ...
-
-
-def _cpu() -> Renderer:
-    from splatwire.render.cpu import render_cpu
-
-    return render_cpu
-
-
-def _reference() -> Renderer:
-    from splatwire.render.reference import render_reference
-
-    return render_reference
-
-
-def _gsplat() -> Renderer:
-    from splatwire.render.gsplat_backend import GsplatRenderer
-
-    return GsplatRenderer()
-
-
-_RENDERERS: dict[str, Callable[[], Renderer]] = {"cpu": _cpu, "reference": _reference, "gsplat": _gsplat}
-
-
-def renderer_names() -> tuple[str, ...]:
-    """Returns the names that `create_renderer` knows."""
-    return tuple(_RENDERERS)
-
-
-def create_renderer(name: str) -> Renderer:
-    """Creates the renderer called `name`.
-
-    `cpu` compiles on first use, `reference` is plain torch and slow, `gsplat` needs a GPU.
-
-    Raises:
-        UnknownNameError: No renderer has that name.
-        BackendUnavailableError: It needs a package or a device that is not here.
-    """
-    if name not in _RENDERERS:
-        raise UnknownNameError("renderer", name, _RENDERERS)
-    return _RENDERERS[name]()
-
-
-def create_training_renderer(device: torch.device) -> TrainingRenderer:
-    """Creates the renderer that training uses for tensors on a device.
-
-    Raises:
-        BackendUnavailableError: There is none, or it needs a package or a device that is not here.
-    """
-    if device.type == "cpu":
-        from splatwire.render.cpu import draw_cpu
-
-        return draw_cpu
-    if device.type != "cuda":
-        raise BackendUnavailableError(str(device), "training draws on the CPU and, with gsplat, on CUDA devices")
-    from splatwire.render.gsplat_backend import GsplatRenderer
-
-    return GsplatRenderer().draw

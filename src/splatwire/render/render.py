@@ -9,7 +9,8 @@ from torch import Tensor
 from splatwire.model import AnchorScene
 from splatwire.model.compiled_heads import drawn_gaussians
 from splatwire.ops.threads import one_torch_thread
-from splatwire.render.base import Renderer, create_renderer
+from splatwire.render.backends import create_renderer
+from splatwire.render.base import Renderer
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.background import BLACK
 from splatwire.scene.splats import Splats
@@ -30,7 +31,7 @@ def iterate_views(
     Args:
         scene: What to draw: a scene, or explicit Gaussians.
         cameras: Where from.
-        renderer: A renderer or its name (`splatwire.render.base.create_renderer`).
+        renderer: A renderer or its name (`splatwire.render.backends.create_renderer`).
         background: RGB behind everything; the scene's own where absent, black for explicit Gaussians.
 
     Yields:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from splatwire.model import AnchorScene
 from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
-from splatwire.render.base import create_renderer
+from splatwire.render.backends import create_renderer
 from splatwire.scene import Cameras
 
 

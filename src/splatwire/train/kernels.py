@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.render.base import TrainingRenderer, create_training_renderer
+from splatwire.render.backends import create_training_renderer
+from splatwire.render.base import TrainingRenderer
 from splatwire.render.cpu import draw_cpu
 from splatwire.train.adam import adam_update
 from splatwire.train.grid import GridCorners, interpolate_signs

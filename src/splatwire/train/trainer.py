@@ -9,7 +9,7 @@ import torch
 from splatwire.data import Dataset
 from splatwire.errors import DatasetError, DivergedError
 from splatwire.model import AnchorScene
-from splatwire.render.base import create_renderer
+from splatwire.render.backends import create_renderer
 from splatwire.scene import Cameras
 from splatwire.train.checkpoint import save_checkpoint
 from splatwire.train.config import TrainConfig

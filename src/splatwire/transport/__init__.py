@@ -4,7 +4,8 @@ from splatwire.transport.collect import ReceiverLimits
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
 from splatwire.transport.program import Program, make_program
 from splatwire.transport.protection import Protection
-from splatwire.transport.receiver import Receiver, ReceiverOptions
+from splatwire.transport.receiver import Receiver
+from splatwire.transport.receiver_options import ReceiverOptions
 from splatwire.transport.sender import Server
 from splatwire.transport.transfer import ServerLimits, ServerTransfer
 

@@ -8,10 +8,11 @@ from splatwire.errors import BitstreamError
 from splatwire.packets import Manifest, Packet, PacketIntake, packet_from_bytes
 from splatwire.packets.container import check_side_info
 from splatwire.transport import fec
+from splatwire.transport.frames import Data, Parity, Side, Welcome
 from splatwire.transport.layout import GroupFinder, Segments, split_head_object
 from splatwire.transport.program import MAX_PACKET_BYTES
 from splatwire.transport.protection import MIN_SYMBOL_BYTES
-from splatwire.transport.wire import MAX_DATAGRAM, Data, Parity, Side, Welcome
+from splatwire.transport.wire import MAX_DATAGRAM
 
 SPARE_SYMBOLS = 24
 """Symbols beyond K that are kept when K of them were not enough."""

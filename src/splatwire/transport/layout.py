@@ -7,7 +7,7 @@ from typing import NamedTuple
 from splatwire.errors import BitstreamError
 from splatwire.packets.manifest import MAX_MANIFEST_BYTES, Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
-from splatwire.transport.wire import TierHead
+from splatwire.transport.frames import TierHead
 
 _HEAD = struct.Struct("<I")
 _CARRIED = struct.Struct("<H")

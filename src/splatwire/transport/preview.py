@@ -2,7 +2,7 @@
 
 from splatwire.errors import BitstreamError
 from splatwire.packets.sections import split_sections
-from splatwire.transport.wire import MAX_PREVIEW
+from splatwire.transport.frames import MAX_PREVIEW
 
 SECTION = "preview"
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream, send_sequence
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
+from splatwire.transport.frames import MAX_PREVIEW, TierHead
 from splatwire.transport.layout import Segments, head_object, parity_groups
 from splatwire.transport.protection import (
     SIDE_SYMBOL_BYTES,
@@ -18,7 +19,7 @@ from splatwire.transport.protection import (
     tier_sizes,
 )
 from splatwire.transport.timetable import timetable
-from splatwire.transport.wire import DATA_OVERHEAD, MAX_PREVIEW, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD, TierHead
+from splatwire.transport.wire import DATA_OVERHEAD, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
 
 MAX_PACKET_BYTES = 1150
 FINEST_BY_ITSELF = 256

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 from splatwire.errors import InvalidValueError
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, MAX_SYMBOLS, num_symbols
-from splatwire.transport.wire import MAX_DATAGRAM, SIDE_OVERHEAD, TierHead
+from splatwire.transport.frames import TierHead
+from splatwire.transport.wire import MAX_DATAGRAM, SIDE_OVERHEAD
 
 SIDE_SYMBOL_BYTES = (MAX_DATAGRAM - SIDE_OVERHEAD) // ALIGNMENT * ALIGNMENT - 32
 MIN_SYMBOL_BYTES = 64

@@ -23,7 +23,8 @@ from splatwire.transport.quic import (
     on_stream,
     stream_frame,
 )
-from splatwire.transport.receiver import Receiver, ReceiverOptions
+from splatwire.transport.receiver import Receiver
+from splatwire.transport.receiver_options import ReceiverOptions
 from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
 
 UNTRUSTED = range(0x100 + 42, 0x100 + 49)

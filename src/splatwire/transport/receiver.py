@@ -1,20 +1,16 @@
 """The receiving side of one transfer. Bytes and time in, bytes and events out; no socket, no clock."""
 
-from dataclasses import dataclass, field
-
-from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.errors import BitstreamError
 from splatwire.packets import Manifest, Packet, ReadReport, SceneStream
 from splatwire.transport.collect import (
     HeadCollector,
     PacketCollector,
-    ReceiverLimits,
     check_welcome,
     read_head,
 )
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
-from splatwire.transport.wire import (
+from splatwire.transport.frames import (
     MAX_NACKS,
-    MAX_NAME,
     REFUSALS,
     TOKEN_BYTES,
     Bye,
@@ -29,9 +25,9 @@ from splatwire.transport.wire import (
     Request,
     Side,
     Welcome,
-    decode,
-    encode,
 )
+from splatwire.transport.receiver_options import ReceiverOptions
+from splatwire.transport.wire import decode, encode
 
 CONNECT_S = 10.0
 """A server that has not answered for so long is not there."""
@@ -49,31 +45,6 @@ BYES = 3
 ENDS_IN_VAIN = 25
 """A server that says so often that everything was sent, and sends nothing in between although it is asked, does not
 want to send again (`Protection.resend`). It says so ten times a second: no round trip beyond 2.5 s is waited for."""
-
-
-@dataclass(frozen=True)
-class ReceiverOptions:
-    """What a receiver wants.
-
-    Attributes:
-        name: Stream; empty for the server's first.
-        deadline_s: Seconds from the beginning after which it takes what is there; None waits for everything.
-        nack: Whether lost packets are asked for again.
-        silence_s: A server that says nothing for so long is gone, seconds.
-        limits: What it is willing to hold.
-    """
-
-    name: str = ""
-    deadline_s: float | None = None
-    nack: bool = True
-    silence_s: float = 4.0
-    limits: ReceiverLimits = field(default_factory=ReceiverLimits)
-
-    def __post_init__(self) -> None:
-        if self.deadline_s is not None and not self.deadline_s > 0:
-            raise InvalidValueError(f"a deadline must be above 0 seconds, {self.deadline_s} is not")
-        if len(self.name.encode()) > MAX_NAME:
-            raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes")
 
 
 class Receiver:

@@ -5,22 +5,11 @@ from collections.abc import Callable, Hashable, Mapping
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Starts, network_of
+from splatwire.transport.frames import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
 from splatwire.transport.program import Program
 from splatwire.transport.token import TokenMint
 from splatwire.transport.transfer import ServerLimits, ServerTransfer
-from splatwire.transport.wire import (
-    TO_SERVER,
-    Bye,
-    Challenge,
-    Feedback,
-    Hello,
-    Refuse,
-    Request,
-    Welcome,
-    decode,
-    encode,
-    kind_of,
-)
+from splatwire.transport.wire import TO_SERVER, decode, encode, kind_of
 
 UNKNOWN_STREAM, SERVER_FULL, TOO_MANY = 1, 2, 4
 

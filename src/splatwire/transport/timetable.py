@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+from splatwire.transport.frames import TierHead
 from splatwire.transport.protection import Protection
-from splatwire.transport.wire import DATA, PARITY, SIDE, TierHead
+from splatwire.transport.wire import DATA, PARITY, SIDE
 
 
 def timetable(

@@ -5,7 +5,7 @@ import hmac
 from collections.abc import Hashable
 
 from splatwire.errors import InvalidValueError
-from splatwire.transport.wire import TOKEN_BYTES
+from splatwire.transport.frames import TOKEN_BYTES
 
 LIFETIME_S = 10.0
 MIN_SECRET_BYTES = 16

@@ -3,19 +3,10 @@
 from collections import deque
 from dataclasses import dataclass
 
+from splatwire.transport.frames import End, Feedback
 from splatwire.transport.pacing import MAX_RATE, START_RATE, Pacer, RateControl
 from splatwire.transport.program import Program
-from splatwire.transport.wire import (
-    DATA,
-    DATA_OVERHEAD,
-    SIDE,
-    SIDE_OVERHEAD,
-    End,
-    Feedback,
-    encode,
-    encode_data,
-    encode_symbol,
-)
+from splatwire.transport.wire import DATA, DATA_OVERHEAD, SIDE, SIDE_OVERHEAD, encode, encode_data, encode_symbol
 
 END_INTERVAL_S = 0.1
 WELCOME_S = 0.15

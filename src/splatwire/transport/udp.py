@@ -13,7 +13,8 @@ from splatwire.transport.address import Address, cannot_listen
 from splatwire.transport.events import Event
 from splatwire.transport.pcap import Endpoint
 from splatwire.transport.program import Program
-from splatwire.transport.receiver import Receiver, ReceiverOptions
+from splatwire.transport.receiver import Receiver
+from splatwire.transport.receiver_options import ReceiverOptions
 from splatwire.transport.sender import Server
 from splatwire.transport.transfer import ServerLimits
 

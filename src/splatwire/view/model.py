@@ -17,7 +17,7 @@ from splatwire.metrics import psnr
 from splatwire.model import AnchorScene
 from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
 from splatwire.render import render_scene
-from splatwire.render.base import create_renderer
+from splatwire.render.backends import create_renderer
 from splatwire.scene import Anchors, Cameras
 from splatwire.scene.background import Background
 from splatwire.scene.splats import Splats

@@ -117,7 +117,7 @@ class Loss:
     """What the channel does.
 
     Attributes:
-        model: As `splatwire.channel.parse_loss` reads it.
+        model: As `splatwire.channel.loss_text` reads it.
         unit: `pak`: whole packets are lost; `datagram`: the model loses datagrams of 1200 bytes, and a packet is lost
             with the first of its datagrams.
         send_order: As in `splatwire.channel.transmit`.

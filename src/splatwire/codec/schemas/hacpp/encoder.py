@@ -84,7 +84,25 @@ def encode_scene(
     side_info = write_side_info(_side_info(scene, plan, tier_of, noise))
     # Predict from what a decoder will read, not from what was meant.
     info = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
-    context, groups, digest = info.coding_context(), plan.groups(), hashlib.sha256()
+    packets, digest = _encode_packets(source, plan, info, tier_of, threads, progress)
+    layout = scene.coding.config.layout
+    return make_stream(
+        packetization=packetization, num_anchors=plan.num_anchors, feature_dim=layout.feature_dim,
+        num_offsets=layout.num_offsets, feature_groups=layout.feature_groups, side_info=side_info, packets=packets,
+        symbols_digest=digest, writer=f"splatwire {__version__}", tiers=plan.tiers,
+    )  # fmt: skip
+
+
+def _encode_packets(
+    source: "SymbolSource",
+    plan: PacketPlan,
+    info: SideInfo,
+    tier_of: np.ndarray,
+    threads: int | None,
+    progress: Callable[[float], None] | None,
+) -> tuple[list[Packet], str]:
+    """All packets in the order of the plan, and the digest of what they hold."""
+    packetization, context, groups, digest = plan.packetization, info.coding_context(), plan.groups(), hashlib.sha256()
     counts, rank_at = np.diff(groups.starts), tier_order(tier_of)[groups.ranks]
 
     def encode_run(run: slice) -> tuple[slice, np.ndarray, list[bytes], Symbols]:
@@ -111,12 +129,7 @@ def encode_scene(
     ids = _hashed_ids(plan, held) if packetization.hashed else plan.ids
     packets = [make_packet(i, n, p) for i, n, p in zip(ids, held, payloads, strict=True)]
     _check_sizes(packetization, packets)
-    layout = scene.coding.config.layout
-    return make_stream(
-        packetization=packetization, num_anchors=plan.num_anchors, feature_dim=layout.feature_dim,
-        num_offsets=layout.num_offsets, feature_groups=layout.feature_groups, side_info=side_info, packets=packets,
-        symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}", tiers=plan.tiers,
-    )  # fmt: skip
+    return packets, digest.hexdigest()
 
 
 def _hashed_ids(plan: PacketPlan, counts: list[int]) -> list[PacketId]:

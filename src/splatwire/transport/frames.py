@@ -1,0 +1,152 @@
+"""What the datagrams of the transport say; `splatwire.transport.wire` has their bytes."""
+
+from typing import NamedTuple
+
+MAX_NAME = 64
+MAX_NACKS = 250
+MAX_TIERS = 10
+"""Runs of packets: a stream's eight tiers, what is in the head object, and what has no parity."""
+MAX_PREVIEW = 1024
+"""Most bytes of a preview: a welcome with it and `MAX_TIERS` runs is a datagram of 1180 bytes."""
+TOKEN_BYTES = 16
+DIGEST_BYTES = 32
+
+REFUSALS = ("", "no such stream", "the server is full", "the server stopped", "too many transfers from this network")
+
+
+class Hello(NamedTuple):
+    """A client greets: `nonce` names the attempt, `name` the stream it wants (empty: the server's only one)."""
+
+    nonce: int
+    name: str
+
+
+class Challenge(NamedTuple):
+    """The server gives an address a token; it remembers nothing yet."""
+
+    nonce: int
+    token: bytes
+
+
+class Request(NamedTuple):
+    """The client shows that it reads what is sent to its address."""
+
+    nonce: int
+    token: bytes
+    name: str
+
+
+class TierHead(NamedTuple):
+    """Protection of a run of packets, in sending order.
+
+    Attributes:
+        num_packets: Packets of the run.
+        groups: Parity groups that they are dealt to in turn; 0 if they have no parity.
+        repair: Repair symbols of each group.
+    """
+
+    num_packets: int
+    groups: int
+    repair: int
+
+
+class Welcome(NamedTuple):
+    """What will be sent.
+
+    Attributes:
+        nonce: Of the request.
+        session: Id of the transfer.
+        stream_id: Id that every packet carries.
+        object_bytes: Size of the head object (manifest, side information, and the packets that share its protection).
+        digest: SHA-256 of the head object.
+        symbol_bytes: Size of its symbols.
+        num_packets: Packets of the complete stream.
+        packet_bytes: Most bytes of one.
+        carried: Packets in the head object: the first ones in sending order.
+        tiers: Protection of the packets; together they are all packets.
+        preview: Something to show until the scene is there; not looked into here, and empty where there is none.
+    """
+
+    nonce: int
+    session: int
+    stream_id: int
+    object_bytes: int
+    digest: bytes
+    symbol_bytes: int
+    num_packets: int
+    packet_bytes: int
+    carried: int
+    tiers: tuple[TierHead, ...]
+    preview: bytes = b""
+
+
+class Side(NamedTuple):
+    """A symbol of the head object."""
+
+    session: int
+    sequence: int
+    segment: int
+    symbol: int
+    payload: bytes
+
+
+class Data(NamedTuple):
+    """A packet of the stream; `place` is its index in the sending order."""
+
+    session: int
+    sequence: int
+    place: int
+    packet: bytes
+
+
+class Parity(NamedTuple):
+    """A repair symbol of a parity group; `symbol` counts repair symbols only, from 0."""
+
+    session: int
+    sequence: int
+    group: int
+    symbol: int
+    payload: bytes
+
+
+class Feedback(NamedTuple):
+    """What arrived so far.
+
+    Attributes:
+        session: Id of the transfer.
+        largest: Largest sequence number that arrived.
+        received: Datagrams with a sequence number that arrived.
+        time_us: The receiver's clock when `largest` arrived, microseconds modulo 2**32.
+        side_missing: Symbols of the head object that are needed yet; 0 when it is complete.
+        nacks: Packets asked for again, by index.
+    """
+
+    session: int
+    largest: int
+    received: int
+    time_us: int
+    side_missing: int
+    nacks: tuple[int, ...] = ()
+
+
+class Bye(NamedTuple):
+    """The client needs nothing more."""
+
+    session: int
+
+
+class Refuse(NamedTuple):
+    """The server says no; `reason` is an index into `REFUSALS`."""
+
+    nonce: int
+    reason: int
+
+
+class End(NamedTuple):
+    """Everything was sent once."""
+
+    session: int
+    sequence: int
+
+
+Frame = Hello | Challenge | Request | Welcome | Side | Data | Parity | Feedback | Bye | Refuse | End

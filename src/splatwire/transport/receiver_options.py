@@ -1,0 +1,32 @@
+"""What a receiver wants."""
+
+from dataclasses import dataclass, field
+
+from splatwire.errors import InvalidValueError
+from splatwire.transport.collect import ReceiverLimits
+from splatwire.transport.frames import MAX_NAME
+
+
+@dataclass(frozen=True)
+class ReceiverOptions:
+    """What a receiver wants.
+
+    Attributes:
+        name: Stream; empty for the server's first.
+        deadline_s: Seconds from the beginning after which it takes what is there; None waits for everything.
+        nack: Whether lost packets are asked for again.
+        silence_s: A server that says nothing for so long is gone, seconds.
+        limits: What it is willing to hold.
+    """
+
+    name: str = ""
+    deadline_s: float | None = None
+    nack: bool = True
+    silence_s: float = 4.0
+    limits: ReceiverLimits = field(default_factory=ReceiverLimits)
+
+    def __post_init__(self) -> None:
+        if self.deadline_s is not None and not self.deadline_s > 0:
+            raise InvalidValueError(f"a deadline must be above 0 seconds, {self.deadline_s} is not")
+        if len(self.name.encode()) > MAX_NAME:
+            raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes")
