@@ -7,8 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.transport import frames, wire
+from splatwire.transport import wire
 from splatwire.transport.frames import (
+    MAX_NACKS,
+    MAX_PREVIEW,
+    MAX_TIERS,
     Bye,
     Challenge,
     Data,
@@ -25,8 +28,8 @@ from splatwire.transport.frames import (
 
 u16, u32, u64 = (st.integers(0, (1 << bits) - 1) for bits in (16, 32, 64))
 names = st.text("abc-é.", max_size=20)
-tiers = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=frames.MAX_TIERS).map(tuple)
-previews = st.binary(max_size=frames.MAX_PREVIEW)
+tiers = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=MAX_TIERS).map(tuple)
+previews = st.binary(max_size=MAX_PREVIEW)
 frames = st.one_of(
     st.builds(Hello, u64, names),
     st.builds(Challenge, u64, st.binary(min_size=16, max_size=16)),
@@ -35,7 +38,7 @@ frames = st.one_of(
     st.builds(Side, u32, u32, u16, u32, st.binary(min_size=1, max_size=1100)),
     st.builds(Data, u32, u32, u32, st.binary(min_size=1, max_size=1150)),
     st.builds(Parity, u32, u32, u16, u32, st.binary(min_size=1, max_size=1152)),
-    st.builds(Feedback, u32, u32, u32, u32, u32, st.lists(u32, max_size=frames.MAX_NACKS).map(tuple)),
+    st.builds(Feedback, u32, u32, u32, u32, u32, st.lists(u32, max_size=MAX_NACKS).map(tuple)),
     st.builds(Bye, u32),
     st.builds(Refuse, u64, st.integers(0, 255)),
     st.builds(End, u32, u32),
@@ -78,7 +81,7 @@ def test_pinned_bytes():
 
 
 def test_a_welcome_says_how_long_its_preview_is():
-    tiers, most = (TierHead(1, 0, 0),) * frames.MAX_TIERS, bytes(range(256)) * (frames.MAX_PREVIEW // 256)
+    tiers, most = (TierHead(1, 0, 0),) * MAX_TIERS, bytes(range(256)) * (MAX_PREVIEW // 256)
     largest = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, tiers, most))
     assert len(largest) == 1180 <= wire.MAX_DATAGRAM
     assert wire.decode(largest).preview == most
