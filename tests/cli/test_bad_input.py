@@ -106,12 +106,40 @@ def test_unknown_concealer_is_told_before_any_work(run, journey, tmp_path):
     words = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
     assert_complains(run("evaluate", tmp_path / "none", *words, "--conceal", "magic"), "magic")
     assert_complains(run("evaluate", journey / "tiny.swz", *words, "--renderer", "crayons"), "crayons")
-    assert_complains(run("evaluate", journey / "tiny.swz", *words, "--loss", "none", "--seeds", 1, 1), "seeds")
+    assert_complains(
+        run("evaluate", journey / "tiny.swz", *words, "--loss", "none", "--seeds", 1, 1), "seed 1 is there 2 times"
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--engine", "local"),
+        ("--workers", 1),
+        ("--store", "x"),
+        ("--data-root", "x"),
+        ("--scene", "bundled"),
+        ("--photos", "x"),
+        ("--weights", "x"),
+        ("--scene-name", "x"),
+    ],
+)
+def test_options_of_protocols_are_for_protocols(run, journey, words):
+    reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
+    assert_complains(run("evaluate", journey / "tiny.swz", *reference, *words), words[0], "protocol files (.toml)")
+
+
+@pytest.mark.parametrize("words", [("--seeds", 1), ("--contiguous",), ("--send-order", "block")])
+def test_options_of_losses_need_losses(run, journey, words):
+    reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
+    assert_complains(run("evaluate", journey / "tiny.swz", *reference, *words), words[0], "--loss")
 
 
 def test_cameras_and_references_must_be_given(run, journey, tmp_path):
     assert_complains(run("render", journey / "tiny.scene", "-o", tmp_path), "--cameras")
     assert_complains(run("evaluate", journey / "tiny.swz"), "--data")
+    words = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json", "--data", tmp_path)
+    assert_complains(run("evaluate", journey / "tiny.swz", *words), "either --cameras FILE or --data")
     assert_complains(run("demo", "--stream", journey / "tiny.swz", "-o", tmp_path), "--cameras")
     assert_complains(
         run("render", journey / "tiny.scene", "-o", tmp_path, "--cameras", tmp_path / "no.json"), "no.json"

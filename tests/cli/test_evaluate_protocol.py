@@ -44,12 +44,25 @@ def test_a_protocol_runs_and_is_not_run_twice(run, journey, tmp_path):
     assert json.loads((tmp_path / "out" / "results.json").read_text())["seeds"] == [1, 2]
 
 
+def test_a_renderer_of_the_command_line_wins(run, journey, tmp_path):
+    """Also the one that would be taken anyway: the protocol may name another."""
+    text = PROTOCOL.replace("seeds = [1, 2]", 'seeds = [1]\nrenderer = "reference"')
+    words = (_protocol(tmp_path, journey, text), "-o", tmp_path / "out", "--views", 1, "--workers", 1, "--json")
+    for number, more in enumerate(((), ("--renderer", "cpu"))):
+        assert run("evaluate", *words, *more).json["num_computed"] == 1, number
+    records = (tmp_path / "out" / "records.csv").read_text().splitlines()
+    assert ",cpu," in records[1]
+
+
 def test_a_protocol_says_what_is_wrong(run, journey, tmp_path):
     path = _protocol(tmp_path, journey)
     assert_complains(run("evaluate", path), "-o FOLDER")
     assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--engine", "moon"), "unknown engine")
     assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--loss", "none"), "edit the protocol")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--send-order", "block"), "edit the protocol")
     assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--photos", tmp_path), "--scene")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--scene-name", "x"), "--scene")
+    assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--renderer", "crayons"), "crayons")
     assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--scene", tmp_path / "absent"), "does not exist")
     assert_complains(run("evaluate", path, "-o", tmp_path / "out", "--seeds", 1, 1), "seed 1 is there 2 times")
     assert_complains(run("evaluate", tmp_path / "absent.toml", "-o", tmp_path / "out"), "absent.toml")

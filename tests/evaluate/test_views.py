@@ -3,11 +3,10 @@ import itertools
 import pytest
 import torch
 
-from scenes import tiny_cameras, tiny_scene
+from scenes import tiny_cameras
 from splatwire.errors import InvalidValueError
-from splatwire.evaluate import ReferenceViews, rendered_views
+from splatwire.evaluate import ReferenceViews
 from splatwire.evaluate.views import spread
-from splatwire.render import render_scene
 
 
 @pytest.mark.parametrize(("num", "count"), [(13, 4), (13, 13), (13, 40), (1, 1), (7, 2)])
@@ -21,17 +20,6 @@ def test_spread_is_even_and_never_repeats(num, count):
 
 def test_spread_of_all():
     assert spread(5, None) == [0, 1, 2, 3, 4]
-
-
-def test_rendered_views_are_the_renders(tmp_path):
-    scene, cameras = tiny_scene(num_anchors=60), tiny_cameras(3, 40, 32)
-    views = rendered_views(scene, cameras, tmp_path)
-    images = render_scene(scene, cameras)
-    for view in range(3):
-        assert torch.equal(views.reference(view), images[view])
-    fewer = views.every(2)
-    assert fewer.cameras.names == ("view_00", "view_02")
-    assert torch.equal(fewer.reference(1), images[2])
 
 
 def test_references_of_another_size_are_refused():

@@ -9,8 +9,9 @@ import numpy as np
 from splatwire.errors import InvalidValueError
 
 UNIT = "pak"
-"""What these models lose: whole `.pak` packets. One of them may fill several datagrams, so a rate per datagram is a
-different (much lower) rate."""
+UNITS = (UNIT, "datagram")
+"""What models lose as one: whole `.pak` packets, or datagrams. A packet may fill several datagrams, so a rate per
+datagram is a different (much lower) rate."""
 
 
 def _check_share(what: str, value: float | int) -> None:
@@ -33,17 +34,17 @@ class LossModel(Protocol):
 
     @property
     def unit(self) -> str:
-        """What is lost as one, such as `pak`."""
+        """What is lost as one, one of `UNITS`."""
 
     def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Draws the fate of n packets in the order in which they are sent.
+        """Draws the fate of n units in the order in which they are sent.
 
         Args:
-            n: Number of packets.
+            n: Number of units: packets, or datagrams.
             rng: Source of all randomness.
 
         Returns:
-            True where the packet arrives, bool, n.
+            True where the unit arrives, bool, n.
         """
 
 

@@ -1,5 +1,7 @@
 """Sending a stream through a channel that loses packets."""
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,6 +11,9 @@ from splatwire.channel.loss_models import LossModel
 from splatwire.errors import InvalidValueError
 from splatwire.packets import Packet, SceneStream, send_sequence
 
+DATAGRAM_BYTES = 1200
+"""Largest datagram that passes every path (RFC 9000, 14)."""
+
 
 @dataclass(frozen=True)
 class TransmitRecord:
@@ -16,7 +21,7 @@ class TransmitRecord:
 
     Attributes:
         loss: The loss model, as `parse_loss` reads it.
-        unit: What was lost as one: `pak`, or `datagram` where packets are cut to fit one.
+        unit: What was lost as one: `pak`, or `datagram` where datagrams were, or packets are cut to fit one.
         seed: Seed of the mask.
         send_order: One of `splatwire.packets.SEND_ORDERS`.
         num_sent: Packets sent.
@@ -47,19 +52,47 @@ class TransmitRecord:
         return {**asdict(self), "lost": list(self.lost)}
 
 
+@dataclass(frozen=True, eq=False)
+class LossMask:
+    """The fate of every packet of a stream.
+
+    Attributes:
+        received: True where the packet arrived, in the order of `SceneStream.packets`, bool.
+        num_datagrams: Datagrams sent.
+        num_lost_datagrams: Datagrams lost by the channel; where whole packets are lost, the datagrams of those.
+    """
+
+    received: np.ndarray
+    num_datagrams: int
+    num_lost_datagrams: int
+
+    @property
+    def num_lost(self) -> int:
+        """Packets lost."""
+        return int((~self.received).sum())
+
+    @property
+    def digest(self) -> str:
+        """Hexadecimal digest of which packets arrived."""
+        packed = np.packbits(self.received).tobytes()
+        return hashlib.sha256(len(self.received).to_bytes(8, "little") + packed).hexdigest()
+
+    def apply(self, stream: SceneStream) -> SceneStream:
+        """The stream with what arrived."""
+        kept = [packet for packet, ok in zip(stream.packets, self.received.tolist(), strict=True) if ok]
+        return stream.with_packets(kept)
+
+
 def transmit(
     stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved"
 ) -> tuple[SceneStream, TransmitRecord]:
     """Sends every packet of a stream once; side information and manifest always arrive (paper 3.2.2).
 
-    The fate of the i-th packet sent depends on the loss model, the seed and the number of packets alone, not on their
-    content: streams with equally many packets meet the same mask, so methods are compared on equal losses.
-
     Args:
         stream: What is sent.
-        loss: Which packets are lost.
+        loss: Which packets, or which datagrams of theirs, are lost.
         seed: Seed of the mask.
-        send_order: One of `splatwire.packets.SEND_ORDERS`, which `splatwire.packets.send_sequence` explains.
+        send_order: As for `draw_mask`.
 
     Returns:
         The stream with the packets that arrived, and what happened.
@@ -68,30 +101,82 @@ def transmit(
         UnknownNameError: If there is no such send order.
         InvalidValueError: If the seed is negative.
     """
-    if seed < 0:
-        raise InvalidValueError(f"a seed must not be negative, {seed} is")
-    sent = send_sequence(stream, send_order)
-    received = loss.received(len(sent), np.random.Generator(np.random.PCG64(seed)))
-    kept = [packet for packet, ok in zip(sent, received, strict=True) if ok]
-    lost = sorted((packet for packet, ok in zip(sent, received, strict=True) if not ok), key=lambda packet: packet.id)
-    parts = stream.parts()
+    mask = draw_mask(stream, loss, seed=seed, send_order=send_order)
+    received, parts = mask.apply(stream), stream.parts()
+    lost = [packet for packet, ok in zip(stream.packets, mask.received.tolist(), strict=True) if not ok]
     record = TransmitRecord(
         loss=loss.name,
         unit=stream.manifest.packetization.unit if loss.unit == "pak" else loss.unit,
         seed=seed,
         send_order=send_order,
-        num_sent=len(sent),
+        num_sent=len(stream.packets),
         num_lost=len(lost),
         num_lost_anchors=_num_anchors(lost),
-        num_sent_anchors=_num_anchors(sent),
-        bytes_sent=sum(packet.num_bytes for packet in sent),
-        bytes_received=sum(packet.num_bytes for packet in kept),
+        num_sent_anchors=_num_anchors(stream.packets),
+        bytes_sent=sum(packet.num_bytes for packet in stream.packets),
+        bytes_received=sum(packet.num_bytes for packet in received.packets),
         bytes_protected=parts["manifest"] + parts["side_info"],
         lost=tuple(packet.id.filename for packet in lost),
     )
-    return stream.with_packets(kept), record
+    return received, record
 
 
-def _num_anchors(packets: list[Packet]) -> int:
+def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved") -> LossMask:
+    """Draws which packets of a stream arrive.
+
+    Where whole packets are lost, the fate of the i-th packet sent depends on the loss model, the seed and the number of
+    packets alone, not on their content: streams with equally many packets meet the same mask, so methods are compared
+    on equal losses. Where datagrams are lost, the same process runs over the datagrams that the packets fill, one after
+    another, and a packet arrives if all of its datagrams do: its bytes are useless otherwise.
+
+    Args:
+        stream: What is sent.
+        loss: What is lost.
+        seed: Seed of the mask.
+        send_order: One of `splatwire.packets.SEND_ORDERS`, which `splatwire.packets.send_sequence` explains.
+
+    Raises:
+        UnknownNameError: If there is no such send order.
+        InvalidValueError: If the seed is negative.
+        DatasetError: If a trace is too short.
+    """
+    if seed < 0:
+        raise InvalidValueError(f"a seed must not be negative, {seed} is")
+    position = {packet.id: index for index, packet in enumerate(stream.packets)}
+    order = np.array([position[packet.id] for packet in send_sequence(stream, send_order)], np.int64)
+    count = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
+    sent, lost = draw_in_order(count[order], loss, seed)
+    received = np.empty(len(order), bool)
+    received[order] = sent
+    num_lost = lost if loss.unit == "datagram" else int(count[~received].sum())
+    return LossMask(received, int(count.sum()), num_lost)
+
+
+def draw_in_order(datagrams: np.ndarray, loss: LossModel, seed: int) -> tuple[np.ndarray, int]:
+    """Draws the fate of packets in the order in which they are sent.
+
+    Args:
+        datagrams: Datagrams of each packet, int64.
+        loss: The process, and what it loses.
+        seed: Seed of the draw.
+
+    Returns:
+        True where the packet arrives, bool; and how many units were lost.
+    """
+    rng = np.random.Generator(np.random.PCG64(seed))
+    if loss.unit == "pak" or not len(datagrams):
+        received = loss.received(len(datagrams), rng)
+        return received, int((~received).sum())
+    arrived = loss.received(int(datagrams.sum()), rng)
+    starts = np.cumsum(datagrams) - datagrams
+    return np.logical_and.reduceat(arrived, starts), int((~arrived).sum())
+
+
+def datagrams_of(num_bytes: np.ndarray) -> np.ndarray:
+    """Datagrams that packets of so many bytes fill, int64."""
+    return np.maximum(1, -(-num_bytes // DATAGRAM_BYTES))
+
+
+def _num_anchors(packets: Sequence[Packet]) -> int:
     """Distinct anchors of packets: the parts of a separated packet hold the same ones."""
     return sum({(packet.id.block, packet.id.lane): packet.num_anchors for packet in packets}.values())

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.model import AnchorScene, PartialScene
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from splatwire.scene import Erasures
 
 STANDARD = "-"
-_MAGIC_BYTES = 4
 
 
 @contextmanager
@@ -85,19 +84,10 @@ def prepared_output(path: Path, *, folder: bool = False) -> Path:
 
 
 def is_stream(path: Path) -> bool:
-    """Tells streams from scene files by looking: a folder, or a file that begins with a stream's magic bytes.
+    """See `splatwire.packets.is_stream`."""
+    from splatwire.packets import is_stream as found
 
-    Raises:
-        BitstreamError: If nothing is there.
-    """
-    from splatwire.packets.scene_stream import FILE_MAGIC
-
-    if path.is_dir():
-        return True
-    if not path.is_file():
-        raise BitstreamError(f"{path}: no such file or folder")
-    with path.open("rb") as file:
-        return file.read(_MAGIC_BYTES) == FILE_MAGIC
+    return found(path)
 
 
 SceneInput: TypeAlias = "AnchorScene | PartialScene"

@@ -1,25 +1,22 @@
 """`splatwire demo`: the whole journey on the scene that comes with the package."""
 
-import itertools
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
+from splatwire.cli._output import JsonFlag, print_json, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from splatwire.evaluate import Evaluation
+    from splatwire.evaluate.study import Study
     from splatwire.model import PartialScene
     from splatwire.packets import SceneStream
-    from splatwire.scene import Cameras
 
 _SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
 _NETWORK = "snowmiku.gnn_section"
@@ -57,81 +54,74 @@ class Demo:
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.evaluate import write_report
+        from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
 
         started = time.perf_counter()
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
-            result = self.evaluation(Path(folder), show)
-            seconds = time.perf_counter() - started
-            title = f"splatwire demo: {self._name} under {result.protocol.loss.name}"
-            report = write_report(result, self.output, title=title, notes=_NOTES, extra={"demo_seconds": seconds})
+            store = MemoryStore(Path(folder))
+            study = self.study(Path(folder))
+            result = run_study(study, store, InProcess(_decode, show), show)
+            content = {**plain_content(result), "demo_seconds": time.perf_counter() - started}
+            report = write_report(result, store, self.output, content)
         if self.json:
-            print_json({**result.to_json(), "report": str(report), "demo_seconds": seconds})
+            print_json({**content, "report": str(report)})
             return
         from splatwire.cli._table import print_rows
 
-        print_rows(result.rows(), title, lpips_note=result.lpips_note)
-        print(f"PSNR is against the lossless scene's own renders. {seconds:.0f} s in all.")
+        print_rows(content["rows"], study.title, lpips_note=result.lpips_note)
+        print(f"PSNR is against the lossless scene's own renders. {content['demo_seconds']:.0f} s in all.")
         print(f"report: {report}")
 
-    @property
-    def _name(self) -> str:
-        return "snowmiku" if self.stream is None else self.stream.stem
-
-    def evaluation(self, folder: Path, show: Reporter) -> "Evaluation":
-        """Makes the journey.
+    def study(self, folder: Path) -> "Study":
+        """What is compared.
 
         Args:
             folder: For temporary files.
-            show: Progress.
         """
-        from splatwire.channel import parse_loss
-        from splatwire.cli.evaluate import encode_contiguous
-        from splatwire.codec import decode_stream
         from splatwire.conceal import concealer_names
-        from splatwire.evaluate import Protocol, concealment_methods, evaluate_streams, rendered_views
-        from splatwire.evaluate.views import spread
-        from splatwire.metrics import find_lpips
+        from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
+        from splatwire.packets import read_stream
         from splatwire.packets.sections import split_sections
 
-        loss, lpips, background = parse_loss(self.loss), find_lpips(), chosen_background(self.background)
-        stream, cameras = self._input()
-        cameras = cameras.select(spread(cameras.num_views, self.views))
-        methods = concealment_methods(concealer_names(split_sections(stream.side_info)[1]), contiguous=True)
-        protocol = Protocol(methods, loss, (self.seed,), lpips_views=_LPIPS_VIEWS)
-        scene = decode_stream(stream, progress=lambda share: show("decoding the complete scene", share)).scene
-        contiguous = encode_contiguous(scene, stream, lambda share: show("encoding contiguous packets", share))
-        views = rendered_views(
-            scene, cameras, folder, background=background,
-            progress=lambda share: show("drawing the reference pictures", share),
-        )  # fmt: skip
-        return evaluate_streams(
-            protocol,
-            {"stream": stream, "contiguous": contiguous},
-            views,
-            lpips=lpips,
-            decode=_first_in_fresh_process(),
-            progress=lambda method, share: show(f"drawing and scoring '{method}'", share),
+        background = chosen_background(self.background)
+        source, cameras = self._input(folder)
+        stream, _ = read_stream(source)
+        concealers = concealer_names(split_sections(stream.side_info)[1])
+        contiguous = replace(stream.manifest.packetization, grouping="contiguous")
+        loss = Loss(self.loss)
+        return Study(
+            name=source.stem,
+            title=f"splatwire demo: {source.stem} under {loss.process.name}",
+            scenes=(SceneEntry(source.stem, source, "stream", cameras=cameras, background=background),),
+            rows=concealment_rows(concealers, contiguous=contiguous),
+            losses=(loss,),
+            seeds=(self.seed,),
+            notes=_NOTES,
+            baseline="drop",
+            views=self.views,
+            lpips_views=_LPIPS_VIEWS,
         )
 
-    def _input(self) -> "tuple[SceneStream, Cameras]":
+    def _input(self, folder: Path) -> tuple[Path, Path]:
+        """The stream and the cameras."""
         from splatwire.codec import add_concealment
-        from splatwire.data import load_cameras
-        from splatwire.packets import read_stream
+        from splatwire.packets import read_stream, write_stream
 
         if (self.stream is None) != (self.cameras is None):
             raise InvalidValueError("give --stream and --cameras together")
         if self.stream is not None and self.cameras is not None:
-            return read_stream(self.stream)[0], load_cameras(self.cameras)
+            return self.stream, self.cameras
         assets = Path(str(resources.files("splatwire").joinpath("assets")))
         stream = add_concealment(read_stream(assets / _SCENE)[0], "gnn", (assets / _NETWORK).read_bytes())
-        return stream, load_cameras(assets / _CAMERAS)
+        write_stream(stream, folder / _SCENE)
+        return folder / _SCENE, assets / _CAMERAS
 
 
-def _first_in_fresh_process() -> "Callable[[SceneStream], PartialScene]":
-    """The stream that the concealers share is decoded in a fresh process, the others here: that saves their start."""
+def _decode(stream: "SceneStream") -> "PartialScene":
+    """Decodes what arrived for the concealers in a fresh process; the other streams here, to save its start."""
     from splatwire.cli import _fresh
     from splatwire.codec import decode_stream
 
-    calls = itertools.count()
-    return lambda stream: (decode_stream if next(calls) else _fresh.decode_in_fresh_process)(stream)
+    complete = len(stream.packets) == stream.manifest.num_packets
+    contiguous = stream.manifest.packetization.grouping == "contiguous"
+    return (decode_stream if complete or contiguous else _fresh.decode_in_fresh_process)(stream)

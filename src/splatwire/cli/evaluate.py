@@ -1,23 +1,21 @@
 """`splatwire evaluate`: a stream or scene is scored, or a protocol file runs."""
 
 import tempfile
-import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from splatwire.cli._files import input_path, is_stream
-from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
-from splatwire.cli._scenes import BackgroundOption, background_of_file, chosen_background
+from splatwire.cli._output import JsonFlag, print_json, progress_bars
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from splatwire.evaluate import Evaluation, Protocol, ReferenceViews
-    from splatwire.packets import SceneStream
-    from splatwire.scene.background import Background
+    from splatwire.evaluate.study import Row, SceneEntry, Study
+
+_FOR_PROTOCOLS = ("engine", "workers", "store", "data_root", "scene", "photos", "weights", "scene_name")
 
 
 @dataclass(frozen=True)
@@ -42,10 +40,10 @@ class Evaluate:
     """Concealers to compare; all where absent."""
     contiguous: bool = False
     """Add a row for packets of contiguous anchors, without concealment."""
-    send_order: str = "interleaved"
-    """interleaved or block."""
-    renderer: str = "cpu"
-    """Renderer: cpu, reference or gsplat."""
+    send_order: str | None = None
+    """interleaved (where absent), block or tiers."""
+    renderer: str | None = None
+    """Renderer: cpu, reference or gsplat; cpu where absent, or the protocol's."""
     background: BackgroundOption = None
     """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent (or what the protocol
     says)."""
@@ -55,8 +53,8 @@ class Evaluate:
     """Most views that LPIPS is computed on (slow on a CPU); all where absent."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder for an HTML report with pictures, and for everything else that a protocol writes."""
-    engine: str = "local"
-    """Protocols: local (processes), ray (RAY_ADDRESS or a local cluster) or slurm."""
+    engine: str | None = None
+    """Protocols: local (processes, where absent), ray (RAY_ADDRESS or a local cluster) or slurm."""
     workers: int | None = None
     """Protocols: workers at a time; one per processor where absent."""
     store: Path | None = None
@@ -77,152 +75,115 @@ class Evaluate:
     def run(self) -> None:
         """Runs the verb."""
         if self.source.endswith(".toml"):
-            from splatwire.cli._study import run_protocol
+            from splatwire.cli._protocol import run_protocol
 
             run_protocol(self)
             return
-        from splatwire.evaluate import write_report
+        from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
 
+        self._check()
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
-            result = self.evaluation(Path(folder), show)
-            title = f"{Path(self.source).name} {'as it is' if self.loss is None else 'under ' + self.loss}"
-            title += ", inside the photos' masks" if result.masked else ""
-            report = None if self.output is None else write_report(result, self.output, title=title)
+            store = MemoryStore(Path(folder))
+            with input_path(self.source) as path:
+                result = run_study(self.study(path), store, InProcess(progress=show), show)
+            content = plain_content(result)
+            report = None if self.output is None else write_report(result, store, self.output, content)
         if self.json:
-            print_json({**result.to_json(), "report": None if report is None else str(report)})
+            print_json({**content, "report": None if report is None else str(report)})
             return
         from splatwire.cli._table import print_rows
 
-        print_rows(result.rows(), title, lpips_note=result.lpips_note)
+        print_rows(content["rows"], result.study.title, lpips_note=result.lpips_note)
         if report is not None:
             print(f"report: {report}")
 
-    def evaluation(self, folder: Path, show: Reporter) -> "Evaluation":
-        """Runs the comparison.
+    def _check(self) -> None:
+        """Tells what is wrong with the options before any work.
 
-        Args:
-            folder: For temporary files.
-            show: Progress.
+        Raises:
+            InvalidValueError: If options are missing, or mean nothing here.
+            UnknownNameError: If there is no such concealer or renderer.
         """
-        from splatwire.evaluate import evaluate_streams
-        from splatwire.metrics import find_lpips
-        from splatwire.packets.sections import split_sections
-
-        self._protocol(complete=True)  # wrong names are told before any work
-        lpips = find_lpips()
-        chosen = chosen_background(self.background)
-        with input_path(self.source) as path:
-            background = background_of_file(path) if chosen is None else chosen
-            views = self._views(folder, background, show).every(self.views)
-            if self.loss is None and not is_stream(path):
-                return self._scene_as_it_is(path, views, lpips, show)
-            streams, seconds = self._streams(path, show)
-        stream = streams["stream"]
-        _, sections = split_sections(stream.side_info)
-        protocol = self._protocol(complete=len(stream.packets) == stream.manifest.num_packets, sections=tuple(sections))
-        result = evaluate_streams(protocol, streams, views, lpips=lpips, progress=show)
-        return with_encode_seconds(result, seconds)
-
-    def _scene_as_it_is(self, path: Path, views: "ReferenceViews", lpips: Any, show: Reporter) -> "Evaluation":
-        from splatwire.cli.inspect import tensor_bytes
-        from splatwire.evaluate import Method, evaluate_scene
-        from splatwire.model import PartialScene
-        from splatwire.model.scene_file import load_scene_file
-
-        scene, erasures = load_scene_file(path)
-        sections = tuple(scene.concealment) if isinstance(scene, PartialScene) else ()
-        protocol = self._protocol(complete=erasures is None or erasures.num_lost == 0, sections=sections)
-        if not isinstance(scene, PartialScene):
-            lost = erasures is not None and erasures.num_lost > 0
-            protocol = replace(protocol, methods=(Method("as it is" if lost else "no loss", lossless=not lost),))
-        return evaluate_scene(protocol, scene, erasures, tensor_bytes(path), views, lpips=lpips, progress=show)
-
-    def _protocol(self, *, complete: bool, sections: tuple[str, ...] = ()) -> "Protocol":
-        from splatwire.channel import parse_loss
-        from splatwire.conceal import concealer_names, create_concealer
-        from splatwire.evaluate import Method, Protocol, concealment_methods
+        from splatwire.conceal import create_concealer
         from splatwire.render import create_renderer
 
-        concealers = self.conceal or concealer_names(sections)
-        for name in concealers:
-            create_concealer(name)
-        create_renderer(self.renderer)
-        loss = parse_loss(self.loss or "none")
-        if self.loss is None and complete:
-            methods: tuple[Method, ...] = (Method("no loss", lossless=True),)
-        else:
-            contiguous = self.contiguous and self.loss is not None
-            methods = concealment_methods(tuple(concealers), complete=complete, contiguous=contiguous)
-        return Protocol(
-            methods,
-            loss,
-            self.seeds or (0,),
-            send_order=self.send_order,
-            renderer=self.renderer,
+        for name in _FOR_PROTOCOLS:
+            if getattr(self, name) is not None:
+                raise InvalidValueError(
+                    f"--{name.replace('_', '-')} is for protocol files (.toml), {self.source} is none"
+                )
+        if self.loss is None:
+            for name in ("seeds", "contiguous", "send_order"):
+                if getattr(self, name):
+                    raise InvalidValueError(f"--{name.replace('_', '-')} needs --loss: without it nothing is sent")
+        if self.reference is None and (self.data is None or self.cameras is not None):
+            raise InvalidValueError("give --data FOLDER, or --reference SCENE with --cameras FILE or --data FOLDER")
+        if self.reference is not None and (self.cameras is None) == (self.data is None):
+            raise InvalidValueError("give either --cameras FILE or --data FOLDER")
+        for concealer in self.conceal:
+            create_concealer(concealer)
+        create_renderer(self.renderer or "cpu")
+
+    def study(self, path: Path) -> "Study":
+        """What is compared.
+
+        Args:
+            path: The stream or scene file.
+        """
+        from splatwire.evaluate.study import Loss, SceneEntry, Study
+
+        background, kind = chosen_background(self.background), "stream" if is_stream(path) else "scene"
+        name = Path(self.source).name
+        entry = SceneEntry(
+            name=Path(self.source).stem if self.source != "-" else "standard input",
+            source=path,
+            kind=kind,
+            photos=self.data,
+            cameras=self.cameras,
+            reference=self.reference,
+            background=background,
+        )
+        rows = self._rows(entry)
+        lossy = [row.key for row in rows if not row.lossless and row.label != "contiguous drop"]
+        return Study(
+            name=entry.name,
+            title=f"{name} {'as it is' if self.loss is None else 'under ' + self.loss}",
+            scenes=(entry,),
+            rows=rows,
+            losses=(Loss(self.loss or "none", send_order=self.send_order or "interleaved"),),
+            seeds=self.seeds or (0,),
+            baseline=lossy[0] if lossy else None,
+            views=self.views,
             lpips_views=self.lpips_views,
+            renderer=self.renderer or "cpu",
         )
 
-    def _views(self, folder: Path, background: "Background", show: Reporter) -> "ReferenceViews":
-        from splatwire.data import open_dataset
-        from splatwire.evaluate import photo_views, rendered_views
-
-        if self.reference is None:
-            if self.data is None or self.cameras is not None:
-                raise InvalidValueError("give --data FOLDER, or --reference SCENE with --cameras FILE or --data FOLDER")
-            return photo_views(open_dataset(self.data, split="test", background=background))
-        from splatwire.cli._scenes import load_picturable
-        from splatwire.cli.render import find_cameras
-        from splatwire.evaluate.views import spread
-
-        cameras = find_cameras(self.cameras, self.data)
-        cameras = cameras.select(spread(cameras.num_views, self.views))
-        scene, _ = load_picturable(self.reference, "drop")
-        return rendered_views(
-            scene, cameras, folder, renderer=self.renderer, background=background,
-            progress=lambda share: show("drawing references", share),
-        )  # fmt: skip
-
-    def _streams(self, path: Path, show: Reporter) -> "tuple[dict[str, SceneStream], dict[str, float]]":
-        """The streams to compare, by name, and the seconds that encoding took."""
-        from splatwire.codec import decode_stream, encode_scene
+    def _rows(self, entry: "SceneEntry") -> "tuple[Row, ...]":
+        from splatwire.conceal import concealer_names
+        from splatwire.evaluate.study import Row, concealment_rows
         from splatwire.packets import PRESETS, read_stream
 
-        seconds: dict[str, float] = {}
-        if is_stream(path):
-            stream, _ = read_stream(path)
+        if entry.kind == "stream":
+            from splatwire.packets.sections import split_sections
+
+            stream, _ = read_stream(entry.source)
+            packed, sections = stream.manifest.packetization, tuple(split_sections(stream.side_info)[1])
+            complete = len(stream.packets) == stream.manifest.num_packets
+        elif self.loss is None:
+            from splatwire.model import PartialScene
+            from splatwire.model.scene_file import load_scene_file
+
+            scene, erasures = load_scene_file(entry.source)
+            complete = erasures is None or erasures.num_lost == 0
+            if not isinstance(scene, PartialScene):
+                name = "no loss" if complete else "as it is"
+                return (Row(name, name, None, lossless=complete),)
+            sections = tuple(scene.concealment)
         else:
-            from splatwire.model.scene_file import load_scene
-
-            started = time.perf_counter()
-            stream = encode_scene(load_scene(path), PRESETS["paper"], progress=lambda share: show("encoding", share))
-            seconds["stream"] = time.perf_counter() - started
-        streams = {"stream": stream}
-        if self.contiguous and self.loss is not None:
-            scene = decode_stream(stream).scene
-            started = time.perf_counter()
-            streams["contiguous"] = encode_contiguous(scene, stream, lambda share: show("encoding contiguous", share))
-            seconds["contiguous"] = time.perf_counter() - started
-        return streams, seconds
-
-
-def encode_contiguous(scene: Any, stream: "SceneStream", progress: Any) -> "SceneStream":
-    """Encodes the scene of a complete stream again, with packets of contiguous anchors.
-
-    Raises:
-        InvalidValueError: If the stream is not complete.
-    """
-    from splatwire.codec import encode_scene
-
-    if len(stream.packets) != stream.manifest.num_packets:
-        raise InvalidValueError("the comparison with contiguous packets needs a complete stream")
-    return encode_scene(scene, replace(stream.manifest.packetization, grouping="contiguous"), progress=progress)
-
-
-def with_encode_seconds(result: "Evaluation", seconds: Mapping[str, float]) -> "Evaluation":
-    """Notes the seconds of encoding in every run of a stream that was encoded here."""
-    if not seconds:
-        return result
-    runs = tuple(
-        replace(run, seconds={"encode": seconds.get(run.method.stream, 0.0), **run.seconds}) for run in result.runs
-    )
-    return replace(result, runs=runs)
+            packed, sections, complete = PRESETS["paper"], (), True
+        if self.loss is None:
+            return concealment_rows(() if complete else self.conceal or concealer_names(sections), complete=complete)
+        contiguous = replace(packed, grouping="contiguous") if self.contiguous else None
+        own = None if entry.kind == "stream" else packed
+        names = self.conceal or concealer_names(sections)
+        return concealment_rows(names, own, complete=complete, contiguous=contiguous)

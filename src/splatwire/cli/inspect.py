@@ -70,6 +70,7 @@ def _describe_scene(path: Path) -> dict[str, Any]:
     from splatwire.model.anchor_scene import PartialScene
     from splatwire.model.scene_digest import scene_digest
     from splatwire.model.scene_file import load_scene_file
+    from splatwire.model.tensor_file import tensor_bytes
 
     loaded, erasures = load_scene_file(path)
     scene = loaded.scene if isinstance(loaded, PartialScene) else loaded
@@ -88,20 +89,6 @@ def _describe_scene(path: Path) -> dict[str, Any]:
         "feature_dim": scene.coding.config.layout.feature_dim,
         "num_offsets": scene.coding.config.layout.num_offsets,
     }
-
-
-def tensor_bytes(path: Path) -> dict[str, int]:
-    """Bytes of the tensors of a scene file by the first word of their name; the rest of the file is `header`."""
-    from safetensors import safe_open
-
-    parts: dict[str, int] = {}
-    with safe_open(path, framework="np") as file:
-        for name in file.keys():  # noqa: SIM118 - not a mapping
-            tensor = file.get_tensor(name)
-            group = name.split(".")[0]
-            parts[group] = parts.get(group, 0) + tensor.nbytes
-    parts["header"] = path.stat().st_size - sum(parts.values())
-    return parts
 
 
 def _print_table(source: str, content: Mapping[str, Any]) -> None:

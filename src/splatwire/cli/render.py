@@ -103,7 +103,7 @@ def find_cameras(cameras: Path | None, data: Path | None) -> "Cameras":
 def _save(image: object, folder: Path, name: str) -> str:
     from PIL import Image
 
-    from splatwire.evaluate.runner import to_pixels
+    from splatwire.evaluate.pixels import to_pixels
 
     safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in name).lstrip(".") or "view"
     path = folder / f"{safe}.png"

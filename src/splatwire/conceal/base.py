@@ -1,7 +1,8 @@
 """What a concealer is, and the registry of concealers by name."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import torch
@@ -54,12 +55,19 @@ _NEEDS: dict[str, str] = {}
 """The option without which a concealer cannot be made, by concealer."""
 _SECTIONS: dict[str, str] = {}
 """The section of the side information without which a concealer cannot work, by concealer."""
+_SHIPPED: dict[str, Path] = {}
+"""The file of weights that comes with the package, by concealer."""
 _UNLISTED: set[str] = set()
 """Concealers that are there for comparison only."""
 
 
 def register_concealer(
-    name: str, *, needs: str | None = None, section: str | None = None, listed: bool = True
+    name: str,
+    *,
+    needs: str | None = None,
+    section: str | None = None,
+    shipped: Path | None = None,
+    listed: bool = True,
 ) -> Callable[[Factory], Factory]:
     """Registers a class or function that makes concealers from keyword options; used as a decorator.
 
@@ -67,6 +75,7 @@ def register_concealer(
         name: Its name.
         needs: An option that it cannot do without, such as a file of weights; `name:VALUE` gives it.
         section: A section of the side information that it cannot do without.
+        shipped: The package's file of weights, which it reads where its option `weights` names no other.
         listed: Whether `concealer_names` lists it.
     """
 
@@ -76,6 +85,8 @@ def register_concealer(
             _NEEDS[name] = needs
         if section is not None:
             _SECTIONS[name] = section
+        if shipped is not None:
+            _SHIPPED[name] = shipped
         if not listed:
             _UNLISTED.add(name)
         return factory
@@ -102,6 +113,18 @@ def concealer_names(sections: Iterable[str] = ()) -> tuple[str, ...]:
 def concealer_sections() -> dict[str, str]:
     """The section of the side information that a concealer reads, by its name, for those that read one."""
     return dict(_SECTIONS)
+
+
+def concealer_file(name: str, options: Mapping[str, Any]) -> Path | None:
+    """The file of weights that a concealer reads; None if it reads none.
+
+    Args:
+        name: Its name, or `name:FILE`.
+        options: Its options.
+    """
+    name, _, file = name.partition(":")
+    named = file or options.get("weights")
+    return Path(named) if named else _SHIPPED.get(name)
 
 
 def create_concealer(name: str, **options: Any) -> Concealer:

@@ -1,10 +1,8 @@
 """The views of an evaluation: cameras, and the pictures that others are compared with."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -26,7 +24,7 @@ class ReferenceViews:
     Attributes:
         cameras: The cameras.
         load: Gives the reference picture of a view, RGB in [0, 1].
-        source: What the references are, for the report: `photos` or `renders of the lossless scene`.
+        source: What the references are, for the report, such as `photos`.
         background: RGB behind everything in renders; None for that of each scene.
         load_mask: Gives the mask of a view, True where its picture counts, None where all of it does; None if no view
             has a mask.
@@ -67,19 +65,6 @@ class ReferenceViews:
             return Compared(image[None], reference, None)
         return Compared(black_outside(image[None], mask[None]), reference, mask[None])
 
-    def every(self, count: int | None) -> "ReferenceViews":
-        """Returns at most `count` views, spread evenly; all for None."""
-        chosen = spread(self.cameras.num_views, count)
-        if len(chosen) == self.cameras.num_views:
-            return self
-        mask = self.load_mask
-        return replace(
-            self,
-            cameras=self.cameras.select(chosen),
-            load=lambda view: self.load(chosen[view]),
-            load_mask=None if mask is None else lambda view: mask(chosen[view]),
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class Compared:
@@ -113,7 +98,7 @@ def spread(num_views: int, count: int | None) -> list[int]:
 
 def photo_views(dataset: Dataset) -> ReferenceViews:
     """Compares with the photos of a dataset, inside their masks."""
-    masked = bool(dataset.mask_paths)
+    masked = any(dataset.mask_paths)
     mask = dataset.mask if masked else None
     return ReferenceViews(dataset.cameras, dataset.image, photo_source(masked=masked), dataset.background, mask)
 
@@ -121,35 +106,6 @@ def photo_views(dataset: Dataset) -> ReferenceViews:
 def photo_source(*, masked: bool) -> str:
     """What references are that are photos, for reports."""
     return "photos inside their masks" if masked else "photos"
-
-
-def rendered_views(
-    scene: AnchorScene | Splats,
-    cameras: Cameras,
-    folder: Path,
-    *,
-    renderer: str = "cpu",
-    background: Background | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> ReferenceViews:
-    """Compares with a scene's own renders, which are drawn now and kept in a file (memory stays bounded).
-
-    Args:
-        scene: The scene without losses, or explicit Gaussians.
-        cameras: The cameras.
-        folder: Where the file may lie; it must outlive the views.
-        renderer: Name of the renderer.
-        background: RGB behind everything; None for that of each scene.
-        progress: Called with the share of views drawn.
-    """
-    shape = (cameras.num_views, cameras.height, cameras.width, 3)
-    pictures = np.lib.format.open_memmap(folder / "references.npy", mode="w+", dtype=np.float32, shape=shape)
-    for view, image in enumerate(views_of(scene, cameras, renderer, background)):
-        pictures[view] = image.numpy()
-        if progress:
-            progress((view + 1) / cameras.num_views)
-    source = "renders of explicit Gaussians" if isinstance(scene, Splats) else "renders of the lossless scene"
-    return ReferenceViews(cameras, lambda view: torch.from_numpy(pictures[view].copy()), source, background)
 
 
 def views_of(

@@ -81,3 +81,15 @@ def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: st
         if not bool(found.isfinite().all()):
             raise BitstreamError(f"{where}'{name}' of the network is not finite")
     network.load_state_dict({name: value.float() for name, value in tensors.items()})
+
+
+def tensor_bytes(path: Path) -> dict[str, int]:
+    """Bytes of the tensors of a scene file by the first word of their name; the rest of the file is `header`."""
+    parts: dict[str, int] = {}
+    with safe_open(path, framework="np") as file:
+        for name in file.keys():  # noqa: SIM118 - not a mapping
+            tensor = file.get_tensor(name)
+            group = name.split(".")[0]
+            parts[group] = parts.get(group, 0) + tensor.nbytes
+    parts["header"] = path.stat().st_size - sum(parts.values())
+    return parts

@@ -12,7 +12,7 @@ from splatwire.packets.scene_stream import SceneStream, make_stream, make_stream
 from splatwire.packets.send_order import SEND_ORDERS, send_sequence
 from splatwire.packets.sizes import StreamSizes, measure_sizes
 from splatwire.packets.splitmix64 import splitmix64
-from splatwire.packets.stream import read_stream, write_stream
+from splatwire.packets.stream import is_stream, read_stream, write_stream
 from splatwire.packets.tiers import TierShape, shape_tiers, tier_order
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "StreamSizes",
     "TierShape",
     "arrange",
+    "is_stream",
     "make_packet",
     "make_stream",
     "make_stream_id",

@@ -62,6 +62,20 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def is_stream(path: Path) -> bool:
+    """Tells streams from scene files by looking: a folder, or a file that begins with a stream's magic bytes.
+
+    Raises:
+        BitstreamError: If nothing is there.
+    """
+    if path.is_dir():
+        return True
+    if not path.is_file():
+        raise BitstreamError(f"{path}: no such file or folder")
+    with path.open("rb") as file:
+        return file.read(len(FILE_MAGIC)) == FILE_MAGIC
+
+
 def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
     """Reads a stream in either form; damaged, foreign, duplicate or misnamed packets are counted losses.
 

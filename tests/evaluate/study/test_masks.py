@@ -6,17 +6,12 @@ import numpy as np
 import pytest
 
 from scenes import tiny_scene
-from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, transmit
+from splatwire.channel import UNITS, Bernoulli, GilbertElliott, draw_mask, parse_loss, transmit
+from splatwire.channel.transmit import datagrams_of, draw_in_order
 from splatwire.codec import decode_stream, encode_scene
+from splatwire.errors import UnknownNameError
 from splatwire.evaluate.study.definition import Loss
-from splatwire.evaluate.study.masks import (
-    anchor_bytes,
-    datagrams_of,
-    draw_in_order,
-    draw_mask,
-    equivalence,
-    mask_bytes,
-)
+from splatwire.evaluate.study.masks import anchor_bytes, equivalence, mask_bytes
 from splatwire.packets import Packetization, send_sequence
 
 LOSSES = ["bernoulli:0.3", "gilbert:0.2,3", "none"]
@@ -28,26 +23,29 @@ def stream():
 
 
 @pytest.mark.parametrize("model", LOSSES)
+@pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("order", ["interleaved", "block"])
-def test_losses_of_packets_are_those_of_the_channel(stream, model, order):
-    mask = draw_mask(stream, Loss(model, "pak", order), 7)
-    received, record = transmit(stream, parse_loss(model), seed=7, send_order=order)
+def test_a_mask_is_what_the_channel_loses(stream, model, unit, order):
+    loss = parse_loss(model, unit)
+    mask = draw_mask(stream, loss, seed=7, send_order=order)
+    received, record = transmit(stream, loss, seed=7, send_order=order)
     assert mask.apply(stream) == received
     assert mask.num_lost == record.num_lost
+    assert record.unit == unit
 
 
 @pytest.mark.parametrize("order", ["interleaved", "block"])
 def test_packets_of_one_datagram_meet_equal_losses_in_both_units(stream, order):
     assert max(packet.num_bytes for packet in stream.packets) <= 1200
-    one, two = (draw_mask(stream, Loss("gilbert:0.3,2", unit, order), 1) for unit in ("pak", "datagram"))
+    one, two = (draw_mask(stream, parse_loss("gilbert:0.3,2", unit), seed=1, send_order=order) for unit in UNITS)
     assert np.array_equal(one.received, two.received)
     assert one.num_lost_datagrams == two.num_lost_datagrams
 
 
-@pytest.mark.parametrize("model", [Bernoulli(0.2), GilbertElliott(0.2, 3)])
+@pytest.mark.parametrize("model", [Bernoulli(0.2, unit="datagram"), GilbertElliott(0.2, 3, unit="datagram")])
 def test_a_packet_arrives_when_each_of_its_datagrams_does(model):
     sizes = np.array([1, 3, 2, 1, 7, 4])
-    received, num_lost = draw_in_order(sizes, model, "datagram", 5)
+    received, num_lost = draw_in_order(sizes, model, 5)
     arrived = model.received(int(sizes.sum()), np.random.Generator(np.random.PCG64(5)))
     expected, at = [], 0
     for size in sizes:
@@ -55,6 +53,11 @@ def test_a_packet_arrives_when_each_of_its_datagrams_does(model):
         at += size
     assert received.tolist() == expected
     assert num_lost == (~arrived).sum() > 0
+
+
+def test_a_unit_that_nobody_knows_is_told():
+    with pytest.raises(UnknownNameError, match="loss unit"):
+        parse_loss("bernoulli:0.1", "packet")
 
 
 def test_datagrams_of_packets():
@@ -72,7 +75,7 @@ def test_one_unit_in_the_other_agrees_with_arithmetic():
 
 def test_saved_masks_tell_everything(stream):
     loss, complete = Loss("bernoulli:0.3"), decode_stream(stream)
-    mask = draw_mask(stream, loss, 3)
+    mask = draw_mask(stream, loss.process, seed=3)
     saved = np.load(io.BytesIO(mask_bytes(stream, mask, loss, 3)), allow_pickle=False)
     order = [stream.packets[i].id for i in np.argsort(saved["send_index"])]
     assert order == [packet.id for packet in send_sequence(stream, "interleaved")]

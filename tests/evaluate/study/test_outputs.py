@@ -1,7 +1,6 @@
 """Means, intervals, paired differences, orderings, and every file that a protocol leaves."""
 
 import csv
-import dataclasses
 import io
 import json
 import math
@@ -11,6 +10,7 @@ import pytest
 from scipy import stats
 
 from splatwire.evaluate.study import (
+    InProcess,
     SceneEntry,
     Store,
     load_study,
@@ -20,18 +20,11 @@ from splatwire.evaluate.study import (
     write_outputs,
     write_size_outputs,
 )
-from splatwire.evaluate.study.pictures import _telling_loss
-from splatwire.evaluate.study.records import records_from_bytes
+from splatwire.evaluate.study.pictures import take_pictures
+from splatwire.evaluate.study.records import parquet
 from splatwire.evaluate.study.sizes import native_parts
 from splatwire.evaluate.study.summary import Estimate, orderings
 from splatwire.evaluate.study.tables import Table, result_tables
-from splatwire.evaluate.study.work import run_unit
-
-
-class InThisProcess:
-    def run(self, store, units, listener):
-        for unit in units:
-            run_unit(str(store.root), unit)
 
 
 def silent(task, share):
@@ -41,13 +34,13 @@ def silent(task, share):
 @pytest.fixture(scope="module")
 def done(tiny_folder, tmp_path_factory):
     store = Store(tmp_path_factory.mktemp("store"))
-    return store, run_study(load_study(tiny_folder / "protocol.toml"), store, InThisProcess(), silent)
+    return store, run_study(load_study(tiny_folder / "protocol.toml"), store, InProcess(), silent)
 
 
 @pytest.fixture(scope="module")
 def files(done, tmp_path_factory):
     store, result = done
-    return write_outputs(result, store, tmp_path_factory.mktemp("out"), silent)
+    return write_outputs(result, store, tmp_path_factory.mktemp("out"))
 
 
 def test_intervals_agree_with_scipy():
@@ -102,13 +95,13 @@ def test_published_figures_stand_beside_ours(done):
 def test_every_file_is_there_and_agrees(done, files):
     _, result = done
     merged = result.merged()
-    assert records_from_bytes(files["parquet"].read_bytes(), "x") == merged
+    assert parquet().read_table(files["parquet"]).to_pylist() == merged
     lines = list(csv.DictReader(io.StringIO(files["records"].read_text())))
     assert [float(line["psnr"]) for line in lines] == [record["psnr"] for record in merged]
     content = json.loads(files["json"].read_text(), parse_constant=lambda name: pytest.fail(name))
     assert [row["row"] for row in content["rows"]] == ["reference", "contiguous", "drop", "idw"]
     page = files["report"].read_text()
-    assert page.count("<svg") == 2
+    assert page.count("<svg") == 3  # seeds, views, bytes
     for words in ("Does the paper&#39;s order hold?", "Two units of loss", "bernoulli:0.05"):
         assert words in page.replace("paper's", "paper&#39;s")
     assert 'src="http' not in page
@@ -156,12 +149,42 @@ def test_official_files_are_counted_as_their_own_total_counts_them(data_dir):
     assert parts["networks"] == marks["bytes"]["mlps_fp32_counted"]
 
 
-def test_pictures_show_the_loss_that_tells_rows_apart(done):
-    _, result = done
-    loss = result.study.losses[0]
-    alike = dataclasses.replace(loss, model="bernoulli:0.31")  # here every row shows what the first one shows
-    lossy = [cell for cell in result.cells if cell.loss == loss]
-    cells = lossy + [dataclasses.replace(cell, loss=alike, unit=lossy[0].unit) for cell in lossy]
-    for order in ((alike, loss), (loss, alike)):
-        both = dataclasses.replace(result, study=dataclasses.replace(result.study, losses=order))
-        assert _telling_loss(both, cells) == loss
+def test_pictures_are_those_that_were_scored(done):
+    """The hardest views of the baseline under the loss that hurts it most, as the workers drew them."""
+    store, result = done
+    look = result.looks["made up"]
+    (baseline,) = [cell for cell in result.cells if cell.row.key == "drop" and cell.seed == 0]
+    psnr = [record.psnr for record in result.records[baseline.unit.key]]
+    assert list(look.views) == sorted(range(2), key=psnr.__getitem__)
+    for picture, view in zip(take_pictures(result, store), look.views, strict=True):
+        assert [shot.label for shot in picture.shots] == [row.label for row in result.study.rows]
+        cells = [cell for cell in result.cells if cell.seed in (None, 0)]
+        for shot, cell in zip(picture.shots, cells, strict=True):
+            assert shot.psnr == result.records[cell.unit.key][view].psnr
+            if cell.row.lossless:
+                assert np.array_equal(shot.pixels, picture.reference)
+            else:
+                error = np.mean((shot.pixels / 255.0 - picture.reference / 255.0) ** 2)
+                assert -10 * np.log10(error) == pytest.approx(shot.psnr, abs=0.1)
+        assert set(picture.loss_maps) == (
+            {"paper-block_size=60", "paper-block_size=60-contiguous"} if view == look.views[0] else set()
+        )
+
+
+def test_pictures_show_the_loss_that_hurts_most(edited, tmp_path):
+    """Pictures of a loss that hardly takes anything would show nothing."""
+    mild, store = '[[loss]]\nmodel = "bernoulli:0.05"\n\n', Store(tmp_path)
+    result = run_study(load_study(edited(("[[loss]]", mild + "[[loss]]"))), store, InProcess(), silent)
+    assert result.looks["made up"].loss.model == "bernoulli:0.3"
+    assert {view.loss for view in take_pictures(result, store)} == {"bernoulli:0.3 per pak, seed 0"}
+
+
+def test_lost_pictures_are_drawn_again(done, tmp_path):
+    """Records alone do not make a report: what a killed run or a change of seeds left without pictures runs again."""
+    store, result = done
+    shown = next(cell for cell in result.cells if cell.row.key == "idw" and cell.seed == 0)
+    path = store.root / shown.unit.picture(0)
+    before = path.read_bytes()
+    path.unlink()
+    again = run_study(result.study, store, InProcess(), silent)
+    assert (again.num_computed, path.read_bytes()) == (1, before)

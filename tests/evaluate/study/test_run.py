@@ -12,25 +12,15 @@ from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.errors import SplatwireError
-from splatwire.evaluate.study import Store, create_engine, load_study, local_engine, run_study
-from splatwire.evaluate.study.engines import Event
+from splatwire.evaluate.study import InProcess, Store, create_engine, load_study, local_engine, run_study
 from splatwire.evaluate.study.local_engine import LocalEngine
 from splatwire.evaluate.study.records import TIMINGS
 from splatwire.evaluate.study.slurm_engine import SlurmEngine
-from splatwire.evaluate.study.work import concealed, erode, run_unit
+from splatwire.evaluate.study.work import concealed, erode
 from splatwire.metrics import psnr, ssim
 from splatwire.packets import read_stream
 from splatwire.render import render_scene
 from splatwire.scene import Attribute
-
-
-class InThisProcess:
-    """The simplest engine."""
-
-    def run(self, store, units, listener):
-        for unit in units:
-            run_unit(str(store.root), unit)
-            listener(Event(unit))
 
 
 def silent(task, share):
@@ -50,7 +40,7 @@ def study(tiny_folder):
 @pytest.fixture(scope="module")
 def done(study, tmp_path_factory):
     store = Store(tmp_path_factory.mktemp("done"))
-    return store, run_study(study, store, InThisProcess(), silent)
+    return store, run_study(study, store, InProcess(), silent)
 
 
 def test_a_record_is_what_the_rooms_give_one_by_one(done, tiny_folder):
@@ -82,15 +72,15 @@ def test_methods_share_masks(done):
 
 def test_nothing_is_computed_twice(done, study):
     store, first = done
-    again = run_study(study, store, InThisProcess(), silent)
+    again = run_study(study, store, InProcess(), silent)
     assert (again.num_computed, again.num_reused) == (0, first.num_computed)
     assert again.merged() == first.merged()
-    more = run_study(dataclasses.replace(study, seeds=(0, 3, 4)), store, InThisProcess(), silent)
+    more = run_study(dataclasses.replace(study, seeds=(0, 3, 4)), store, InProcess(), silent)
     assert more.num_computed == len(study.lossy_rows)
 
 
 def test_an_interrupted_run_goes_on_and_no_record_is_there_twice(study, tmp_path, done):
-    class Interrupted(InThisProcess):
+    class Interrupted(InProcess):
         def run(self, store, units, listener):
             super().run(store, units[:3], listener)
             raise KeyboardInterrupt
@@ -98,7 +88,7 @@ def test_an_interrupted_run_goes_on_and_no_record_is_there_twice(study, tmp_path
     store = Store(tmp_path)
     with pytest.raises(KeyboardInterrupt):
         run_study(study, store, Interrupted(), silent)
-    resumed = run_study(study, store, InThisProcess(), silent)
+    resumed = run_study(study, store, InProcess(), silent)
     assert resumed.num_reused == 3
     assert plain(resumed) == plain(done[1])
     places = [(r["row"], r["seed"], r["view"]) for r in resumed.merged()]
@@ -107,11 +97,11 @@ def test_an_interrupted_run_goes_on_and_no_record_is_there_twice(study, tmp_path
 
 def test_a_damaged_unit_is_told(study, tmp_path):
     store = Store(tmp_path)
-    result = run_study(study, store, InThisProcess(), silent)
+    result = run_study(study, store, InProcess(), silent)
     path = store.unit_path(result.cells[0].unit.key)
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(SplatwireError, match=r"\.parquet is not a file of records.*remove it"):
-        run_study(study, store, InThisProcess(), silent)
+        run_study(study, store, InProcess(), silent)
 
 
 def test_eroded_attributes_cannot_be_seen(done, tiny_folder):
@@ -169,7 +159,8 @@ def test_a_worker_that_always_dies_ends_the_run(tmp_path, done, monkeypatch):
 
 
 def test_a_unit_that_fails_ends_the_run_with_its_name(tmp_path, done):
-    unit = dataclasses.replace(done[1].cells[-1].unit, stream="inputs/absent.swz")
+    unit = done[1].cells[-1].unit
+    unit = dataclasses.replace(unit, stream=dataclasses.replace(unit.stream, path="inputs/absent.swz"))
     with pytest.raises(SplatwireError, match=r"scene made up.*idw.*absent\.swz"):
         LocalEngine(1).run(Store(tmp_path), [unit], lambda event: None)
 

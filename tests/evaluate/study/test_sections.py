@@ -4,7 +4,8 @@ from scenes import tiny_scene
 from splatwire.codec import encode_scene
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study.definition import Row
-from splatwire.evaluate.study.inputs import _with_sections, sections_of
+from splatwire.evaluate.study.inputs import _with_sections
+from splatwire.evaluate.study.parts import sections_of
 from splatwire.packets import PRESETS
 from splatwire.packets.sections import add_concealment
 

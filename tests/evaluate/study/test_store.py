@@ -6,8 +6,16 @@ import os
 import pytest
 
 from splatwire.errors import SplatwireError
-from splatwire.evaluate.study.records import TIMINGS, records_from_bytes, records_to_bytes
-from splatwire.evaluate.study.store import Store
+from splatwire.evaluate.study.records import Record, records_from_bytes, records_to_bytes
+from splatwire.evaluate.study.store import Store, file_names
+
+RECORD = Record(
+    unit="a", scene="s", stream="paper", mask="", loss="none", loss_unit=None, send_order=None, conceal="drop",
+    options="{}", erode=None, view="v", renderer="cpu", code="1", seed=None, view_index=0, num_anchors=9,
+    num_lost_anchors=0, num_packets=2, num_lost_packets=0, num_datagrams=None, num_lost_datagrams=None,
+    num_bytes_received=77, psnr=float("inf"), ssim=1.0, lpips=None, seconds_decode=0.5, seconds_conceal=0.25,
+    seconds_render=0.125, seconds_score=0.0,
+)  # fmt: skip
 
 
 def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
@@ -16,19 +24,19 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(SplatwireError, match=r"disk is full.*finished work is kept"):
-        Store(tmp_path).put_unit("a", b"records")
+        Store(tmp_path).put_records("a", [RECORD])
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_unfinished_files_are_no_records_and_go_away(tmp_path):
     store = Store(tmp_path)
-    store.put_unit("whole", b"records")
+    store.put_records("a", [RECORD])
     half = tmp_path / "units" / ".half.parquet.123.abc.part"
     half.write_bytes(b"rec")
-    assert store.missing(["whole", "half", "half"]) == ["half"]
+    assert [store.has(key) for key in ("a", "half")] == [True, False]
     with store.locked():
         assert not half.exists()
-    assert store.unit_path("whole").read_bytes() == b"records"
+    assert store.records("a") == [RECORD]
 
 
 def test_one_run_at_a_time(tmp_path):
@@ -38,20 +46,21 @@ def test_one_run_at_a_time(tmp_path):
         pass
 
 
-def test_records_survive_parquet():
-    record = {
-        "unit": "u",
-        "scene": "s",
-        "view": "v",
-        "view_index": 1,
-        "seed": None,
-        "psnr": float("inf"),
-        "lpips": None,
-    }
-    data = records_to_bytes([record])
-    (read,) = records_from_bytes(data, "x")
-    assert {key: read[key] for key in record} == record
-    assert set(TIMINGS) < set(read)
-    assert data == records_to_bytes([record])
+def test_records_survive_parquet(tmp_path):
+    data = records_to_bytes([RECORD])
+    assert records_from_bytes(data, "x") == [RECORD]
+    assert data == records_to_bytes([RECORD])
     with pytest.raises(SplatwireError, match="x is not a file of records"):
         records_from_bytes(data[:-9], "x")
+    Store(tmp_path).put_records("b", [RECORD])
+    with pytest.raises(SplatwireError, match="does not hold the records of its unit"):
+        Store(tmp_path).records("b")
+
+
+def test_every_name_has_a_file_name_of_its_own():
+    """Folders, case and what a file system does not take are all the same to some file system."""
+    names = ["a b", "a_b", "A/b", "../../sly", "/etc/passwd", "", "..", "ok"]
+    files = file_names(names)
+    assert len({file.lower() for file in files.values()}) == len(names)
+    assert (files["a b"], files["a_b"], files["ok"]) == ("a_b", "a_b_2", "ok")
+    assert not any("/" in file or file.startswith(".") or not file for file in files.values())

@@ -50,12 +50,27 @@ def test_a_protocol_is_what_its_file_says(tiny_folder):
         ('name = "tiny"', "views = 0", "views must be at least 1"),
         ("[protocol]", "[protocol", "not valid TOML"),
         ("[[loss]]", "[[losses]]", "did you mean 'loss'"),
+        ("seeds = [0, 3]", "seeds = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
+        ("seeds = [0, 3]", "seeds = " + "{a=" * 5000 + "1" + "}" * 5000, "nested too deeply"),
+        ('conceal = "idw"', 'conceal = "idw"\noptions.' + ".".join("a" * 5000) + " = 1", "nested too deeply"),
+        ("seeds = [0, 3]", "seeds = [" + "9" * 5000 + "]", "not valid TOML"),
+        ("seeds = [0, 3]", f"seeds = [{2**63}]", "protocol seeds 1 is beyond the range"),
+        ("psnr = 22.5", "psnr = " + "9" * 400, "psnr is beyond the range"),
+        ("psnr = 22.5", "psnr = 1e999", "psnr must be a finite number"),
+        ("psnr = 22.5", "psnr = nan", "psnr must be a finite number"),
+        ('conceal = "idw"', 'conceal = "idw"\noptions = {power = nan}', "options power must be a finite number"),
+        ('conceal = "idw"', 'conceal = "idw"\noptions = {power = 2024-01-01}', "not the date 2024-01-01"),
+        ('conceal = "idw"', 'conceal = "idw"\noptions = {power = [07:32:00]}', "not the time 07:32:00"),
+        ('name = "made up"', 'name = "made up"\nphotos = "~nosuchuser/photos"', "'~nosuchuser/photos' is no path"),
+        ('name = "made up"', f'name = "made up"\nphotos = "{"x" * 5000}"', "is no path"),
+        ('name = "tiny"', "picture_views = -1", "picture_views must be at least 0"),
     ],
 )
 def test_mistakes_are_told_before_any_work(edited, old, new, words):
     with pytest.raises(InvalidValueError, match=r"edited\.toml") as caught:
         load_study(edited((old, new)))
     assert words in str(caught.value)
+    assert len(str(caught.value)) < 1000
 
 
 def test_a_missing_scene_is_told_with_its_path(edited):

@@ -10,10 +10,10 @@ from splatwire.conceal.context import AnchorContext
 from splatwire.conceal.drop import Drop
 from splatwire.conceal.scene_free.network import GainNetwork, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
-from splatwire.conceal.scene_free.weights import default_weights, load_gain_network
+from splatwire.conceal.scene_free.weights import SHIPPED, default_weights, load_gain_network
 
 
-@register_concealer("scene_free")
+@register_concealer("scene_free", shipped=SHIPPED)
 @dataclass(frozen=True)
 class SceneFree:
     """Leaves lost anchors out; grows and brightens received ones by what a network learned on the pictures of scenes.
@@ -27,7 +27,7 @@ class SceneFree:
             left out, half of it cost at most 0.02 dB against `grow` where it did not help; all of it cost 0.24 dB once.
     """
 
-    weights: Path | None = None
+    weights: str | Path | None = None
     trust: float = 0.5
     _network: GainNetwork = field(init=False, repr=False, compare=False)
 

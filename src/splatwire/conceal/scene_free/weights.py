@@ -10,7 +10,7 @@ from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensor
 
 FORMAT = "splatwire-scene-free"
 VERSION = 1
-_SHIPPED = "scene_free.safetensors"
+SHIPPED = Path(str(resources.files("splatwire").joinpath("assets").joinpath("scene_free.safetensors")))
 _MAX_HIDDEN = 1024
 
 
@@ -50,4 +50,4 @@ def load_gain_network(path: Path) -> GainNetwork:
 @cache
 def default_weights() -> GainNetwork:
     """The network that ships with the package."""
-    return load_gain_network(Path(str(resources.files("splatwire").joinpath("assets").joinpath(_SHIPPED))))
+    return load_gain_network(SHIPPED)

@@ -1,15 +1,26 @@
-"""The charts of a protocol's report, as SVG text."""
+"""The charts of a report, as SVG text; no window system, no global state."""
 
-from collections.abc import Sequence
+import io
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib import rc_context
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
-from splatwire.evaluate.charts import PALETTE, STYLE, svg
 from splatwire.evaluate.study.definition import Loss
 from splatwire.evaluate.study.summary import Summary
+
+PALETTE = ("#3b6ea5", "#c4493d", "#4d8a57", "#8a63a8", "#c08a2e", "#3f9aa3", "#7a7a7a", "#b0567f", "#5a5ad0")
+STYLE: dict[str, Any] = {
+    "svg.hashsalt": "splatwire",
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 
 
 @rc_context(STYLE)
@@ -38,14 +49,16 @@ def seeds_chart(shown: Sequence[Summary]) -> str | None:
 
 @rc_context(STYLE)
 def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
-    """Draws the PSNR of every view under every row, mean over seeds."""
+    """Draws the PSNR of every view under every row, mean over seeds; the band is the range over seeds."""
     rows = [s for s in shown if s.figures.get("psnr") is not None and s.by_view]
     if not rows:
         return None
     figure = Figure(figsize=(8.6, 3.4), layout="constrained")
     axes = figure.add_subplot()
     for i, s in enumerate(rows):
-        axes.plot(s.by_view["psnr"], "o-", color=PALETTE[i % len(PALETTE)], ms=3, lw=1.2, label=s.row.label)
+        color, (low, high) = PALETTE[i % len(PALETTE)], s.view_range["psnr"]
+        axes.plot(s.by_view["psnr"], "o-", color=color, ms=3, lw=1.2, label=s.row.label)
+        axes.fill_between(range(len(low)), low, high, color=color, alpha=0.12, lw=0)
     axes.set_xticks(range(len(views)), [name[-14:] for name in views], rotation=60, ha="right", fontsize=7)
     axes.set_ylabel("PSNR (dB), mean over seeds")
     axes.grid(axis="y", alpha=0.25)
@@ -102,6 +115,24 @@ def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
     return svg(figure)
 
 
+@rc_context(STYLE)
+def bytes_chart(streams: Mapping[str, Summary]) -> str:
+    """Draws where the bytes of each stream are."""
+    figure = Figure(figsize=(8.6, 0.7 + 0.55 * len(streams)), layout="constrained")
+    axes = figure.add_subplot()
+    left = [0.0] * len(streams)
+    parts = list(dict.fromkeys(part for summary in streams.values() for part in summary.parts))
+    for i, part in enumerate(parts):
+        widths = [summary.parts.get(part, 0) / 1e6 for summary in streams.values()]
+        color = PALETTE[i % len(PALETTE)]
+        axes.barh(list(streams), widths, left=left, color=color, height=0.6, label=part.replace("_", " "))
+        left = [a + b for a, b in zip(left, widths, strict=True)]
+    axes.invert_yaxis()
+    axes.set_xlabel("size (MB, 10⁶ bytes)")
+    axes.legend(ncols=5, fontsize=7.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0))
+    return svg(figure)
+
+
 def _by_size(summaries: Sequence[Summary], key: str) -> list[Summary]:
     return sorted((s for s in summaries if s.row.key == key), key=lambda s: s.num_anchors)
 
@@ -124,3 +155,11 @@ def _short(model: Any, loss: Loss) -> str:
 
 def _legend_above(axes: Any) -> None:
     axes.legend(ncols=3, fontsize=7.5, frameon=False, loc="lower left", bbox_to_anchor=(0, 1.0), labelspacing=0.3)
+
+
+def svg(figure: Figure) -> str:
+    """The drawing as SVG text, the same for the same drawing."""
+    buffer = io.StringIO()
+    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+    text = buffer.getvalue()
+    return text[text.index("<svg") :]

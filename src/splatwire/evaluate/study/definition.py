@@ -1,4 +1,4 @@
-"""What a protocol file says: scenes, rows, losses and seeds, as plain frozen data."""
+"""What is evaluated: scenes, rows, losses and seeds, as plain frozen data."""
 
 import dataclasses
 import json
@@ -7,21 +7,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from splatwire.channel import parse_loss
+from splatwire.channel import LossModel, parse_loss
 from splatwire.conceal import create_concealer
 from splatwire.data.dataset import SPLITS, TEST_VIEWS
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.evaluate.protocol import MAX_SEEDS
 from splatwire.packets import PRESETS, SEND_ORDERS, Packetization
 from splatwire.render import create_renderer
 from splatwire.scene.background import Background
 
+MAX_SEEDS = 1000
 METRICS = ("psnr", "ssim", "lpips")
 SIZE_METRICS = ("growth_percent", "attribute_growth_percent")
 """What a publication says about sizes: growth of everything but network weights, and of the attributes alone."""
-UNITS = ("pak", "datagram")
 ERODIBLE = ("feature", "scaling", "offset", "mask")
 KINDS = ("losses", "sizes")
+AS_IT_IS = "stream"
+"""Variant of rows that send a stream, or score a scene, as it is."""
 WEIGHTS = "{weights}"
 """Stands for the scene's own GNN weights in the concealer of a row: `gnn:{weights}`."""
 
@@ -34,8 +35,10 @@ class SceneEntry:
         name: What it is called.
         source: A stream, a scene file, or a folder of the official HAC++ code (`kind` says which).
         kind: `stream`, `scene` or `model`.
-        photos: Dataset folder whose test photos are the references; None to compare with the scene's own renders.
-        cameras: Cameras file for own renders; None to take the views of `photos`.
+        photos: Dataset folder whose test photos are the references; None to compare with renders.
+        cameras: Cameras file for renders; None to take the views of `photos`.
+        reference: What is drawn from those views as references: a scene file, a stream or explicit Gaussians; None for
+            the photos, or the scene itself where there are none.
         dataset: The group of scenes over which results are averaged.
         images: Image folder within the dataset.
         split: As in `splatwire.data.open_dataset`.
@@ -52,10 +55,11 @@ class SceneEntry:
     kind: str
     photos: Path | None = None
     cameras: Path | None = None
+    reference: Path | None = None
     dataset: str = ""
     images: str | None = None
     split: str = "test"
-    test_views: str = "every_8th"
+    test_views: str | None = None
     max_width: int = 1600
     weights: Path | None = None
     sections: Path | None = None
@@ -63,7 +67,8 @@ class SceneEntry:
 
     def __post_init__(self) -> None:
         _known("split", self.split, SPLITS)
-        _known("choice of test views", self.test_views, TEST_VIEWS)
+        if self.test_views is not None:
+            _known("choice of test views", self.test_views, TEST_VIEWS)
         if self.photos is None and self.cameras is None:
             raise InvalidValueError(f"scene '{self.name}' needs photos, or cameras to draw its own references")
 
@@ -75,9 +80,9 @@ class Row:
     Attributes:
         key: Short name that published figures and the baseline refer to.
         label: What the table shows.
-        packetization: How the scene is packed.
+        packetization: How the scene is packed; None to send a stream, or to score a scene, as it is.
         conceal: Name of the concealer.
-        options: Options of the concealer, as canonical JSON.
+        options: Options of the concealer.
         erode: The one attribute that the lost anchors lose, everything else of them being kept; None for real losses.
         lossless: Whether the row is spared from losses.
         sections: Named sections of the side information that the row's stream carries; their bytes count.
@@ -85,9 +90,9 @@ class Row:
 
     key: str
     label: str
-    packetization: Packetization
+    packetization: Packetization | None
     conceal: str = "drop"
-    options: str = "{}"
+    options: Mapping[str, Any] = field(default_factory=dict)
     erode: str | None = None
     lossless: bool = False
     sections: tuple[str, ...] = ()
@@ -95,10 +100,10 @@ class Row:
     def __post_init__(self) -> None:
         if self.erode is not None:
             _known("attribute", self.erode, ERODIBLE)
-            if self.packetization.packaging != "atomic":
+            if self.packetization is None or self.packetization.packaging != "atomic":
                 raise InvalidValueError(f"row '{self.key}': attribute erosion starts from atomic packets")
         if not self.needs_weights:
-            create_concealer(self.conceal, **json.loads(self.options))
+            create_concealer(self.conceal, **self.options)
 
     @property
     def needs_weights(self) -> bool:
@@ -108,7 +113,10 @@ class Row:
     @property
     def variant(self) -> str:
         """Short name of the stream that the row needs, good for file names."""
-        name = min((_difference(preset, self.packetization, name) for name, preset in PRESETS.items()), key=len)
+        if self.packetization is None:
+            return AS_IT_IS
+        packetization = self.packetization
+        name = min((_difference(preset, packetization, name) for name, preset in PRESETS.items()), key=len)
         return "+".join(["-".join(name), *sorted(self.sections)])
 
 
@@ -128,9 +136,13 @@ class Loss:
     send_order: str = "interleaved"
 
     def __post_init__(self) -> None:
-        parse_loss(self.model)
-        _known("loss unit", self.unit, UNITS)
+        parse_loss(self.model, self.unit)
         _known("send order", self.send_order, SEND_ORDERS)
+
+    @property
+    def process(self) -> LossModel:
+        """The model, which knows what it loses."""
+        return parse_loss(self.model, self.unit)
 
     @property
     def label(self) -> str:
@@ -156,7 +168,7 @@ class Published:
 
 @dataclass(frozen=True)
 class Study:
-    """A whole protocol file.
+    """A whole evaluation, such as a protocol file describes it.
 
     Attributes:
         name: Name of the table, good for file names.
@@ -205,9 +217,14 @@ class Study:
         _unique("metric", list(self.metrics), least=1)
         for metric in self.metrics:
             _known("metric", metric, METRICS)
-        for what, count in (("views", self.views), ("lpips_views", self.lpips_views)):
-            if count is not None and count < 1:
-                raise InvalidValueError(f"{what} must be at least 1, not {count}")
+        counts = {
+            "views": (self.views, 1),
+            "lpips_views": (self.lpips_views, 1),
+            "picture_views": (self.picture_views, 0),
+        }
+        for what, (count, least) in counts.items():
+            if count is not None and count < least:
+                raise InvalidValueError(f"{what} must be at least {least}, not {count}")
         create_renderer(self.renderer)
         self._check_references()
 

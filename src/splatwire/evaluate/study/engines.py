@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from splatwire.codec import decode_stream
 from splatwire.errors import InvalidValueError, SplatwireError, UnknownNameError
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
+from splatwire.evaluate.study.work import Decode, Progress, Workshop
 
 MAX_ATTEMPTS = 3
 """How often a unit is tried when its worker dies."""
@@ -50,6 +52,32 @@ class Engine(Protocol):
         Raises:
             SplatwireError: If a unit fails, or its worker dies `MAX_ATTEMPTS` times.
         """
+
+
+@dataclass(eq=False)
+class InProcess:
+    """Units in this process, one after another, with all of its threads.
+
+    Attributes:
+        decode: How a received stream becomes a scene.
+        progress: Called with the row and the share of its views that is done.
+    """
+
+    decode: Decode = decode_stream
+    progress: Progress | None = None
+    _workshop: Workshop | None = None
+
+    def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
+        """See `Engine.run`."""
+        if self._workshop is None or self._workshop.store is not store:
+            self._workshop = Workshop(store, self.decode, self._drawing)
+        for unit in units:
+            self._workshop.compute(unit)
+            listener(Event(unit))
+
+    def _drawing(self, label: str, share: float) -> None:
+        if self.progress is not None:
+            self.progress(f"drawing and scoring '{label}'", share)
 
 
 def create_engine(name: str, workers: int | None = None) -> Engine:
@@ -115,7 +143,7 @@ class Attempts:
 def describe(unit: Unit) -> str:
     """A unit in one line."""
     loss = "without loss" if unit.loss is None else f"{unit.loss.label}, seed {unit.seed}"
-    return f"scene {unit.scene}, {Path(unit.stream).stem}, {unit.conceal}, {loss}"
+    return f"scene {unit.scene}, {Path(unit.stream.path).stem}, {unit.conceal}, {loss}"
 
 
 def failed(unit: Unit, message: str) -> SplatwireError:

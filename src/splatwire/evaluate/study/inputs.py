@@ -1,36 +1,45 @@
-"""What a protocol needs before its first unit: encoded streams, reference pictures and loss masks, each made once."""
+"""What an evaluation needs before its first unit: encoded streams, references and loss masks, each made once."""
 
-import hashlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
-from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
+from splatwire.channel import LossMask, draw_mask
+from splatwire.codec import decode_stream, encode_scene, scene_in_order
 from splatwire.codec.background import SECTION as BACKGROUND
+from splatwire.codec.background import background_of
+from splatwire.conceal import conceal
 from splatwire.conceal.gnn.weights import load_weights
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.evaluate.study.definition import Loss, Row, SceneEntry, Study, canonical
-from splatwire.evaluate.study.masks import LossMask, anchor_bytes, draw_mask, mask_bytes
-from splatwire.evaluate.study.references import Progress, digest_of, prepare_references
+from splatwire.evaluate.study.definition import AS_IT_IS, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
+from splatwire.evaluate.study.masks import anchor_bytes
+from splatwire.evaluate.study.parts import needed_stream, sections_of, stream_parts, without_sections
+from splatwire.evaluate.study.records import CODE
+from splatwire.evaluate.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluate.study.store import Store, read_json
 from splatwire.importers.hacpp import import_hacpp
-from splatwire.model import AnchorScene
-from splatwire.model.scene_file import load_scene
-from splatwire.packets import SceneStream, read_stream, stream_to_bytes
-from splatwire.packets.sections import split_sections, without_concealment
+from splatwire.importers.splats import import_splats, splats_kind
+from splatwire.model import AnchorScene, PartialScene
+from splatwire.model.scene_file import load_background, load_scene, load_scene_file
+from splatwire.model.tensor_file import tensor_bytes
+from splatwire.packets import SceneStream, is_stream, read_stream, stream_to_bytes
+from splatwire.scene.splats import Splats
 
 
 @dataclass(frozen=True)
 class PreparedStream:
-    """An encoded stream in the store.
+    """What is sent, or scored, for rows of one variant.
 
     Attributes:
-        path: Its file within the store.
+        path: Its file within the store, or where the user has it.
         digest: Digest of its content.
         parts: Bytes by part, side information in its own parts.
-        num_packets: Packets.
+        num_packets: Packets of the complete stream; 0 for a scene that is scored as it is.
         num_anchors: Anchors.
-        num_gaussians: Gaussians that its anchors have.
+        num_gaussians: Gaussians that its anchors have; None where nobody counted them.
+        seconds_encode: Seconds that encoding it took; None for what was encoded before.
     """
 
     path: str
@@ -38,12 +47,8 @@ class PreparedStream:
     parts: Mapping[str, int]
     num_packets: int
     num_anchors: int
-    num_gaussians: int
-
-    @property
-    def num_bytes(self) -> int:
-        """Everything, as one file."""
-        return sum(self.parts.values())
+    num_gaussians: int | None = None
+    seconds_encode: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,121 +56,112 @@ class PreparedScene:
     """A scene that is ready for units of work.
 
     Attributes:
-        name: Name of the scene.
-        dataset: Group of scenes.
-        views: Folder of the references within the store.
-        views_digest: Digest of cameras and references.
-        reference: What the references are.
-        masked: Whether masks say which of their pixels count.
+        entry: The scene.
+        references: What its pictures are compared with.
         streams: Encoded stream of every variant of the rows.
+        parts: Bytes by part that each row needs, by its key: with its weights, without sections that others read.
         masks: Mask of every variant, loss and seed.
         sections: Named sections that rows may have in their streams.
-        weights: File of the GNN's weights; empty if there are none.
-        weights_digest: Digest of that file.
-        weights_bytes: Its size.
     """
 
-    name: str
-    dataset: str
-    views: str
-    views_digest: str
-    reference: str
-    masked: bool
+    entry: SceneEntry
+    references: References
     streams: Mapping[str, PreparedStream]
-    masks: Mapping[tuple[str, Loss, int], LossMask] = field(default_factory=dict)
-    sections: tuple[str, ...] = ()
-    weights: str = ""
-    weights_digest: str = ""
-    weights_bytes: int = 0
+    parts: Mapping[str, Mapping[str, int]]
+    masks: Mapping[tuple[str, Loss, int], LossMask]
+    sections: tuple[str, ...]
+
+    def lacks(self, row: Row) -> str:
+        """Why a row cannot run on this scene; empty if it can."""
+        if row.needs_weights and self.entry.weights is None:
+            return "it has no calibrated weights (splatwire calibrate makes them)"
+        absent = [name for name in row.sections if name not in self.sections]
+        return f"it has no section '{absent[0]}' (splatwire calibrate adds it)" if absent else ""
 
 
-def prepare_scene(study: Study, entry: SceneEntry, store: Store, code: str, progress: Progress) -> PreparedScene:
-    """Encodes a scene for every row, makes its references and draws its masks; what the store has is taken from there.
+@dataclass(frozen=True)
+class Source:
+    """A scene of the user, of which each part is read when it is asked for first.
+
+    Attributes:
+        entry: The scene.
+    """
+
+    entry: SceneEntry
+
+    @cached_property
+    def stream(self) -> SceneStream | None:
+        """The stream that the scene comes with or is, whose named sections rows may ask for."""
+        path = self.entry.sections or (self.entry.source if self.entry.kind == "stream" else None)
+        return None if path is None else read_stream(path)[0]
+
+    @cached_property
+    def scene(self) -> AnchorScene:
+        """The complete scene.
+
+        Raises:
+            BitstreamError: If it is not complete.
+        """
+        return read_scene(self.entry)
+
+    @property
+    def sections(self) -> Mapping[str, bytes]:
+        """Its named sections, such as those that `splatwire calibrate` adds."""
+        return sections_of(self.stream)
+
+
+def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
+    """Encodes a scene for every row, finds its references and draws its masks; what the store has is taken from there.
 
     Args:
-        study: The protocol.
+        study: The evaluation.
         entry: The scene.
         store: Where to.
-        code: Digest of the code.
         progress: Called with what is being done and the share of it that is done.
 
     Raises:
         SplatwireError: If the scene or its photos cannot be read, or a row cannot be encoded.
     """
-    streams = prepare_streams(study, entry, store, code, progress)
+    source = Source(entry)
+    streams = prepare_streams(study, source, store, progress)
     if not streams:
         raise InvalidValueError(f"scene '{entry.name}' lacks what every row needs")
-    first = next(iter(streams.values()))
-    stamps = {"scene": first.digest, "code": code}
-    views, about = prepare_references(study, entry, store.root / first.path, stamps, store, progress)
-    masks = {}
-    for name, row in _variants(study).items():
-        if name in streams and any(not r.lossless for r in study.rows if r.variant == name):
-            masks.update(_save_masks(study, entry.name, row, streams[name], store))
-    weights = b"" if entry.weights is None else entry.weights.read_bytes()
     if entry.weights is not None:
         load_weights(entry.weights)
+    variant, first = next(iter(streams.items()))
+
+    def drawn() -> AnchorScene | Splats:
+        if entry.reference is not None:
+            return read_reference(entry.reference)
+        return source.scene if variant == AS_IT_IS else decode_stream(read_stream(store.root / first.path)[0]).scene
+
+    stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
+    path = store.root / first.path
+    own = background_of(read_stream(path)[0]) if first.num_packets else load_background(path)
+    background = own if entry.background is None else entry.background
     return PreparedScene(
-        name=entry.name,
-        dataset=entry.dataset,
-        views=views,
-        views_digest=str(about["digest"]),
-        reference=str(about["source"]),
-        masked=bool(about["masked"]),
+        entry=entry,
+        references=prepare_references(study, entry, background, drawn, stamp, store, progress),
         streams=streams,
-        masks=masks,
-        sections=tuple(sections_of(_calibrated_stream(entry))),
-        weights=str(entry.weights or ""),
-        weights_digest=hashlib.sha256(weights).hexdigest() if weights else "",
-        weights_bytes=len(weights),
+        parts={row.key: _parts(row, source, streams[row.variant]) for row in study.rows if row.variant in streams},
+        masks=dict(_draw_masks(study, streams, store)),
+        sections=tuple(source.sections),
     )
 
 
-def prepare_streams(
-    study: Study, entry: SceneEntry, store: Store, code: str, progress: Progress
-) -> dict[str, PreparedStream]:
+def prepare_streams(study: Study, source: Source, store: Store, progress: Progress) -> dict[str, PreparedStream]:
     """Encodes a scene once for each packetization of the rows; see `prepare_scene`."""
-    lazy, calibrated = _LazyScene(entry), _calibrated_stream(entry)
-    stamp = "" if entry.sections is None else source_digest(entry.sections)
-    folder = f"inputs/{digest_of(source_digest(entry.source), stamp, code)}"
-
-    def told(share: float) -> None:
-        progress(f"{entry.name}: encoding", share)
-
-    return {
-        name: _prepare_stream(row, lazy, calibrated, store, folder, told)
-        for name, row in _variants(study).items()
-        if set(row.sections) <= set(sections_of(calibrated))
-    }
-
-
-def _calibrated_stream(entry: SceneEntry) -> SceneStream | None:
-    """The stream that a scene comes with or is, whose named sections rows may ask for."""
-    path = entry.sections or (entry.source if entry.kind == "stream" else None)
-    return None if path is None else read_stream(path)[0]
-
-
-def sections_of(stream: SceneStream | None) -> Mapping[str, bytes]:
-    """The named sections of a stream, such as those that `splatwire calibrate` adds."""
-    return {} if stream is None else split_sections(stream.side_info)[1]
-
-
-def _variants(study: Study) -> dict[str, Row]:
-    """A row for each packetization, by its name."""
-    return {row.variant: row for row in reversed(study.rows)}
-
-
-class _LazyScene:
-    """A scene that is read when it is needed for the first time."""
-
-    def __init__(self, entry: SceneEntry) -> None:
-        self._entry = entry
-        self._scene: AnchorScene | None = None
-
-    def __call__(self) -> AnchorScene:
-        if self._scene is None:
-            self._scene = read_scene(self._entry)
-        return self._scene
+    entry = source.entry
+    stamp = "" if entry.sections is None else digest_of_files(entry.sections)
+    digest = digest_of_files(entry.source)
+    folder = f"inputs/{digest_of(digest, stamp, CODE)}"
+    streams = {}
+    for name, row in {row.variant: row for row in reversed(study.rows)}.items():
+        if row.packetization is None:
+            streams[name] = _as_it_is(source, digest)
+        elif set(row.sections) <= set(source.sections):
+            streams[name] = _prepare_stream(row, source, store, folder, progress)
+    return streams
 
 
 def read_scene(entry: SceneEntry) -> AnchorScene:
@@ -180,45 +176,56 @@ def read_scene(entry: SceneEntry) -> AnchorScene:
         return load_scene(entry.source)
     stream, _ = read_stream(entry.source)
     if len(stream.packets) != stream.manifest.num_packets:
-        raise BitstreamError(f"{entry.source} has lost packets: a protocol starts from complete streams")
+        raise BitstreamError(f"{entry.source} has lost packets: encoding it again needs a complete stream")
     return decode_stream(stream).scene
 
 
-def source_digest(path: Path) -> str:
-    """Digest of a file, or of all files of a folder."""
-    digest = hashlib.sha256()
-    for file in [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file()):
-        digest.update(f"{file.relative_to(path)}\0".encode())
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()
+def read_reference(path: Path) -> AnchorScene | Splats:
+    """Reads what others are compared with: a scene file or stream, whose gaps stay gaps, or explicit Gaussians.
+
+    Raises:
+        SplatwireError: If the file is none of these.
+    """
+    if splats_kind(path) is not None:
+        return import_splats(path)
+    loaded = decode_stream(read_stream(path)[0]) if is_stream(path) else load_scene_file(path)[0]
+    return conceal(loaded, "drop") if isinstance(loaded, PartialScene) else loaded
 
 
-def _prepare_stream(
-    row: Row,
-    scene: _LazyScene,
-    calibrated: SceneStream | None,
-    store: Store,
-    folder: str,
-    progress: Callable[[float], None],
-) -> PreparedStream:
+def _as_it_is(source: Source, digest: str) -> PreparedStream:
+    entry, path = source.entry, str(source.entry.source)
+    if (stream := source.stream) is not None:
+        manifest = stream.manifest
+        return PreparedStream(path, digest, stream_parts(stream), manifest.num_packets, manifest.num_anchors)
+    loaded, _ = load_scene_file(entry.source)
+    anchors = (loaded.scene if isinstance(loaded, PartialScene) else loaded).anchors
+    return PreparedStream(path, digest, tensor_bytes(entry.source), 0, anchors.num_anchors, int(anchors.mask.sum()))
+
+
+def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progress: Progress) -> PreparedStream:
+    assert row.packetization is not None
     path, about = f"{folder}/{row.variant}.swz", store.root / folder / f"{row.variant}.json"
     if (known := read_json(about)) is not None:
         return PreparedStream(**known)
+    started, seconds = time.perf_counter(), None
     if row.sections:
-        stream = _with_sections(calibrated, row)
+        stream = _with_sections(source.stream, row)
     else:
-        stream = encode_scene(scene(), row.packetization, progress=progress)
-    ordered = scene_in_order(scene(), row.packetization.order)
-    data = stream_to_bytes(stream)
+        scene, what = source.scene, f"{source.entry.name}: encoding {row.variant}"
+        started = time.perf_counter()
+        stream = encode_scene(scene, row.packetization, progress=lambda share: progress(what, share))
+        seconds = time.perf_counter() - started
+    ordered = scene_in_order(source.scene, row.packetization.order)
+    store.write(path, stream_to_bytes(stream))
     prepared = PreparedStream(
         path,
-        hashlib.sha256(data).hexdigest(),
+        digest_of_files(store.root / path),
         stream_parts(stream),
         len(stream.packets),
         stream.manifest.num_anchors,
         int(ordered.anchors.mask.sum()),
+        seconds,
     )
-    store.write(path, data)
     store.write(f"{folder}/{row.variant}_anchors.npz", anchor_bytes(stream, ordered.anchors.positions.numpy()))
     store.write(f"{folder}/{row.variant}.json", canonical(vars(prepared)).encode())  # last: it says that all is there
     return prepared
@@ -234,34 +241,26 @@ def _with_sections(calibrated: SceneStream | None, row: Row) -> SceneStream:
     """
     if calibrated is None or calibrated.manifest.tiers or calibrated.manifest.packetization != row.packetization:
         raise InvalidValueError(f"row '{row.key}' needs sections made for its own packets ({row.variant})")
-    for name in sorted(set(sections_of(calibrated)) - {*row.sections, BACKGROUND}):
-        calibrated = without_concealment(calibrated, name)
-    return calibrated
+    return without_sections(calibrated, set(sections_of(calibrated)) - {*row.sections, BACKGROUND})
 
 
-def stream_parts(stream: SceneStream) -> dict[str, int]:
-    """Bytes of a stream by part, with the side information taken apart; they add up to the whole file."""
-    parts = dict(stream.parts())
-    whole = parts.pop("side_info")
-    inner = side_info_parts(stream.side_info)
-    side = {f"side_{name}": size for name, size in inner.items()}
-    rest = whole - sum(side.values())
-    return {**side, **({"side_other": rest} if rest else {}), **parts}
+def _parts(row: Row, source: Source, prepared: PreparedStream) -> dict[str, int]:
+    name, _, file = row.conceal.partition(":")
+    parts, stream = prepared.parts, source.stream
+    if row.packetization is None and stream is not None:
+        parts = stream_parts(needed_stream(stream, row.conceal))
+    file = file.replace(WEIGHTS, str(source.entry.weights or ""))
+    return {**parts, **({f"{name}_weights": Path(file).stat().st_size} if file else {})}
 
 
-def _save_masks(
-    study: Study, scene: str, row: Row, prepared: PreparedStream, store: Store
-) -> dict[tuple[str, Loss, int], LossMask]:
-    stream, _ = read_stream(store.root / prepared.path)
-    masks = {}
-    for loss in study.losses:
-        for seed in study.seeds:
-            mask = masks[(row.variant, loss, seed)] = draw_mask(stream, loss, seed)
-            name = f"masks/{_safe(scene)}/{row.variant}/{_safe(loss.label)}_{seed}_{mask.digest[:12]}.npz"
-            if not (store.root / name).is_file():
-                store.write(name, mask_bytes(stream, mask, loss, seed))
-    return masks
-
-
-def _safe(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)[:100]
+def _draw_masks(
+    study: Study, streams: Mapping[str, PreparedStream], store: Store
+) -> Iterator[tuple[tuple[str, Loss, int], LossMask]]:
+    for name in dict.fromkeys(row.variant for row in study.lossy_rows):
+        if name not in streams or not streams[name].num_packets:
+            continue
+        stream, _ = read_stream(store.root / streams[name].path)
+        for loss in study.losses:
+            for seed in study.seeds:
+                mask = draw_mask(stream, loss.process, seed=seed, send_order=loss.send_order)
+                yield (name, loss, seed), mask

@@ -1,21 +1,21 @@
 """Files that a protocol leaves: records, tables, leaderboard, report."""
 
 import json
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
-from splatwire.evaluate.results import LPIPS_OF_MASKED
 from splatwire.evaluate.study.definition import Study
-from splatwire.evaluate.study.masks import Equivalence, equivalence
-from splatwire.evaluate.study.pictures import safe, save_pictures, take_pictures
-from splatwire.evaluate.study.records import records_to_bytes
+from splatwire.evaluate.study.masks import Equivalence, equivalence, mask_bytes
+from splatwire.evaluate.study.pictures import save_pictures, take_pictures
+from splatwire.evaluate.study.records import PLACE, table_to_bytes
 from splatwire.evaluate.study.report import render_sizes_report, render_study_report
-from splatwire.evaluate.study.run import StudyResult
+from splatwire.evaluate.study.run import LPIPS_OF_MASKED, StudyResult
 from splatwire.evaluate.study.sizes import SceneSizes, size_tables
-from splatwire.evaluate.study.store import Store, write_whole
-from splatwire.evaluate.study.summary import INTERVALS, Summary, dataset_means, orderings, summarize
+from splatwire.evaluate.study.store import Store, file_names, write_whole
+from splatwire.evaluate.study.summary import INTERVALS, Summary, dataset_means, orderings, streams_of, summarize
 from splatwire.evaluate.study.tables import (
     Table,
     bytes_table,
@@ -23,6 +23,7 @@ from splatwire.evaluate.study.tables import (
     leaderboard_csv,
     ordering_table,
     result_tables,
+    seconds_table,
     summary_csv,
     to_csv,
 )
@@ -30,49 +31,87 @@ from splatwire.packets import read_stream
 
 RATES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
 """Datagram loss rates that the report translates into packet losses."""
-Progress = Callable[[str, float], None]
 
 
-def write_outputs(result: StudyResult, store: Store, folder: Path, progress: Progress) -> dict[str, Path]:
-    """Writes everything that a protocol found.
+def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, Path]:
+    """Writes everything that a protocol found; its masks go into the store.
 
     Args:
         result: What it found.
         store: Its store.
         folder: Where to; files of the same names are replaced.
-        progress: Called with what is being done and the share of it that is done.
 
     Returns:
         The paths of the files by kind.
     """
     summaries = summarize(result)
     everything = [*summaries, *dataset_means(result, summaries)]
+    tables = _tables(result, store, summaries, everything)
+    every = [table for section in _IN_FILES for table in tables[section]]
+    records, notes = result.merged(), [*_mask_notes(result), *result.skipped]
+    texts = {
+        "records": ("records.csv", to_csv(records)),
+        "summary": ("summary.csv", summary_csv(everything)),
+        "markdown": ("tables.md", _markdown(result.study, notes, every)),
+        "latex": ("tables.tex", "\n".join(table.latex() for table in every)),
+        "json": ("results.json", to_json(_content(result, everything))),
+    }
+    files = {kind: write_whole(folder / name, text.encode()) for kind, (name, text) in texts.items()}
+    files["parquet"] = write_whole(folder / "records.parquet", table_to_bytes(records, PLACE))
+    for name, file in file_names(result.scenes).items():
+        lines = leaderboard_csv([summary for summary in summaries if summary.scene == name])
+        write_whole(folder / "leaderboard" / f"{file}.csv", lines.encode())
+    _save_masks(result, store)
+    files["report"] = _write_page(result, store, everything, tables, folder)
+    return files
+
+
+def write_report(result: StudyResult, store: Store, folder: Path, content: Mapping[str, Any]) -> Path:
+    """Writes the report and its pictures, and something as `results.json`; returns the path of the report."""
+    summaries = summarize(result)
+    write_whole(folder / "results.json", to_json(content).encode())
+    return _write_page(result, store, summaries, _tables(result, store, summaries, summaries), folder)
+
+
+def _write_page(
+    result: StudyResult, store: Store, summaries: Sequence[Summary], tables: Mapping[str, Sequence[Table]], folder: Path
+) -> Path:
+    pictures = take_pictures(result, store)
+    save_pictures(pictures, folder / "pictures")
+    return write_whole(folder / "report.html", render_study_report(result, summaries, tables, pictures).encode())
+
+
+_IN_FILES = ("results", "orderings", "equivalence", "bytes")
+"""The sections that are also in files of tables; seconds are of one run on one machine."""
+
+
+def _tables(
+    result: StudyResult, store: Store, summaries: Sequence[Summary], everything: Sequence[Summary]
+) -> dict[str, list[Table]]:
+    """The tables of the report, by section."""
+    names = list(result.scenes)
     order = ordering_table(orderings(result, summaries))
-    means = {name: _equivalences(result, store, name) for name in result.scenes}
-    tables = {
+    means = [equivalence_table(name, _equivalences(result, store, name)) for name in names]
+    sizes = [bytes_table(name, streams_of(summaries, name)) for name in names]
+    return {
         "results": result_tables(result, everything),
         "orderings": [order] if order else [],
-        "equivalence": [t for name, found in means.items() if (t := equivalence_table(name, found)) is not None],
-        "bytes": [t for name in result.scenes if (t := bytes_table(name, summaries)) is not None],
+        "equivalence": [table for table in means if table is not None],
+        "bytes": [table for table in sizes if table is not None],
+        "seconds": [seconds_table(name, summaries) for name in names],
     }
-    pictures = take_pictures(result, store, progress)
-    save_pictures(pictures, folder / "pictures")
-    records, files = result.merged(), {}
-    every = [table for group in tables.values() for table in group]
-    for kind, name, text in (
-        ("records", "records.csv", to_csv(records)),
-        ("summary", "summary.csv", summary_csv(everything)),
-        ("markdown", "tables.md", _markdown(result.study, [*_mask_notes(result), *result.skipped], every)),
-        ("latex", "tables.tex", "\n".join(table.latex() for table in every)),
-        ("json", "results.json", json.dumps(_json(result, everything), indent=1) + "\n"),
-        ("report", "report.html", render_study_report(result, everything, tables, pictures)),
-    ):
-        files[kind] = write_whole(folder / name, text.encode())
-    files["parquet"] = write_whole(folder / "records.parquet", records_to_bytes(records, merged=True))
-    for name in result.scenes:
-        lines = leaderboard_csv([summary for summary in summaries if summary.scene == name])
-        write_whole(folder / "leaderboard" / f"{safe(name)}.csv", lines.encode())
-    return files
+
+
+def _save_masks(result: StudyResult, store: Store) -> None:
+    """Writes every mask into the store, so that another codec can be measured on the same losses."""
+    folders = file_names(result.scenes)
+    for scene in result.scenes.values():
+        for (variant, loss, seed), mask in scene.masks.items():
+            start = f"masks/{folders[scene.entry.name]}/{variant}/{next(iter(file_names([loss.label]).values()))}"
+            name = f"{start}_{seed}_{mask.digest[:12]}.npz"
+            if not (store.root / name).is_file():
+                stream, _ = read_stream(store.root / scene.streams[variant].path)
+                store.write(name, mask_bytes(stream, mask, loss, seed))
 
 
 def write_size_outputs(study: Study, found: Sequence[SceneSizes], folder: Path) -> dict[str, Path]:
@@ -89,7 +128,7 @@ def write_size_outputs(study: Study, found: Sequence[SceneSizes], folder: Path) 
         "summary": ("summary.csv", to_csv(lines)),
         "markdown": ("tables.md", _markdown(study, (), tables)),
         "latex": ("tables.tex", "\n".join(table.latex() for table in tables)),
-        "json": ("results.json", json.dumps(content, indent=1) + "\n"),
+        "json": ("results.json", to_json(content)),
         "report": ("report.html", render_sizes_report(study, tables)),
     }
     return {kind: write_whole(folder / name, text.encode()) for kind, (name, text) in texts.items()}
@@ -104,37 +143,44 @@ def _markdown(study: Study, skipped: Sequence[str], tables: Sequence[Table]) -> 
 
 def _mask_notes(result: StudyResult) -> list[str]:
     lpips = f"; LPIPS: {LPIPS_OF_MASKED}" if "lpips" in result.study.metrics else ""
-    masked = [name for name, scene in result.scenes.items() if scene.masked]
+    masked = [name for name, scene in result.scenes.items() if scene.references.masked]
     return [f"Compared inside the masks of the photos: {', '.join(masked)}{lpips}."] if masked else []
 
 
-def _json(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any]:
+def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any]:
     study = result.study
     return {
         "protocol": study.name,
         "seeds": list(study.seeds),
         "losses": [loss.label for loss in study.losses],
-        "references": {name: scene.reference for name, scene in result.scenes.items()},
-        "masked": [name for name, scene in result.scenes.items() if scene.masked],
+        "references": {name: scene.references.source for name, scene in result.scenes.items()},
+        "masked": [name for name, scene in result.scenes.items() if scene.references.masked],
         "skipped": list(result.skipped),
         "num_units": len(result.records),
-        "rows": [_without_infinity(summary.to_json()) for summary in summaries],
+        "rows": [summary.to_json() for summary in summaries],
     }
 
 
-def _without_infinity(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _without_infinity(item) for key, item in value.items()}
+def to_json(content: Mapping[str, Any]) -> str:
+    """JSON text; numbers that JSON does not have become null."""
+    return json.dumps(_finite(content), indent=1, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_infinity(item) for item in value]
-    return None if isinstance(value, float) and value in (float("inf"), float("-inf")) else value
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:
     """What datagram losses of the protocol's processes mean in packets, by packetization."""
-    found, prepared = {}, result.scenes[scene]
+    found = {}
     models = list(dict.fromkeys(model for loss in result.study.losses for model in _at_rates(loss.model)))
-    for variant, stream in prepared.streams.items():
+    for variant, stream in result.scenes[scene].streams.items():
+        if not stream.num_packets:
+            continue
         opened, _ = read_stream(store.root / stream.path)
         found[variant] = [equivalence(opened, model, result.study.seeds, "interleaved") for model in models]
     return found

@@ -1,141 +1,144 @@
-"""What pictures of a protocol are compared with: cameras, reference pictures and their masks, made once."""
+"""What pictures are compared with: photos where they lie, or renders that are drawn once, a file for each view."""
 
 import hashlib
 import io
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
-from splatwire.codec import decode_stream
-from splatwire.codec.background import background_of
-from splatwire.data import load_cameras, open_dataset, save_cameras
+from splatwire.data import load_cameras, open_dataset
 from splatwire.data.dataset import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study.definition import SceneEntry, Study, canonical
+from splatwire.evaluate.study.records import CODE
 from splatwire.evaluate.study.store import Store, read_json
-from splatwire.evaluate.views import ReferenceViews, photo_source, spread, views_of
-from splatwire.packets import read_stream
+from splatwire.evaluate.views import ReferenceViews, photo_source, photo_views, spread, views_of
+from splatwire.model import AnchorScene
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
+from splatwire.scene.splats import Splats
 
 Progress = Callable[[str, float], None]
 RENDERS = "renders of the complete scene"
 
 
+@dataclass(frozen=True)
+class References:
+    """Which pictures a scene is compared with; a worker opens them.
+
+    Attributes:
+        entry: The scene, which names photos or cameras.
+        chosen: Indices of its views.
+        background: RGB behind everything.
+        renders: Folder of the pictures within the store; empty for photos.
+        source: What they are, for reports.
+        masked: Whether masks say which of their pixels count.
+        digest: Digest of cameras, pictures and masks.
+    """
+
+    entry: SceneEntry
+    chosen: tuple[int, ...]
+    background: Background
+    renders: str
+    source: str
+    masked: bool
+    digest: str
+
+    def open(self, root: Path) -> ReferenceViews:
+        """Opens them; pictures are loaded when they are asked for.
+
+        Args:
+            root: Folder of the store.
+
+        Raises:
+            DatasetError: If photos or cameras cannot be read.
+        """
+        cameras, dataset = _cameras_of(self.entry, self.background)
+        if dataset is not None:
+            return photo_views(dataset.select(list(self.chosen)))
+
+        def load(view: int) -> Float[Tensor, "H W 3"]:
+            return torch.from_numpy(np.load(_picture(root, self.renders, view), allow_pickle=False))
+
+        return ReferenceViews(cameras.select(list(self.chosen)), load, self.source, self.background)
+
+
 def prepare_references(
-    study: Study, entry: SceneEntry, stream: Path, stamps: Mapping[str, str], store: Store, progress: Progress
-) -> tuple[str, dict[str, Any]]:
-    """Writes cameras, reference pictures and their masks; what the store has is taken from there.
+    study: Study, entry: SceneEntry, background: Background, drawn: Callable[[], AnchorScene | Splats], stamp: str,
+    store: Store, progress: Progress,
+) -> References:  # fmt: skip
+    """Finds the photos, or draws pictures unless the store has them.
 
     Args:
-        study: The protocol.
+        study: The evaluation.
         entry: The scene.
-        stream: Its complete stream, for its background and, without photos, for the references.
-        stamps: Digests of `scene` and `code`.
+        background: RGB behind everything.
+        drawn: Gives the scene that is drawn where there are no photos.
+        stamp: Digest of that scene.
         store: Where to.
         progress: Called with what is being done and the share of it that is done.
-
-    Returns:
-        Their folder within the store, and what `views.json` there says: `digest` of all of it, `background`, `source`
-        (what the references are) and `masked` (whether only a part of them counts).
 
     Raises:
         SplatwireError: If photos or cameras cannot be read.
     """
-    background = entry.background
-    if background is None:
-        background = background_of(read_stream(stream)[0])
-    entry = replace(entry, background=background)
-    dataset = None if entry.photos is None else _photos(entry, entry.photos, background)
-    cameras = dataset.cameras if dataset is not None else load_cameras(_camera_file(entry))
+    cameras, dataset = _cameras_of(entry, background)
     chosen = spread(cameras.num_views, study.views)
-    stamp = _stamp(dataset, chosen) if dataset is not None else f"{stamps['scene']} {study.renderer}"
-    content = canonical(_camera_content(cameras.select(chosen)))
-    folder = f"inputs/views_{digest_of(stamp, stamps['code'], content, str(background), entry.name)}"
-    if (known := read_json(store.root / folder / "views.json")) is not None:
-        return folder, known
-    pictures = _pictures(dataset, chosen, cameras, study, entry, stream, progress)
-    digests = [_save_array(store, f"{folder}/references.npy", pictures)]
-    masked = dataset is not None and any(dataset.select(chosen).mask_paths)
-    if dataset is not None and masked:
-        digests.append(_save_array(store, f"{folder}/masks.npy", _masks(dataset, chosen)))
-    save_cameras(cameras.select(chosen), store.root / folder / "cameras.json")
-    about = {
-        "digest": digest_of(*digests, content, str(background)), "background": list(background),
-        "source": RENDERS if dataset is None else photo_source(masked=masked), "masked": masked,
-    }  # fmt: skip
-    store.write(f"{folder}/views.json", json.dumps(about).encode())
-    return folder, about
-
-
-def _photos(entry: SceneEntry, folder: Path, background: Background) -> Dataset:
-    return open_dataset(
-        folder, split=entry.split, images=entry.images, max_width=entry.max_width, test_views=entry.test_views,
-        background=background,
-    )  # fmt: skip
-
-
-def _save_array(store: Store, path: str, array: np.ndarray) -> str:
-    """Writes an array; returns the digest of the file."""
-    buffer = io.BytesIO()
-    np.save(buffer, array)
-    store.write(path, buffer.getvalue())
-    return hashlib.sha256(buffer.getvalue()).hexdigest()
-
-
-def _masks(dataset: Dataset, chosen: list[int]) -> np.ndarray:
-    """Where photos count, bool (views, H, W); views without a mask count everywhere."""
-    masks = np.ones((len(chosen), dataset.cameras.height, dataset.cameras.width), np.bool_)
-    for i, view in enumerate(chosen):
-        if (mask := dataset.mask(view)) is not None:
-            masks[i] = mask.numpy()
-    return masks
-
-
-def _pictures(
-    dataset: Dataset | None, chosen: list[int], cameras: Cameras, study: Study, entry: SceneEntry,
-    stream: Path, progress: Progress,
-) -> np.ndarray:  # fmt: skip
-    pictures = np.empty((len(chosen), cameras.height, cameras.width, 3), np.float32)
+    cameras = cameras.select(chosen)
+    content = [canonical(_camera_content(cameras)), str(background)]
     if dataset is not None:
-        for i, view in enumerate(chosen):
-            pictures[i] = dataset.image(view).numpy()
-            progress(f"{entry.name}: loading photos", (i + 1) / len(chosen))
-        return pictures
-    scene = decode_stream(read_stream(stream)[0]).scene
-    for i, image in enumerate(views_of(scene, cameras.select(chosen), study.renderer, entry.background)):
-        pictures[i] = image.numpy()
-        progress(f"{entry.name}: drawing references", (i + 1) / len(chosen))
-    return pictures
+        dataset = dataset.select(chosen)
+        masks = dataset.mask_paths or (None,) * len(chosen)
+        masked = any(masks)
+        files = [digest_of_files(path) if path else "" for path in (*dataset.image_paths, *masks)]
+        source, folder, digest = photo_source(masked=masked), "", digest_of(*content, *files)
+    else:
+        masked, source = False, RENDERS if entry.reference is None else f"renders of {entry.reference.name}"
+        folder = f"inputs/views_{digest_of(stamp, study.renderer, CODE, *content)}"
+        digest = _draw(study, entry.name, cameras, background, drawn, store, folder, progress)
+    return References(entry, tuple(chosen), background, folder, source, masked, digest)
 
 
-def load_views(store: Store, folder: str) -> ReferenceViews:
-    """Opens the references of a prepared scene; pictures are mapped, not read."""
-    about = read_json(store.root / folder / "views.json")
-    if about is None:
-        raise InvalidValueError(f"{store.root / folder} has no references: the store is not complete")
-    cameras = load_cameras(store.root / folder / "cameras.json")
-    pictures = np.load(store.root / folder / "references.npy", mmap_mode="r", allow_pickle=False)
-    red, green, blue = about["background"]
-    load_mask = None
-    if about["masked"]:
-        masks = np.load(store.root / folder / "masks.npy", mmap_mode="r", allow_pickle=False)
-        load_mask = lambda view: torch.from_numpy(masks[view].copy())  # noqa: E731
-    return ReferenceViews(
-        cameras, lambda view: torch.from_numpy(pictures[view].copy()), str(about["source"]), (red, green, blue),
-        load_mask,
-    )  # fmt: skip
+def _draw(
+    study: Study, name: str, cameras: Cameras, background: Background, drawn: Callable[[], AnchorScene | Splats],
+    store: Store, folder: str, progress: Progress,
+) -> str:  # fmt: skip
+    """Draws pictures into the store, unless they are there; returns the digest of cameras and pictures."""
+    about = store.root / folder / "views.json"
+    if (known := read_json(about)) is None:
+        digests = []
+        for view, image in enumerate(views_of(drawn(), cameras, study.renderer, background)):
+            buffer = io.BytesIO()
+            np.save(buffer, image.numpy())
+            digests.append(hashlib.sha256(buffer.getvalue()).hexdigest())
+            store.write(str(_picture(Path(), folder, view)), buffer.getvalue())
+            progress(f"{name}: drawing references", (view + 1) / cameras.num_views)
+        known = {"digest": digest_of(canonical(_camera_content(cameras)), str(background), *digests)}
+        store.write(f"{folder}/views.json", json.dumps(known).encode())  # last: it says that all is there
+    return str(known["digest"])
 
 
-def _camera_file(entry: SceneEntry) -> Path:
+def _picture(root: Path, folder: str, view: int) -> Path:
+    return root / folder / f"{view:05d}.npy"
+
+
+def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dataset | None]:
+    """The cameras of a scene, and the dataset whose photos are the references; None where pictures are drawn."""
+    if entry.photos is not None:
+        dataset = open_dataset(
+            entry.photos, split=entry.split, images=entry.images, max_width=entry.max_width,
+            test_views=entry.test_views, background=background,
+        )  # fmt: skip
+        return dataset.cameras, dataset if entry.reference is None else None
     if entry.cameras is None:
         raise InvalidValueError(f"scene '{entry.name}' has neither photos nor cameras")
-    return entry.cameras
+    return load_cameras(entry.cameras), None
 
 
 def _camera_content(cameras: Cameras) -> dict[str, Any]:
@@ -143,13 +146,15 @@ def _camera_content(cameras: Cameras) -> dict[str, Any]:
     return {"w": cameras.width, "h": cameras.height, "names": list(cameras.names), "poses": poses, "Ks": intrinsics}
 
 
-def _stamp(dataset: Dataset, chosen: list[int]) -> str:
-    """Changes when a photo or mask does."""
-    masks = [dataset.mask_paths[view] for view in chosen] if dataset.mask_paths else []
-    stats = [path.stat() for path in [*(dataset.image_paths[view] for view in chosen), *filter(None, masks)]]
-    return canonical({"files": [[stat.st_size, stat.st_mtime_ns] for stat in stats]})
-
-
 def digest_of(*texts: str) -> str:
     """Name for something that depends on these texts."""
     return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:24]
+
+
+def digest_of_files(path: Path) -> str:
+    """Digest of a file, or of all files of a folder, one file at a time in memory."""
+    digest = hashlib.sha256()
+    for file in [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file()):
+        digest.update(f"{file.relative_to(path)}\0".encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()

@@ -1,19 +1,18 @@
-"""The report of a protocol: one HTML file with every table, chart and picture in it."""
+"""The report: one HTML file with every table, chart and picture in it, and nothing fetched from elsewhere."""
 
 import math
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from typing import Any
 
 import splatwire
-from splatwire.evaluate.report import ERROR_GAIN, error_map, jpeg, render_template
-from splatwire.evaluate.study.charts import losses_chart, scale_chart, seeds_chart, views_chart
+from splatwire.evaluate.pixels import ERROR_GAIN, error_map, jpeg
+from splatwire.evaluate.study.charts import bytes_chart, losses_chart, scale_chart, seeds_chart, views_chart
 from splatwire.evaluate.study.definition import Study
 from splatwire.evaluate.study.pictures import Shot, ViewPictures
-from splatwire.evaluate.study.run import StudyResult
-from splatwire.evaluate.study.summary import INTERVALS, Summary
+from splatwire.evaluate.study.run import ABSENT, StudyResult
+from splatwire.evaluate.study.summary import INTERVALS, Summary, streams_of
 from splatwire.evaluate.study.tables import Table
-
-_TEMPLATE = "study.html.jinja"
 
 
 def render_study_report(
@@ -22,53 +21,57 @@ def render_study_report(
     tables: Mapping[str, Sequence[Table]],
     pictures: Sequence[ViewPictures],
 ) -> str:
-    """Renders the report of a protocol.
+    """Renders the report of an evaluation.
 
     Args:
         result: What it found.
         summaries: Its rows, means over datasets included.
-        tables: Tables by section: `results`, `orderings`, `equivalence`, `bytes`.
+        tables: Tables by section: `results`, `orderings`, `equivalence`, `bytes`, `seconds`.
         pictures: Pictures of the hardest views.
     """
-    study = result.study
-    return render_template(
-        _TEMPLATE,
-        title=study.title,
-        version=splatwire.__version__,
+    study, note = result.study, result.lpips_note
+    lpips = [f"LPIPS (VGG): {note}."] if note and note != ABSENT else []
+    return _render(
+        study,
         subtitle=_subtitle(result),
-        notes=[*study.notes, *result.skipped],
+        notes=[*study.notes, *lpips, *result.skipped],
         intervals=INTERVALS,
         tables=tables,
         charts=_charts(result, summaries),
+        byte_charts=[bytes_chart(streams) for name in result.scenes if (streams := streams_of(summaries, name))],
         views=[_view(view) for view in pictures],
-        error_gain=ERROR_GAIN,
+        judge=next((row.label for row in study.rows if row.key == study.baseline), ""),
+        published=bool(study.published),
     )
 
 
 def render_sizes_report(study: Study, tables: Sequence[Table]) -> str:
     """Renders the report of a protocol of kind `sizes`."""
-    return render_template(
-        _TEMPLATE,
-        title=study.title,
-        version=splatwire.__version__,
-        subtitle=", ".join(scene.name for scene in study.scenes),
-        notes=study.notes,
-        intervals="",
-        tables={"results": tables, "orderings": [], "equivalence": [], "bytes": []},
-        charts=[],
-        views=[],
-        error_gain=ERROR_GAIN,
-    )
+    subtitle = ", ".join(scene.name for scene in study.scenes)
+    return _render(study, subtitle=subtitle, notes=study.notes, tables={"results": tables})
+
+
+def _render(study: Study, **values: Any) -> str:
+    """Fills the template; what a report does not have stays out of it."""
+    import jinja2
+
+    files = resources.files("splatwire.evaluate.study")
+    source = files.joinpath("report.html.jinja").read_text(encoding="utf-8")
+    style = files.joinpath("report.css").read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True)
+    page = environment.from_string(source)
+    return page.render(title=study.title, version=splatwire.__version__, style=style, error_gain=ERROR_GAIN, **values)
 
 
 def _subtitle(result: StudyResult) -> str:
     study = result.study
     views = {len(result.records[cell.unit.key]) for cell in result.cells}
-    references = ", ".join(sorted({scene.reference for scene in result.scenes.values()}))
+    references = ", ".join(sorted({scene.references.source for scene in result.scenes.values()}))
     seeds = ", ".join(map(str, study.seeds))
+    anchors = [f"{next(iter(scene.streams.values())).num_anchors:,}" for scene in result.scenes.values()]
     return (
-        f"{', '.join(result.scenes)} · {'/'.join(map(str, sorted(views)))} views · seeds {seeds} · "
-        f"compared with {references} · {len(result.records)} units of work"
+        f"{', '.join(result.scenes)} · {'/'.join(anchors)} anchors · {'/'.join(map(str, sorted(views)))} views · "
+        f"seeds {seeds} · compared with {references} · {len(result.records)} units of work"
     )
 
 
@@ -93,13 +96,14 @@ def _charts(result: StudyResult, summaries: Sequence[Summary]) -> list[dict[str,
 
 def _view_names(result: StudyResult, scene: str) -> list[str]:
     cell = next(cell for cell in result.cells if cell.scene == scene)
-    return [record["view"] for record in result.records[cell.unit.key]]
+    return [record.view for record in result.records[cell.unit.key]]
 
 
 def _view(view: ViewPictures) -> dict[str, Any]:
     return {
         "title": f"{view.scene}, view {view.view}",
         "loss": view.loss,
+        "source": view.source,
         "reference": jpeg(view.reference),
         "shots": [_shot(shot, view) for shot in view.shots],
         "maps": [{"name": name, "image": jpeg(pixels)} for name, pixels in view.loss_maps.items()],
@@ -107,6 +111,6 @@ def _view(view: ViewPictures) -> dict[str, Any]:
 
 
 def _shot(shot: Shot, view: ViewPictures) -> dict[str, str]:
-    psnr = f"{shot.psnr:.2f} dB" if math.isfinite(shot.psnr) else "equal to the reference" if shot.psnr > 0 else ""
+    psnr = "" if shot.psnr is None else f"{shot.psnr:.2f} dB" if math.isfinite(shot.psnr) else "equal to the reference"
     error = jpeg(error_map(shot.pixels, view.reference), 75)
     return {"label": shot.label, "psnr": psnr, "image": jpeg(shot.pixels), "error": error}

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study.definition import Row, SceneEntry, Study
-from splatwire.evaluate.study.inputs import PreparedStream, prepare_streams, read_scene
+from splatwire.evaluate.study.inputs import PreparedStream, Source, prepare_streams, read_scene
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.tables import Table
-from splatwire.evaluate.study.units import code_digest
 from splatwire.model import AnchorScene, Mlp
 
 NATIVE = "HAC++ files"
@@ -83,7 +82,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
     with store.locked():
         found = []
         for entry in study.scenes:
-            streams = prepare_streams(study, entry, store, code_digest(), progress)
+            streams = prepare_streams(study, Source(entry), store, progress)
             columns: dict[str, Mapping[str, int]] = {}
             if (native := native_parts(entry)) is not None:
                 columns[NATIVE] = native

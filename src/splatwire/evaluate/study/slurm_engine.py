@@ -71,7 +71,7 @@ class SlurmEngine:
 
 def _tell(store: Store, left: dict[str, Unit], listener: Listener) -> None:
     """Takes what is finished by now off the list."""
-    for key in [key for key in left if store.has(key)]:
+    for key in [key for key, unit in left.items() if unit.is_done(store)]:
         listener(Event(left.pop(key)))
 
 

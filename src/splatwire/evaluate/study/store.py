@@ -3,9 +3,10 @@
 ```
 store/
   lock                        held by the run that coordinates
-  inputs/<key>/...            encoded streams, reference pictures: made once
-  masks/<scene>/<stream>/...  which packets arrived, for other codecs too
+  inputs/<key>/...            encoded streams; reference pictures that were drawn, a file for each view: made once
+  masks/<scene>/<stream>/...  which packets arrived, for other codecs
   units/<key>.parquet         the records of one unit of work
+  pictures/...                what the report shows of units
 ```
 
 Files appear under their names only when they are complete; two writers of one unit write the same content.
@@ -13,16 +14,18 @@ Files appear under their names only when they are complete; two writers of one u
 
 import errno
 import fcntl
+import itertools
 import json
 import os
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from splatwire.errors import SplatwireError
+from splatwire.evaluate.study.records import Record, records_from_bytes, records_to_bytes
 
 UNIT_SUFFIX = ".parquet"
 _UNFINISHED = ".part"
@@ -46,9 +49,20 @@ class Store:
         """Whether a unit is finished."""
         return self.unit_path(key).is_file()
 
-    def missing(self, keys: Iterable[str]) -> list[str]:
-        """The units that are not finished, in order, each once."""
-        return [key for key in dict.fromkeys(keys) if not self.has(key)]
+    def records(self, key: str) -> list[Record]:
+        """Reads the records of a finished unit, views in order.
+
+        Raises:
+            SplatwireError: If they are not there, or not of this unit.
+        """
+        path = self.unit_path(key)
+        try:
+            records = records_from_bytes(path.read_bytes(), str(path))
+        except FileNotFoundError as error:
+            raise SplatwireError(f"{path} is missing although its worker said that it is done") from error
+        if not records or any(record.unit != key for record in records):
+            raise SplatwireError(f"{path} does not hold the records of its unit: remove it and start again")
+        return records
 
     def write(self, name: str, data: bytes) -> Path:
         """Writes a file of the store as a whole.
@@ -63,9 +77,9 @@ class Store:
         """
         return write_whole(self.root / name, data)
 
-    def put_unit(self, key: str, data: bytes) -> None:
-        """Writes the records of a unit."""
-        self.write(str(self.unit_path(key).relative_to(self.root)), data)
+    def put_records(self, key: str, records: Sequence[Record]) -> None:
+        """Writes the records of a unit, which is then finished."""
+        write_whole(self.unit_path(key), records_to_bytes(records))
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -84,6 +98,25 @@ class Store:
             for path in self.root.rglob(f".*{_UNFINISHED}"):
                 path.unlink(missing_ok=True)
             yield
+
+
+@dataclass(frozen=True)
+class MemoryStore(Store):
+    """A store for one run in one process: records stay in memory, files in a folder that may go away afterwards."""
+
+    _finished: dict[str, list[Record]] = field(default_factory=dict)
+
+    def has(self, key: str) -> bool:
+        """See `Store.has`."""
+        return key in self._finished
+
+    def records(self, key: str) -> list[Record]:
+        """See `Store.records`."""
+        return self._finished[key]
+
+    def put_records(self, key: str, records: Sequence[Record]) -> None:
+        """See `Store.put_records`."""
+        self._finished[key] = list(records)
 
 
 def write_whole(path: Path, data: bytes) -> Path:
@@ -123,3 +156,15 @@ def read_json(path: Path) -> dict[str, Any] | None:
     if not isinstance(content, dict):
         raise SplatwireError(f"{path} is damaged: remove it and start again")
     return content
+
+
+def file_names(names: Iterable[str]) -> dict[str, str]:
+    """A file name for each name: without folders or surprises, and another one for each, whatever the file system."""
+    found: dict[str, str] = {}
+    taken: set[str] = set()
+    for name in names:
+        plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip("._")[:120] or "unnamed"
+        numbers = (f"{plain}_{number}" for number in itertools.count(2))
+        found[name] = next(file for file in itertools.chain([plain], numbers) if file.lower() not in taken)
+        taken.add(found[name].lower())
+    return found

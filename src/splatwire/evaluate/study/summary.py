@@ -10,6 +10,7 @@ from typing import Any
 from scipy.stats import t as student
 
 from splatwire.evaluate.study.definition import Loss, Row
+from splatwire.evaluate.study.records import Record
 from splatwire.evaluate.study.run import StudyResult
 
 CONFIDENCE = 0.95
@@ -55,10 +56,12 @@ class Summary:
         dataset: Group of scenes.
         row: The row.
         loss: The loss; None for a row without.
-        figures: Estimate by metric; None where pictures equal their references.
+        figures: Estimate by metric; None where it is not finite.
+        exact: Whether every picture equals its reference.
         delta: Paired difference to the baseline, by metric; empty for the baseline itself.
         by_seed: Mean over views by metric, one per seed.
         by_view: Mean over seeds by metric, one per view.
+        view_range: Lowest and highest value over seeds by metric, one per view.
         num_bytes: Size of the stream and of the weights that travel with it.
         parts: Bytes by part.
         num_packets: Packets of the stream.
@@ -67,7 +70,7 @@ class Summary:
         lost_packets: Share of packets lost, mean over seeds.
         lost_anchors: Share of anchors that lost something, mean over seeds.
         lost_datagrams: Share of datagrams lost, mean over seeds; None without loss.
-        seconds: Seconds by phase, mean over seeds; all views together.
+        seconds: Seconds by phase, mean over seeds; all views together, `encode` only where that was done here.
     """
 
     scene: str
@@ -75,14 +78,16 @@ class Summary:
     row: Row
     loss: Loss | None
     figures: Mapping[str, Estimate | None]
+    exact: bool
     delta: Mapping[str, Estimate | None]
     by_seed: Mapping[str, tuple[float, ...]]
     by_view: Mapping[str, tuple[float, ...]]
+    view_range: Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]
     num_bytes: int
     parts: Mapping[str, int]
     num_packets: int
     num_anchors: int
-    num_gaussians: int
+    num_gaussians: int | None
     lost_packets: float
     lost_anchors: float
     lost_datagrams: float | None
@@ -98,7 +103,7 @@ class Summary:
 
 def summarize(result: StudyResult) -> list[Summary]:
     """Summarises every scene, row and loss, in the order of the protocol."""
-    groups: dict[tuple[str, str, Loss | None], list[list[dict[str, Any]]]] = {}
+    groups: dict[tuple[str, str, Loss | None], list[list[Record]]] = {}
     for cell in result.cells:
         groups.setdefault((cell.scene, cell.row.key, cell.loss), []).append(result.records[cell.unit.key])
     summaries = []
@@ -110,29 +115,30 @@ def summarize(result: StudyResult) -> list[Summary]:
 
 
 def _summary(
-    result: StudyResult, scene: str, row: Row, loss: Loss | None, runs: list[list[dict[str, Any]]],
-    baseline: list[list[dict[str, Any]]] | None,
+    result: StudyResult, scene: str, row: Row, loss: Loss | None, runs: list[list[Record]],
+    baseline: list[list[Record]] | None,
 ) -> Summary:  # fmt: skip
     prepared = result.scenes[scene]
-    stream = prepared.streams[row.variant]
-    metrics = [m for m in result.study.metrics if any(record[m] is not None for record in runs[0])]
+    stream, parts = prepared.streams[row.variant], prepared.parts[row.key]
+    metrics = [m for m in result.study.metrics if any(getattr(record, m) is not None for record in runs[0])]
     by_seed = {metric: tuple(_over_views(run, metric) for run in runs) for metric in metrics}
-    by_view = {metric: _over_seeds(runs, metric) for metric in metrics}
+    views = {metric: _columns(runs, metric) for metric in metrics}
     delta: dict[str, Estimate | None] = {}
     if baseline is not None and len(baseline) == len(runs):
         base = {metric: [_over_views(run, metric) for run in baseline] for metric in metrics}
         delta = {m: Estimate.of([a - b for a, b in zip(by_seed[m], base[m], strict=True)]) for m in metrics}
-    weights = prepared.weights_bytes if row.needs_weights else 0
-    parts = {**stream.parts, **({"gnn_weights": weights} if weights else {})}
+    encoded = {} if stream.seconds_encode is None else {"encode": stream.seconds_encode}
     return Summary(
         scene=scene,
-        dataset=prepared.dataset,
+        dataset=prepared.entry.dataset,
         row=row,
         loss=loss,
         figures={metric: Estimate.of(values) for metric, values in by_seed.items()},
+        exact=all(record.psnr == math.inf for run in runs for record in run),
         delta=delta,
         by_seed=by_seed,
-        by_view=by_view,
+        by_view={metric: tuple(map(statistics.fmean, columns)) for metric, columns in views.items()},
+        view_range={metric: _ends(columns) for metric, columns in views.items()},
         num_bytes=sum(parts.values()),
         parts=parts,
         num_packets=stream.num_packets,
@@ -141,7 +147,7 @@ def _summary(
         lost_packets=_share(runs, "num_lost_packets", "num_packets") or 0.0,
         lost_anchors=_share(runs, "num_lost_anchors", "num_anchors") or 0.0,
         lost_datagrams=_share(runs, "num_lost_datagrams", "num_datagrams"),
-        seconds=_seconds(runs),
+        seconds=encoded | _seconds(runs),
     )
 
 
@@ -176,14 +182,16 @@ def _mean_of(group: Sequence[Summary], name: str, summaries: Sequence[Summary], 
         row=first.row,
         loss=first.loss,
         figures={metric: Estimate.of(values) for metric, values in by_seed.items()},
+        exact=all(s.exact for s in group),
         delta=delta,
         by_seed=by_seed,
         by_view={},
+        view_range={},
         num_bytes=round(statistics.fmean(s.num_bytes for s in group)),
         parts={},
         num_packets=round(statistics.fmean(s.num_packets for s in group)),
         num_anchors=round(statistics.fmean(s.num_anchors for s in group)),
-        num_gaussians=round(statistics.fmean(s.num_gaussians for s in group)),
+        num_gaussians=round(statistics.fmean(s.num_gaussians or 0 for s in group)),
         lost_packets=statistics.fmean(s.lost_packets for s in group),
         lost_anchors=statistics.fmean(s.lost_anchors for s in group),
         lost_datagrams=None,
@@ -243,26 +251,43 @@ def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Orderin
     return found
 
 
-def _over_views(run: list[dict[str, Any]], metric: str) -> float:
-    return statistics.fmean(record[metric] for record in run if record[metric] is not None)
+def streams_of(summaries: Sequence[Summary], scene: str) -> dict[str, Summary]:
+    """A summary for every stream of a scene that differs in its parts, by a name for it."""
+    found: dict[str, Summary] = {}
+    for s in summaries:
+        known = any((s.row.variant, s.parts) == (o.row.variant, o.parts) for o in found.values())
+        if s.scene == scene and s.parts and not known:
+            found[s.row.variant if s.row.variant not in found else f"{s.row.variant} for {s.row.label}"] = s
+    return found
 
 
-def _over_seeds(runs: list[list[dict[str, Any]]], metric: str) -> tuple[float, ...]:
-    views = [view for view, record in enumerate(runs[0]) if record[metric] is not None]
-    return tuple(statistics.fmean(run[view][metric] for run in runs) for view in views)
+def _over_views(run: list[Record], metric: str) -> float:
+    return statistics.fmean(value for record in run if (value := getattr(record, metric)) is not None)
+
+
+def _columns(runs: list[list[Record]], metric: str) -> list[tuple[float, ...]]:
+    """The values of each view, one per seed; of views that were measured."""
+    columns = zip(*([getattr(record, metric) for record in run] for run in runs), strict=True)
+    return [column for column in columns if column[0] is not None]
+
+
+def _ends(columns: list[tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    return tuple(map(min, columns)), tuple(map(max, columns))
 
 
 def _mean_columns(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
     return tuple(statistics.fmean(column) for column in zip(*rows, strict=True))
 
 
-def _share(runs: list[list[dict[str, Any]]], part: str, whole: str) -> float | None:
-    if any(run[0][part] is None for run in runs):
-        return None
-    return statistics.fmean(run[0][part] / max(1, run[0][whole]) for run in runs)
+def _share(runs: list[list[Record]], part: str, whole: str) -> float | None:
+    shares = [(getattr(run[0], part), getattr(run[0], whole)) for run in runs]
+    return None if shares[0][0] is None else statistics.fmean(lost / max(1, sent) for lost, sent in shares)
 
 
-def _seconds(runs: list[list[dict[str, Any]]]) -> dict[str, float]:
-    once = {name: statistics.fmean(run[0][f"seconds_{name}"] for run in runs) for name in ("decode", "conceal")}
-    each = ("render", "score")
-    return once | {n: statistics.fmean(sum(record[f"seconds_{n}"] for record in run) for run in runs) for n in each}
+def _seconds(runs: list[list[Record]]) -> dict[str, float]:
+    def mean(name: str, views: int | None) -> float:
+        return statistics.fmean(sum(getattr(record, f"seconds_{name}") for record in run[:views]) for run in runs)
+
+    return {"decode": mean("decode", 1), "conceal": mean("conceal", 1)} | {
+        n: mean(n, None) for n in ("render", "score")
+    }

@@ -86,14 +86,14 @@ def _result_table(title: str, shown: Sequence[Summary], published: Sequence[Publ
 
 def _best(shown: Sequence[Summary]) -> int | None:
     """The row with the highest PSNR among those with losses."""
-    scores = {i: e.mean for i, s in enumerate(shown) if s.loss is not None and (e := s.figures.get("psnr")) is not None}
+    scores = {i: e.mean for i, s in enumerate(shown) if not s.row.lossless and (e := s.figures.get("psnr")) is not None}
     return max(scores, key=lambda i: scores[i]) if len(scores) > 1 else None
 
 
 def _figure(summary: Summary, metric: str) -> str:
     if metric not in summary.figures:
         return ""
-    return number(summary.figures[metric], _METRICS[metric][1]) or "= reference"
+    return number(summary.figures[metric], _METRICS[metric][1]) or ("= reference" if summary.exact else "not finite")
 
 
 def number(estimate: Estimate | None, digits: int) -> str:
@@ -113,7 +113,7 @@ def signed(estimate: Estimate | None) -> str:
 
 
 def _percent(summary: Summary, share: float) -> str:
-    return "" if summary.loss is None else f"{100 * share:.1f} %"
+    return "" if summary.row.lossless else f"{100 * share:.1f} %"
 
 
 def _paper(values: Mapping[str, float] | None) -> str:
@@ -154,16 +154,29 @@ def equivalence_table(scene: str, by_variant: Mapping[str, Sequence[Equivalence]
     return Table(f"{scene}: what lost datagrams mean in lost packets", columns, tuple(rows))
 
 
-def bytes_table(scene: str, summaries: Sequence[Summary]) -> Table | None:
+def bytes_table(scene: str, streams: Mapping[str, Summary]) -> Table | None:
     """Bytes of each stream by part."""
-    own = {s.row.variant + (" + weights" if s.row.needs_weights else ""): s for s in summaries if s.scene == scene}
-    names = list(dict.fromkeys(part for s in own.values() for part in s.parts))
+    names = list(dict.fromkeys(part for s in streams.values() for part in s.parts))
     if not names:
         return None
-    rows = [(n.replace("_", " "), *(f"{s.parts[n]:,}" if n in s.parts else "" for s in own.values())) for n in names]
-    rows.append(("total", *(f"{s.num_bytes:,}" for s in own.values())))
-    rows.append(("packets", *(f"{s.num_packets:,}" for s in own.values())))
-    return Table(f"{scene}: bytes by part", ("part", *own), tuple(rows))
+    own = list(streams.values())
+    rows = [(n.replace("_", " "), *(f"{s.parts[n]:,}" if n in s.parts else "" for s in own)) for n in names]
+    rows.append(("total", *(f"{s.num_bytes:,}" for s in own)))
+    rows.append(("packets", *(f"{s.num_packets:,}" for s in own)))
+    return Table(f"{scene}: bytes by part", ("part", *streams), tuple(rows))
+
+
+def seconds_table(scene: str, summaries: Sequence[Summary]) -> Table:
+    """What was lost and how long the steps took, in seconds."""
+    own = [s for s in summaries if s.scene == scene]
+    phases = list(dict.fromkeys(phase for s in own for phase in s.seconds))
+    rows = []
+    for s in own:
+        name = s.row.label if s.loss is None else f"{s.row.label}, {s.loss.label}"
+        lost = (f"{s.lost_packets * s.num_packets:,.0f}", f"{s.lost_anchors * s.num_anchors:,.0f}")
+        rows.append((name, *lost, *(f"{s.seconds[phase]:.2f}" if phase in s.seconds else "" for phase in phases)))
+    columns = ("row", "packets lost", "anchors lost", *(f"{phase} (s)" for phase in phases))
+    return Table(f"{scene}: losses and seconds", columns, tuple(rows))
 
 
 def summary_csv(summaries: Sequence[Summary]) -> str:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import difflib
+import math
 import os
 import re
 import sys
@@ -18,7 +19,6 @@ from splatwire.evaluate.study.definition import (
     Row,
     SceneEntry,
     Study,
-    canonical,
 )
 from splatwire.packets import PRESETS, Packetization
 from splatwire.scene.background import Background, check_background
@@ -95,11 +95,31 @@ def _read(path: Path) -> dict[str, Any]:
             data = file.read(MAX_FILE_BYTES + 1)
         if len(data) > MAX_FILE_BYTES:
             raise InvalidValueError(f"{path} is no protocol: it is larger than {MAX_FILE_BYTES} bytes")
-        return tomllib.loads(data.decode("utf-8"))
+        content = tomllib.loads(data.decode("utf-8"))
+        _check_plain("", content)
     except OSError as error:
         raise DatasetError(f"protocol {path} cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError as error:
+        raise InvalidValueError(f"{path} is no protocol: its tables or lists are nested too deeply") from error
+    except SplatwireError as error:
+        raise InvalidValueError(f"{path}: {error}") from error
+    except ValueError as error:  # of the parser, of UTF-8, or of an integer with thousands of digits
         raise InvalidValueError(f"{path} is not valid TOML: {error}") from error
+    return content
+
+
+def _check_plain(place: str, value: Any) -> None:
+    """Refuses what TOML has and protocols do not: dates, numbers that are not finite, integers beyond 64 bits."""
+    if isinstance(value, (dict, list)):
+        for key, item in value.items() if isinstance(value, dict) else enumerate(value, 1):
+            _check_plain(f"{place} {key}".strip()[:80], item)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise InvalidValueError(f"{place} must be a finite number, not {value}")
+    elif isinstance(value, int) and not -(1 << 63) <= value < 1 << 63:
+        raise InvalidValueError(f"{place} is beyond the range of integers in TOML, 64 bits")
+    elif not isinstance(value, (str, int, float)):
+        kind = type(value).__name__
+        raise InvalidValueError(f"{place} must be text, a number, true or false, not the {kind} {value}")
 
 
 def _tables(content: Mapping[str, Any], name: str) -> list[tuple[str, dict[str, Any]]]:
@@ -157,8 +177,13 @@ class _Expander:
                 )
             return os.environ[name]
 
-        path = self.folder / Path(_VARIABLE.sub(value, text)).expanduser()
-        if not path.exists():
+        try:
+            path = self.folder / Path(_VARIABLE.sub(value, text)).expanduser()
+            there = path.exists()
+        except (OSError, RuntimeError, ValueError) as error:  # too long; no such user; a null character
+            reason = getattr(error, "strerror", None) or error
+            raise InvalidValueError(f"{place}: '{text:.60}' is no path: {reason}") from error
+        if not there:
             raise DatasetError(f"{place}: {path} does not exist")
         return path.resolve()
 
@@ -195,7 +220,7 @@ def _row(place: str, table: dict[str, Any]) -> Row:
         changes = {key: table.pop(key) for key in list(table) if key in _PACKETIZATION}
         packetization = dataclasses.replace(PRESETS[preset], **changes)
         table["sections"] = tuple(_texts(place, "sections", table.pop("sections", [])))
-        return Row(packetization=packetization, options=canonical(table.pop("options", {})), **table)
+        return Row(packetization=packetization, **table)
     except SplatwireError as error:
         raise InvalidValueError(f"{place}: {error}") from error
 

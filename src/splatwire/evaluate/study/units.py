@@ -1,72 +1,81 @@
 """Units of work: one row under one mask, named by everything that its result depends on."""
 
-import functools
 import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-import splatwire
+from splatwire.channel import LossMask
+from splatwire.conceal.base import concealer_file
 from splatwire.evaluate.study.definition import WEIGHTS, Loss, Row, Study, canonical
-from splatwire.evaluate.study.inputs import PreparedScene
-
-_ROOMS = ("channel", "codec", "conceal", "data", "entropy", "metrics", "model", "ops", "packets", "render", "scene")
-_OWN = (
-    "evaluate/views.py",
-    *(f"evaluate/study/{name}.py" for name in ("masks", "work", "records", "inputs", "references")),
-)
+from splatwire.evaluate.study.inputs import PreparedScene, PreparedStream
+from splatwire.evaluate.study.records import CODE
+from splatwire.evaluate.study.references import References, digest_of_files
+from splatwire.evaluate.study.store import Store
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Unit:
-    """One row under one mask.
+    """One row under one mask, and which pictures of it are kept.
 
     Attributes:
         scene: Name of the scene.
-        stream: Path of the encoded stream within the store.
-        stream_digest: Digest of its content.
-        views: Path of the folder of references within the store.
-        views_digest: Digest of their content.
-        mask_digest: Digest of which packets arrive; empty without loss.
+        label: Label of the row.
+        stream: What is sent, or scored.
+        references: What pictures are compared with.
+        mask: Which packets arrive; None where nothing is sent.
         loss: The loss; None without.
         seed: Seed of the mask; None without loss.
         conceal: The concealer.
-        options: Its options, canonical JSON.
-        weights: File of its weights; empty if it has none.
-        weights_digest: Digest of their content.
+        options: Its options.
+        weights: File of the scene's weights; empty if it takes none.
+        file_digest: Digest of the file of weights that the concealer reads; empty if it reads none.
         erode: The one attribute that lost anchors lose; None for all.
         metrics: What is measured.
         lpips_digest: Digest of the metric's weights; empty if they are absent or not asked for.
         lpips_views: Most views that LPIPS is computed on.
         renderer: Name of the renderer.
-        code: Digest of the code that computes it.
+        pictures: Views whose pictures are kept.
+        hardest: How many of its own hardest views are kept instead: others show the same ones.
     """
 
     scene: str
-    stream: str
-    stream_digest: str
-    views: str
-    views_digest: str
-    mask_digest: str
+    label: str
+    stream: PreparedStream
+    references: References
+    mask: LossMask | None
     loss: Loss | None
     seed: int | None
     conceal: str
-    options: str
+    options: Mapping[str, Any]
     weights: str
-    weights_digest: str
+    file_digest: str
     erode: str | None
     metrics: tuple[str, ...]
     lpips_digest: str
     lpips_views: int | None
     renderer: str
-    code: str
+    pictures: tuple[int, ...] = ()
+    hardest: int = 0
 
     @property
+    def mask_digest(self) -> str:
+        """Digest of which packets arrive; empty where nothing is sent."""
+        return "" if self.mask is None else self.mask.digest
+
+    @cached_property
     def key(self) -> str:
-        """Name of the unit: equal for equal results. Paths do not count, contents do."""
-        content = asdict(self)
-        for path in ("stream", "views", "weights"):
-            del content[path]
+        """Name of the unit: equal for equal results. Paths do not count, contents do; nor do kept pictures."""
+        content = {
+            "code": CODE,
+            "stream": self.stream.digest,
+            "references": self.references.digest,
+            "mask": self.mask_digest,
+            "loss": self.loss and asdict(self.loss),
+            **{name: getattr(self, name) for name in _COUNTING},
+        }
         return hashlib.sha256(canonical(content).encode()).hexdigest()[:32]
 
     @property
@@ -74,8 +83,29 @@ class Unit:
         """The concealer, with the path of its weights."""
         return self.conceal.replace(WEIGHTS, self.weights)
 
+    def picture(self, view: int) -> str:
+        """Path of a kept picture within the store."""
+        return f"pictures/{self.key}_{view}.png"
 
-@dataclass(frozen=True)
+    def loss_map(self, view: int) -> str:
+        """Path of a loss map within the store: the same for all rows that meet the same losses."""
+        digests = (self.stream.digest, self.references.digest, self.mask_digest)
+        return f"pictures/map_{'_'.join(digest[:16] for digest in digests)}_{view}.png"
+
+    def is_done(self, store: Store) -> bool:
+        """Whether a store has its records and its pictures."""
+        files = [self.picture(view) for view in self.pictures]
+        if self.mask is not None and self.erode is None:
+            files += [self.loss_map(view) for view in self.pictures[:1]]
+        return store.has(self.key) and all((store.root / name).is_file() for name in files)
+
+
+_COUNTING = (
+    "scene", "seed", "conceal", "options", "file_digest", "erode", "metrics", "lpips_digest", "lpips_views", "renderer",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
 class Cell:
     """A unit and the place of its result in the tables."""
 
@@ -87,71 +117,44 @@ class Cell:
 
 
 def list_cells(study: Study, scenes: Mapping[str, PreparedScene], *, lpips_digest: str) -> list[Cell]:
-    """Lists everything that a protocol needs, long work first.
+    """Lists everything that an evaluation needs.
 
     Args:
-        study: The protocol.
+        study: The evaluation.
         scenes: What was prepared, by name of the scene.
         lpips_digest: Digest of the LPIPS weights; empty if they are absent.
     """
     cells = []
-    code = code_digest()
     for scene in scenes.values():
         for row in study.rows:
-            if what_is_missing(row, scene):
+            if scene.lacks(row):
                 continue
             losses: list[tuple[Loss | None, int | None]] = [(None, None)]
-            if not row.lossless:
+            if not row.lossless and scene.streams[row.variant].num_packets:
                 losses = [(loss, seed) for loss in study.losses for seed in study.seeds]
-            for loss, seed in losses:
-                cells.append(_cell(study, scene, row, loss, seed, lpips_digest, code))
+            cells += [_cell(study, scene, row, loss, seed, lpips_digest) for loss, seed in losses]
     return cells
 
 
-def _cell(
-    study: Study, scene: PreparedScene, row: Row, loss: Loss | None, seed: int | None, lpips_digest: str, code: str
-) -> Cell:
-    stream = scene.streams[row.variant]
-    mask = "" if loss is None or seed is None else scene.masks[(row.variant, loss, seed)].digest
-    uses_weights = row.needs_weights
+def _cell(study: Study, scene: PreparedScene, row: Row, loss: Loss | None, seed: int | None, lpips_digest: str) -> Cell:
+    weights = str(scene.entry.weights or "") if row.needs_weights else ""
+    file = concealer_file(row.conceal.replace(WEIGHTS, weights), row.options)
     unit = Unit(
-        scene=scene.name,
-        stream=stream.path,
-        stream_digest=stream.digest,
-        views=scene.views,
-        views_digest=scene.views_digest,
-        mask_digest=mask,
+        scene=scene.entry.name,
+        label=row.label,
+        stream=scene.streams[row.variant],
+        references=scene.references,
+        mask=None if loss is None or seed is None else scene.masks[(row.variant, loss, seed)],
         loss=loss,
         seed=seed,
         conceal=row.conceal,
         options=row.options,
-        weights=scene.weights if uses_weights else "",
-        weights_digest=scene.weights_digest if uses_weights else "",
+        weights=weights,
+        file_digest="" if file is None else digest_of_files(Path(file)),
         erode=row.erode,
         metrics=study.metrics,
         lpips_digest=lpips_digest if "lpips" in study.metrics else "",
         lpips_views=study.lpips_views,
         renderer=study.renderer,
-        code=code,
     )
-    return Cell(scene.name, row, loss, seed, unit)
-
-
-@functools.lru_cache(maxsize=1)
-def code_digest() -> str:
-    """Digest of the source that results depend on: results of other code are never taken for this one's."""
-    root = Path(splatwire.__file__).parent
-    files = [path for room in _ROOMS for path in sorted((root / room).rglob("*.py"))] + [root / name for name in _OWN]
-    digest = hashlib.sha256()
-    for path in files:
-        digest.update(f"{path.relative_to(root)}\0".encode())
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:16]
-
-
-def what_is_missing(row: Row, scene: PreparedScene) -> str:
-    """Why a row cannot run on a scene; empty if it can."""
-    if row.needs_weights and not scene.weights:
-        return "it has no calibrated weights (splatwire calibrate makes them)"
-    absent = [name for name in row.sections if name not in scene.sections]
-    return f"it has no section '{absent[0]}' (splatwire calibrate adds it)" if absent else ""
+    return Cell(scene.entry.name, row, loss, seed, unit)

@@ -1,15 +1,16 @@
-"""One unit of work, from a stream in the store to the scores of its views; runs in a worker of any engine."""
+"""One unit of work, from a stream to the scores of its views and the pictures that are kept of them."""
 
 import dataclasses
-import json
+import functools
 import math
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -17,26 +18,30 @@ from torch import Tensor
 from splatwire.codec import decode_stream
 from splatwire.conceal import conceal, create_concealer
 from splatwire.errors import SplatwireError
-from splatwire.evaluate.study.masks import LossMask, draw_mask
-from splatwire.evaluate.study.records import records_to_bytes
-from splatwire.evaluate.study.references import load_views
+from splatwire.evaluate.lossmap import draw_loss_map
+from splatwire.evaluate.pixels import png_bytes, to_pixels
+from splatwire.evaluate.study.definition import canonical
+from splatwire.evaluate.study.records import CODE, Record, hardest
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
 from splatwire.evaluate.views import Compared, ReferenceViews, spread, views_of
 from splatwire.metrics import Lpips, find_lpips
 from splatwire.model import AnchorScene, PartialScene
+from splatwire.model.scene_file import load_scene_file
 from splatwire.packets import SceneStream, read_stream
 from splatwire.scene import Anchors, Attribute, Erasures
 
 _MAX_FEATURE_BYTES = 1 << 30
-"""LPIPS features of references that a worker keeps."""
+"""LPIPS features of references that a worker keeps; those of one 800x600 picture take a quarter of this."""
 _STREAMS, _SCENES, _VIEWS = 4, 2, 4
 """Streams, decoded scenes and sets of references that a worker keeps."""
 Value = TypeVar("Value")
+Decode = Callable[[SceneStream], PartialScene]
+Progress = Callable[[str, float], None]
 
 
 def run_unit(root: str, unit: Unit) -> str:
-    """Computes a unit and writes its records into the store, unless they are there.
+    """Computes a unit in a worker and writes its records into the store, unless they are there.
 
     Args:
         root: Folder of the store.
@@ -46,14 +51,17 @@ def run_unit(root: str, unit: Unit) -> str:
         Its key.
     """
     store = Store(Path(root))
-    if not store.has(unit.key):
-        workshop = _WORKSHOPS.setdefault(root, Workshop(store))
-        store.put_unit(unit.key, records_to_bytes(workshop.records(unit)))
+    if not unit.is_done(store):
+        _WORKSHOPS.setdefault(root, Workshop(store, functools.partial(decode_stream, threads=1))).compute(unit)
     return unit.key
 
 
 _WORKSHOPS: dict[str, "Workshop"] = {}
 """What a worker process keeps from one unit to the next, by store."""
+
+
+def _silent(task: str, share: float) -> None:
+    """Shows nothing."""
 
 
 def use_one_thread() -> None:
@@ -66,100 +74,151 @@ def use_one_thread() -> None:
     threadpool_limits(limits=1)
 
 
-@dataclass(eq=False)
-class Workshop:
-    """Streams, decoded scenes, references and the metric's features that units share.
+@dataclass(frozen=True, eq=False)
+class Arrived:
+    """What is there of a scene before anything is concealed.
 
     Attributes:
-        store: The store.
+        scene: The decoded scene, or one that can be drawn as it is.
+        erasures: What of it was received; None for a scene that was never sent.
+        num_packets: Packets that arrived.
+        num_bytes: Bytes that arrived.
+        seconds: Seconds that decoding took.
+    """
+
+    scene: AnchorScene | PartialScene
+    erasures: Erasures | None
+    num_packets: int
+    num_bytes: int
+    seconds: float
+
+    @property
+    def complete(self) -> AnchorScene:
+        """The scene without its gaps being known."""
+        return self.scene.scene if isinstance(self.scene, PartialScene) else self.scene
+
+    @property
+    def num_lost(self) -> int:
+        """Anchors that lost something."""
+        return 0 if self.erasures is None else self.erasures.num_lost
+
+
+@dataclass(eq=False)
+class Workshop:
+    """Computes units; streams, decoded scenes, references and the metric's features are kept from one to the next.
+
+    Attributes:
+        store: Where records and pictures go.
+        decode: How a received stream becomes a scene.
+        progress: Called with the row and the share of its views that is done.
     """
 
     store: Store
+    decode: Decode = decode_stream
+    progress: Progress = _silent
     _streams: "OrderedDict[str, SceneStream]" = field(default_factory=OrderedDict)
-    _decoded: "OrderedDict[tuple[str, str], tuple[PartialScene, float]]" = field(default_factory=OrderedDict)
+    _arrived: "OrderedDict[tuple[str, str], Arrived]" = field(default_factory=OrderedDict)
     _views: "OrderedDict[str, ReferenceViews]" = field(default_factory=OrderedDict)
     _features: "OrderedDict[tuple[str, int], tuple[Tensor, ...]]" = field(default_factory=OrderedDict)
     _lpips: Lpips | None = None
 
-    def records(self, unit: Unit) -> list[dict[str, Any]]:
-        """Computes the records of a unit, one per view."""
-        mask, partial, seconds = self.received(unit)
+    def compute(self, unit: Unit) -> None:
+        """Conceals, draws and scores; writes the pictures that are asked for, and then the records."""
+        arrived = self.arrived(unit)
         started = time.perf_counter()
-        scene = concealed(partial, unit)
-        common = self._common(unit, mask, partial)
-        common["seconds_conceal"], common["seconds_decode"] = time.perf_counter() - started, seconds
-        views = self.views(unit)
+        scene = concealed(arrived.scene, unit)
+        common = self._common(unit, arrived) | {"seconds_conceal": time.perf_counter() - started}
+        views = self._keep(self._views, unit.references.digest, _VIEWS, lambda: unit.references.open(self.store.root))
         wanted = spread(views.cameras.num_views, unit.lpips_views) if unit.lpips_digest else []
-        records = []
+        records: list[Record] = []
+        kept: dict[int, np.ndarray] = {}
         for view, (image, drawn) in enumerate(_timed(views_of(scene, views.cameras, unit.renderer, views.background))):
-            began = time.perf_counter()
-            scores = self._scores(unit, view, views.compared(view, image), lpips=view in wanted)
-            timings = {"seconds_render": drawn, "seconds_score": time.perf_counter() - began}
-            place = {"view": views.cameras.names[view], "view_index": view}
-            records.append({**common, **place, **scores, **timings})
-        return records
+            began, both = time.perf_counter(), views.compared(view, image)
+            scores = self._scores(unit, view, both, lpips=view in wanted)
+            scores |= {"seconds_render": drawn, "seconds_score": time.perf_counter() - began}
+            records.append(Record(**common, **scores, view=views.cameras.names[view], view_index=view))
+            if view in unit.pictures or unit.hardest:
+                kept[view] = to_pixels(both.image[0])
+                shown = unit.pictures or hardest(records, unit.hardest)
+                kept = {view: kept[view] for view in shown if view in kept}
+            self.progress(unit.label, (view + 1) / views.cameras.num_views)
+        self._write_pictures(unit, kept, arrived, views)
+        self.store.put_records(unit.key, records)
 
-    def received(self, unit: Unit) -> tuple[LossMask | None, PartialScene, float]:
-        """What arrived of the unit's stream, decoded; and the seconds that decoding took."""
-        stream = self._keep(self._streams, unit.stream, _STREAMS, lambda: self._read(unit))
-        mask = None
-        sent = stream
-        if unit.loss is not None and unit.seed is not None:
-            mask = draw_mask(stream, unit.loss, unit.seed)
-            if mask.digest != unit.mask_digest:
-                raise SplatwireError(f"the mask of unit {unit.key} is not the one that was saved for it")
-            sent = mask.apply(stream)
+    def _write_pictures(self, unit: Unit, kept: dict[int, np.ndarray], arrived: Arrived, views: ReferenceViews) -> None:
+        for view, pixels in kept.items():
+            self.store.write(unit.picture(view), png_bytes(pixels))
+        erasures, hard = arrived.erasures, next(iter(kept), None)
+        if hard is None or erasures is None or unit.erode is not None or not (unit.loss or erasures.num_lost):
+            return
+        if not (self.store.root / unit.loss_map(hard)).is_file():
+            anchors, reference = arrived.complete.anchors, views.reference(hard)
+            losses = draw_loss_map(anchors, erasures.known, views.cameras, hard, reference)
+            self.store.write(unit.loss_map(hard), png_bytes(losses))
 
-        def decode() -> tuple[PartialScene, float]:
+    def arrived(self, unit: Unit) -> Arrived:
+        """What arrived of the unit's stream, decoded."""
+        stream = self._stream(unit)
+        sent = stream if stream is None or unit.mask is None else unit.mask.apply(stream)
+        arrived = self._decoded(unit, unit.mask_digest, sent)
+        if unit.erode is not None and unit.mask is not None and arrived.erasures is not None:
+            whole = self._decoded(unit, "", stream).scene
+            assert isinstance(whole, PartialScene)
+            eroded = erode(whole, ~arrived.erasures.known, Attribute[unit.erode.upper()])
+            arrived = dataclasses.replace(arrived, scene=eroded, erasures=eroded.erasures)
+        return arrived
+
+    def _stream(self, unit: Unit) -> SceneStream | None:
+        """The stream of a unit; None for a scene that is scored as it is."""
+        path = self.store.root / unit.stream.path
+        if not unit.stream.num_packets:
+            return None
+        return self._keep(self._streams, unit.stream.digest, _STREAMS, lambda: read_stream(path)[0])
+
+    def _decoded(self, unit: Unit, mask: str, sent: SceneStream | None) -> Arrived:
+        def decode() -> Arrived:
+            if sent is None:
+                scene, erasures = load_scene_file(self.store.root / unit.stream.path)
+                return Arrived(scene, erasures, 0, sum(unit.stream.parts.values()), 0.0)
             started = time.perf_counter()
-            partial = decode_stream(sent, threads=1)
-            return partial, time.perf_counter() - started
+            partial = self.decode(sent)
+            seconds = time.perf_counter() - started
+            return Arrived(partial, partial.erasures, len(sent.packets), sent.num_bytes, seconds)
 
-        partial, seconds = self._keep(self._decoded, (unit.stream, unit.mask_digest), _SCENES, decode)
-        if unit.erode is not None and mask is not None:
-            complete = (unit.stream, "")
-            whole, _ = self._keep(self._decoded, complete, _SCENES, lambda: (decode_stream(stream, threads=1), 0.0))
-            partial = erode(whole, ~partial.erasures.known, Attribute[unit.erode.upper()])
-        return mask, partial, seconds
+        return self._keep(self._arrived, (unit.stream.digest, mask), _SCENES, decode)
 
-    def views(self, unit: Unit) -> ReferenceViews:
-        """The references of a unit."""
-        return self._keep(self._views, unit.views, _VIEWS, lambda: load_views(self.store, unit.views))
-
-    def _read(self, unit: Unit) -> SceneStream:
-        return read_stream(self.store.root / unit.stream)[0]
-
-    def _common(self, unit: Unit, mask: LossMask | None, partial: PartialScene) -> dict[str, Any]:
-        stream = self._streams[unit.stream]
-        lost = 0 if mask is None else mask.num_lost
-        received = stream.num_bytes if mask is None else mask.apply(stream).num_bytes
+    def _common(self, unit: Unit, arrived: Arrived) -> dict[str, Any]:
+        """What the records of all views say."""
         return {
             "unit": unit.key,
             "scene": unit.scene,
-            "stream": Path(unit.stream).stem,
+            "stream": Path(unit.stream.path).stem,
             "mask": unit.mask_digest,
             "loss": "none" if unit.loss is None else unit.loss.model,
             "loss_unit": None if unit.loss is None else unit.loss.unit,
             "send_order": None if unit.loss is None else unit.loss.send_order,
             "seed": unit.seed,
             "conceal": unit.conceal,
-            "options": unit.options,
+            "options": canonical(unit.options),
             "erode": unit.erode,
             "renderer": unit.renderer,
-            "code": unit.code,
-            "num_anchors": partial.scene.anchors.num_anchors,
-            "num_lost_anchors": partial.erasures.num_lost,
-            "num_packets": len(stream.packets),
-            "num_lost_packets": lost,
-            "num_datagrams": None if mask is None else mask.num_datagrams,
-            "num_lost_datagrams": None if mask is None else mask.num_lost_datagrams,
-            "num_bytes_received": received,
+            "code": CODE,
+            "num_anchors": arrived.complete.anchors.num_anchors,
+            "num_lost_anchors": arrived.num_lost,
+            "num_packets": unit.stream.num_packets,
+            "num_lost_packets": unit.stream.num_packets - arrived.num_packets,
+            "num_datagrams": unit.mask and unit.mask.num_datagrams,
+            "num_lost_datagrams": unit.mask and unit.mask.num_lost_datagrams,
+            "num_bytes_received": arrived.num_bytes,
+            "seconds_decode": arrived.seconds,
         }
 
-    def _scores(self, unit: Unit, view: int, both: Compared, *, lpips: bool) -> dict[str, float | None]:
+    def _scores(self, unit: Unit, view: int, both: Compared, *, lpips: bool) -> dict[str, Any]:
         value = both.psnr()
         equal = math.isinf(value)  # then the slower metrics need not be computed
-        scores: dict[str, float | None] = {"psnr": value} if "psnr" in unit.metrics else {}
+        scores: dict[str, Any] = dict.fromkeys(("psnr", "ssim", "lpips"))
+        if "psnr" in unit.metrics:
+            scores["psnr"] = value
         if "ssim" in unit.metrics:
             scores["ssim"] = 1.0 if equal else both.ssim()
         if lpips:
@@ -171,7 +230,7 @@ class Workshop:
             self._lpips = find_lpips()
         if self._lpips is None:
             raise SplatwireError("this worker has no LPIPS weights: set SPLATWIRE_LPIPS_DIR for it, too")
-        key = (unit.views, view)
+        key = (unit.references.digest, view)
         features = self._features.get(key)
         if features is None:
             features = self._lpips.features(both.reference)
@@ -192,10 +251,11 @@ class Workshop:
         return cache[key]
 
 
-def concealed(partial: PartialScene, unit: Unit) -> AnchorScene:
-    """Conceals what a unit lost."""
-    options: Mapping[str, Any] = json.loads(unit.options)
-    return conceal(partial, create_concealer(unit.concealer, **options))
+def concealed(scene: AnchorScene | PartialScene, unit: Unit) -> AnchorScene:
+    """Conceals what a unit lost; a scene that can be drawn stays as it is."""
+    if not isinstance(scene, PartialScene):
+        return scene
+    return conceal(scene, create_concealer(unit.concealer, **unit.options))
 
 
 def erode(whole: PartialScene, anchors: Bool[Tensor, "N"], attribute: Attribute) -> PartialScene:

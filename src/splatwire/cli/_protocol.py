@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from splatwire.evaluate.study import SceneEntry, Store, Study, StudyResult
 
 BUNDLED = "bundled"
-_NOT_WITH_PROTOCOLS = ("data", "reference", "loss", "conceal", "contiguous")
+_NOT_WITH_PROTOCOLS = ("data", "reference", "loss", "conceal", "contiguous", "send_order")
 
 
 def run_protocol(settings: "Evaluate") -> None:
@@ -31,14 +31,14 @@ def run_protocol(settings: "Evaluate") -> None:
         if getattr(settings, name):
             raise InvalidValueError(f"--{name.replace('_', '-')} is not for protocol files: edit the protocol")
     study = study_of(settings)
-    engine = create_engine(settings.engine, settings.workers)
+    engine = create_engine(settings.engine or "local", settings.workers)
     store = Store((settings.store or settings.output / "store").resolve())
     if study.kind == "sizes":
         _run_sizes(settings, study, store)
         return
     with progress_bars() as show:
         result = run_study(study, store, engine, show)
-        files = write_outputs(result, store, settings.output, show)
+        files = write_outputs(result, store, settings.output)
     _tell(settings, result, files)
 
 
@@ -70,7 +70,7 @@ def study_of(settings: "Evaluate") -> "Study":
         seeds=settings.seeds or study.seeds,
         views=settings.views or study.views,
         lpips_views=settings.lpips_views or study.lpips_views,
-        renderer=study.renderer if settings.renderer == "cpu" else settings.renderer,
+        renderer=settings.renderer or study.renderer,
     )
 
 
@@ -81,8 +81,10 @@ def _replaced_scene(settings: "Evaluate") -> "SceneEntry | None":
     from splatwire.evaluate.study import SceneEntry
 
     if settings.scene is None:
-        if settings.photos or settings.cameras or settings.weights:
-            raise InvalidValueError("--photos, --cameras and --weights describe the scene of --scene: give that, too")
+        if settings.photos or settings.cameras or settings.weights or settings.scene_name:
+            raise InvalidValueError(
+                "--photos, --cameras, --weights and --scene-name describe the scene of --scene: give that, too"
+            )
         return None
     cameras: Path | None
     if settings.scene == BUNDLED:

@@ -1,0 +1,43 @@
+"""Pictures as bytes: pixels, PNG files, and JPEG pictures that a page carries in itself."""
+
+import base64
+import io
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from PIL import Image
+from torch import Tensor
+
+ERROR_GAIN = 4
+
+
+def to_pixels(image: Float[Tensor, "H W 3"]) -> np.ndarray:
+    """Rounds RGB in [0, 1] to bytes."""
+    return (image.clamp(0, 1) * 255 + 0.5).to(torch.uint8).cpu().numpy()
+
+
+def error_map(pixels: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """The largest channel difference of every pixel, times `ERROR_GAIN`; uint8, H W."""
+    error = np.abs(pixels.astype(np.int16) - reference.astype(np.int16)).max(axis=2)
+    return np.clip(error * ERROR_GAIN, 0, 255).astype(np.uint8)
+
+
+def png_bytes(pixels: np.ndarray) -> bytes:
+    """RGB, uint8, as a PNG file."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def png_pixels(data: bytes) -> np.ndarray:
+    """RGB, uint8, of a PNG file."""
+    with Image.open(io.BytesIO(data)) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def jpeg(pixels: np.ndarray, quality: int = 88) -> str:
+    """RGB or grey, uint8, as the address of a JPEG picture that a page carries in itself."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=quality)
+    return "data:image/jpeg;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -1,0 +1,93 @@
+"""A plain evaluation: a study of one scene, one loss, and a row for each concealer."""
+
+import math
+import statistics
+from collections.abc import Iterable
+from typing import Any
+
+from splatwire.evaluate.study.definition import Row
+from splatwire.evaluate.study.run import StudyResult
+from splatwire.evaluate.study.summary import Summary, summarize
+from splatwire.packets import Packetization
+
+USUAL_ORDER = ("drop", "prior", "idw", "cari", "grow")
+"""Rows of a table from the simplest concealer on; others follow in the order in which they are named."""
+
+
+def concealment_rows(
+    concealers: Iterable[str],
+    packetization: Packetization | None = None,
+    *,
+    complete: bool = True,
+    contiguous: Packetization | None = None,
+) -> tuple[Row, ...]:
+    """Builds the usual rows: no loss, contiguous drop, then one per concealer.
+
+    Args:
+        concealers: Names of concealers.
+        packetization: How the scene is packed; None to send a stream as it is.
+        complete: Whether the stream is complete, so that there can be a row without loss.
+        contiguous: How the scene is packed for the ablation of the grouping; None for no such row.
+    """
+    rows = [Row("no loss", "no loss", packetization, lossless=True)] if complete else []
+    rows += [Row("contiguous drop", "contiguous drop", contiguous)] if contiguous else []
+    usual = {name: index for index, name in enumerate(USUAL_ORDER)}
+    ordered = sorted(dict.fromkeys(concealers), key=lambda name: usual.get(name, len(usual)))
+    return (*rows, *(Row(name, name, packetization, name) for name in ordered))
+
+
+def plain_content(result: StudyResult) -> dict[str, Any]:
+    """The whole result of a plain evaluation as plain numbers, text and lists."""
+    study, (scene,), loss = result.study, result.scenes.values(), result.study.losses[0]
+    rows = [_row(result, summary) for summary in summarize(result)]
+    streams = {_stream_name(row): scene.streams[row.variant] for row in reversed(study.rows)}
+    return {
+        "rows": rows,
+        "loss": loss.process.name,
+        "unit": loss.unit,
+        "seeds": list(study.seeds),
+        "send_order": loss.send_order,
+        "renderer": study.renderer,
+        "reference": scene.references.source,
+        "masked": scene.references.masked,
+        "views": [record.view for record in result.records[result.cells[0].unit.key]],
+        "num_anchors": result.records[result.cells[0].unit.key][0].num_anchors,
+        "num_packets": {name: stream.num_packets for name, stream in streams.items()},
+        "lpips": result.lpips_note or "computed on every view",
+    }
+
+
+def _row(result: StudyResult, summary: Summary) -> dict[str, Any]:
+    row = summary.row
+    runs = [result.records[cell.unit.key][0] for cell in result.cells if cell.row is row]
+    seconds = {phase: value for phase, value in summary.seconds.items() if phase != "score"}
+    psnr, (ssim, lpips) = summary.figures.get("psnr"), (summary.by_seed.get(name) for name in ("ssim", "lpips"))
+    return {
+        "method": row.label,
+        "psnr": psnr and psnr.mean,
+        "ssim": ssim and statistics.fmean(ssim),
+        "lpips": lpips and statistics.fmean(lpips),
+        "seconds": sum(seconds.values()),
+        "num_bytes": summary.num_bytes,
+        "exact": summary.exact,
+        "concealer": None if row.lossless else row.conceal,
+        "stream": _stream_name(row),
+        "num_lost": statistics.fmean(run.num_lost_anchors for run in runs),
+        "num_lost_packets": statistics.fmean(run.num_lost_packets for run in runs),
+        "num_bytes_received": statistics.fmean(run.num_bytes_received for run in runs),
+        "seconds_by_phase": seconds,
+        "psnr_by_seed": _finite(summary.by_seed["psnr"]),
+        "psnr_spread": psnr and psnr.spread,
+        "psnr_by_view": _finite(summary.by_view["psnr"]),
+        "parts": dict(summary.parts),
+    }
+
+
+def _finite(values: Iterable[float]) -> list[float | None]:
+    """The numbers themselves, or None where they are infinite."""
+    return [value if math.isfinite(value) else None for value in values]
+
+
+def _stream_name(row: Row) -> str:
+    """Rows that differ from the others in their packets are those of contiguous anchors."""
+    return "contiguous" if row.packetization is not None and row.packetization.grouping == "contiguous" else "stream"
