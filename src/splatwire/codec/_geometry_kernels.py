@@ -3,14 +3,18 @@
 A node is a run of sorted codes that agree in all bits above `bit`. Both ends know its size n; what is sent is how many
 of its points have a zero in `bit`. Lone points send the bit itself. Anchors grown on a coarse voxel grid have runs
 of zeros in their low bits, so contexts count the zeros just before.
+
+Rows and slices are written number by number: numba compiles an assignment to a slice with all the ways in which shapes
+can disagree, down to their error message, which takes longer than the coder itself.
 """
 
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.entropy._kernels import (
+    NORMAL,
+    ZERO,
     decode_bit,
     decode_symbol,
     decoder_start,
@@ -19,6 +23,7 @@ from splatwire.entropy._kernels import (
     encoder_finish,
     encoder_start,
 )
+from splatwire.ops.compiled import njit
 
 MAX_BITS = 63
 RUNS = 16
@@ -28,7 +33,7 @@ TREE = PAIR + 2 * MAX_BITS * RUNS
 NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 
 
-@njit(cache=True, inline="always")
+@njit()
 @no_type_check
 def large_count_normal(n):
     """Mean (12 fractional bits) and scale index of the zero count of a node with many points: scale about n / 4."""
@@ -38,7 +43,7 @@ def large_count_normal(n):
     return np.int64(n) << 11, min((exponent - 2 + 6) << 4, 319)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
     """First index in `[begin, end)` whose code has a one in `bit`."""
@@ -52,7 +57,7 @@ def split(codes, begin, end, bit):
     return low
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
     """Codes how many of a node's n points have a zero in `bit`."""
@@ -75,10 +80,10 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
                 break
     else:
         mean, scale = large_count_normal(n)
-        encode_symbol(buffer, state, zeros, mean, scale, 0, 0, 65536, inverses, widths, table)
+        encode_symbol(buffer, state, zeros, mean, scale, ZERO, ZERO, NORMAL, inverses, widths, table)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
     """Inverse of `encode_count`; hostile codes are clipped to 0..n."""
@@ -96,52 +101,56 @@ def decode_count(data, end, state, models, n, bit, run, inverses, widths, table)
             node = 2 * node + decode_bit(data, end, state, models, base + node)
         return min(node - SMALL, n)
     mean, scale = large_count_normal(n)
-    zeros = decode_symbol(data, end, state, mean, scale, 0, 0, 65536, inverses, widths, table)
+    zeros = decode_symbol(data, end, state, mean, scale, ZERO, ZERO, NORMAL, inverses, widths, table)
     return min(max(zeros, 0), n)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def encode_codes(codes, bits, models, inverses, widths, table, buffer):
     """Codes sorted Morton codes of `bits` bits; returns the number of bytes."""
     state = np.empty(3, np.int64)
     encoder_start(state)
     stack = np.empty((MAX_BITS + 2, 4), np.int64)
-    stack[0] = (0, len(codes), bits - 1, 0)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, len(codes), bits - 1, 0
     top = 0
     while top >= 0:
-        begin, end, bit, run = stack[top]
+        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
         top -= 1
         if bit < 0 or begin == end:
             continue
         middle = split(codes, begin, end, bit)
         encode_count(buffer, state, models, end - begin, middle - begin, bit, run, inverses, widths, table)
         top += 1
-        stack[top] = (middle, end, bit - 1, 0)
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = middle, end, bit - 1, 0
         top += 1
-        stack[top] = (begin, middle, bit - 1, min(run + 1, RUNS - 1))
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = begin, middle, bit - 1, min(run + 1, RUNS - 1)
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def decode_codes(data, count, bits, models, inverses, widths, table, codes):
     """Inverse of `encode_codes`; fills `codes` in ascending order."""
     state = np.empty(3, np.int64)
-    decoder_start(data, 0, len(data), state)
+    decoder_start(data, ZERO, len(data), state)
     stack = np.empty((MAX_BITS + 2, 5), np.int64)
-    stack[0] = (0, count, bits - 1, 0, 0)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = 0, count, bits - 1, 0, 0
     top = 0
     while top >= 0:
-        begin, end, bit, run, prefix = stack[top]
+        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        prefix = stack[top, 4]
         top -= 1
         if begin == end:
             continue
         if bit < 0:
-            codes[begin:end] = prefix
+            for i in range(begin, end):
+                codes[i] = prefix
             continue
         zeros = decode_count(data, len(data), state, models, end - begin, bit, run, inverses, widths, table)
         top += 1
-        stack[top] = (begin + zeros, end, bit - 1, 0, (prefix << 1) | 1)
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = begin + zeros, end, bit - 1, 0
+        stack[top, 4] = (prefix << 1) | 1
         top += 1
-        stack[top] = (begin, begin + zeros, bit - 1, min(run + 1, RUNS - 1), prefix << 1)
+        stack[top, 0], stack[top, 1], stack[top, 2] = begin, begin + zeros, bit - 1
+        stack[top, 3], stack[top, 4] = min(run + 1, RUNS - 1), prefix << 1

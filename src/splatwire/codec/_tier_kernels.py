@@ -3,9 +3,9 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
-from splatwire.entropy._kernels import decode_bit, decoder_start, encode_bit, encoder_finish, encoder_start
+from splatwire.entropy._kernels import ZERO, decode_bit, decoder_start, encode_bit, encoder_finish, encoder_start
+from splatwire.ops.compiled import njit
 
 COUNTS = 16
 """Steps of the decaying count of anchors that are at least as important."""
@@ -13,7 +13,7 @@ STATES = 4 * COUNTS
 """Contexts of a tier's bit: that count, and the same bit of the two anchors before."""
 
 
-@njit(cache=True, inline="always")
+@njit()
 @no_type_check
 def tier_context(tier, count, recent):
     """Context of a bit: the count, 0 to 1 in 16 bits, is quantised finely near zero."""
@@ -24,7 +24,7 @@ def tier_context(tier, count, recent):
     return tier * STATES + 4 * step + recent
 
 
-@njit(cache=True, inline="always")
+@njit()
 @no_type_check
 def remember(counts, recents, tier, important):
     """Updates what later anchors know of this one."""
@@ -32,7 +32,7 @@ def remember(counts, recents, tier, important):
     recents[tier] = (2 * recents[tier] + (1 if important else 0)) & 3
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def encode_tiers(tiers, num_tiers, models, buffer):
     """Codes tiers; returns the number of bytes. Each is a run of bits: is it tier 0, is it tier 1, ..."""
@@ -48,12 +48,12 @@ def encode_tiers(tiers, num_tiers, models, buffer):
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def decode_tiers(data, num_tiers, models, tiers):
     """Inverse of `encode_tiers`; any bytes give tiers below `num_tiers`."""
     state = np.empty(3, np.int64)
-    decoder_start(data, 0, len(data), state)
+    decoder_start(data, ZERO, len(data), state)
     counts, recents = np.zeros(num_tiers, np.int64), np.zeros(num_tiers, np.int64)
     for n in range(len(tiers)):
         tiers[n] = num_tiers - 1

@@ -6,13 +6,15 @@ Every query is on its own, so results do not depend on how queries are shared am
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from splatwire.ops.compiled import njit
 
 _FAST = {"contract", "reassoc", "nsz"}  # sums of products in any order; NaN and infinity keep their meaning
 _BATCH = 64
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(fastmath=_FAST)
 @no_type_check
 def _similarity(a, b):
     """`(a . b + 1) / 2` of unit vectors, kept in [0, 1] against rounding."""
@@ -22,7 +24,7 @@ def _similarity(a, b):
     return min(max((total + np.float32(1)) * np.float32(0.5), np.float32(0)), np.float32(1))
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _power(base, exponent):
     """`base ** exponent`, without the general power where the paper's constants do not need it."""
@@ -35,7 +37,7 @@ def _power(base, exponent):
     return base**exponent
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _insert(index, strength, candidate, u):
     """Puts a candidate into the descending list, behind its equals; the weakest falls out."""
@@ -48,7 +50,7 @@ def _insert(index, strength, candidate, u):
     index[place] = candidate
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _score_query(context, signature, reliability, query, candidates, distance, exponents, index, strength):
     """Fills the lists of one query: `index` and `strength`, (groups, keep)."""
@@ -63,7 +65,7 @@ def _score_query(context, signature, reliability, query, candidates, distance, e
                 _insert(index[g], strength[g], k, u)
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def _score_all(context, signature, reliability, queries, candidates, distance, exponents, index, strength):
     for batch in prange((queries.shape[0] + _BATCH - 1) // _BATCH):

@@ -8,7 +8,8 @@ changes nothing in it. What these kernels must compute is what `NeighborTree.que
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from splatwire.ops.compiled import njit
 
 RUN = 32
 """Anchors of a run."""
@@ -16,7 +17,7 @@ GROUP = 32
 """Runs of a group, which has a box of its own."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def boxes_of(positions, size):
     """Bounding boxes of runs of `size` points: float64 (runs, 6), lower corner and upper corner."""
@@ -31,7 +32,7 @@ def boxes_of(positions, size):
     return boxes
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def _box_distance(box, x, y, z):
     """Distance of a point to a box, never more than that to a point inside, however sums are rounded."""
@@ -41,7 +42,7 @@ def _box_distance(box, x, y, z):
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def largest(values, size, result):
     """Largest value of every run of `size`, into `result`."""
@@ -52,7 +53,7 @@ def largest(values, size, result):
         result[run] = top
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def _insert(distances, indices, distance, index):
     """Puts a neighbour into the ascending list if it belongs there; ties go to the lower index. True if it did."""
@@ -69,7 +70,7 @@ def _insert(distances, indices, distance, index):
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def _offer(first, last, positions, arrival, known, distances, indices, reach, changed):
     """Offers an arrival to the lost anchors of one run; returns how far the run still reaches."""
@@ -88,7 +89,7 @@ def _offer(first, last, positions, arrival, known, distances, indices, reach, ch
     return top
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def insert_arrivals(
     arrivals, positions, known, distances, indices, reach, run_boxes, run_reach, group_boxes, group_reach, changed
@@ -123,7 +124,7 @@ def insert_arrivals(
             group_reach[group] = top
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def reverse_lists(index):
     """Turns neighbour lists around: who has anchor a in its list.
@@ -150,7 +151,7 @@ def reverse_lists(index):
     return bounds, owners
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def count_arrivals(arrivals, bounds, owners, weights, lost, changed):
     """Takes the weights of arrivals out of the lost neighbours of whoever counts them, and marks those."""

@@ -3,9 +3,9 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.entropy._kernels import (
+    ZERO,
     decode_bit,
     decode_symbol,
     decoder_start,
@@ -14,9 +14,10 @@ from splatwire.entropy._kernels import (
     encoder_finish,
     encoder_start,
 )
+from splatwire.ops.compiled import njit
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widths, table, buffer):
     """Codes symbols under mixtures of two normals; returns the number of bytes."""
@@ -29,19 +30,19 @@ def encode_symbols(symbols, mean0, scale0, mean1, scale1, weight, inverses, widt
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def decode_symbols(data, mean0, scale0, mean1, scale1, weight, inverses, widths, table, symbols):
     """Inverse of `encode_symbols`."""
     state = np.empty(3, np.int64)
-    decoder_start(data, 0, len(data), state)
+    decoder_start(data, ZERO, len(data), state)
     for i in range(len(symbols)):
         symbols[i] = decode_symbol(
             data, len(data), state, mean0[i], scale0[i], mean1[i], scale1[i], weight[i], inverses, widths, table
         )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def encode_bits(bits, contexts, model, buffer):
     """Codes bits with one adaptive model per context; returns the number of bytes."""
@@ -52,11 +53,11 @@ def encode_bits(bits, contexts, model, buffer):
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def decode_bits(data, contexts, model, bits):
     """Inverse of `encode_bits`."""
     state = np.empty(3, np.int64)
-    decoder_start(data, 0, len(data), state)
+    decoder_start(data, ZERO, len(data), state)
     for i in range(len(bits)):
         bits[i] = decode_bit(data, len(data), state, model, contexts[i])

@@ -12,9 +12,9 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.model.projection import DILATION, FRUSTUM_MARGIN, NEAR_DEPTH, TILE
+from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import LANES, choose, load, pick, power_of_two, smaller, spread, store
 
 ROWS = 6
@@ -26,7 +26,7 @@ _MOST, _ZERO, _ONE = np.float32(126), np.float32(0), np.float32(1)
 _MIN_ALPHA, _LEAST_NORM = 1.0 / 255.0, np.float32(1e-12)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _layer(packed, num_inputs, num_groups, x, slope, out):
     """An affine layer and a rectifier (none with a slope of 1) for sixteen anchors, one in each lane."""
@@ -56,7 +56,7 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
         store(out, first + 5 * LANES, f)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _in_view(position, scaling, camera):
     """The pre-filter of HACPP_SPEC 2 step 1, see `gaussian_heads.visible_anchors`."""
@@ -83,7 +83,7 @@ def _in_view(position, scaling, camera):
     return inside_x and v + radius + TILE - 1 >= TILE and v - radius < math.ceil(height / TILE) * TILE
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _choose_anchors(n, last, anchors, hints, camera, chosen):
     """The next anchors that the camera may see, at most sixteen: how many, and where to go on."""
@@ -97,7 +97,7 @@ def _choose_anchors(n, last, anchors, hints, camera, chosen):
     return count, n
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _fill_inputs(positions, features, center, chosen, count, x):
     """The heads' inputs: feature, direction from the camera, distance. Lanes beyond `count` repeat the last anchor."""
@@ -113,7 +113,7 @@ def _fill_inputs(positions, features, center, chosen, count, x):
         x[at + 3 * LANES] = distance
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _exp_minus(value):
     """Returns e ** -value, as near as that goes without infinity."""
@@ -121,7 +121,7 @@ def _exp_minus(value):
     return power_of_two(smaller(_ZERO - power, spread(_MOST)))
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _fill_opacities(logits, mask, gains, chosen, count, opacities):
     """Opacities of the anchors' Gaussians, 0 for those that are not drawn; tells whether there are any."""
@@ -142,7 +142,7 @@ def _fill_opacities(logits, mask, gains, chosen, count, opacities):
     return seen
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _output(table, row, num_hidden, hidden):
     """An offset's outputs, a shape's in the first half of the lanes; four sums, since one would wait for itself."""
@@ -156,7 +156,7 @@ def _output(table, row, num_hidden, hidden):
     return (a + b) + (c + d)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _write(n, k, at, anchors, gains, numbers, out):
     """Writes a Gaussian's mean, quaternion, scale and colour; `numbers`: sixteen outputs, and sigmoids of them."""
@@ -174,7 +174,7 @@ def _write(n, k, at, anchors, gains, numbers, out):
         quats[at, c] = numbers[3 + c] / norm
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers, other_layers, slopes):
     """The Gaussians of anchors [first, last) in view: means, quats, scales, opacities, colors, anchor by anchor.

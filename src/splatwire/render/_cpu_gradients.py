@@ -7,8 +7,8 @@ not depend on the number of threads either.
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import (
     LANES,
     choose,
@@ -48,7 +48,7 @@ SPARE = LANES - SUMS
 _AHEAD_ROWS = 16
 
 
-@njit(cache=True, inline="never", error_model="numpy")
+@njit(inline="never", error_model="numpy")
 @no_type_check
 def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
     """Repeats `_blend` and writes its sums to a row of `out`.
@@ -92,7 +92,7 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
     store_first(out, row * SUMS, pairs(pairs(quarter, next_quarter), pairs(last, last)), SUMS)
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_of_sums):
     height, width = image.shape[:2]
@@ -116,7 +116,7 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
             break
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
     """Fills `rows_of_sums` (zeroed by the caller), one row per entry, for the tiles [first, last)."""
@@ -125,7 +125,7 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
         _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
     """Adds each Gaussian's rows to its `sums`, in the order of its tiles."""

@@ -8,8 +8,8 @@ results do not depend on how threads share them.
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import choose, load, power_of_two, prefetch, smaller, spread, store
 from splatwire.render._cpu_project import SPLAT
 
@@ -25,7 +25,7 @@ _LIVE, _R, _G, _B, _REST, _COLUMN = (k * PIXELS for k in range(6))
 _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
-@njit(cache=True, inline="never", error_model="numpy")
+@njit(inline="never", error_model="numpy")
 @no_type_check
 def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
     """Lays one Gaussian over the rows [low, high) of a tile; `level` is the logarithm of its opacity, base two.
@@ -50,7 +50,7 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
         store(buf, i + _B, load(buf, i + _B) + weight * blue)
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _new_buffer(columns, rows):
     """A tile's buffer, zero but for the numbers of the columns and the light; pixels beyond the image have none.
@@ -69,7 +69,7 @@ def _new_buffer(columns, rows):
     return buf
 
 
-@njit(cache=True, fastmath=True)
+@njit(fastmath=True)
 @no_type_check
 def _finished(buf):
     live = np.float32(0)
@@ -78,7 +78,7 @@ def _finished(buf):
     return live == 0
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _ask_for(splats, ids, k):
     """Has a splat fetched that will be drawn soon; those of a tile lie far apart."""
@@ -86,7 +86,7 @@ def _ask_for(splats, ids, k):
         prefetch(splats, np.int64(ids[k]) * SPLAT)
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, left_over):
     """Draws one tile into `image` and keeps what light passes through it in `left_over`."""
@@ -109,7 +109,7 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
                 image[top + row, left + column, c] = buf[i + _R + c * PIXELS] + t * background[c]
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def tile_order(num_tiles, grid_x):
     """Tiles in the order to draw them in: by blocks, since neighbours draw the same Gaussians."""
@@ -124,7 +124,7 @@ def tile_order(num_tiles, grid_x):
     return order
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def draw_tiles(splats, starts, ids, spans, grid_x, first_row, background, image, left_over):
     """Draws the tiles whose lists `fill_tiles` made."""

@@ -7,8 +7,8 @@ worked out per column of tiles, tighter than its bounding box: a slanted Gaussia
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
+from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
 from splatwire.render._cpu_project import DEPTH, SPLAT, TILES
@@ -18,7 +18,7 @@ _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the t
 _LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def row_entries(tiles, grid_y):
     """Number of (Gaussian, tile) pairs in each row of tiles."""
@@ -30,7 +30,7 @@ def row_entries(tiles, grid_y):
     return np.cumsum(entries)[:-1]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def depth_order(splats, tiles, first_row, last_row):
     """Indices of the Gaussians in the tile rows [first_row, last_row), nearest first (radix sort).
@@ -65,7 +65,7 @@ def depth_order(splats, tiles, first_row, last_row):
     return order, columns
 
 
-@njit(cache=True, inline="always", error_model="numpy")
+@njit(inline="always", error_model="numpy")
 @no_type_check
 def _reach(splat, left, columns, top, bottom, strips):
     """Writes down, for each column of tiles, which rows in [top, bottom) a splat's ellipse of alpha >= 1/255 reaches.
@@ -95,7 +95,7 @@ def _reach(splat, left, columns, top, bottom, strips):
             strips[i, 0], strips[i, 1] = _rows_between(low, high, top, bottom)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _rows_between(low, high, top, bottom):
     """The whole numbers of [low, high] in [top, bottom), as a first one and one past the last."""
@@ -104,7 +104,7 @@ def _rows_between(low, high, top, bottom):
     ) + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     """Lists the Gaussians of each tile in the tile rows [first_row, last_row), in the given order.
@@ -138,7 +138,7 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     return starts, *_entries(order, corners, strips, starts, grid_x), place_starts
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _entries(order, corners, strips, starts, grid_x):
     """The lists, their rows and their places, see `fill_tiles`."""
@@ -159,7 +159,7 @@ def _entries(order, corners, strips, starts, grid_x):
     return ids, spans, places
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _tile_rows(strip):
     """The rows of tiles in which rows of pixels lie, none if there are none."""

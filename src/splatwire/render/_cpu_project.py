@@ -7,7 +7,8 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from splatwire.ops.compiled import njit
 
 SPLAT = 16
 """Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth, its tiles, two that nobody reads.
@@ -22,7 +23,7 @@ _MIN_ALPHA = 1.0 / 255.0
 _MIN_LEVEL = math.log2(_MIN_ALPHA)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _axes(qw, qx, qy, qz):
     """Rows of the rotation matrix of a unit quaternion."""
@@ -33,7 +34,7 @@ def _axes(qw, qx, qy, qz):
     )  # fmt: skip
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _clamped(value, focal, center, size, margin):
     """Tangent of the viewing angle, kept near the image (1.3 times the half field of view when centred)."""
@@ -41,7 +42,7 @@ def _clamped(value, focal, center, size, margin):
     return min(max(value, -center / focal - extra), (size - center) / focal + extra)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
     """Fills one row of `splats` and `tiles` (left, top, right, bottom) per Gaussian; no tiles where it is not drawn.
@@ -92,7 +93,7 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
             splats[g, TILES + side_of_box] = tiles[g, side_of_box]
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _covariance(quat, scale, pose, fx, fy, z, x, y):
     """Entries xx, xy, yy of the 2D covariance before dilation, at the tangents `x`, `y`."""
@@ -108,7 +109,7 @@ def _covariance(quat, scale, pose, fx, fy, z, x, y):
     return xx, xy, yy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
@@ -134,7 +135,7 @@ def project_back(
         )  # fmt: skip
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _project_back_one(
     mean, quat, scale, pose, intrinsics, width, height, margin, du, dv, dxx, dxy, dyy, d_mean, d_quat, d_scale
@@ -173,7 +174,7 @@ def _project_back_one(
     _axes_back(qw, qx, qy, qz, d_r, d_quat)
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _row(pose, axis, by, slope):
     """A row of the Jacobian of the projection, along the world's axes. No arrays here: they would be allocated."""
@@ -184,14 +185,14 @@ def _row(pose, axis, by, slope):
     )
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _turned(r, a, b, c):
     """The rotation matrix times a vector."""
     return r[0] * a + r[1] * b + r[2] * c, r[3] * a + r[4] * b + r[5] * c, r[6] * a + r[7] * b + r[8] * c
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 @no_type_check
 def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
     """Gradient of one scale, and of its scaled axis along image x and y, times the scale."""
@@ -203,7 +204,7 @@ def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
     return d_a * scale, d_b * scale
 
 
-@njit(cache=True)
+@njit()
 @no_type_check
 def _axes_back(w, x, y, z, g, out):
     """Gradient of the rotation matrix's entries with respect to the quaternion."""

@@ -4,12 +4,14 @@ import math
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from splatwire.ops.compiled import njit
 
 _CHUNK = 1 << 14
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _update_run(p, g, m, v, begin, end, step_size, inverse_root, beta1, beta2, epsilon):
     one = np.float32(1)
@@ -21,7 +23,7 @@ def _update_run(p, g, m, v, begin, end, step_size, inverse_root, beta1, beta2, e
         p[i] -= step_size * first / (math.sqrt(second) * inverse_root + epsilon)
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def update(p, g, m, v, step_size, root, beta1, beta2, epsilon):
     """Updates parameter `p` and moments `m`, `v` (flat float32) with gradient `g`."""

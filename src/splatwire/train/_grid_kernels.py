@@ -3,12 +3,14 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from splatwire.ops.compiled import njit
 
 _CHUNK = 128
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def signs(values, out):
     """-1 or +1, +1 at zero."""
@@ -16,7 +18,7 @@ def signs(values, out):
         out[i] = np.float32(1) if values[i] >= 0 else np.float32(-1)
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def clip_gradient(values, gradient):
     """Zeroes the gradient where the value is outside [-1, 1]."""
@@ -25,7 +27,7 @@ def clip_gradient(values, gradient):
             gradient[i] = 0
 
 
-@njit(cache=True, inline="never")
+@njit(inline="never")
 @no_type_check
 def _gather_chunk(table, rows, weights, index, begin, end, column, out):
     if table.shape[1] == 4:  # spelt out: four sums in registers instead of a loop through memory
@@ -49,7 +51,7 @@ def _gather_chunk(table, rows, weights, index, begin, end, column, out):
                 out[n, column + f] = total
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def interpolate(table, rows3, weights3, rows2, weights2, index, out):
     """Fills `out`, the levels of the volume first; a chunk of positions stays in cache while the levels go by."""
@@ -62,7 +64,7 @@ def interpolate(table, rows3, weights3, rows2, weights2, index, out):
             _gather_chunk(table, rows2[level], weights2[level], index, begin, end, (levels3 + level) * depth, out)
 
 
-@njit(cache=True, inline="never")
+@njit(inline="never")
 @no_type_check
 def _scatter_level(upstream, rows, weights, index, column, gradient):
     if gradient.shape[1] == 4:
@@ -84,7 +86,7 @@ def _scatter_level(upstream, rows, weights, index, column, gradient):
                     gradient[rows[anchor, k], f] += weights[anchor, k] * upstream[n, column + f]
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def scatter(upstream, rows3, weights3, rows2, weights2, index, gradient):
     """Adds to `gradient`; a level's rows belong to it alone, so levels can go side by side."""

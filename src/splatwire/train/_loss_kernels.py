@@ -9,20 +9,22 @@ round differently, and two runs with the same seed part.
 from typing import no_type_check
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from splatwire.ops.compiled import njit
 
 _HALF = 5
 _PAD = 3 * _HALF
 
 
-@njit(cache=True, inline="never")
+@njit(inline="never")
 @no_type_check
 def _axpy(out, source, start, factor):
     for i in range(out.shape[0]):
         out[i] += factor * source[i + start]
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def blur(planes, taps, out):
     """Blurs (P, H, 3 W) along both axes, zeros beyond the border."""
@@ -41,7 +43,7 @@ def blur(planes, taps, out):
             _axpy(target, column, 3 * t, taps[t])
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def products(x, y, out):
     """Fills (3, n) with x, x * x and x * y."""
@@ -49,7 +51,7 @@ def products(x, y, out):
         out[0, i], out[1, i], out[2, i] = x[i], x[i] * x[i], x[i] * y[i]
 
 
-@njit(cache=True, inline="never", error_model="numpy")
+@njit(inline="never", error_model="numpy")
 @no_type_check
 def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
     """Fills `ssim` for a row; replaces the blurred values by the gradient of SSIM in each of them."""
@@ -69,7 +71,7 @@ def _similarity_row(mean_x, xx, xy, mean_y, yy, x, y, c1, c2, ssim):
         ssim[i] = value
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def similarity(moments, blurred, x, y, c1, c2, sums):
     """Fills `sums` (H, 2) with SSIM and absolute error per row; `moments` become gradients (`_similarity_row`)."""
@@ -86,7 +88,7 @@ def similarity(moments, blurred, x, y, c1, c2, sums):
         sums[r, 0], sums[r, 1] = total, error
 
 
-@njit(cache=True, parallel=True)
+@njit(parallel=True)
 @no_type_check
 def combine(gradients, x, y, dssim, out):
     """Gradient of the loss from the blurred gradients of SSIM in x, x * x and x * y."""

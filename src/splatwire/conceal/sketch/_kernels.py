@@ -3,19 +3,16 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.entropy._kernels import (
     decode_bit,
     decode_escape,
     decode_raw,
-    decoder_start,
     encode_bit,
     encode_escape,
     encode_raw,
-    encoder_finish,
-    encoder_start,
 )
+from splatwire.ops.compiled import njit
 
 OWN = 4
 """Magnitudes 1 to 4 have models of their own for each column and level; larger ones share those of the level."""
@@ -29,7 +26,7 @@ BYTES_PER_VALUE = 40
 BYTES_PER_BIT = 2
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy")
 @no_type_check
 def history_of(levels, n):
     """How many of the four anchors before anchor `n` are sketched, at most 3."""
@@ -40,14 +37,14 @@ def history_of(levels, n):
     return min(count, HISTORY - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_value(buffer, state, model, own, shared, value):
     """Codes an integer: zero or not, sign, magnitude in unary, escape."""
     encode_bit(buffer, state, model, own, 1 if value != 0 else 0)
     if value == 0:
         return
-    encode_raw(buffer, state, 1 if value < 0 else 0, 1)
+    encode_raw(buffer, state, 1 if value < 0 else 0)
     size = abs(value) - 1
     for i in range(UNARY):
         more = 1 if size > i else 0
@@ -57,14 +54,14 @@ def encode_value(buffer, state, model, own, shared, value):
     encode_escape(buffer, state, size - UNARY)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_value(data, state, model, own, shared):
     """Inverse of `encode_value`."""
     end = len(data)
     if not decode_bit(data, end, state, model, own):
         return np.int64(0)
-    negative = decode_raw(data, end, state, 1)
+    negative = decode_raw(data, end, state)
     size = np.int64(UNARY)
     for i in range(UNARY):
         if not decode_bit(data, end, state, model, own + 1 + i if i < OWN else shared + i - OWN):
@@ -75,7 +72,7 @@ def decode_value(data, state, model, own, shared):
     return -size - 1 if negative else size + 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_levels(buffer, state, model, levels, buckets, num_levels):
     """Codes the level of every anchor, 0 for none: a bit, then unary."""
@@ -89,7 +86,7 @@ def encode_levels(buffer, state, model, levels, buckets, num_levels):
             encode_bit(buffer, state, model, first_unary + i, 1 if levels[n] > i else 0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_levels(data, state, model, buckets, num_levels, levels):
     """Inverse of `encode_levels`; returns how many anchors have a level."""
@@ -106,7 +103,7 @@ def decode_levels(data, state, model, buckets, num_levels, levels):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_rows(buffer, state, bit_model, model, levels, masks, values, offsets):
     """Codes what is known of each sketched anchor: masks, columns, offsets that exist."""
@@ -128,7 +125,7 @@ def encode_rows(buffer, state, bit_model, model, levels, masks, values, offsets)
                     encode_value(buffer, state, model, own, shared, offsets[n, 3 * k + axis])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_rows(data, state, bit_model, model, levels, masks, values, offsets):
     """Inverse of `encode_rows`."""
@@ -149,24 +146,3 @@ def decode_rows(data, state, bit_model, model, levels, masks, values, offsets):
                 if masks[n, k]:
                     own = first + (columns + axis) * (1 + OWN)
                     offsets[n, 3 * k + axis] = decode_value(data, state, model, own, shared)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-@no_type_check
-def start_encoder(state):
-    """Puts a fresh encoder into `state`."""
-    encoder_start(state)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-@no_type_check
-def finish_encoder(buffer, state):
-    """Ends a code; returns its length."""
-    return encoder_finish(buffer, state)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-@no_type_check
-def start_decoder(data, state):
-    """Puts a decoder of `data` into `state`."""
-    decoder_start(data, 0, len(data), state)

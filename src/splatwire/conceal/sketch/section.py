@@ -136,6 +136,7 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
         InvalidValueError: If it holds more than the format does.
     """
     from splatwire.conceal.sketch import _kernels as kernels
+    from splatwire.entropy._kernels import encoder_finish, encoder_start
 
     basis, columns = section.basis, section.values.shape[1]
     chosen = section.levels > 0
@@ -156,12 +157,12 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
     room = len(section.levels) * kernels.BYTES_PER_BIT * (1 + basis.num_levels) + len(section.values) * per_row + 64
     buffer, state = np.empty(room, dtype=np.uint8), np.empty(3, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, section.masks.shape[1])
-    kernels.start_encoder(state)
+    encoder_start(state)
     kernels.encode_levels(buffer, state, level_models, section.levels, buckets, basis.num_levels)
     kernels.encode_rows(
         buffer, state, bit_models, models, section.levels[chosen], section.masks, section.values, section.offsets
     )
-    length = kernels.finish_encoder(buffer, state)
+    length = encoder_finish(buffer, state)
     tables = basis.mean.astype("<f2").tobytes() + basis.scales.astype("<f2").tobytes()
     return header + tables + _write_directions(basis.directions) + buffer[:length].tobytes()
 
@@ -179,12 +180,13 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
         BitstreamError: If it is damaged, or of another scene.
     """
     from splatwire.conceal.sketch import _kernels as kernels
+    from splatwire.entropy._kernels import decoder_start
 
     growth, count, basis, coded = _read_head(data, sizes)
     columns = basis.directions.shape[1]
     state, levels = np.empty(3, dtype=np.int64), np.empty(sizes.num_anchors, dtype=np.int64)
     level_models, bit_models, models = _models(basis.num_levels, columns, sizes.num_offsets)
-    kernels.start_decoder(coded, state)
+    decoder_start(coded, 0, len(coded), state)
     found = kernels.decode_levels(coded, state, level_models, buckets, basis.num_levels, levels)
     if found != count:  # before memory is taken for the rows
         raise BitstreamError(f"section '{SECTION}': {found} anchors are sketched, and {count} should be")

@@ -7,10 +7,11 @@ the order is: masks, feature groups one after another, scalings, unmasked offset
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.entropy._kernels import (
     ESCAPE,
+    NORMAL,
+    ZERO,
     adaptive_size,
     adaptive_update,
     cumulative,
@@ -24,6 +25,7 @@ from splatwire.entropy._kernels import (
     window,
 )
 from splatwire.entropy.tables import TOTAL_BITS
+from splatwire.ops.compiled import njit
 
 BYTES_PER_SYMBOL = 12
 """Room for the costliest symbol: an escape of 86 bits."""
@@ -32,7 +34,7 @@ MASK_ONES = 4
 """Mask contexts per offset: 0, 1, 2 or more ones before it in the anchor."""
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy")
 @no_type_check
 def scale_index(scale):
     """Index into the scale table of a scale with 12 fractional bits: octave and 4 bits of mantissa."""
@@ -43,14 +45,14 @@ def scale_index(scale):
     return ((exponent - 6) << 4) + ((value >> (exponent - 4)) & 15)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy")
 @no_type_check
 def step_index(q):
     """Index into the step table of an output with 16 fractional bits: 1024 cells per unit, clipped to -4 to 4."""
     return min(max(((q + 32) >> 6) + 4096, 0), 8192)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps, means, scales):
     """Turns network outputs (16 fractional bits) into means in steps (12 fractional bits) and scale indices."""
@@ -64,7 +66,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
             scales[n, c] = scale_index(scale)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
     """The same for a feature group's second component, and the index of the mixture weight."""
@@ -79,14 +81,14 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
             weights[n, c] = min(max(((logit + 2048) >> 12) + 128, 0), 255)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy")
 @no_type_check
 def mask_context(offset, ones):
     """Context of a mask bit: which offset, and how many of the anchor's earlier offsets exist."""
     return offset * MASK_ONES + min(ones, MASK_ONES - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
     starts, masks, features, scalings, offsets, mask_model,
@@ -106,7 +108,7 @@ def encode_packets(
         encoder_start(state)
         model = mask_model.copy()
         for n in range(begin, end):
-            ones = 0
+            ones = ZERO
             for k in range(num_offsets):
                 bit = np.int64(masks[n, k])
                 encode_bit(out, state, model, mask_context(k, ones), bit)
@@ -115,27 +117,28 @@ def encode_packets(
             for n in range(begin, end):
                 for c in range(group_starts[g], group_starts[g + 1]):
                     encode_symbol(
-                        out, state, np.int64(features[n, c]), np.int64(mean0[n, c]), scale0[n, c],
-                        np.int64(mean1[n, c]), scale1[n, c], weights[weight[n, c]], inverses, widths, table,
+                        out, state, np.int64(features[n, c]), np.int64(mean0[n, c]), np.int64(scale0[n, c]),
+                        np.int64(mean1[n, c]), np.int64(scale1[n, c]), weights[weight[n, c]], inverses, widths, table,
                     )  # fmt: skip
         for n in range(begin, end):
             for c in range(6):
                 encode_symbol(
-                    out, state, np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), scaling_scale[n, c],
-                    np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                    out, state, np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), np.int64(scaling_scale[n, c]),
+                    ZERO, ZERO, NORMAL, inverses, widths, table,
                 )  # fmt: skip
         for n in range(begin, end):
             for k in range(num_offsets):
                 if masks[n, k]:
                     for c in range(3 * k, 3 * k + 3):
                         encode_symbol(
-                            out, state, np.int64(offsets[n, c]), np.int64(offset_mean[n, c]), offset_scale[n, c],
-                            np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                            out, state, np.int64(offsets[n, c]),
+                            np.int64(offset_mean[n, c]), np.int64(offset_scale[n, c]),
+                            ZERO, ZERO, NORMAL, inverses, widths, table,
                         )  # fmt: skip
         lengths[p] = encoder_finish(out, state)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@njit(error_model="numpy")
 @no_type_check
 def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """What `encode_symbol` spends on a symbol, in bits."""
@@ -148,7 +151,7 @@ def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, tabl
     return TOTAL_BITS - np.log2(float(ESCAPE)) + 2.0 + 2.0 * np.floor(np.log2(float(excess + 1)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
@@ -159,24 +162,24 @@ def anchor_bits(
         total = 0.0
         for c in range(features.shape[1]):
             total += bits_of(
-                np.int64(features[n, c]), np.int64(mean0[n, c]), scale0[n, c], np.int64(mean1[n, c]), scale1[n, c],
-                weights[weight[n, c]], inverses, widths, table,
+                np.int64(features[n, c]), np.int64(mean0[n, c]), np.int64(scale0[n, c]),
+                np.int64(mean1[n, c]), np.int64(scale1[n, c]), weights[weight[n, c]], inverses, widths, table,
             )  # fmt: skip
         for c in range(6):
             total += bits_of(
-                np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), scaling_scale[n, c], np.int64(0), np.int64(0),
-                np.int64(65536), inverses, widths, table,
+                np.int64(scalings[n, c]), np.int64(scaling_mean[n, c]), np.int64(scaling_scale[n, c]), ZERO, ZERO,
+                NORMAL, inverses, widths, table,
             )  # fmt: skip
         for c in range(offsets.shape[1]):
             if masks[n, c // 3]:
                 total += bits_of(
-                    np.int64(offsets[n, c]), np.int64(offset_mean[n, c]), offset_scale[n, c], np.int64(0), np.int64(0),
-                    np.int64(65536), inverses, widths, table,
+                    np.int64(offsets[n, c]), np.int64(offset_mean[n, c]), np.int64(offset_scale[n, c]), ZERO, ZERO,
+                    NORMAL, inverses, widths, table,
                 )  # fmt: skip
         bits[n] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def cut(masks, bits, mask_model, budget, counts):
     """Cuts a run of anchors into packets of at most `budget` bits each; returns how many, `counts` gets their sizes.
@@ -187,7 +190,7 @@ def cut(masks, bits, mask_model, budget, counts):
     model = mask_model.copy()
     for n in range(masks.shape[0]):
         while True:
-            cost, ones = bits[n], 0
+            cost, ones = bits[n], ZERO
             for k in range(masks.shape[1]):
                 context = mask_context(k, ones)
                 zero = adaptive_size(model, context)
@@ -207,7 +210,7 @@ def cut(masks, bits, mask_model, budget, counts):
     return packets
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_masks(data, ends, starts, mask_model, states, masks):
     """Starts the decoder of every packet and reads its masks. `ends[p]:ends[p + 1]` are the packet's bytes."""
@@ -217,14 +220,14 @@ def decode_masks(data, ends, starts, mask_model, states, masks):
         decoder_start(data, ends[p], ends[p + 1], state)
         model = mask_model.copy()
         for n in range(starts[p], starts[p + 1]):
-            ones = 0
+            ones = ZERO
             for k in range(num_offsets):
                 bit = decode_bit(data, ends[p + 1], state, model, mask_context(k, ones))
                 masks[n, k] = bit
                 ones += bit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_group(
     data, ends, starts, states, first, mean0, scale0, mean1, scale1, weight, weights, inverses, widths, table, features
@@ -234,12 +237,12 @@ def decode_group(
         for n in range(starts[p], starts[p + 1]):
             for c in range(mean1.shape[1]):
                 features[n, first + c] = decode_symbol(
-                    data, ends[p + 1], states[p], np.int64(mean0[n, first + c]), scale0[n, first + c],
-                    np.int64(mean1[n, c]), scale1[n, c], weights[weight[n, c]], inverses, widths, table,
+                    data, ends[p + 1], states[p], np.int64(mean0[n, first + c]), np.int64(scale0[n, first + c]),
+                    np.int64(mean1[n, c]), np.int64(scale1[n, c]), weights[weight[n, c]], inverses, widths, table,
                 )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_rest(
     data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,
@@ -251,8 +254,8 @@ def decode_rest(
         for n in range(starts[p], starts[p + 1]):
             for c in range(6):
                 scalings[n, c] = decode_symbol(
-                    data, end, state, np.int64(scaling_mean[n, c]), scaling_scale[n, c],
-                    np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                    data, end, state, np.int64(scaling_mean[n, c]), np.int64(scaling_scale[n, c]),
+                    ZERO, ZERO, NORMAL, inverses, widths, table,
                 )  # fmt: skip
         for n in range(starts[p], starts[p + 1]):
             for k in range(masks.shape[1]):
@@ -260,6 +263,6 @@ def decode_rest(
                     offsets[n, c] = 0
                     if masks[n, k]:
                         offsets[n, c] = decode_symbol(
-                            data, end, state, np.int64(offset_mean[n, c]), offset_scale[n, c],
-                            np.int64(0), np.int64(0), np.int64(65536), inverses, widths, table,
+                            data, end, state, np.int64(offset_mean[n, c]), np.int64(offset_scale[n, c]),
+                            ZERO, ZERO, NORMAL, inverses, widths, table,
                         )  # fmt: skip

@@ -3,15 +3,15 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
-from splatwire.entropy._kernels import decode_bit, decoder_start, encode_bit, encoder_finish, encoder_start
+from splatwire.entropy._kernels import ZERO, decode_bit, decoder_start, encode_bit, encoder_finish, encoder_start
+from splatwire.ops.compiled import njit
 
 STATES = 32
 """Contexts for each level and feature: up to three features before it in the row, and its value in the row before."""
 
 
-@njit(cache=True, inline="always")
+@njit()
 @no_type_check
 def sign_context(level, feature, depth, signs, row, previous):
     """Context of one sign: its level and feature, the row's signs so far, the same feature of the last row coded."""
@@ -24,13 +24,13 @@ def sign_context(level, feature, depth, signs, row, previous):
     return context
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def encode_signs(signs, touched, level_of, models, buffer):
     """Codes the signs of all touched rows; returns the number of bytes."""
     state = np.empty(3, np.int64)
     encoder_start(state)
-    previous, depth = -1, signs.shape[1]
+    previous, depth = np.int64(-1), signs.shape[1]
     for row in range(len(touched)):
         if touched[row]:
             for feature in range(depth):
@@ -40,13 +40,13 @@ def encode_signs(signs, touched, level_of, models, buffer):
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 @no_type_check
 def decode_signs(data, touched, level_of, models, signs):
     """Inverse of `encode_signs`; rows that are not touched become +1."""
     state = np.empty(3, np.int64)
-    decoder_start(data, 0, len(data), state)
-    previous, depth = -1, signs.shape[1]
+    decoder_start(data, ZERO, len(data), state)
+    previous, depth = np.int64(-1), signs.shape[1]
     for row in range(len(touched)):
         for feature in range(depth):
             signs[row, feature] = 1

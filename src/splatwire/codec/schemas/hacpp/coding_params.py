@@ -205,5 +205,6 @@ class CodingContext:
         from splatwire.codec import _network_kernels as kernels
 
         activations = np.empty(symbols.shape, dtype=np.float64)
-        kernels.feature_activations(symbols, factors, round(self.config.base_steps[0] * (1 << 16)), activations)
+        columns = np.ascontiguousarray(symbols), np.ascontiguousarray(factors)  # one type, so one compiled version
+        kernels.feature_activations(*columns, round(self.config.base_steps[0] * (1 << 16)), activations)
         return activations

@@ -1,0 +1,114 @@
+"""Kernels that numba compiles: where their machine code is kept, and who is told that compiling takes a while.
+
+Compiling is told as records of the logger of this module: one of level INFO at the start of each kernel that is called
+from Python, with what it calls. A kernel that comes out of the cache is silent.
+"""
+
+import functools
+import logging
+import os
+import stat
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba.core import event
+
+LOG = logging.getLogger(__name__)
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+_LOCK = threading.Lock()
+
+
+def njit(**options: Any) -> Callable[[_F], _F]:
+    """`numba.njit` with a cache that has a place wherever the package is installed.
+
+    numba keeps machine code in the folder that `NUMBA_CACHE_DIR` names, beside the source, or in the user's home. Where
+    it may write to none of these (a container with a read-only root and no home), numba itself raises an error; here a
+    temporary folder of the user takes its place, and where there is none either, nothing is kept.
+
+    Args:
+        options: Those of `numba.njit`; `cache` is always on.
+    """
+
+    def decorate(function: _F) -> _F:
+        try:
+            return numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # no place for a cache
+            folder = private_folder()
+        if folder is None:
+            return numba.njit(**options)(function)
+        with _cache_in(folder):
+            return numba.njit(cache=True, **options)(function)
+
+    return decorate
+
+
+@functools.cache
+def private_folder() -> Path | None:
+    """A temporary folder that only this user can write to; it is made if need be, and the same in every process.
+
+    numba unpickles what it finds in a cache and runs it, so a folder that another user made, or can put something into
+    or in the place of, is not taken.
+
+    Returns:
+        The folder, or None where there is none to be trusted.
+    """
+    if hasattr(os, "getuid"):
+        with suppress(OSError):  # no temporary folder, a full or read-only one, or a file of that name
+            parent = Path(tempfile.gettempdir())
+            folder = parent / f"splatwire-kernels-{os.getuid()}"
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if _keeps_names(parent) and _only_ours(folder):
+                return folder
+    LOG.warning("no safe place to keep compiled kernels in, so each process compiles them: set NUMBA_CACHE_DIR")
+    return None
+
+
+def _only_ours(folder: Path) -> bool:
+    status = folder.lstat()
+    mode = status.st_mode
+    ours = stat.S_ISDIR(mode) and status.st_uid == os.getuid() and not mode & 0o077
+    return ours and os.access(folder, os.W_OK | os.X_OK)
+
+
+def _keeps_names(parent: Path) -> bool:
+    """Whether nobody but its owner, who is this user or root, can rename what others have put into a folder."""
+    status = parent.stat()
+    shared = status.st_mode & 0o022 and not status.st_mode & stat.S_ISVTX
+    return status.st_uid in (0, os.getuid()) and not shared
+
+
+@contextmanager
+def _cache_in(folder: Path) -> Iterator[None]:
+    """Has numba choose a folder for the kernels that are made meanwhile, and for no others."""
+    with _LOCK:
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(folder)
+        try:
+            yield
+        finally:
+            numba.config.CACHE_DIR = before
+
+
+class _Compilations(event.Listener):
+    """Logs each kernel that is compiled, with its callees as part of it."""
+
+    def __init__(self) -> None:
+        self.depth = threading.local()
+
+    def on_start(self, event: Any) -> None:
+        depth = getattr(self.depth, "value", 0)
+        function = event.data["dispatcher"].py_func
+        if depth == 0 and function.__module__.startswith("splatwire."):
+            LOG.info("compiling %s", function.__qualname__)
+        self.depth.value = depth + 1
+
+    def on_end(self, event: Any) -> None:
+        self.depth.value -= 1
+
+
+event.register("numba:compile", _Compilations())

@@ -1,0 +1,143 @@
+"""Kernels keep their machine code where they may, and nowhere else."""
+
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numba
+import pytest
+
+from splatwire.ops import compiled
+
+SOURCE = Path(compiled.__file__).resolve().parents[2]
+_NOBODY = 65534
+
+
+@pytest.fixture(autouse=True)
+def _fresh():
+    compiled.private_folder.cache_clear()
+    yield
+    compiled.private_folder.cache_clear()
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """A folder for temporary files that all may write to, as `/tmp` is."""
+    folder = tmp_path / "tmp"
+    folder.mkdir()
+    folder.chmod(0o1777)
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    return folder
+
+
+def test_the_folder_is_private_and_the_same_each_time(temporary):
+    folder = compiled.private_folder()
+    assert folder.parent == temporary
+    assert folder.stat().st_mode & 0o777 == 0o700
+    compiled.private_folder.cache_clear()
+    assert compiled.private_folder() == folder
+
+
+def _loosen(folder):
+    folder.mkdir()
+    folder.chmod(0o770)
+
+
+def _link(folder):
+    (folder.parent / "elsewhere").mkdir(mode=0o700)
+    folder.symlink_to(folder.parent / "elsewhere")
+
+
+def _open_parent(folder):
+    folder.mkdir(mode=0o700)
+    folder.parent.chmod(0o777)  # not sticky: anyone can put another folder in its place
+
+
+@pytest.mark.parametrize("plant", [_loosen, _link, _open_parent, Path.touch])
+def test_a_folder_that_others_can_reach_into_is_not_taken(plant, temporary, caplog):
+    plant(temporary / f"splatwire-kernels-{os.getuid()}")
+    assert compiled.private_folder() is None
+    assert "NUMBA_CACHE_DIR" in caplog.text
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="gives a folder away")
+def test_a_folder_of_another_user_is_not_taken(temporary):
+    folder = temporary / f"splatwire-kernels-{os.getuid()}"
+    folder.mkdir(mode=0o700)
+    os.chown(folder, _NOBODY, _NOBODY)
+    assert compiled.private_folder() is None
+
+
+def _refuse_caches(monkeypatch):
+    """Has numba find no place by itself, as in a read-only container without a home."""
+
+    def njit(*, cache=False, **options):
+        if cache and not numba.config.CACHE_DIR:
+            raise RuntimeError("cannot cache function: no locator available")
+        return numba.njit(cache=cache, **options)
+
+    monkeypatch.setattr(compiled, "numba", types.SimpleNamespace(njit=njit, config=numba.config))
+    monkeypatch.setattr("numba.config.CACHE_DIR", "")
+
+
+def test_without_a_place_of_numbas_the_private_folder_is_taken(temporary, monkeypatch):
+    _refuse_caches(monkeypatch)
+    kernel = compiled.njit(nogil=True)(_twice)
+    assert kernel(21) == 42
+    assert list(compiled.private_folder().rglob("*.nbi"))
+    assert numba.config.CACHE_DIR == ""
+
+
+def test_without_any_place_nothing_is_kept(temporary, monkeypatch):
+    _refuse_caches(monkeypatch)
+    monkeypatch.setattr(compiled, "private_folder", lambda: None)
+    assert compiled.njit(nogil=True)(_twice)(21) == 42
+    assert not list(temporary.rglob("*.nbi"))
+
+
+def test_compiling_is_logged_once_and_loading_is_not(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(_twice, "__module__", "splatwire.here")
+    with caplog.at_level(logging.INFO, compiled.LOG.name):
+        assert compiled.njit()(_twice)(21) == 42
+        assert [record.getMessage() for record in caplog.records] == ["compiling _twice"]
+        caplog.clear()
+        assert compiled.njit()(_twice)(21) == 42
+    assert not caplog.records
+
+
+def _twice(x):
+    return 2 * x
+
+
+def test_no_kernel_goes_around_it():
+    for path in (SOURCE / "splatwire").rglob("*.py"):
+        if path != Path(compiled.__file__):
+            assert "numba import njit" not in path.read_text(encoding="utf-8"), path
+            assert "numba.njit" not in path.read_text(encoding="utf-8"), path
+
+
+def test_a_read_only_installation_decodes_without_a_home(temporary):
+    """As in an ordinary container. Files in the place of folders keep even root from writing beside the source."""
+    installed = temporary.parent / "installed"
+    shutil.copytree(SOURCE / "splatwire", installed / "splatwire", ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in [installed / "splatwire", *(installed / "splatwire").rglob("*/")]:
+        (folder / "__pycache__").touch()
+    program = (
+        "import numpy as np\n"
+        "import splatwire.entropy.coder as coder\n"
+        "bits, contexts = np.array([0, 1, 1, 0], np.uint8), np.zeros(4, np.int64)\n"
+        "data = coder.encode_bits(bits, contexts, coder.fresh_models(1))\n"
+        "assert (coder.decode_bits(data, contexts, coder.fresh_models(1)) == bits).all()\n"
+        "print(coder.__file__)\n"
+    )
+    environment = {"PATH": os.environ["PATH"], "HOME": os.devnull, "TMPDIR": str(temporary)}
+    environment["PYTHONPATH"] = str(installed)
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(str(installed))
+    assert list((temporary / f"splatwire-kernels-{os.getuid()}").rglob("*.nbi"))
