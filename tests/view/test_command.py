@@ -45,6 +45,7 @@ def test_it_serves_a_page_until_it_is_told_to_stop(stream, how):
     assert process.returncode == 0, problems
     assert rest == ""  # one JSON object and nothing else
     assert "Traceback" not in problems
+    assert "drawing a picture" in problems  # so nothing is left to be compiled when somebody looks
 
 
 def complaint(capsys, *arguments: str) -> str:

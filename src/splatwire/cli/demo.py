@@ -54,10 +54,12 @@ class Demo:
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
-
         started = time.perf_counter()
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
+            show("loading", 0.0)
+            from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
+
+            show("loading", 1.0)
             store = MemoryStore(Path(folder))
             study = self.study(Path(folder))
             result = run_study(study, store, InProcess(_decode, show), show)

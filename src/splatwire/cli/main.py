@@ -9,6 +9,7 @@ from typing import Any
 import tyro
 
 import splatwire
+from splatwire.cli._waiting import telling_why_it_takes_long
 from splatwire.errors import SplatwireError
 
 VERBS = {
@@ -58,7 +59,9 @@ def _run(arguments: list[str]) -> int:
         print(f"splatwire {splatwire.__version__}")
         return 0
     try:
-        _parse(arguments).run()
+        verb = _parse(arguments)
+        with telling_why_it_takes_long(arguments[0] if arguments else ""):
+            verb.run()
     except BrokenPipeError:
         raise
     except (SplatwireError, OSError) as error:

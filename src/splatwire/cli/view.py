@@ -61,6 +61,7 @@ class View:
     def run(self) -> None:
         """Runs the verb until Ctrl-C."""
         from splatwire.conceal import concealer_names, create_concealer
+        from splatwire.render.importance import cameras_around
         from splatwire.view.looks import first_look
         from splatwire.view.model import Settings, Viewer
         from splatwire.view.server import ViewerServer, require_viser
@@ -78,6 +79,9 @@ class View:
         try:
             play_s = getattr(source, "transfer_seconds", 10.0)
             viewer = Viewer(source, self.renderer, background)
+            with progress_bars() as show:  # what is compiled for the first picture is, before anybody looks
+                show("drawing a picture", 0.0)
+                viewer.frame(settings, cameras_around(source.positions, 1, 96))
             server = ViewerServer(
                 viewer, settings, first_look(source.positions, cameras), names,
                 host=self.host, port=self.port, still_height=self.height, play_s=max(play_s, 2.0),

@@ -1,0 +1,68 @@
+"""What somebody who waits is told: that the libraries are being loaded, and that kernels are being compiled."""
+
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+COMPILE_SECONDS = 35
+"""What compiling every kernel of a demo takes (benchmarks/results/cold_start.json); other verbs need fewer."""
+_PATIENCE_S = 1.0
+_INTERVAL_S = 5.0
+_COMPILER = logging.getLogger("splatwire.ops.compiled")
+
+
+class Waiting(logging.Handler):
+    """Tells on standard error what takes long before a verb can say anything itself."""
+
+    def __init__(self, verb: str) -> None:
+        super().__init__(logging.INFO)
+        self._loading = threading.Timer(_PATIENCE_S, self.loading, (verb,))
+        self._loading.daemon = True
+        self._kernels, self._began, self._told = 0, 0.0, 0.0
+
+    def loading(self, verb: str) -> None:
+        """Says that the verb has begun."""
+        print(f"splatwire {verb}: loading", file=sys.stderr, flush=True)
+
+    def start(self) -> None:
+        """Begins to be patient; only a person at a terminal is told about loading."""
+        if sys.stderr.isatty():
+            self._loading.start()
+
+    def stop(self) -> None:
+        """There is nothing more to wait for."""
+        self._loading.cancel()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One more kernel is being compiled; said for the first, and every few seconds."""
+        if record.levelno > logging.INFO:
+            print(f"splatwire: {record.getMessage()}", file=sys.stderr)
+            return
+        now = time.monotonic()
+        if self._kernels == 0:
+            self._began = self._told = now
+            self._loading.cancel()
+            print(f"compiling once on this machine, up to {COMPILE_SECONDS} s", file=sys.stderr, flush=True)
+        elif now - self._told > _INTERVAL_S:
+            self._told = now
+            done = f"{self._kernels} kernels compiled after {now - self._began:.0f} s"
+            print(f"{done}, {record.getMessage()}", file=sys.stderr, flush=True)
+        self._kernels += 1
+
+
+@contextmanager
+def telling_why_it_takes_long(verb: str) -> Iterator[None]:
+    """Keeps a `Waiting` while a verb runs."""
+    handler, before = Waiting(verb), _COMPILER.level
+    _COMPILER.addHandler(handler)
+    _COMPILER.setLevel(logging.INFO)
+    handler.start()
+    try:
+        yield
+    finally:
+        handler.stop()
+        _COMPILER.removeHandler(handler)
+        _COMPILER.setLevel(before)

@@ -1,0 +1,51 @@
+"""Whoever waits is told why."""
+
+import json
+import logging
+import math
+
+import pytest
+
+from splatwire.cli import _waiting
+
+LOG = logging.getLogger("splatwire.ops.compiled")
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(_waiting.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_compiling_is_said_at_once_and_then_every_few_seconds(clock, capsys):
+    with _waiting.telling_why_it_takes_long("decode"):
+        for second in range(8):
+            clock[0] = 100.0 + second
+            LOG.info("compiling kernel_%d", second)
+    assert capsys.readouterr().err.splitlines() == [
+        f"compiling once on this machine, up to {_waiting.COMPILE_SECONDS} s",
+        "6 kernels compiled after 6 s, compiling kernel_6",
+    ]
+    LOG.info("compiling afterwards")
+    assert not capsys.readouterr().err
+
+
+def test_the_time_that_is_promised_was_measured(pytestconfig):
+    found = json.loads((pytestconfig.rootpath / "benchmarks" / "results" / "cold_start.json").read_text())
+    assert math.ceil(found["demo"]["cold"]["compile_s"]) == _waiting.COMPILE_SECONDS
+
+
+def test_only_a_person_at_a_terminal_is_told_of_loading(monkeypatch, capsys):
+    started = []
+    monkeypatch.setattr(_waiting.threading.Timer, "start", lambda timer: started.append(timer))
+    with _waiting.telling_why_it_takes_long("decode"):
+        assert not started
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    with _waiting.telling_why_it_takes_long("decode"):
+        (timer,) = started
+        assert timer.daemon
+        timer.function(*timer.args)
+        assert not timer.finished.is_set()
+    assert timer.finished.is_set()
+    assert capsys.readouterr().err == "splatwire decode: loading\n"
