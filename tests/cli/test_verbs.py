@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from scenes import tiny_scene
+from splatwire.cli.main import main
 from splatwire.model.scene_digest import scene_digest
 from splatwire.model.scene_file import load_partial, load_scene
 from splatwire.packets import read_stream
@@ -118,6 +119,16 @@ def test_decode_without_loss_gives_the_scene_back(run, journey, tmp_path):
     assert sorted(index) == list(range(240))
     assert (decoded.mask == original.mask[index]).all()
     assert (decoded.features - original.features[index]).abs().max() < 1.01  # half a step, which is below 2
+
+
+def test_a_decoded_scene_without_gaps_can_be_encoded_again(run, journey, tmp_path, capsys):
+    run("decode", journey / "tiny.swz", "-o", tmp_path / "a.scene")
+    assert run("encode", tmp_path / "a.scene", "-o", tmp_path / "a.swz", "--json").json["num_anchors"] == 240
+    run("decode", journey / "lossy.swz", "-o", tmp_path / "b.scene")
+    with pytest.raises(SystemExit) as stopped:
+        main(["encode", str(tmp_path / "b.scene"), "-o", str(tmp_path / "b.swz")])
+    assert stopped.value.code == 2
+    assert "of the scene's 240 anchors were lost; conceal it first" in capsys.readouterr().err
 
 
 def test_inspect_decoded_scene(run, journey, tmp_path):

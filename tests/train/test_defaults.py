@@ -1,6 +1,10 @@
 """What `splatwire train` chooses by itself, and what it is told to start from."""
 
+import dataclasses
+import io
+import itertools
 import json
+import re
 import shutil
 import sys
 import types
@@ -9,15 +13,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import tyro
 from PIL import Image
+from rich.console import Console
+from rich.progress import Progress as Bars
 
 from splatwire.cli.main import main
-from splatwire.cli.train import CPU_ITERATIONS, Train, check_device
+from splatwire.cli.train import CPU_ITERATIONS, Train, _columns, _line, check_device
 from splatwire.data import Dataset
-from splatwire.errors import BackendUnavailableError, DatasetError
+from splatwire.errors import BackendUnavailableError, DatasetError, InvalidValueError
 from splatwire.exporters import write_ply
 from splatwire.importers.splats import import_points
+from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
+from splatwire.train import Progress
+
+_FAR = Progress(20_000, 30_000, 0.1234, 0.1234, 1_234_567, 123_450_000, 7200.0, 12.3)
 
 
 def _splats(opacities: torch.Tensor) -> Splats:
@@ -62,6 +73,37 @@ def _run(words: list[object]) -> int:
     with pytest.raises(SystemExit) as stopped:
         main([str(word) for word in words])
     return int(stopped.value.code or 0)
+
+
+def test_without_data_no_recipe_is_chosen_by_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for data in (tmp_path, tmp_path / "absent"):
+        assert _run(["train", data, "-o", tmp_path / "out.scene"]) == 2
+        told = capsys.readouterr().err
+        assert str(data) in told
+        assert "recipe mip" not in told
+
+
+@pytest.mark.parametrize(("option", "color"), [((), BLACK), (("--background", 1, 0.5, 0), (1.0, 0.5, 0.0))])
+def test_the_background_is_said_as_everywhere_else(option: tuple[object, ...], color: Background) -> None:
+    words = [str(word) for word in ("data", "-o", "scene", *option)]
+    verb = tyro.cli(Train, args=words, config=(tyro.conf.OmitArgPrefixes,))
+    assert verb._config().background == color
+    with pytest.raises(InvalidValueError, match="background"):
+        dataclasses.replace(verb, background=(2.0, 0.0, 0.0))._config()
+
+
+def test_counter_and_time_left_fit_into_80_columns() -> None:
+    """A line as long as any gives way to them, not they to it."""
+    told = io.StringIO()
+    console = Console(file=told, width=80, force_terminal=True, color_system=None)
+    bars = Bars(*_columns(), console=console, expand=True, get_time=itertools.count(step=3).__next__)
+    task = bars.add_task(f"{_line(_FAR)}, test 27.31 dB", total=30_000)
+    for iteration in range(19_990, 20_001, 2):
+        bars.update(task, completed=iteration)
+    console.print(bars.get_renderable())
+    assert "20000/30000" in told.getvalue()
+    assert re.search(r"\d:\d\d:\d\d", told.getvalue())
+    assert "loss 0.1234" in told.getvalue()
 
 
 def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,9 +14,12 @@ import tyro
 
 from splatwire.cli._files import prepared_output
 from splatwire.cli._output import JsonFlag, print_json, print_summary
+from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
 
 if TYPE_CHECKING:
+    from rich.progress import ProgressColumn
+
     from splatwire.data import Dataset
     from splatwire.train import Listener, Progress, QualityReport, TrainConfig, TrainResult
 
@@ -56,8 +59,8 @@ class Train:
     """Image folder instead of images (images_4, for example)."""
     max_width: int = 1600
     """Wider photos are reduced to this width."""
-    white_background: bool = False
-    """White instead of black where photos are transparent and behind the scene."""
+    background: BackgroundOption = None
+    """RGB from 0 to 1 behind the scene and where photos are transparent; black where absent."""
     device: str = "auto"
     """auto, cpu or cuda (which draws with gsplat); auto is cuda where that works."""
     init: Path | None = None
@@ -92,12 +95,12 @@ class Train:
             train, test = self._datasets(config)
         else:
             config = self._config()
+            train, test = self._datasets(config)
             print(
                 f"recipe {config.preset}{' (chosen by the data)' if self.preset == 'auto' else ''}, "
                 f"{config.marks.iterations:,} iterations on the {_PLACES[device]}",
                 file=sys.stderr,
             )
-            train, test = self._datasets(config)
             if self.init is not None:
                 from splatwire.importers.splats import import_points
 
@@ -140,6 +143,7 @@ class Train:
 
     def _config(self) -> "TrainConfig":
         from splatwire.data import dataset_layout
+        from splatwire.scene.background import BLACK
         from splatwire.train import create_config
 
         preset = self.preset
@@ -152,7 +156,7 @@ class Train:
             voxel_size=self.voxel_size,
             growth_interval=self.growth_interval,
             refine_steps=self.refine,
-            background=(1.0, 1.0, 1.0) if self.white_background else (0.0, 0.0, 0.0),
+            background=chosen_background(self.background) or BLACK,
             seed=self.seed,
         )
 
@@ -244,16 +248,11 @@ def _check_gpu() -> None:
 def _watch(on_test: Any) -> "Iterator[Listener]":
     """Shows progress on standard error, and turns the first Ctrl-C into a polite stop."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
     from splatwire.train import Listener
 
     console = Console(stderr=True)
-    columns = (
-        BarColumn(bar_width=20), MofNCompleteColumn(), TextColumn("{task.description}"),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )  # fmt: skip
     stop: list[bool] = []
     tests: list[str] = []
     printed = [time.monotonic()]
@@ -264,7 +263,7 @@ def _watch(on_test: Any) -> "Iterator[Listener]":
         stop.append(True)
         console.print("stopping after this iteration; press Ctrl-C again to stop at once without a checkpoint")
 
-    with Bars(*columns, console=console, disable=not console.is_terminal) as bars:
+    with Bars(*_columns(), console=console, expand=True, disable=not console.is_terminal) as bars:
         task = bars.add_task("starting", total=None)
 
         def progress(now: "Progress") -> None:
@@ -288,6 +287,20 @@ def _watch(on_test: Any) -> "Iterator[Listener]":
             yield Listener(progress, tested, lambda: bool(stop), refining)
         finally:
             signal.signal(signal.SIGINT, before)
+
+
+def _columns() -> "tuple[ProgressColumn, ...]":
+    """Counter and time left come first and whole; what does not fit into the terminal is cut off the description."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.table import Column
+
+    whole, rest = Column(no_wrap=True), Column(ratio=1, no_wrap=True, overflow="ellipsis")
+    return (
+        MofNCompleteColumn(table_column=whole),
+        TimeRemainingColumn(elapsed_when_finished=True, table_column=whole),
+        BarColumn(bar_width=10),
+        TextColumn("{task.description}", table_column=rest),
+    )
 
 
 def _line(now: "Progress") -> str:

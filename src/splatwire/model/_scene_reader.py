@@ -158,8 +158,7 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str | None
         with safe_open(path, framework="pt") as file:
             header = _read_header(path, file.metadata(), file_format, version)
             if kind is not None and header["kind"] != kind:
-                hint = "conceal it first" if kind == "scene" else "it has no losses"
-                raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene; {hint}")
+                raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene")
             yield SceneReader(path, file, header)
     except (SafetensorError, OSError) as error:
         raise BitstreamError(f"{path}: not a readable scene file: {error}") from error

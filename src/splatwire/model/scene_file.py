@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatwire.errors import BitstreamError
 from splatwire.model._scene_reader import SceneReader, open_scene_file, read_config
 from splatwire.model.anchor_scene import (
     AnchorScene,
@@ -56,7 +57,7 @@ def save_scene(scene: AnchorScene, path: Path, *, erasures: Erasures | None = No
 
 
 def load_scene(path: Path) -> AnchorScene:
-    """Reads what `save_scene` wrote, bit for bit.
+    """Reads what `save_scene` wrote, bit for bit; a decoded scene of which nothing was lost is a scene, too.
 
     Args:
         path: The file.
@@ -66,11 +67,18 @@ def load_scene(path: Path) -> AnchorScene:
 
     Raises:
         UnsupportedVersionError: If the file is of a version that this release does not read.
-        BitstreamError: If the file is absent, is no scene, holds a partial scene, or a tensor is missing, has the
+        BitstreamError: If the file is absent, is no scene, holds a scene with gaps, or a tensor is missing, has the
             wrong shape or type, or is not finite.
     """
-    with open_scene_file(path, FORMAT, VERSION, SCENE) as reader:
-        return _read_concealed(reader)[0]
+    scene, erasures = load_scene_file(path)
+    if isinstance(scene, AnchorScene):
+        return scene
+    if erasures is not None and erasures.num_lost:
+        raise BitstreamError(
+            f"{path}: {erasures.num_lost:,} of the scene's {scene.scene.anchors.num_anchors:,} anchors were lost; "
+            "conceal it first: `splatwire decode --conceal NAME`"
+        )
+    return scene.scene
 
 
 def load_scene_file(path: Path) -> tuple[AnchorScene | PartialScene, Erasures | None]:
