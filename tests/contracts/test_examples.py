@@ -1,7 +1,10 @@
 """Examples of the repository run as they stand."""
 
+import re
 import runpy
 from pathlib import Path
+
+import pytest
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.codec import encode_scene
@@ -9,7 +12,27 @@ from splatwire.conceal import concealer_names
 from splatwire.data import save_cameras
 from splatwire.packets import Packetization, write_stream
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+REPOSITORY = Path(__file__).resolve().parents[2]
+EXAMPLES = REPOSITORY / "examples"
+SNIPPETS = [
+    pytest.param(found, id=f"{document.name}-{number}")
+    for document in (REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")))
+    for number, found in enumerate(re.findall(r"```python\n(.*?)```", document.read_text(encoding="utf-8"), re.DOTALL))
+]
+
+
+@pytest.mark.parametrize("snippet", SNIPPETS)
+def test_snippets_of_the_documents_run_as_they_stand(snippet):
+    """Nothing is defined for them, and what they end with is a picture."""
+    names = {"__name__": "snippet"}
+    exec(compile(snippet, "snippet", "exec"), names)
+    pictures = names.get("images", names.get("pictures"))
+    assert pictures.shape[0] == 1
+    assert 0.05 < float(pictures.mean()) < 0.95
+
+
+def test_the_readme_has_a_snippet():
+    assert any(case.id.startswith("README.md") for case in SNIPPETS)
 
 
 def test_lose_and_conceal(tmp_path, capsys):

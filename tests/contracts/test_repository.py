@@ -1,10 +1,13 @@
 """Promises of the repository itself."""
 
+import os
 import re
+import subprocess
+import sys
+import tomllib
 from pathlib import Path
 
 import pytest
-import tomllib
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MAX_DEMO_BYTES = 6_000_000
@@ -51,3 +54,32 @@ def test_local_links_of_documents_lead_somewhere(path):
 def test_the_readme_commands_are_the_ones_that_ci_runs():
     assert ".ci/run" in (REPOSITORY / "README.md").read_text(encoding="utf-8")
     assert (REPOSITORY / ".ci" / "run").stat().st_mode & 0o111
+
+
+def test_every_place_claims_the_same_oldest_python():
+    project = _project()
+    oldest = project["project"]["requires-python"].removeprefix(">=")
+    assert project["tool"]["mypy"]["python_version"] == oldest
+    assert project["tool"]["ruff"]["target-version"] == "py" + oldest.replace(".", "")
+    assert f"Python {oldest} or newer" in (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    assert f"sys.version_info < {tuple(map(int, oldest.split('.')))}" in (REPOSITORY / ".ci" / "run").read_text()
+    checked = re.search(r"^for python in (.*); do$", (REPOSITORY / ".ci" / "interpreters").read_text(), re.MULTILINE)
+    assert checked is not None
+    assert checked[1].split()[0] == "python" + oldest
+
+
+def test_type_checkers_may_use_the_annotations():
+    assert (REPOSITORY / "src" / "splatwire" / "py.typed").is_file()
+
+
+def test_an_interpreter_that_does_not_start_is_skipped_with_a_word(tmp_path):
+    """Such as a version manager's shim; one that starts is checked."""
+    for name, line in (("python3.12", "exit 127"), ("python3.13", f'exec "{sys.executable}" "$@"')):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{line}\n")
+        (tmp_path / name).chmod(0o755)
+    for tool in ("dirname", "mktemp", "rm", "env", "bash"):
+        (tmp_path / tool).symlink_to(next(p for f in os.defpath.split(":") if (p := Path(f) / tool).exists()))
+    command = [str(REPOSITORY / ".ci" / "interpreters"), "--list"]
+    done = subprocess.run(command, env={"PATH": str(tmp_path)}, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines() == ["python3.12: skipped, it does not start, or lacks venv", "python3.13: there"]

@@ -49,7 +49,7 @@ def self_signed(hosts: Sequence[str] = ("localhost", "127.0.0.1", "::1"), days: 
         raise BackendUnavailableError("cryptography", INSTALL) from error
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "splatwire")])
-    now = datetime.datetime.now(datetime.timezone.utc)
+    now = datetime.datetime.now(datetime.UTC)
     names: list[x509.GeneralName] = []
     for host in dict.fromkeys(hosts):
         try:

@@ -5,7 +5,7 @@ import difflib
 import math
 import os
 import re
-import sys
+import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,6 @@ from splatwire.evaluate.study.definition import (
 )
 from splatwire.packets import PRESETS, Packetization
 from splatwire.scene.background import Background, check_background
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 MAX_FILE_BYTES = 1 << 20
 _ARRAYS = ("scene", "loss", "row", "published")
