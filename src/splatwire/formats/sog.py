@@ -1,0 +1,170 @@
+"""SOG, version 2 (github.com/playcanvas/splat-transform): a `meta.json` and lossless WebP pictures, as folder or zip.
+
+Pixel i of each picture is Gaussian i. Positions are 16 bits of sign(x) log(1 + |x|) between bounds, rotations the smallest
+three of w, x, y, z in 8 bits each, scales, colours and harmonics entries of code books with 256 numbers. Harmonics are
+entries of a palette. Axes are RDF.
+"""
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from splatwire.errors import DatasetError
+from splatwire.formats._columns import build_splats, check_count
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
+from splatwire.scene.splats import Splats
+
+ZIP_MAGIC = b"PK\x03\x04"
+META = "meta.json"
+PALETTE_COLUMNS = 64
+CODES = 256
+_MAX_META_BYTES = 1 << 20
+_MAX_PICTURE_BYTES = 512 << 20
+_MAX_PALETTE = 1 << 16
+_SPARE_PIXELS = 1 << 16
+_MAX_LOG_POSITION = 40.0
+
+
+def read_sog(path: Path) -> Splats:
+    """Reads a bundled `.sog`, a folder with a `meta.json`, or that file.
+
+    Raises:
+        DatasetError: If something is missing, damaged, of another version, or of another size than it must be.
+        OSError: If a file cannot be read.
+    """
+    if path.is_dir() or path.name == META:
+        folder = path if path.is_dir() else path.parent
+        names = {entry.name: entry.stat().st_size for entry in folder.iterdir() if entry.is_file()}
+        return _Sog(path, names, lambda name: (folder / name).read_bytes()).splats()
+    try:
+        with zipfile.ZipFile(path) as bundle:
+            sizes = {entry.filename: entry.file_size for entry in bundle.infolist()}
+            return _Sog(path, sizes, lambda name: _member(bundle, name, sizes[name])).splats()
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError) as error:
+        raise DatasetError(f"{path}: the zip is damaged: {error}") from error
+
+
+def _member(bundle: zipfile.ZipFile, name: str, size: int) -> bytes:
+    with bundle.open(name) as file:
+        return file.read(size)  # never more than the directory says, which was checked
+
+
+class _Sog:
+    """One SOG, whatever holds its files."""
+
+    def __init__(self, path: Path, sizes: dict[str, int], load: Callable[[str], bytes]) -> None:
+        self._path, self._sizes, self._load = path, sizes, load
+        self._meta = self._read_meta()
+        version = self._meta.get("version")
+        if version != 2:
+            raise DatasetError(f"{path}: SOG of version {version!r:.20}; version 2 is read")
+        count = self._meta.get("count")
+        if not isinstance(count, int) or isinstance(count, bool):
+            raise DatasetError(f"{path}: {META}: count is {count!r:.40}, not a number of Gaussians")
+        self._count = check_count(path, count, sum(sizes.values()))
+
+    def _read_meta(self) -> dict[str, Any]:
+        try:
+            meta = json.loads(self._bytes(META, _MAX_META_BYTES))
+        except (ValueError, RecursionError) as error:
+            raise DatasetError(f"{self._path}: {META} is no JSON: {error}") from error
+        if not isinstance(meta, dict):
+            raise DatasetError(f"{self._path}: {META} is no JSON object")
+        return meta
+
+    def _bytes(self, name: str, limit: int) -> bytes:
+        if name not in self._sizes:
+            raise DatasetError(f"{self._path}: {name[:80]} is missing")
+        if self._sizes[name] > limit:
+            raise DatasetError(f"{self._path}: {name[:80]} has {self._sizes[name]} bytes, the limit is {limit}")
+        return self._load(name)
+
+    def splats(self) -> Splats:
+        low, high = (self._pixels("means", file) for file in range(2))
+        bounds = [self._numbers("means", side, 3, _MAX_LOG_POSITION).astype(np.float32) for side in ("mins", "maxs")]
+        share = (low[:, :3] + np.float32(256) * high[:, :3]) / np.float32(65535)
+        logs = bounds[0] + (bounds[1] - bounds[0]) * share
+        colors = self._pixels("sh0")
+        harmonics = [self._codebook("sh0")[colors[:, None, :3]]]
+        if self._meta.get("shN") is not None:
+            harmonics.append(self._harmonics())
+        return build_splats(
+            self._path,
+            means=np.sign(logs) * np.expm1(np.abs(logs)),
+            quats=self._rotations(),
+            log_scales=self._codebook("scales")[self._pixels("scales")[:, :3]],
+            opacities=colors[:, 3] / np.float32(255),
+            sh=np.concatenate(harmonics, axis=1),
+        )
+
+    def _rotations(self) -> np.ndarray:
+        pixels = self._pixels("quats")
+        largest = pixels[:, 3].astype(np.int64) - 252
+        if (largest < 0).any():
+            row = int((largest < 0).argmax())
+            raise DatasetError(f"{self._path}: quats: Gaussian {row} has {pixels[row, 3]} as its largest component")
+        others = (pixels[:, :3] / np.float32(255) * 2 - 1) / np.float32(2**0.5)
+        rest = np.sqrt(np.maximum(0, 1 - (others**2).sum(axis=1, keepdims=True)))
+        places = np.array([[3, 0, 1, 2], [0, 3, 1, 2], [0, 1, 3, 2], [0, 1, 2, 3]])
+        return np.take_along_axis(np.concatenate([others, rest], axis=1), places[largest], axis=1)
+
+    def _harmonics(self) -> np.ndarray:
+        bands, count = self._field("shN", "bands"), self._field("shN", "count")
+        if bands not in range(1, MAX_DEGREE + 1):
+            raise DatasetError(f"{self._path}: {META}: shN.bands is {bands!r:.40}, not 1 to {MAX_DEGREE}")
+        if not isinstance(count, int) or not 0 < count <= _MAX_PALETTE:
+            raise DatasetError(f"{self._path}: {META}: shN.count is {count!r:.40}, not 1 to {_MAX_PALETTE}")
+        width = num_functions(bands) - 1
+        rows = -(-count // PALETTE_COLUMNS)
+        palette = self._picture("shN", 0, pixels=rows * PALETTE_COLUMNS * width, width=PALETTE_COLUMNS * width)
+        labels = self._pixels("shN", 1).astype(np.int64)
+        label = labels[:, 0] + 256 * labels[:, 1]
+        if (label >= count).any():
+            row = int((label >= count).argmax())
+            raise DatasetError(f"{self._path}: shN: Gaussian {row} has entry {label[row]} of a palette of {count}")
+        codes = palette[:, :3].reshape(-1, width, 3)
+        return self._codebook("shN")[codes[label]]
+
+    def _field(self, section: str, name: str) -> Any:
+        content = self._meta.get(section)
+        if not isinstance(content, dict) or name not in content:
+            raise DatasetError(f"{self._path}: {META}: {section}.{name} is missing")
+        return content[name]
+
+    def _numbers(self, section: str, name: str, count: int, limit: float) -> np.ndarray:
+        values = self._field(section, name)
+        try:
+            numbers = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            numbers = np.empty(0)
+        if numbers.shape != (count,) or not (np.abs(numbers) <= limit).all():
+            raise DatasetError(f"{self._path}: {META}: {section}.{name} is not {count} numbers within {limit:g}")
+        return numbers
+
+    def _codebook(self, section: str) -> np.ndarray:
+        return self._numbers(section, "codebook", CODES, 1e6).astype(np.float32)
+
+    def _pixels(self, section: str, file: int = 0) -> np.ndarray:
+        """The pixels of the Gaussians in a picture, uint8 (N, 4)."""
+        return self._picture(section, file, pixels=self._count)[: self._count]
+
+    def _picture(self, section: str, file: int, *, pixels: int, width: int | None = None) -> np.ndarray:
+        names = self._field(section, "files")
+        if not isinstance(names, list) or len(names) <= file or not isinstance(names[file], str):
+            raise DatasetError(f"{self._path}: {META}: {section}.files names no file {file}")
+        name = names[file]
+        try:
+            with Image.open(io.BytesIO(self._bytes(name, _MAX_PICTURE_BYTES)), formats=["WEBP"]) as image:
+                has = image.width * image.height
+                if not pixels <= has <= 2 * pixels + _SPARE_PIXELS or width not in (None, image.width):
+                    size = f"{image.width} x {image.height}"
+                    raise DatasetError(f"{self._path}: {name[:80]} is {size} pixels, {pixels} are needed")
+                return np.asarray(image.convert("RGBA")).reshape(-1, 4)
+        except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+            raise DatasetError(f"{self._path}: {name[:80]} is no WebP picture: {error}") from error

@@ -1,0 +1,171 @@
+"""SPZ files, versions 2 to 4 (github.com/nianticlabs/spz): numbers of fixed width, packed column by column.
+
+Versions 2 and 3 are one gzip stream: a header of 16 bytes, then the columns. Version 4 has a plain header of 32 bytes, a
+table of sizes and a zstd stream for each column. Version 2 has rotations of 3 bytes, later ones of 4. Axes are RUB.
+"""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import zstandard
+
+from splatwire.errors import DatasetError
+from splatwire.formats._axes import SPZ_FLIPS, flip_axes
+from splatwire.formats._columns import build_splats, check_count
+from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
+from splatwire.scene.splats import Splats
+
+GZIP_MAGIC = b"\x1f\x8b"
+MAGIC = b"NGSP"
+_HEADER = struct.Struct("<4sIIBBBB")
+_TABLE_OFFSET, _TABLE_ROW = struct.Struct("<I"), struct.Struct("<QQ")
+_PLAIN_HEADER_BYTES = 32
+_MAX_FRACTION_BITS = 24
+_MAX_RATIO, _FREE_BYTES = 256, 16 << 20
+_COLOR_SCALE = 0.15
+_MAGNITUDE = 511
+
+
+@dataclass(frozen=True)
+class _Header:
+    version: int
+    count: int
+    degree: int
+    fraction_bits: int
+    streams: int
+
+    @property
+    def columns(self) -> dict[str, int]:
+        """Bytes of each column, in the order of the file."""
+        rest = 3 * (num_functions(self.degree) - 1)
+        widths = {"positions": 9, "alphas": 1, "colors": 3, "scales": 3, "rotations": 3 if self.version == 2 else 4}
+        return {name: width * self.count for name, width in {**widths, "sh": rest}.items() if width}
+
+
+def read_spz(path: Path) -> Splats:
+    """Reads an SPZ file of version 2, 3 or 4.
+
+    Raises:
+        DatasetError: If it is damaged, of another version or degree, or asks for more memory than such a file can need.
+        OSError: If it cannot be read.
+    """
+    data = path.read_bytes()
+    if data.startswith(GZIP_MAGIC):
+        header, columns = _gunzip(path, data)
+    elif data.startswith(MAGIC):
+        header, columns = _unzstd(path, data)
+    else:
+        raise DatasetError(f"{path}: not an SPZ file, it starts with {data[:4]!r}")
+    return flip_axes(_splats(path, header, columns), SPZ_FLIPS)
+
+
+def _parse(path: Path, data: bytes, file_bytes: int) -> _Header:
+    if len(data) < _HEADER.size:
+        raise DatasetError(f"{path}: the SPZ header ends after {len(data)} bytes")
+    magic, version, count, degree, fraction_bits, _, last = _HEADER.unpack_from(data)
+    if magic != MAGIC:
+        raise DatasetError(f"{path}: what is packed in it starts with {magic!r} and is no SPZ")
+    if version not in (2, 3, 4):
+        raise DatasetError(f"{path}: SPZ of version {version}; versions 2 to 4 are read")
+    if degree > MAX_DEGREE:
+        raise DatasetError(f"{path}: harmonics of degree {degree}; 0 to {MAX_DEGREE} are read")
+    if fraction_bits > _MAX_FRACTION_BITS:
+        raise DatasetError(f"{path}: {fraction_bits} fractional bits of 24 in a position")
+    check_count(path, count, file_bytes)
+    header = _Header(version, count, degree, fraction_bits, last)
+    needed = sum(header.columns.values())
+    if needed > max(_FREE_BYTES, _MAX_RATIO * file_bytes):
+        raise DatasetError(f"{path}: {file_bytes} bytes would unpack to {needed}, more than {_MAX_RATIO} times as many")
+    return header
+
+
+def _gunzip(path: Path, data: bytes) -> tuple[_Header, dict[str, np.ndarray]]:
+    unpacker = zlib.decompressobj(wbits=16 + zlib.MAX_WBITS)
+    try:
+        head = unpacker.decompress(data, _HEADER.size)
+        header = _parse(path, head, len(data))
+        if header.version == 4:
+            raise DatasetError(f"{path}: SPZ of version 4 within gzip")
+        needed = sum(header.columns.values())
+        body = unpacker.decompress(unpacker.unconsumed_tail, needed)
+        while len(body) < needed and not unpacker.eof and unpacker.unconsumed_tail:
+            body += unpacker.decompress(unpacker.unconsumed_tail, needed - len(body))
+    except zlib.error as error:
+        raise DatasetError(f"{path}: the gzip data are damaged: {error}") from error
+    if len(body) < needed:
+        raise DatasetError(f"{path}: the gzip data end after {len(body)} bytes, {needed} were promised")
+    ends = np.cumsum(list(header.columns.values()))
+    pieces = np.split(np.frombuffer(body, np.uint8), ends[:-1])
+    return header, dict(zip(header.columns, pieces, strict=True))
+
+
+def _unzstd(path: Path, data: bytes) -> tuple[_Header, dict[str, np.ndarray]]:
+    header = _parse(path, data, len(data))
+    if header.version != 4 or len(data) < _PLAIN_HEADER_BYTES:
+        raise DatasetError(f"{path}: an SPZ header of version {header.version} and {len(data)} bytes, not of version 4")
+    (table,) = _TABLE_OFFSET.unpack_from(data, _HEADER.size)
+    at = table + header.streams * _TABLE_ROW.size
+    if header.streams != len(header.columns) or not _PLAIN_HEADER_BYTES <= table <= at <= len(data):
+        raise DatasetError(f"{path}: a table of {header.streams} streams at byte {table} is not where it can be")
+    columns = {}
+    for stream, (name, size) in enumerate(header.columns.items()):
+        packed, unpacked = _TABLE_ROW.unpack_from(data, table + stream * _TABLE_ROW.size)
+        if unpacked != size or packed > len(data) - at:
+            raise DatasetError(f"{path}: stream {name} is said to be {packed} bytes for {unpacked}, not for {size}")
+        columns[name] = _unpack_stream(path, name, data[at : at + packed], size)
+        at += packed
+    return header, columns
+
+
+def _unpack_stream(path: Path, name: str, data: bytes, size: int) -> np.ndarray:
+    try:
+        with zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(data) as reader:
+            content = reader.read(size + 1)
+    except zstandard.ZstdError as error:
+        raise DatasetError(f"{path}: stream {name} is damaged: {error}") from error
+    if len(content) != size:
+        raise DatasetError(f"{path}: stream {name} has not the {size} bytes that it was said to have")
+    return np.frombuffer(content, np.uint8)
+
+
+def _splats(path: Path, header: _Header, columns: dict[str, np.ndarray]) -> Splats:
+    low, middle, high = columns["positions"].astype(np.int32).reshape(-1, 3, 3).transpose(2, 0, 1)
+    fixed = (low | middle << 8 | high << 16) - ((high & 128) << 17)
+    color = (columns["colors"].astype(np.float32) / 255 - 0.5) / _COLOR_SCALE
+    parts = [color.reshape(-1, 1, 3)]
+    if "sh" in columns:
+        parts.append((columns["sh"].astype(np.float32).reshape(header.count, -1, 3) - 128) / 128)
+    unpack = _three_bytes if header.version == 2 else _smallest_three
+    return build_splats(
+        path,
+        means=fixed / np.float32(1 << header.fraction_bits),
+        quats=unpack(columns["rotations"]),
+        log_scales=columns["scales"].astype(np.float32).reshape(-1, 3) / 16 - 10,
+        opacities=columns["alphas"].astype(np.float32) / 255,
+        sh=np.concatenate(parts, axis=1),
+    )
+
+
+def _three_bytes(data: np.ndarray) -> np.ndarray:
+    """Rotations of version 2: x, y and z, from which w follows."""
+    vector = data.astype(np.float32).reshape(-1, 3) / np.float32(127.5) - 1
+    w = np.sqrt(np.maximum(0, 1 - (vector**2).sum(axis=1, keepdims=True)))
+    return np.concatenate([w, vector], axis=1)
+
+
+def _smallest_three(data: np.ndarray) -> np.ndarray:
+    """Rotations since version 3: which of x, y, z, w is largest, and sign and 9 bits of the others."""
+    packed = data.reshape(-1, 4).view("<u4")[:, 0].copy()
+    largest = packed >> 30
+    xyzw = np.zeros((len(packed), 4), np.float32)
+    for axis in (3, 2, 1, 0):
+        other = largest != axis
+        value = (packed & _MAGNITUDE) / np.float32(_MAGNITUDE * 2**0.5)
+        xyzw[:, axis] = np.where(other, np.where(packed >> 9 & 1, -value, value), 0)
+        packed = np.where(other, packed >> 10, packed)
+    rest = np.sqrt(np.maximum(0, 1 - (xyzw**2).sum(axis=1)))
+    xyzw[np.arange(len(xyzw)), largest] = rest
+    return np.roll(xyzw, 1, axis=1)
