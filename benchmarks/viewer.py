@@ -26,7 +26,7 @@ import torch
 from PIL import Image
 
 from splatwire.data import load_cameras
-from splatwire.importers.splats import import_splats
+from splatwire.formats import read_splats
 from splatwire.metrics import psnr
 from splatwire.render import render_scene
 from splatwire.scene import Cameras
@@ -164,7 +164,7 @@ def main() -> None:
     )
     png = base64.b64decode(posted["picture"].partition(",")[2])
     theirs = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=np.float32) / 255
-    splats = import_splats(arguments.file)
+    splats = read_splats(arguments.file)
     ours = render_scene(splats, cameras.select([arguments.view]))[0]
     if arguments.picture:
         both = np.concatenate([theirs, ours.numpy()], axis=1)

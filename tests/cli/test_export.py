@@ -3,7 +3,7 @@ import torch
 
 from scenes import tiny_cameras
 from splatwire.data import save_cameras
-from splatwire.importers.splats import import_ply, import_splat
+from splatwire.formats import read_splats
 
 
 @pytest.mark.parametrize("source", ["tiny.scene", "tiny.swz"])
@@ -13,7 +13,7 @@ def test_scenes_and_streams_become_a_ply_whose_loss_is_told(run, journey, tmp_pa
                "--json")  # fmt: skip
     assert done.status == 0, done.err
     result = done.json
-    splats = import_ply(tmp_path / "a.ply")
+    splats = read_splats(tmp_path / "a.ply")
     assert splats.num_gaussians == result["num_gaussians"] > 100
     assert splats.degree == result["degree"] == 3
     assert result["num_bytes"] == (tmp_path / "a.ply").stat().st_size
@@ -28,18 +28,18 @@ def test_an_export_is_drawn_and_compared_with(run, journey, tmp_path):
     assert done.json["num_lost"] > 0
     assert done.json["measured"]["num_views"] == 2
     assert done.json["degree"] == 0
-    count = import_splat(exported).num_gaussians
+    count = read_splats(exported).num_gaussians
     drawn = run("render", exported, "-o", tmp_path / "pictures", "--cameras", journey / "cameras.json", "--json")
     assert drawn.status == 0, drawn.err
     assert drawn.json["num_gaussians"] == count
     compared = run("evaluate", journey / "tiny.scene", "--reference", exported, "--cameras", journey / "cameras.json",
                    "--json")  # fmt: skip
     assert compared.status == 0, compared.err
-    done = run("import", "splat", exported, "-o", tmp_path / "b.ply", "--json")
+    done = run("import", "splats", exported, "-o", tmp_path / "b.ply", "--json")
     assert done.json["num_gaussians"] == count
     done = run("export", "splat", tmp_path / "b.ply", "-o", tmp_path / "c.splat", "--json")
     assert done.json["measured"] is None
-    assert torch.equal(import_splat(tmp_path / "c.splat").means, import_splat(exported).means)
+    assert torch.equal(read_splats(tmp_path / "c.splat").means, read_splats(exported).means)
 
 
 @pytest.mark.parametrize(

@@ -21,12 +21,12 @@ from rich.progress import Progress as Bars
 from splatwire.cli.main import main
 from splatwire.cli.train import CPU_ITERATIONS, Train, _columns, _line, check_device
 from splatwire.data import Dataset
-from splatwire.errors import BackendUnavailableError, DatasetError, InvalidValueError
-from splatwire.exporters import write_ply
-from splatwire.importers.splats import import_points
+from splatwire.errors import BackendUnavailableError, InvalidValueError
+from splatwire.formats import read_splats, write_splats
 from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
 from splatwire.train import Progress
+from splatwire.train.initial import points_of_splats
 
 _FAR = Progress(20_000, 30_000, 0.1234, 0.1234, 1_234_567, 123_450_000, 7200.0, 12.3)
 
@@ -109,7 +109,7 @@ def test_counter_and_time_left_fit_into_80_columns() -> None:
 def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     output = tmp_path / "out.scene"
     words = ["train", folder, "-o", output, "--iterations", 20, "--voxel-size", 0.2, "--json"]
-    write_ply([_splats(torch.full((40,), 0.5))], tmp_path / "start.ply")
+    write_splats([_splats(torch.full((40,), 0.5))], tmp_path / "start.ply")
     assert _run([*words, "--init", tmp_path / "start.ply"]) == 0
     captured = capsys.readouterr()
     assert "recipe mipnerf360 (chosen by the data), 20 iterations" in captured.err
@@ -122,13 +122,13 @@ def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys
 
 def test_points_of_gaussians_are_the_visible_ones(tmp_path: Path) -> None:
     splats = _splats(torch.tensor([0.5, 0.001, 0.9]))
-    write_ply([splats], tmp_path / "a.ply")
-    points = import_points(tmp_path / "a.ply")
+    write_splats([splats], tmp_path / "a.ply")
+    points = points_of_splats(read_splats(tmp_path / "a.ply"))
     assert torch.equal(points.positions, splats.means[[0, 2]])
     assert bool((points.colors == 0.5).all())
-    write_ply([_splats(torch.full((3,), 0.001))], tmp_path / "b.ply")
-    with pytest.raises(DatasetError, match="transparent"):
-        import_points(tmp_path / "b.ply")
+    write_splats([_splats(torch.full((3,), 0.001))], tmp_path / "b.ply")
+    with pytest.raises(InvalidValueError, match="transparent"):
+        points_of_splats(read_splats(tmp_path / "b.ply"))
 
 
 def test_a_gpu_is_refused_with_what_is_missing(

@@ -42,16 +42,16 @@ def background_of_file(path: Path) -> "Background":
 
 
 def load_picturable(path: Path, concealer: str) -> "tuple[AnchorScene | Splats, int]":
-    """Reads whatever can be drawn: what `load_drawable` reads, or explicit Gaussians (3DGS PLY, `.splat`).
+    """Reads whatever can be drawn: what `load_drawable` reads, or explicit Gaussians of any format.
 
     Raises:
         UnknownNameError: If there is no such concealer.
         DatasetError: If a file of explicit Gaussians is damaged.
         BitstreamError: If the file is none of these.
     """
-    from splatwire.importers.splats import import_splats, splats_kind
+    from splatwire.formats import read_splats, splats_kind
 
-    return load_drawable(path, concealer) if splats_kind(path) is None else (import_splats(path), 0)
+    return load_drawable(path, concealer) if splats_kind(path) is None else (read_splats(path), 0)
 
 
 def load_drawable(path: Path, concealer: str) -> "tuple[AnchorScene, int]":

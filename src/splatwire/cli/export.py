@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 class Export:
     """Export a scene as explicit Gaussians, which common splat viewers open; the loss of quality is measured."""
 
-    kind: tyro.conf.Positional[Literal["ply", "splat"]]
-    """ply is the format of 3DGS; splat has 32 bytes per Gaussian and one colour for all directions."""
+    kind: tyro.conf.Positional[Literal["ply", "compressed-ply", "spz", "sog", "splat"]]
+    """ply is the format of 3DGS; compressed-ply, spz and sog are smaller; splat has 32 bytes per Gaussian
+    and one colour for all directions."""
     scene: tyro.conf.Positional[str]
-    """Scene file, decoded scene with gaps, or stream; - for standard input. A 3DGS PLY or .splat file is converted."""
+    """Scene file, decoded scene with gaps, or stream; - for standard input. Explicit Gaussians are converted."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
@@ -65,7 +66,7 @@ class Export:
             "output": str(self.output),
             "num_gaussians": counts.written,
             "num_bytes": self.output.stat().st_size,
-            "degree": scene.degree if isinstance(scene, Splats) and self.kind == "ply" else self._degree,
+            "degree": scene.degree if isinstance(scene, Splats) and self.kind != "splat" else self._degree,
             "left_out": {"unseen": counts.unseen, "faint": counts.faint},
             "num_lost": num_lost,
             "seconds": time.perf_counter() - started,
@@ -78,23 +79,23 @@ class Export:
 
     @property
     def _degree(self) -> int:
-        return self.degree if self.kind == "ply" else 0
+        return self.degree if self.kind != "splat" else 0
 
     def _write(self, parts: "Iterator[Splats]") -> int:
-        from splatwire.exporters import write_ply, write_splat
+        from splatwire.formats.kinds import WRITERS
 
-        return write_ply(parts, self.output) if self.kind == "ply" else write_splat(parts, self.output)
+        return WRITERS[self.kind.replace("-", ".")](parts, self.output)
 
     def _fit(self, scene: "AnchorScene", counts: Any, show: Reporter) -> dict[str, Any]:
         from splatwire.exporters import fit_splats
-        from splatwire.importers.splats import import_ply, import_splat
+        from splatwire.formats.kinds import READERS
         from splatwire.render import create_renderer
 
         fitted_to, measured_on, photos = self._views(scene)
         draw = create_renderer("cpu")
         parts = fit_splats(scene, fitted_to, draw, degree=self._degree, counts=counts, progress=show)
         self._write(parts)
-        splats = import_ply(self.output) if self.kind == "ply" else import_splat(self.output)
+        splats = READERS[self.kind.removeprefix("compressed-")](self.output)
         return measure(scene, splats, measured_on, photos, show)
 
     def _views(self, scene: "AnchorScene") -> "tuple[Cameras, Cameras, Dataset | None]":

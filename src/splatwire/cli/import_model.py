@@ -16,11 +16,11 @@ from splatwire.errors import InvalidValueError
 class Import:
     """Import a model of other software: neural scenes as a scene file, explicit Gaussians as a standard PLY."""
 
-    kind: tyro.conf.Positional[Literal["hacpp", "scaffold", "ply", "splat"]]
+    kind: tyro.conf.Positional[Literal["hacpp", "scaffold", "splats"]]
     """What it is: hacpp and scaffold are model folders of the official HAC++ and Scaffold-GS code and become a scene
-    file; ply (3DGS) and splat (32 bytes per Gaussian) are explicit Gaussians, which are checked and written as a 3DGS
-    PLY. Explicit Gaussians can be drawn (render), compared with (evaluate --reference) and started from (train
-    --init)."""
+    file; splats are explicit Gaussians (PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, .glb), which are checked and
+    written as a 3DGS PLY. Explicit Gaussians can be drawn (render), compared with (evaluate --reference) and started
+    from (train --init)."""
     model_dir: tyro.conf.Positional[Path]
     """Its model folder, or the file."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
@@ -36,7 +36,7 @@ class Import:
             raise InvalidValueError("--appearance is for scaffold models")
         started = time.perf_counter()
         with output_path(self.output, json=self.json) as path:
-            result = self._explicit(path) if self.kind in ("ply", "splat") else self._neural(path)
+            result = self._explicit(path) if self.kind == "splats" else self._neural(path)
             num_bytes = path.stat().st_size
         if self.json:
             seconds = time.perf_counter() - started
@@ -60,8 +60,8 @@ class Import:
         return {"num_anchors": scene.anchors.num_anchors, "digest": scene_digest(scene.anchors)}
 
     def _explicit(self, path: Path) -> dict[str, object]:
-        from splatwire.exporters import write_ply
-        from splatwire.importers.splats import import_ply, import_splat
+        from splatwire.formats import read_splats
+        from splatwire.formats.ply import write_ply
 
-        splats = import_ply(self.model_dir) if self.kind == "ply" else import_splat(self.model_dir)
+        splats = read_splats(self.model_dir)
         return {"num_gaussians": write_ply([splats], path), "degree": splats.degree}

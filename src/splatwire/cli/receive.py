@@ -108,7 +108,7 @@ class Receive:
         """Writes the preview beside the output that there is not, as a PLY of 3DGS; says what became of it."""
         from splatwire.codec.preview import preview_splats
         from splatwire.errors import BitstreamError
-        from splatwire.exporters import write_ply
+        from splatwire.formats.ply import write_ply
 
         if not preview:
             return ""

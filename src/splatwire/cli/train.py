@@ -102,9 +102,10 @@ class Train:
                 file=sys.stderr,
             )
             if self.init is not None:
-                from splatwire.importers.splats import import_points
+                from splatwire.formats import read_splats
+                from splatwire.train.initial import points_of_splats
 
-                train = dataclasses.replace(train, points=import_points(self.init))
+                train = dataclasses.replace(train, points=points_of_splats(read_splats(self.init)))
             if train.points is None or not train.points.num_points:
                 print("the data has no points: the first anchors stand at random places", file=sys.stderr)
             state = initial_state(train, config)

@@ -1,8 +1,8 @@
 """Axes of the formats: ours are those of a 3DGS PLY.
 
 Formats are named by where x, y and z point for a camera that looks at the scene: right or left, up or down, forward or
-back. A 3DGS PLY is RDF, as are compressed PLY, SOG, `.splat` and `.ksplat`; SPZ is RUB, glTF is LUF. Between two of these are
-two flipped axes, that is half a turn, so Gaussians stay Gaussians and no reflection is needed.
+back. A 3DGS PLY is RDF, as are compressed PLY, SOG, `.splat` and `.ksplat`; SPZ is RUB, glTF is LUF. Between two of
+these are two flipped axes, that is half a turn, so Gaussians stay Gaussians and no reflection is needed.
 """
 
 import torch

@@ -1,11 +1,13 @@
 """From the columns of a file to Gaussians: what every reader checks, and how much memory a file may ask for."""
 
+from collections.abc import Iterable
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from splatwire.errors import DatasetError
+from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.scene.splats import Splats
 
 MAX_GAUSSIANS = 20_000_000
@@ -60,20 +62,20 @@ def build_splats(
         DatasetError: If a number is not finite, a size not positive, or a rotation has no direction; the message
             names the Gaussian and the column.
     """
-    columns = {"position": means, "rotation": quats, "opacity": opacities, "harmonics": sh}
-    columns["scale"] = scales if log_scales is None else log_scales
-    for name, values in columns.items():
+    sizes = scales if log_scales is None else log_scales
+    assert sizes is not None
+    named = (("position", means), ("rotation", quats), ("opacity", opacities), ("harmonics", sh), ("scale", sizes))
+    for name, values in named:
         _refuse(path, name, values, ~np.isfinite(values))
     _refuse(path, "opacity", opacities, (opacities < 0) | (opacities > 1))
     if log_scales is not None:
         _refuse(path, "logarithm of a scale", log_scales, np.abs(log_scales) > MAX_LOG_SCALE)
-        scales = np.exp(log_scales.astype(np.float32))
-    assert scales is not None
-    _refuse(path, "scale", scales, scales <= 0)
+        sizes = np.exp(log_scales.astype(np.float32))
+    _refuse(path, "scale", sizes, sizes <= 0)
     return Splats(
         means=_tensor(means),
         quats=_tensor(unit_quaternions(path, quats)),
-        scales=_tensor(scales),
+        scales=_tensor(sizes),
         opacities=_tensor(opacities),
         sh=_tensor(sh),
     )
@@ -101,3 +103,25 @@ def _refuse(path: Path, name: str, values: np.ndarray, bad: np.ndarray, why: str
 
 def _tensor(values: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def join(path: Path, parts: Iterable[Splats]) -> Splats:
+    """Puts parts together for a format that needs to see all Gaussians at once.
+
+    Args:
+        path: The file to be, for messages.
+        parts: Gaussians of one degree.
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, degrees differ, or a number is not one of a Gaussian.
+    """
+    pieces = list(parts)
+    if not sum(part.num_gaussians for part in pieces):
+        raise InvalidValueError(f"{path}: there is no Gaussian to write")
+    for part in pieces:
+        if part.degree != pieces[0].degree:
+            raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {pieces[0].degree}")
+    whole = Splats(**{f.name: torch.cat([getattr(p, f.name) for p in pieces]).detach().cpu() for f in fields(Splats)})
+    if not all(torch.isfinite(value).all() for value in vars(whole).values()) or not (whole.scales > 0).all():
+        raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")
+    return whole

@@ -1,8 +1,8 @@
 """SOG, version 2 (github.com/playcanvas/splat-transform): a `meta.json` and lossless WebP pictures, as folder or zip.
 
-Pixel i of each picture is Gaussian i. Positions are 16 bits of sign(x) log(1 + |x|) between bounds, rotations the smallest
-three of w, x, y, z in 8 bits each, scales, colours and harmonics entries of code books with 256 numbers. Harmonics are
-entries of a palette. Axes are RDF.
+Pixel i of each picture is Gaussian i. Positions are 16 bits of sign(x) log(1 + |x|) between bounds, rotations the
+smallest three of w, x, y, z in 8 bits each, scales, colours and harmonics entries of code books with 256 numbers.
+Harmonics are entries of a palette. Axes are RDF.
 """
 
 import io

@@ -1,20 +1,22 @@
 """SPZ files, versions 2 to 4 (github.com/nianticlabs/spz): numbers of fixed width, packed column by column.
 
-Versions 2 and 3 are one gzip stream: a header of 16 bytes, then the columns. Version 4 has a plain header of 32 bytes, a
-table of sizes and a zstd stream for each column. Version 2 has rotations of 3 bytes, later ones of 4. Axes are RUB.
+Versions 2 and 3 are one gzip stream: a header of 16 bytes, then the columns. Version 4 has a plain header of 32 bytes,
+a table of sizes and a zstd stream for each column. Version 2 has rotations of 3 bytes, later ones of 4. Axes are RUB.
 """
 
 import struct
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import zstandard
 
-from splatwire.errors import DatasetError
+from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.formats._axes import SPZ_FLIPS, flip_axes
-from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats._columns import build_splats, check_count, join
+from splatwire.formats._files import complete_file
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.scene.splats import Splats
 
@@ -23,7 +25,8 @@ MAGIC = b"NGSP"
 _HEADER = struct.Struct("<4sIIBBBB")
 _TABLE_OFFSET, _TABLE_ROW = struct.Struct("<I"), struct.Struct("<QQ")
 _PLAIN_HEADER_BYTES = 32
-_MAX_FRACTION_BITS = 24
+_MAX_FRACTION_BITS, _FRACTION_BITS = 24, 12
+_ZSTD_LEVEL = 12
 _MAX_RATIO, _FREE_BYTES = 256, 16 << 20
 _COLOR_SCALE = 0.15
 _MAGNITUDE = 511
@@ -169,3 +172,71 @@ def _smallest_three(data: np.ndarray) -> np.ndarray:
     rest = np.sqrt(np.maximum(0, 1 - (xyzw**2).sum(axis=1)))
     xyzw[np.arange(len(xyzw)), largest] = rest
     return np.roll(xyzw, 1, axis=1)
+
+
+def write_spz(parts: Iterable[Splats], path: Path) -> int:
+    """Writes an SPZ file of version 4 with harmonics in 8 bits; what lies outside of a byte's range is cut.
+
+    Args:
+        parts: The Gaussians, all of one degree.
+        path: The file; it appears under its name when it is complete.
+
+    Returns:
+        How many Gaussians were written.
+
+    Raises:
+        InvalidValueError: If there is none, a number is not finite, degrees differ, or a position is beyond 2**23.
+        OSError: If the file cannot be written.
+    """
+    splats = flip_axes(join(path, parts), SPZ_FLIPS)
+    bits = _fraction_bits(float(splats.means.abs().max()))
+    packer = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
+    columns = _columns(splats, bits)
+    streams = [packer.compress(column.tobytes()) for column in columns]
+    with complete_file(path) as file:
+        file.write(_HEADER.pack(MAGIC, 4, splats.num_gaussians, splats.degree, bits, 0, len(streams)))
+        file.write(_TABLE_OFFSET.pack(_PLAIN_HEADER_BYTES).ljust(_PLAIN_HEADER_BYTES - _HEADER.size, b"\0"))
+        for stream, column in zip(streams, columns, strict=True):
+            file.write(_TABLE_ROW.pack(len(stream), column.nbytes))
+        file.writelines(streams)
+    return splats.num_gaussians
+
+
+def _fraction_bits(farthest: float) -> int:
+    """12 as other writers, fewer where positions would not fit into 24 bits."""
+    bits = _FRACTION_BITS
+    while bits and farthest * 2**bits > 2**23 - 1:
+        bits -= 1
+    if farthest * 2**bits > 2**23 - 1:
+        raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {2**23 - 1}")
+    return bits
+
+
+def _columns(splats: Splats, bits: int) -> list[np.ndarray]:
+    fixed = np.rint(splats.means.double().numpy() * 2**bits).astype("<i4")
+    sh = splats.sh.numpy()
+    columns = [
+        np.ascontiguousarray(fixed).view(np.uint8).reshape(-1, 3, 4)[:, :, :3],
+        _byte(splats.opacities.numpy() * 255),
+        _byte((sh[:, 0] * _COLOR_SCALE + 0.5) * 255),
+        _byte((np.log(splats.scales.numpy()) + 10) * 16),
+        _pack_smallest_three(splats.quats.numpy()),
+        _byte(sh[:, 1:] * 128 + 128),
+    ]
+    return [np.ascontiguousarray(column) for column in columns if column.size]
+
+
+def _byte(values: np.ndarray) -> np.ndarray:
+    return np.rint(values).clip(0, 255).astype(np.uint8)
+
+
+def _pack_smallest_three(quats: np.ndarray) -> np.ndarray:
+    xyzw = np.roll(quats.astype(np.float64), -1, axis=1)
+    largest = np.abs(xyzw).argmax(axis=1)
+    xyzw *= np.where(xyzw[np.arange(len(xyzw)), largest] < 0, -1, 1)[:, None]
+    packed = largest.astype(np.uint32)
+    magnitudes = np.rint(np.abs(xyzw) * (_MAGNITUDE * 2**0.5)).clip(0, _MAGNITUDE).astype(np.uint32)
+    for axis in range(4):
+        field = np.where(xyzw[:, axis] < 0, np.uint32(512), np.uint32(0)) | magnitudes[:, axis]
+        packed = np.where(largest != axis, packed << np.uint32(10) | field, packed)
+    return packed.astype("<u4")

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.formats._ply_file import PlyElement, read_ply
 from splatwire.importers._hacpp_files import (
     anchor_ply,
     infer_voxel_size,
@@ -20,7 +21,6 @@ from splatwire.importers._hacpp_files import (
     newest_iteration,
 )
 from splatwire.importers._hacpp_networks import channel_networks, hash_grid, two_layer_network
-from splatwire.importers._ply import PlyVertices, read_ply
 from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, Mlp, ModelConfig
 from splatwire.model.voxels import voxel_indices, voxel_positions
 from splatwire.scene import AnchorLayout, Anchors
@@ -106,7 +106,7 @@ def _heads(checkpoint: Mapping[str, Any], layout: AnchorLayout) -> GaussianHeads
     )
 
 
-def _anchors(vertices: PlyVertices, layout: AnchorLayout, model_dir: Path) -> tuple[Anchors, float]:
+def _anchors(vertices: PlyElement, layout: AnchorLayout, model_dir: Path) -> tuple[Anchors, float]:
     num_offsets = layout.num_offsets
     logits = vertices.columns("f_mask_", num_offsets + 1)[:, :num_offsets]  # the last channel is never read
     features = vertices.columns("f_anchor_feat_", layout.feature_dim)

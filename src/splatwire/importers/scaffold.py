@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.formats._ply_file import PlyElement, read_ply
 from splatwire.importers._hacpp_files import (
     infer_voxel_size,
     is_plain,
@@ -19,7 +20,6 @@ from splatwire.importers._hacpp_files import (
 )
 from splatwire.importers._hacpp_networks import two_layer_network
 from splatwire.importers._plain_context import plain_context
-from splatwire.importers._ply import PlyVertices, read_ply
 from splatwire.importers._torchscript import is_torchscript, read_torchscript_weights
 from splatwire.model import AnchorScene, GaussianHeads, HacppCoding, Linear, Mlp
 from splatwire.model.voxels import voxel_indices, voxel_positions
@@ -133,7 +133,7 @@ def _head(
     return Mlp(Linear(weight, bias), network.output)
 
 
-def _anchors(vertices: PlyVertices, feature_dim: int, num_offsets: int, model_dir: Path) -> tuple[Anchors, float]:
+def _anchors(vertices: PlyElement, feature_dim: int, num_offsets: int, model_dir: Path) -> tuple[Anchors, float]:
     with np.errstate(over="ignore"):
         scalings = np.exp(vertices.columns("scale_", 6))
     if not np.isfinite(scalings).all():

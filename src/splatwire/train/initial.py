@@ -8,10 +8,12 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from splatwire.data import Dataset
-from splatwire.errors import DatasetError
+from splatwire.data import Dataset, SparsePoints
+from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.model.voxels import voxel_positions
+from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Cameras
+from splatwire.scene.splats import Splats
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import INITIAL_VALUE
 from splatwire.train.state import (
@@ -61,6 +63,20 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         camera_extent=camera_extent(dataset.cameras),
         generator=generator,
     )
+
+
+def points_of_splats(splats: Splats) -> SparsePoints:
+    """Takes explicit Gaussians as points to start a training from: centres, and colours without view dependence.
+
+    Gaussians under an opacity of 1/255 are left out: they show nothing.
+
+    Raises:
+        InvalidValueError: If all are.
+    """
+    shown = splats.select(splats.opacities > 1 / 255)
+    if not shown.num_gaussians:
+        raise InvalidValueError("all Gaussians to start from are transparent")
+    return SparsePoints(shown.means, (0.5 + DC * shown.sh[:, 0]).clamp(0, 1))
 
 
 def camera_extent(cameras: Cameras) -> float:

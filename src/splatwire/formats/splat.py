@@ -1,16 +1,39 @@
-"""Writes `.splat` files: 32 bytes per Gaussian, one colour for all directions."""
+"""`.splat` files: 32 bytes per Gaussian, one colour for all directions; axes are ours, RDF."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from splatwire.errors import InvalidValueError
-from splatwire.exporters._files import complete_file
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats._files import complete_file
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
 RECORD = np.dtype([("position", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
+
+
+def read_splat(path: Path) -> Splats:
+    """Reads a `.splat` file; the harmonics are of degree 0.
+
+    Raises:
+        DatasetError: If its size is not a multiple of 32 bytes, or numbers are no Gaussian.
+        OSError: If it cannot be read.
+    """
+    size = path.stat().st_size
+    if not size or size % RECORD.itemsize:
+        raise DatasetError(f"{path}: {size} bytes are not records of {RECORD.itemsize} bytes")
+    records = np.fromfile(path, dtype=RECORD, count=check_count(path, size // RECORD.itemsize, size))
+    color = records["color"].astype(np.float32) / 255
+    return build_splats(
+        path,
+        means=records["position"],
+        quats=records["rotation"].astype(np.float32) / 128 - 1,
+        scales=records["scale"],
+        opacities=color[:, 3],
+        sh=(color[:, None, :3] - 0.5) / np.float32(DC),
+    )
 
 
 def write_splat(parts: Iterable[Splats], path: Path) -> int:

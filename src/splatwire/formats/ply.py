@@ -1,12 +1,21 @@
-"""Writes the PLY files of 3DGS, which nearly every splat viewer opens."""
+"""The PLY files of 3DGS, which nearly every splat viewer opens; axes are ours, RDF.
+
+Properties, all float32, in any order: `x y z nx ny nz f_dc_0..2 f_rest_0.. opacity scale_0..2 rot_0..3`. `f_rest` holds
+all coefficients of red, then green, then blue, `opacity` is a logit, `scale` a natural logarithm and `rot` a quaternion
+(w, x, y, z).
+"""
 
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from scipy.special import expit
 
-from splatwire.errors import InvalidValueError
-from splatwire.exporters._files import complete_file
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats._files import complete_file
+from splatwire.formats._ply_file import PlyElement
+from splatwire.ops.spherical_harmonics import degree_of
 from splatwire.scene.splats import Splats
 
 _COUNT_DIGITS = 12
@@ -14,12 +23,43 @@ _MIN_OPACITY = 1e-6
 """Opacities are kept this far from 0 and 1, where the logit is infinite."""
 
 
+def splats_of_vertices(vertices: PlyElement) -> Splats:
+    """Makes Gaussians of the vertices of a 3DGS PLY.
+
+    Normals and properties of other names are ignored; quaternions are normalised.
+
+    Raises:
+        DatasetError: If a property is missing, or numbers are no Gaussian.
+    """
+    path = vertices.path
+    check_count(path, len(vertices.rows), vertices.rows.nbytes)
+    if vertices.count_of("scale_") != 3:
+        count = vertices.count_of("scale_")
+        hint = "; a PLY of anchors is read by `splatwire import scaffold` or `hacpp`" if count == 6 else ""
+        raise DatasetError(f"{path}: has {count} properties scale_*, explicit Gaussians have 3{hint}")
+    num_rest = vertices.count_of("f_rest_")
+    harmonics = [vertices.columns("f_dc_", 3)[:, None]]
+    try:
+        degree_of(num_rest // 3 + 1 if num_rest % 3 == 0 else -1)
+    except InvalidValueError as error:
+        raise DatasetError(f"{path}: {num_rest} properties f_rest_* are not those of a degree from 0 to 3") from error
+    if num_rest:
+        rest = vertices.columns("f_rest_", num_rest)
+        harmonics.append(rest.reshape(len(rest), 3, -1).transpose(0, 2, 1))
+    return build_splats(
+        path,
+        means=vertices.select(["x", "y", "z"]),
+        quats=vertices.columns("rot_", 4),
+        log_scales=vertices.columns("scale_", 3),
+        opacities=expit(vertices.select(["opacity"])[:, 0]),
+        sh=np.concatenate(harmonics, axis=1),
+    )
+
+
 def write_ply(parts: Iterable[Splats], path: Path) -> int:
     """Writes Gaussians part by part, so that they never have to be in memory together.
 
-    Properties, all float32: `x y z nx ny nz f_dc_0..2 f_rest_0.. opacity scale_0..2 rot_0..3`. Normals are 0, `f_rest`
-    holds all coefficients of red, then green, then blue, `opacity` is a logit, `scale` a natural logarithm and `rot` a
-    quaternion (w, x, y, z). Axes stay those of the scene.
+    Normals are written as 0, opacities are kept a millionth from 0 and 1.
 
     Args:
         parts: The Gaussians, all of one degree; may be a generator.

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.exporters import write_ply, write_splat
-from splatwire.importers.splats import import_ply, import_splat, import_splats, splats_kind
+from splatwire.formats import read_splats, splats_kind
+from splatwire.formats.ply import write_ply
+from splatwire.formats.splat import read_splat, write_splat
 from splatwire.scene.splats import Splats
 
 
@@ -26,7 +27,7 @@ def _splats(count: int = 20, degree: int = 3, seed: int = 0) -> Splats:
 def test_ply_there_and_back(degree: int, tmp_path: Path) -> None:
     splats = _splats(degree=degree)
     assert write_ply([splats], tmp_path / "a.ply") == 20
-    back = import_splats(tmp_path / "a.ply")
+    back = read_splats(tmp_path / "a.ply")
     for name, value in vars(splats).items():
         torch.testing.assert_close(getattr(back, name), value, atol=2e-6, rtol=2e-6)
     assert torch.equal(back.means, splats.means)
@@ -62,7 +63,7 @@ def test_splat_files_keep_eight_bits(tmp_path: Path) -> None:
     splats.sh.clamp_(-1.5, 1.5)
     assert write_splat([splats], tmp_path / "a.splat") == 20
     assert (tmp_path / "a.splat").stat().st_size == 20 * 32
-    back = import_splats(tmp_path / "a.splat")
+    back = read_splats(tmp_path / "a.splat")
     assert torch.equal(back.means, splats.means)
     assert torch.equal(back.scales, splats.scales)
     assert float((back.opacities - splats.opacities).abs().max()) <= 0.5 / 255 + 1e-6
@@ -74,7 +75,7 @@ def test_splat_files_keep_eight_bits(tmp_path: Path) -> None:
 def test_the_bytes_of_a_splat_record(tmp_path: Path) -> None:
     record = struct.pack("<6f8B", 1, 2, 3, 0.1, 0.2, 0.3, 255, 128, 0, 51, 255, 128, 128, 128)
     (tmp_path / "a.splat").write_bytes(record)
-    one = import_splat(tmp_path / "a.splat")
+    one = read_splat(tmp_path / "a.splat")
     assert one.means.tolist() == [[1, 2, 3]]
     assert one.opacities.tolist() == pytest.approx([0.2])
     assert one.quats.tolist() == [[1, 0, 0, 0]]
@@ -96,8 +97,8 @@ def test_kinds_are_told_by_the_bytes(tmp_path: Path) -> None:
     assert splats_kind(tmp_path) is None
     (tmp_path / "odd.splat").write_bytes(bytes(33))
     assert splats_kind(tmp_path / "odd.splat") is None
-    with pytest.raises(DatasetError, match=r"odd\.splat: neither"):
-        import_splats(tmp_path / "odd.splat")
+    with pytest.raises(DatasetError, match=r"odd\.splat: none of"):
+        read_splats(tmp_path / "odd.splat")
 
 
 def test_what_cannot_be_written_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
@@ -131,7 +132,7 @@ def test_missing_properties_are_named(name: str, reason: str, tmp_path: Path) ->
     data = (tmp_path / "a.ply").read_bytes()
     (tmp_path / "a.ply").write_bytes(_without(data, name.encode()))
     with pytest.raises(DatasetError, match=reason) as caught:
-        import_ply(tmp_path / "a.ply")
+        read_splats(tmp_path / "a.ply")
     assert "a.ply" in str(caught.value)
 
 
@@ -146,15 +147,15 @@ def test_numbers_that_are_no_gaussian_are_refused(tmp_path: Path) -> None:
     for reason, data in cases.items():
         (tmp_path / "a.splat").write_bytes(data)
         with pytest.raises(DatasetError, match=reason):
-            import_splat(tmp_path / "a.splat")
+            read_splat(tmp_path / "a.splat")
     with pytest.raises(DatasetError, match="no such file"):
-        import_splats(tmp_path / "absent.ply")
+        read_splats(tmp_path / "absent.ply")
 
 
 def test_real_files_open(data_dir: Path) -> None:
-    luigi = import_splats(data_dir / "splats" / "luigi_lgm_3dgs.ply")
+    luigi = read_splats(data_dir / "splats" / "luigi_lgm_3dgs.ply")
     assert (luigi.num_gaussians, luigi.degree) == (14_526, 0)
-    truck = import_splats(data_dir / "splats" / "tandt_truck_opensplat_116k.splat")
+    truck = read_splats(data_dir / "splats" / "tandt_truck_opensplat_116k.splat")
     assert truck.num_gaussians == 116_544
     assert 0.2 < float(truck.opacities.mean()) < 0.9
     assert bool((truck.scales > 0).all())

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from splatwire.errors import DatasetError
-from splatwire.importers._ply import read_ply
+from splatwire.formats._ply_file import read_ply
 
 HEAD = (
     b"ply\nformat binary_little_endian 1.0\ncomment by hand\nelement vertex 2\nproperty float x\nproperty float w_0\n"
@@ -20,30 +20,30 @@ def test_a_file_built_by_hand_is_read(tmp_path):
     (tmp_path / "a.ply").write_bytes(GOOD)
     vertices = read_ply(tmp_path / "a.ply")
     assert vertices.names == ("x", "w_0")
-    assert np.array_equal(vertices.values, np.float32([[1.5, -2.0], [3.25, 1e-30]]))
+    assert np.array_equal(vertices.select(["x", "w_0"]), np.float32([[1.5, -2.0], [3.25, 1e-30]]))
     assert vertices.columns("w_", 1).tolist() == [[-2.0], [np.float32(1e-30)]]
 
 
 def test_xz_is_unpacked(tmp_path):
     (tmp_path / "a.ply.xz").write_bytes(lzma.compress(GOOD))
-    assert read_ply(tmp_path / "a.ply.xz").values[1, 0] == 3.25
+    assert read_ply(tmp_path / "a.ply.xz").rows["x"][1] == 3.25
 
 
 BAD = {
     "truncated": (GOOD[:-1], "ends early"),
-    "too long": (GOOD + b"\0", "goes on after the last vertex"),
+    "too long": (GOOD + b"\0", "goes on after the last row"),
     "no header end": (b"ply\n" * 30, "no end_header"),
     "endless header": (b"ply\n" * 100_000, "no end_header"),
     "empty": (b"", "no end_header"),
     "ascii": (GOOD.replace(b"binary_little_endian", b"ascii"), "not a binary little-endian PLY"),
     "big endian": (GOOD.replace(b"little", b"big"), "not a binary little-endian PLY"),
-    "double": (GOOD.replace(b"float w_0", b"double w_0"), "double w_0"),
+    "double": (GOOD.replace(b"float w_0", b"float64 w_0"), "float64 w_0"),
     "list": (GOOD.replace(b"float w_0", b"list uchar int w_0"), "float property"),
     "same name": (GOOD.replace(b"w_0", b"x"), "all different"),
     "negative": (GOOD.replace(b"vertex 2", b"vertex -2"), "the only element must be 'vertex'"),
     "huge": (GOOD.replace(b"vertex 2", b"vertex 99999999999"), "more than the limit"),
     "large": (GOOD.replace(b"vertex 2", b"vertex 9999999"), "cannot hold"),
-    "faces": (GOOD.replace(b"end_h", b"element face 3\nend_h"), "element face 3"),
+    "faces": (GOOD.replace(b"end_h", b"element face 0\nproperty int a\nend_h"), "element face 0"),
     "no properties": (b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n", "0 properties"),
     "nan": (GOOD[:-4] + struct.pack("<f", float("nan")), "vertex 1 has nan as w_0"),
     "infinite": (GOOD[:-8] + struct.pack("<ff", float("inf"), 0), "vertex 1 has inf as x"),
@@ -102,5 +102,5 @@ def test_damage_is_one_clear_error_or_finite_values(at, flip, cut, tmp_path):
         vertices = read_ply(tmp_path / "a.ply")
     except DatasetError:
         return
-    assert np.isfinite(vertices.values).all()
-    assert vertices.values.nbytes == len(BODY)
+    assert np.isfinite(vertices.select(list(vertices.names))).all()
+    assert vertices.rows.nbytes == len(BODY)

@@ -1,0 +1,119 @@
+"""Writes bundled SOG (see `splatwire.formats.sog`)."""
+
+import io
+import json
+import zipfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from splatwire.formats._codebooks import nearest_number, number_codebook, vector_palette
+from splatwire.formats._columns import join
+from splatwire.formats._files import complete_file
+from splatwire.formats.sog import CODES, META, PALETTE_COLUMNS
+from splatwire.ops.morton import morton_encode
+from splatwire.scene.splats import Splats
+from splatwire.version import __version__
+
+_ORDER_BITS = 16
+_MIN_PALETTE, _MAX_PALETTE = 1024, 65536
+_POSITION_TOP = 65535
+_FIXED_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def write_sog(parts: Iterable[Splats], path: Path) -> int:
+    """Writes a bundled SOG, Gaussians in Morton order.
+
+    Args:
+        parts: The Gaussians, all of one degree.
+        path: The file; it appears under its name when it is complete.
+
+    Returns:
+        How many Gaussians were written.
+
+    Raises:
+        InvalidValueError: If there is none, a number is not finite, or degrees differ.
+        OSError: If the file cannot be written.
+    """
+    splats = join(path, parts)
+    means = splats.means.double().numpy()
+    order = np.argsort(_morton(means), kind="stable")
+    pictures: dict[str, np.ndarray] = {}
+    meta = {"version": 2, "asset": {"generator": f"splatwire {__version__}"}, "count": len(means)}
+    meta["means"] = _means(means[order], pictures)
+    logs = np.log(splats.scales.numpy()[order])
+    meta["scales"] = _coded("scales", logs, np.full(len(logs), 255, np.uint8), pictures)
+    pictures["quats.webp"] = _rotations(splats.quats.numpy()[order])
+    meta["quats"] = {"files": ["quats.webp"]}
+    sh = splats.sh.numpy()[order]
+    opacities = np.rint(splats.opacities.numpy()[order] * 255).clip(0, 255).astype(np.uint8)
+    meta["sh0"] = _coded("sh0", sh[:, 0], opacities, pictures)
+    if splats.degree:
+        meta["shN"] = _harmonics(sh[:, 1:], splats.degree, pictures)
+    with complete_file(path) as file, zipfile.ZipFile(file, "w") as bundle:  # stored: pictures are packed already
+        for name, pixels in pictures.items():
+            bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), _webp(pixels))
+        bundle.writestr(zipfile.ZipInfo(META, _FIXED_DATE), json.dumps(meta))
+    return len(means)
+
+
+def _morton(means: np.ndarray) -> np.ndarray:
+    low = means.min(axis=0)
+    extent = max(float((means - low).max()), 1e-30)
+    return morton_encode(((means - low) / extent * ((1 << _ORDER_BITS) - 1)).astype(np.int64))
+
+
+def _means(means: np.ndarray, pictures: dict[str, np.ndarray]) -> dict[str, object]:
+    logs = np.sign(means) * np.log1p(np.abs(means))
+    low, high = logs.min(axis=0), logs.max(axis=0)
+    span = np.where(high > low, high - low, 1)
+    codes = np.rint((logs - low) / span * _POSITION_TOP).astype(np.int64)
+    names = ["means_l.webp", "means_u.webp"]
+    for name, part in zip(names, (codes & 255, codes >> 8), strict=True):
+        pictures[name] = _opaque(part)
+    return {"mins": low.tolist(), "maxs": high.tolist(), "files": names}
+
+
+def _coded(section: str, values: np.ndarray, alpha: np.ndarray, pictures: dict[str, np.ndarray]) -> dict[str, object]:
+    codebook = number_codebook(values, CODES)
+    name = f"{section}.webp"
+    pictures[name] = np.concatenate([nearest_number(values, codebook), alpha[:, None]], axis=1)
+    return {"codebook": codebook.tolist(), "files": [name]}
+
+
+def _rotations(quats: np.ndarray) -> np.ndarray:
+    largest = np.abs(quats).argmax(axis=1)
+    signed = quats * np.where(quats[np.arange(len(quats)), largest] < 0, -1, 1)[:, None]
+    others = np.stack([np.delete(np.arange(4), axis) for axis in range(4)])[largest]
+    shares = np.take_along_axis(signed, others, axis=1) * 2**-0.5 + 0.5
+    return np.concatenate([np.rint(shares * 255).clip(0, 255), 252 + largest[:, None]], axis=1).astype(np.uint8)
+
+
+def _harmonics(sh: np.ndarray, degree: int, pictures: dict[str, np.ndarray]) -> dict[str, object]:
+    count, width, _ = sh.shape
+    size = min(max(_MIN_PALETTE, 1 << (count.bit_length() - 1)), _MAX_PALETTE)
+    palette, labels = vector_palette(sh.reshape(count, -1), size)
+    codebook = number_codebook(palette, CODES)
+    rows = np.zeros((-(-len(palette) // PALETTE_COLUMNS) * PALETTE_COLUMNS, width, 3), np.uint8)
+    rows[: len(palette)] = nearest_number(palette, codebook).reshape(-1, width, 3)
+    names = ["shN_centroids.webp", "shN_labels.webp"]
+    pictures[names[0]] = _opaque(rows.reshape(-1, 3)).reshape(-1, PALETTE_COLUMNS * width, 4)
+    pictures[names[1]] = _opaque(np.stack([labels & 255, labels >> 8, np.zeros_like(labels)], axis=1))
+    return {"count": len(palette), "bands": degree, "codebook": codebook.tolist(), "files": names}
+
+
+def _opaque(rgb: np.ndarray) -> np.ndarray:
+    return np.concatenate([rgb, np.full((len(rgb), 1), 255)], axis=1).astype(np.uint8)
+
+
+def _webp(pixels: np.ndarray) -> bytes:
+    """A lossless picture; rows of pixels are laid out as a square, sides a multiple of 4."""
+    if pixels.ndim == 2:
+        width = -(-int(np.ceil(np.sqrt(len(pixels)))) // 4) * 4
+        height = -(-len(pixels) // (4 * width)) * 4
+        pixels = np.pad(pixels, ((0, width * height - len(pixels)), (0, 0))).reshape(height, width, 4)
+    file = io.BytesIO()
+    Image.fromarray(pixels, "RGBA").save(file, "WEBP", lossless=True, exact=True, quality=100, method=4)
+    return file.getvalue()

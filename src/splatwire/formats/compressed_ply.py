@@ -1,0 +1,167 @@
+"""Compressed PLY of PlayCanvas and SuperSplat: 16 bytes per Gaussian, within bounds of each 256; axes are ours, RDF.
+
+Element `chunk` has the bounds of positions, logarithmic scales and colours, `vertex` four words of 11, 10 and 11 bits
+(positions and scales), 2 and three times 10 (rotation: which of w, x, y, z is largest, and the others), four times 8
+(colour, opacity), and `sh` the other coefficients, a byte each from -4 to 4.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.formats._columns import build_splats, check_count, join
+from splatwire.formats._files import complete_file
+from splatwire.formats._ply_file import PlyElement
+from splatwire.ops.spherical_harmonics import DC, num_functions
+from splatwire.scene.splats import Splats
+
+CHUNK = 256
+_AXES, _CHANNELS = ("x", "y", "z"), ("r", "g", "b")
+_BOUNDS = (_AXES, tuple(f"scale_{axis}" for axis in _AXES), _CHANNELS)
+_WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+_WIDE, _BYTES, _TENS = (11, 10, 11), (8, 8, 8, 8), (2, 10, 10, 10)
+_MAX_LOG_SCALE = 20.0
+_SH_RANGE = 8.0
+_DEGREES = {3 * (num_functions(degree) - 1): degree for degree in range(4)}
+
+
+def splats_of_chunks(elements: dict[str, PlyElement]) -> Splats:
+    """Makes Gaussians of the elements of a compressed PLY.
+
+    Raises:
+        DatasetError: If an element or property is missing or of a wrong size, or numbers are no Gaussian.
+    """
+    chunks, vertices = elements["chunk"], elements.get("vertex")
+    path = chunks.path
+    if vertices is None:
+        raise DatasetError(f"{path}: a compressed PLY without element vertex")
+    count = check_count(path, len(vertices.rows), vertices.rows.nbytes)
+    if len(chunks.rows) != -(-count // CHUNK):
+        raise DatasetError(f"{path}: {len(chunks.rows)} chunks for {count} Gaussians, {CHUNK} to a chunk")
+    positions, rotations, scales, colors = (_word(vertices, name) for name in _WORDS)
+    chunk = np.arange(count) // CHUNK
+    rgba = _unpack(colors, _BYTES)
+    has_colors = "min_r" in chunks.names
+    color = _within(chunks, _BOUNDS[2], chunk, rgba[:, :3]) if has_colors else rgba[:, :3]
+    harmonics = [((color - 0.5) / np.float32(DC))[:, None]]
+    if "sh" in elements:
+        harmonics.append(_harmonics(elements["sh"], count))
+    return build_splats(
+        path,
+        means=_within(chunks, _BOUNDS[0], chunk, _unpack(positions, _WIDE)),
+        quats=_rotations(rotations),
+        log_scales=_within(chunks, _BOUNDS[1], chunk, _unpack(scales, _WIDE)),
+        opacities=rgba[:, 3],
+        sh=np.concatenate(harmonics, axis=1),
+    )
+
+
+def _word(vertices: PlyElement, name: str) -> np.ndarray:
+    if name not in vertices.names or vertices.rows.dtype[name] != np.dtype("<u4"):
+        raise DatasetError(f"{vertices.path}: property {name} of 32 bits is missing")
+    return np.asarray(vertices.rows[name])
+
+
+def _unpack(words: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
+    """Fields of words, the highest bits first, from 0 to 1."""
+    shifts = np.cumsum((0, *widths[:0:-1]))[::-1]
+    fields = [(words >> int(shift) & ((1 << width) - 1)) / np.float32((1 << width) - 1)
+              for shift, width in zip(shifts, widths, strict=True)]  # fmt: skip
+    return np.stack(fields, axis=1).astype(np.float32)
+
+
+def _within(chunks: PlyElement, names: tuple[str, ...], chunk: np.ndarray, share: np.ndarray) -> np.ndarray:
+    low, high = (chunks.select([f"{side}_{name}" for name in names])[chunk] for side in ("min", "max"))
+    with np.errstate(over="ignore", invalid="ignore"):  # bounds may lie; the result is checked
+        return low * (1 - share) + high * share
+
+
+def _rotations(words: np.ndarray) -> np.ndarray:
+    others = (_unpack(words, _TENS)[:, 1:] - np.float32(0.5)) * np.float32(2**0.5)
+    rest = np.sqrt(np.maximum(0, 1 - (others**2).sum(axis=1, keepdims=True)))
+    places = np.array([[3, 0, 1, 2], [0, 3, 1, 2], [0, 1, 3, 2], [0, 1, 2, 3]])
+    return np.take_along_axis(np.concatenate([others, rest], axis=1), places[words >> 30], axis=1)
+
+
+def _harmonics(element: PlyElement, count: int) -> np.ndarray:
+    width = element.count_of("f_rest_")
+    if width not in _DEGREES or not width or len(element.rows) != count:
+        size = f"{len(element.rows)} rows of {width} harmonics"
+        raise DatasetError(f"{element.path}: {size} are not those of {count} Gaussians of degree 1 to 3")
+    codes = element.columns("f_rest_", width)
+    share = np.where(codes == 0, 0, np.where(codes == 255, 1, (codes + 0.5) / 256))  # the ends are kept
+    return ((share - 0.5) * _SH_RANGE).astype(np.float32).reshape(count, 3, -1).transpose(0, 2, 1)
+
+
+def write_compressed_ply(parts: Iterable[Splats], path: Path) -> int:
+    """Writes a compressed PLY; Gaussians keep their order, so sort them in space first if they are not.
+
+    Args:
+        parts: The Gaussians, all of one degree.
+        path: The file; it appears under its name when it is complete.
+
+    Returns:
+        How many Gaussians were written.
+
+    Raises:
+        InvalidValueError: If there is none, a number is not finite, or degrees differ.
+        OSError: If the file cannot be written.
+    """
+    splats = join(path, parts)
+    means, quats, scales, sh = (t.numpy() for t in (splats.means, splats.quats, splats.scales, splats.sh))
+    color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities.numpy()[:, None]], axis=1)
+    logs = np.log(scales).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
+    bounds, shares = zip(*(_normalised(values) for values in (means, logs, color[:, :3])), strict=True)
+    rgba = np.concatenate([shares[2], color[:, 3:].clip(0, 1)], axis=1)
+    words = np.stack([_pack(shares[0], _WIDE), _packed_rotations(quats), _pack(shares[1], _WIDE), _pack(rgba, _BYTES)])
+    rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
+    codes = np.trunc((rest / _SH_RANGE + 0.5) * CHUNK).clip(0, CHUNK - 1).astype(np.uint8)
+    with complete_file(path) as file:
+        file.write(_header(len(means), rest.shape[1]))
+        file.write(np.concatenate(bounds, axis=1).astype("<f4").tobytes())
+        file.write(words.T.astype("<u4").tobytes())
+        file.write(codes.tobytes())
+    return len(means)
+
+
+def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of each chunk, least and largest side by side, and where between them each value lies."""
+    starts = np.arange(0, len(values), CHUNK)
+    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    chunk = np.arange(len(values)) // CHUNK
+    span = np.where(high - low < 1e-5, 1, high - low)[chunk]
+    return np.concatenate([low, high], axis=1), ((values - low[chunk]) / span).clip(0, 1)
+
+
+def _pack(shares: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
+    words = np.zeros(len(shares), np.uint32)
+    for field, width in enumerate(widths):
+        top = (1 << width) - 1
+        words = words << np.uint32(width) | np.rint(shares[:, field].astype(np.float64) * top).astype(np.uint32)
+    return words
+
+
+def _packed_rotations(quats: np.ndarray) -> np.ndarray:
+    largest = np.abs(quats).argmax(axis=1)
+    rows = np.arange(len(quats))
+    signed = quats * np.where(quats[rows, largest] < 0, -1, 1)[:, None]
+    others = np.stack([np.delete(np.arange(4), axis) for axis in range(4)])[largest]
+    shares = np.take_along_axis(signed, others, axis=1) * 2**-0.5 + 0.5
+    return largest.astype(np.uint32) << np.uint32(30) | _pack(shares.clip(0, 1), _TENS[1:])
+
+
+def _header(count: int, rest: int) -> bytes:
+    bounds = [f"property float {side}_{name}" for names in _BOUNDS for side in ("min", "max") for name in names]
+    lines = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment splatwire",
+        f"element chunk {-(-count // CHUNK)}",
+        *bounds,
+    ]
+    lines += [f"element vertex {count}", *(f"property uint {name}" for name in _WORDS)]
+    if rest:
+        lines += [f"element sh {count}", *(f"property uchar f_rest_{i}" for i in range(rest))]
+    return ("\n".join(lines) + "\nend_header\n").encode("ascii")

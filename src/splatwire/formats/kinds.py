@@ -1,0 +1,131 @@
+"""Which format a file has, told by its first bytes, and its reader and writer."""
+
+import os
+import struct
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from splatwire.errors import DatasetError, UnknownNameError
+from splatwire.formats import gltf, sog, spz
+from splatwire.formats._ply_file import read_ply_elements
+from splatwire.formats._sog_writer import write_sog
+from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
+from splatwire.formats.gltf import read_gltf
+from splatwire.formats.ksplat import is_ksplat, read_ksplat
+from splatwire.formats.ply import splats_of_vertices, write_ply
+from splatwire.formats.sog import read_sog
+from splatwire.formats.splat import RECORD, read_splat, write_splat
+from splatwire.formats.spz import read_spz, write_spz
+from splatwire.scene.splats import Splats
+
+Writer = Callable[[Iterable[Splats], Path], int]
+_HEAD_BYTES = 64
+_SAFETENSORS_BRACE = 8
+READERS: dict[str, Callable[[Path], Splats]] = {
+    "ply": lambda path: _read_ply(path),
+    "spz": read_spz,
+    "sog": read_sog,
+    "splat": read_splat,
+    "ksplat": read_ksplat,
+    "glb": read_gltf,
+}
+WRITERS: dict[str, Writer] = {
+    "ply": write_ply,
+    "compressed.ply": write_compressed_ply,
+    "spz": write_spz,
+    "sog": write_sog,
+    "splat": write_splat,
+}
+"""By the end of a file's name."""
+
+
+def splats_kind(path: Path) -> str | None:
+    """Tells by its bytes whether a file holds explicit Gaussians.
+
+    A `.splat` or `.ksplat` file has no mark of its own: it is one when its name says so, its size and first numbers fit
+    and it is not a scene file of ours.
+
+    Returns:
+        `ply`, `spz`, `sog` (also for a folder with its `meta.json`), `splat`, `ksplat`, `glb`, or None for anything
+        else, also for what is not a file.
+    """
+    if path.is_dir() or path.name == sog.META:
+        folder = path if path.is_dir() else path.parent
+        return "sog" if (folder / sog.META).is_file() else None
+    if not path.is_file():
+        return None
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    for magic, kind in ((b"ply", "ply"), (spz.MAGIC, "spz"), (spz.GZIP_MAGIC, "spz"), (gltf.MAGIC, "glb")):
+        if head.startswith(magic):
+            return kind
+    if head.startswith(sog.ZIP_MAGIC):
+        return "sog" if path.suffix.lower() in (".sog", ".zip") else None
+    if _is_scene_file(head, size):
+        return None
+    if path.suffix.lower() == ".ksplat" and is_ksplat(head, size):
+        return "ksplat"
+    return "splat" if path.suffix.lower() == ".splat" and size and not size % RECORD.itemsize else None
+
+
+def _is_scene_file(head: bytes, size: int) -> bool:
+    if head[_SAFETENSORS_BRACE : _SAFETENSORS_BRACE + 1] != b"{":
+        return False
+    return bool(struct.unpack_from("<Q", head)[0] < size)
+
+
+def read_splats(path: Path) -> Splats:
+    """Reads explicit Gaussians of any format that is known, with axes as in a 3DGS PLY (RDF).
+
+    Raises:
+        DatasetError: If the file is of none of them, or damaged; the message names what is wrong with which field.
+    """
+    kind = splats_kind(path)
+    if kind is None:
+        what = f"none of {', '.join(READERS)}" if path.exists() else "no such file"
+        raise DatasetError(f"{path}: {what}")
+    try:
+        return READERS[kind](path)
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _read_ply(path: Path) -> Splats:
+    elements = read_ply_elements(path)
+    if "chunk" in elements:
+        return splats_of_chunks(elements)
+    if "vertex" not in elements:
+        raise DatasetError(f"{path}: has no element vertex")
+    return splats_of_vertices(elements["vertex"])
+
+
+def writer_for(path: str | os.PathLike[str]) -> Writer:
+    """The writer of the format that the end of a file's name says; the longest end counts.
+
+    Raises:
+        UnknownNameError: If there is none.
+    """
+    name = Path(path).name.lower()
+    for end in sorted(WRITERS, key=len, reverse=True):
+        if name.endswith(f".{end}"):
+            return WRITERS[end]
+    raise UnknownNameError("format of explicit Gaussians", name, WRITERS)
+
+
+def write_splats(parts: Iterable[Splats], path: Path) -> int:
+    """Writes explicit Gaussians in the format that the end of the file's name says (`WRITERS`).
+
+    Args:
+        parts: The Gaussians, all of one degree; PLY and `.splat` are written part by part.
+        path: The file; it appears under its name when it is complete.
+
+    Returns:
+        How many Gaussians were written.
+
+    Raises:
+        UnknownNameError: If the name says no format.
+        InvalidValueError: If there is nothing to write, or numbers that are no Gaussian.
+        OSError: If the file cannot be written.
+    """
+    return writer_for(path)(parts, path)

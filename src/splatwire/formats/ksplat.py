@@ -1,0 +1,146 @@
+"""`.ksplat` of GaussianSplats3D (github.com/mkkellogg/GaussianSplats3D), version 0.1, read only; axes are ours, RDF.
+
+A header of 4096 bytes, a header of 1024 bytes for each section, then the sections: sizes of the buckets that are not
+full, centres of the buckets, and the Gaussians, in 32 bits (level 0) or in 16 bits relative to their bucket's centre
+(1, 2; 2 has harmonics in 8 bits).
+"""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.formats._columns import build_splats, check_count
+from splatwire.ops.spherical_harmonics import DC, num_functions
+from splatwire.scene.splats import Splats
+
+_HEADER_BYTES, _SECTION_BYTES = 4096, 1024
+_MAX_SECTIONS, _MAX_DEGREE = 4096, 2
+_SECTION = struct.Struct("<4IfH2xI4xIIH")
+_DEFAULT_RANGE = 32767
+_DEFAULT_HARMONICS = 1.5
+
+
+def _record(level: int, degree: int) -> np.dtype:
+    wide, rest = ("<f4", "<f4") if level == 0 else ("<u2", "<f2"), 3 * (num_functions(degree) - 1)
+    position, number = wide
+    fields = [("position", position, 3), ("scale", number, 3), ("rotation", number, 4), ("color", "u1", 4)]
+    if rest:
+        fields.append(("harmonics", ("<f4", "<f2", "u1")[level], rest))
+    return np.dtype(fields)
+
+
+@dataclass(frozen=True)
+class _Section:
+    """What a section header says."""
+
+    count: int
+    places: int
+    bucket_size: int
+    buckets: int
+    block_size: float
+    bucket_bytes: int
+    range: int
+    full: int
+    partial: int
+    degree: int
+
+
+def is_ksplat(head: bytes, size: int) -> bool:
+    """Whether these are the first bytes of such a file: version 0.1, and sections that it has room for."""
+    if size < _HEADER_BYTES + _SECTION_BYTES or len(head) < 24 or head[0] != 0 or not 1 <= head[1] < 10:
+        return False
+    sections, _, _, count, level = struct.unpack_from("<IIIIH", head, 4)
+    return 0 < sections <= _MAX_SECTIONS and level <= 2 and 0 < count <= size
+
+
+def read_ksplat(path: Path) -> Splats:
+    """Reads a `.ksplat` file; sections of lower degree than others get harmonics of 0.
+
+    Raises:
+        DatasetError: If it is damaged or no such file.
+        OSError: If it cannot be read.
+    """
+    data = path.read_bytes()
+    if not is_ksplat(data[:24], len(data)):
+        raise DatasetError(f"{path}: not a .ksplat file of version 0.1: {list(data[:2])} is its version")
+    num_sections, _, _, count, level = struct.unpack_from("<IIIIH", data, 4)
+    check_count(path, count, len(data))
+    low, high = (float(value) for value in struct.unpack_from("<ff", data, 36))
+    bounds = (low or -_DEFAULT_HARMONICS, high or _DEFAULT_HARMONICS)
+    at = _HEADER_BYTES + num_sections * _SECTION_BYTES
+    if at > len(data):
+        raise DatasetError(f"{path}: {num_sections} sections do not fit into {len(data)} bytes")
+    parts: list[dict[str, np.ndarray]] = []
+    for index in range(num_sections):
+        section = _parse_section(path, data, index)
+        if section.places:
+            part, at = _read_section(path, data, at, section, level, bounds)
+            parts.append(part)
+    if (found := sum(len(part["means"]) for part in parts)) != count:
+        raise DatasetError(f"{path}: the sections have {found} Gaussians, the header says {count}")
+    width = max(part["sh"].shape[1] for part in parts)
+    for part in parts:
+        part["sh"] = np.pad(part["sh"], ((0, 0), (0, width - part["sh"].shape[1]), (0, 0)))
+    return build_splats(path, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+
+
+def _parse_section(path: Path, data: bytes, index: int) -> _Section:
+    section = _Section(*_SECTION.unpack_from(data, _HEADER_BYTES + index * _SECTION_BYTES))
+    if section.degree > _MAX_DEGREE:
+        raise DatasetError(f"{path}: section {index} has harmonics of degree {section.degree}, not 0 to {_MAX_DEGREE}")
+    if section.count > section.places or section.partial + section.full > max(section.buckets, 0):
+        raise DatasetError(f"{path}: section {index} has more Gaussians or buckets than room for them")
+    return section
+
+
+def _read_section(
+    path: Path, data: bytes, at: int, section: _Section, level: int, bounds: tuple[float, float]
+) -> tuple[dict[str, np.ndarray], int]:
+    record = _record(level, section.degree)
+    centers_at = at + 4 * section.partial
+    rows_at = centers_at + section.bucket_bytes * section.buckets
+    end = rows_at + record.itemsize * section.places
+    if end > len(data):
+        raise DatasetError(f"{path}: a section of {section.places} Gaussians ends at byte {end} of {len(data)}")
+    rows = np.frombuffer(data, record, section.count, rows_at)
+    color = rows["color"].astype(np.float32) / 255
+    sh = ((color[:, None, :3] - 0.5) / np.float32(DC)).astype(np.float32)
+    if section.degree:
+        sh = np.concatenate([sh, _harmonics(rows["harmonics"], level, section.degree, bounds)], axis=1)
+    means = rows["position"].astype(np.float32)
+    if level:
+        means = _from_bucket(path, data, at, centers_at, section, means)
+    columns = {"means": means, "sh": sh, "opacities": color[:, 3], "scales": rows["scale"], "quats": rows["rotation"]}
+    return columns, end
+
+
+def _from_bucket(path: Path, data: bytes, at: int, centers_at: int, section: _Section, codes: np.ndarray) -> np.ndarray:
+    """Positions of 16 bits are relative to the centre of the bucket that a Gaussian lies in."""
+    if section.bucket_bytes != 12:
+        raise DatasetError(f"{path}: bucket centres of {section.bucket_bytes} bytes, 12 are read")
+    sizes = np.frombuffer(data, "<u4", section.partial, at).astype(np.int64)
+    in_full = section.full * section.bucket_size
+    if in_full + int(sizes.sum()) < section.count:
+        raise DatasetError(f"{path}: buckets for {in_full + int(sizes.sum())} of {section.count} Gaussians")
+    row = np.arange(section.count)
+    bucket = section.full + np.searchsorted(np.cumsum(sizes), row - in_full, side="right")
+    bucket = np.where(row < in_full, row // max(section.bucket_size, 1), bucket)
+    centers = np.frombuffer(data, "<f4", 3 * section.buckets, centers_at).reshape(-1, 3)
+    levels = section.range or _DEFAULT_RANGE
+    with np.errstate(over="ignore", invalid="ignore"):  # bounds may lie; the result is checked
+        return (codes - np.float32(levels)) * np.float32(section.block_size / 2 / levels) + centers[bucket]
+
+
+def _harmonics(values: np.ndarray, level: int, degree: int, bounds: tuple[float, float]) -> np.ndarray:
+    numbers = values.astype(np.float32)
+    if level == 2:
+        numbers = bounds[0] + numbers / np.float32(255) * np.float32(bounds[1] - bounds[0])
+    bands, start = [], 0
+    for band in range(1, degree + 1):  # within a band all of red, then green, then blue
+        width = 3 * (2 * band + 1)
+        bands.append(numbers[:, start : start + width].reshape(len(values), 3, -1).transpose(0, 2, 1))
+        start += width
+    return np.concatenate(bands, axis=1)
