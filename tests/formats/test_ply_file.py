@@ -37,7 +37,7 @@ BAD = {
     "empty": (b"", "no end_header"),
     "ascii": (GOOD.replace(b"binary_little_endian", b"ascii"), "not a binary little-endian PLY"),
     "big endian": (GOOD.replace(b"little", b"big"), "not a binary little-endian PLY"),
-    "double": (GOOD.replace(b"float w_0", b"float64 w_0"), "float64 w_0"),
+    "double": (GOOD.replace(b"float w_0", b"double w_0") + bytes(8), "float64 w_0"),
     "list": (GOOD.replace(b"float w_0", b"list uchar int w_0"), "float property"),
     "same name": (GOOD.replace(b"w_0", b"x"), "all different"),
     "negative": (GOOD.replace(b"vertex 2", b"vertex -2"), "the only element must be 'vertex'"),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_BINS = 4096
+_QUANTILES = 1024
 _ROUNDS_1D, _ROUNDS = 30, 8
 _BRANCHES = 256
 _CHUNK = 1 << 16
@@ -20,9 +20,12 @@ def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
     Returns:
         float32 (size), ascending.
     """
+    distinct = np.unique(values)
+    if len(distinct) <= size:  # nothing is lost
+        return np.pad(distinct, (0, size - len(distinct)), "edge").astype(np.float32)
     ordered = np.sort(values.astype(np.float64).ravel())
-    counts, edges = np.histogram(ordered, bins=_BINS)
-    share = np.concatenate([[0.0], np.cumsum(np.cbrt(counts))])
+    edges = np.quantile(ordered, np.linspace(0, 1, _QUANTILES + 1))
+    share = np.concatenate([[0.0], np.cumsum(np.diff(edges) ** (2 / 3))])  # density is 1 / width between quantiles
     centers = np.interp((np.arange(size) + 0.5) / size * share[-1], share, edges)
     sums = np.concatenate([[0.0], np.cumsum(ordered)])
     for _ in range(_ROUNDS_1D):

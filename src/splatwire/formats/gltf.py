@@ -14,6 +14,7 @@ import numpy as np
 from splatwire.errors import DatasetError
 from splatwire.formats._axes import GLTF_FLIPS, flip_axes
 from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats._files import mapped_file
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
 from splatwire.scene.splats import Splats
 
@@ -39,21 +40,21 @@ def read_gltf(path: Path) -> Splats:
             moves them.
         OSError: If it cannot be read.
     """
-    document, binary = _chunks(path, path.read_bytes())
+    document, binary = _chunks(path, mapped_file(path))
     try:
         return _Gltf(path, document, binary).splats()
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise DatasetError(f"{path}: the glTF document is damaged: {type(error).__name__} {error}") from error
 
 
-def _chunks(path: Path, data: bytes) -> tuple[dict[str, Any], memoryview]:
-    if len(data) < _HEADER.size + _CHUNK.size or not data.startswith(MAGIC):
-        raise DatasetError(f"{path}: not a binary glTF file, it starts with {data[:4]!r}")
+def _chunks(path: Path, data: memoryview) -> tuple[dict[str, Any], memoryview]:
+    if len(data) < _HEADER.size + _CHUNK.size or bytes(data[:4]) != MAGIC:
+        raise DatasetError(f"{path}: not a binary glTF file, it starts with {bytes(data[:4])!r}")
     _, version, length = _HEADER.unpack_from(data)
     if version != 2 or length > len(data):
         raise DatasetError(f"{path}: glTF of version {version} and {length} bytes; version 2 and {len(data)} are there")
     found: dict[bytes, memoryview] = {}
-    view, at = memoryview(data)[:length], _HEADER.size
+    view, at = data[:length], _HEADER.size
     while at + _CHUNK.size <= length:
         size, kind = _CHUNK.unpack_from(data, at)
         at += _CHUNK.size

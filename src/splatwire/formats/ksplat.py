@@ -13,6 +13,7 @@ import numpy as np
 
 from splatwire.errors import DatasetError
 from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats._files import mapped_file
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.scene.splats import Splats
 
@@ -63,8 +64,8 @@ def read_ksplat(path: Path) -> Splats:
         DatasetError: If it is damaged or no such file.
         OSError: If it cannot be read.
     """
-    data = path.read_bytes()
-    if not is_ksplat(data[:24], len(data)):
+    data = mapped_file(path)
+    if not is_ksplat(bytes(data[:24]), len(data)):
         raise DatasetError(f"{path}: not a .ksplat file of version 0.1: {list(data[:2])} is its version")
     num_sections, _, _, count, level = struct.unpack_from("<IIIIH", data, 4)
     check_count(path, count, len(data))
@@ -87,7 +88,7 @@ def read_ksplat(path: Path) -> Splats:
     return build_splats(path, **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
-def _parse_section(path: Path, data: bytes, index: int) -> _Section:
+def _parse_section(path: Path, data: memoryview, index: int) -> _Section:
     section = _Section(*_SECTION.unpack_from(data, _HEADER_BYTES + index * _SECTION_BYTES))
     if section.degree > _MAX_DEGREE:
         raise DatasetError(f"{path}: section {index} has harmonics of degree {section.degree}, not 0 to {_MAX_DEGREE}")
@@ -97,7 +98,7 @@ def _parse_section(path: Path, data: bytes, index: int) -> _Section:
 
 
 def _read_section(
-    path: Path, data: bytes, at: int, section: _Section, level: int, bounds: tuple[float, float]
+    path: Path, data: memoryview, at: int, section: _Section, level: int, bounds: tuple[float, float]
 ) -> tuple[dict[str, np.ndarray], int]:
     record = _record(level, section.degree)
     centers_at = at + 4 * section.partial
@@ -117,7 +118,9 @@ def _read_section(
     return columns, end
 
 
-def _from_bucket(path: Path, data: bytes, at: int, centers_at: int, section: _Section, codes: np.ndarray) -> np.ndarray:
+def _from_bucket(
+    path: Path, data: memoryview, at: int, centers_at: int, section: _Section, codes: np.ndarray
+) -> np.ndarray:
     """Positions of 16 bits are relative to the centre of the bucket that a Gaussian lies in."""
     if section.bucket_bytes != 12:
         raise DatasetError(f"{path}: bucket centres of {section.bucket_bytes} bytes, 12 are read")

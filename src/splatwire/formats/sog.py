@@ -7,7 +7,10 @@ Harmonics are entries of a palette. Axes are RDF.
 
 import io
 import json
+import lzma
+import warnings
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -28,6 +31,7 @@ _MAX_META_BYTES = 1 << 20
 _MAX_PICTURE_BYTES = 512 << 20
 _MAX_PALETTE = 1 << 16
 _SPARE_PIXELS = 1 << 16
+_ZIP_ERRORS = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error, lzma.LZMAError)
 _MAX_LOG_POSITION = 40.0
 
 
@@ -41,12 +45,13 @@ def read_sog(path: Path) -> Splats:
     if path.is_dir() or path.name == META:
         folder = path if path.is_dir() else path.parent
         names = {entry.name: entry.stat().st_size for entry in folder.iterdir() if entry.is_file()}
-        return _Sog(path, names, lambda name: (folder / name).read_bytes()).splats()
+        return _Sog(path, names, sum(names.values()), lambda name: (folder / name).read_bytes()).splats()
     try:
         with zipfile.ZipFile(path) as bundle:
             sizes = {entry.filename: entry.file_size for entry in bundle.infolist()}
-            return _Sog(path, sizes, lambda name: _member(bundle, name, sizes[name])).splats()
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError) as error:
+            file_bytes = path.stat().st_size
+            return _Sog(path, sizes, file_bytes, lambda name: _member(bundle, name, sizes[name])).splats()
+    except _ZIP_ERRORS as error:
         raise DatasetError(f"{path}: the zip is damaged: {error}") from error
 
 
@@ -58,7 +63,7 @@ def _member(bundle: zipfile.ZipFile, name: str, size: int) -> bytes:
 class _Sog:
     """One SOG, whatever holds its files."""
 
-    def __init__(self, path: Path, sizes: dict[str, int], load: Callable[[str], bytes]) -> None:
+    def __init__(self, path: Path, sizes: dict[str, int], file_bytes: int, load: Callable[[str], bytes]) -> None:
         self._path, self._sizes, self._load = path, sizes, load
         self._meta = self._read_meta()
         version = self._meta.get("version")
@@ -67,7 +72,7 @@ class _Sog:
         count = self._meta.get("count")
         if not isinstance(count, int) or isinstance(count, bool):
             raise DatasetError(f"{path}: {META}: count is {count!r:.40}, not a number of Gaussians")
-        self._count = check_count(path, count, sum(sizes.values()))
+        self._count = check_count(path, count, file_bytes)
 
     def _read_meta(self) -> dict[str, Any]:
         try:
@@ -160,7 +165,11 @@ class _Sog:
             raise DatasetError(f"{self._path}: {META}: {section}.files names no file {file}")
         name = names[file]
         try:
-            with Image.open(io.BytesIO(self._bytes(name, _MAX_PICTURE_BYTES)), formats=["WEBP"]) as image:
+            data = io.BytesIO(self._bytes(name, _MAX_PICTURE_BYTES))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of large pictures: the size is checked before pixels are decoded
+                image = Image.open(data, formats=["WEBP"])
+            with image:
                 has = image.width * image.height
                 if not pixels <= has <= 2 * pixels + _SPARE_PIXELS or width not in (None, image.width):
                     size = f"{image.width} x {image.height}"

@@ -4,6 +4,7 @@ Versions 2 and 3 are one gzip stream: a header of 16 bytes, then the columns. Ve
 a table of sizes and a zstd stream for each column. Version 2 has rotations of 3 bytes, later ones of 4. Axes are RUB.
 """
 
+import gzip
 import struct
 import zlib
 from collections.abc import Iterable
@@ -16,7 +17,7 @@ import zstandard
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.formats._columns import build_splats, check_count, join
-from splatwire.formats._files import complete_file
+from splatwire.formats._files import complete_file, mapped_file
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.scene.splats import Splats
 
@@ -55,17 +56,18 @@ def read_spz(path: Path) -> Splats:
         DatasetError: If it is damaged, of another version or degree, or asks for more memory than such a file can need.
         OSError: If it cannot be read.
     """
-    data = path.read_bytes()
-    if data.startswith(GZIP_MAGIC):
-        header, columns = _gunzip(path, data)
-    elif data.startswith(MAGIC):
+    data = mapped_file(path)
+    head = bytes(data[:4])
+    if head.startswith(GZIP_MAGIC):
+        header, columns = _gunzip(path, len(data))
+    elif head == MAGIC:
         header, columns = _unzstd(path, data)
     else:
-        raise DatasetError(f"{path}: not an SPZ file, it starts with {data[:4]!r}")
+        raise DatasetError(f"{path}: not an SPZ file, it starts with {head!r}")
     return flip_axes(_splats(path, header, columns), SPZ_FLIPS)
 
 
-def _parse(path: Path, data: bytes, file_bytes: int) -> _Header:
+def _parse(path: Path, data: bytes | memoryview, file_bytes: int) -> _Header:
     if len(data) < _HEADER.size:
         raise DatasetError(f"{path}: the SPZ header ends after {len(data)} bytes")
     magic, version, count, degree, fraction_bits, _, last = _HEADER.unpack_from(data)
@@ -85,18 +87,15 @@ def _parse(path: Path, data: bytes, file_bytes: int) -> _Header:
     return header
 
 
-def _gunzip(path: Path, data: bytes) -> tuple[_Header, dict[str, np.ndarray]]:
-    unpacker = zlib.decompressobj(wbits=16 + zlib.MAX_WBITS)
+def _gunzip(path: Path, file_bytes: int) -> tuple[_Header, dict[str, np.ndarray]]:
     try:
-        head = unpacker.decompress(data, _HEADER.size)
-        header = _parse(path, head, len(data))
-        if header.version == 4:
-            raise DatasetError(f"{path}: SPZ of version 4 within gzip")
-        needed = sum(header.columns.values())
-        body = unpacker.decompress(unpacker.unconsumed_tail, needed)
-        while len(body) < needed and not unpacker.eof and unpacker.unconsumed_tail:
-            body += unpacker.decompress(unpacker.unconsumed_tail, needed - len(body))
-    except zlib.error as error:
+        with gzip.open(path) as file:
+            header = _parse(path, file.read(_HEADER.size), file_bytes)
+            if header.version == 4:
+                raise DatasetError(f"{path}: SPZ of version 4 within gzip")
+            needed = sum(header.columns.values())
+            body = file.read(needed)
+    except (zlib.error, EOFError, gzip.BadGzipFile) as error:
         raise DatasetError(f"{path}: the gzip data are damaged: {error}") from error
     if len(body) < needed:
         raise DatasetError(f"{path}: the gzip data end after {len(body)} bytes, {needed} were promised")
@@ -105,7 +104,7 @@ def _gunzip(path: Path, data: bytes) -> tuple[_Header, dict[str, np.ndarray]]:
     return header, dict(zip(header.columns, pieces, strict=True))
 
 
-def _unzstd(path: Path, data: bytes) -> tuple[_Header, dict[str, np.ndarray]]:
+def _unzstd(path: Path, data: memoryview) -> tuple[_Header, dict[str, np.ndarray]]:
     header = _parse(path, data, len(data))
     if header.version != 4 or len(data) < _PLAIN_HEADER_BYTES:
         raise DatasetError(f"{path}: an SPZ header of version {header.version} and {len(data)} bytes, not of version 4")
@@ -123,7 +122,7 @@ def _unzstd(path: Path, data: bytes) -> tuple[_Header, dict[str, np.ndarray]]:
     return header, columns
 
 
-def _unpack_stream(path: Path, name: str, data: bytes, size: int) -> np.ndarray:
+def _unpack_stream(path: Path, name: str, data: memoryview, size: int) -> np.ndarray:
     try:
         with zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(data) as reader:
             content = reader.read(size + 1)

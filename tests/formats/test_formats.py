@@ -1,0 +1,275 @@
+"""Every format there and back, its axes, and files put together by hand."""
+
+import json
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from formats.handmade import glb, ksplat, legacy_spz, some_splats, write
+from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
+from splatwire.formats import read_splats, splats_kind, write_splats
+from splatwire.formats._axes import GLTF_FLIPS, SPZ_FLIPS, flip_axes
+from splatwire.formats._codebooks import nearest_number, number_codebook, vector_palette
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.scene.splats import Splats
+
+
+def _turned(quats: torch.Tensor) -> torch.Tensor:
+    return quats * torch.where(quats[:, :1] < 0, -1, 1)
+
+
+def _sorted(splats: Splats) -> Splats:
+    return splats.select(splats.means[:, 0].argsort())
+
+
+# position, logarithm of scale, quaternion, opacity, constant and other coefficients: half a step, and rounding
+TOLERANCES = {
+    ".ply": (1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6),
+    ".compressed.ply": (6e-3, 5e-3, 2e-3, 2.1e-3, 2e-2, 1.6e-2),
+    ".spz": (1.3e-4, 0.032, 2e-3, 2e-3, 1.4e-2, 4e-3),
+    ".sog": (2e-4, 0.05, 7e-3, 2e-3, 2e-2, 2e-2),
+}
+
+
+@pytest.mark.parametrize("degree", range(4))
+@pytest.mark.parametrize("end", TOLERANCES)
+def test_there_and_back(end: str, degree: int, tmp_path: Path) -> None:
+    splats = some_splats(300, degree)
+    parts = [splats.select(torch.arange(100)), splats.select(torch.arange(100, 300))]
+    assert write_splats(parts, tmp_path / f"a{end}") == 300
+    back, there = _sorted(read_splats(tmp_path / f"a{end}")), _sorted(splats)
+    assert (back.num_gaussians, back.degree) == (300, degree)
+    pairs = [
+        (back.means, there.means),
+        (back.scales.log(), there.scales.log()),
+        (_turned(back.quats), _turned(there.quats)),
+    ]
+    pairs += [(back.opacities, there.opacities), (back.sh[:, 0], there.sh[:, 0]), (back.sh[:, 1:], there.sh[:, 1:])]
+    for (found, expected), tolerance in zip(pairs, TOLERANCES[end], strict=True):
+        torch.testing.assert_close(found, expected, atol=tolerance, rtol=1e-5)
+
+
+@pytest.mark.parametrize("end", [".spz", ".compressed.ply", ".sog"])
+def test_what_was_read_is_written_alike(end: str, tmp_path: Path) -> None:
+    """The numbers of a format are its own: nothing is lost by reading and writing again."""
+    write_splats([some_splats(50, 1)], tmp_path / f"a{end}")
+    once = _sorted(read_splats(tmp_path / f"a{end}"))
+    write_splats([once], tmp_path / f"b{end}")
+    twice = _sorted(read_splats(tmp_path / f"b{end}"))
+    for name, value in vars(once).items():
+        torch.testing.assert_close(getattr(twice, name), value, atol=1e-3, rtol=1e-3, msg=name)
+
+
+@pytest.mark.parametrize("flips", [SPZ_FLIPS, GLTF_FLIPS])
+def test_flipped_axes_show_the_same_from_where_the_camera_went(flips: tuple[float, float, float]) -> None:
+    splats, signs, eye = some_splats(), torch.tensor(flips), torch.tensor([0.3, -2.0, 5.0])
+    flipped = flip_axes(splats, flips)
+    seen, expected = flipped.seen_from(eye * signs), splats.seen_from(eye)
+    torch.testing.assert_close(seen.colors, expected.colors, atol=1e-5, rtol=1e-5)
+    covariance, original = (_covariances(part) for part in (flipped, splats))
+    torch.testing.assert_close(covariance, original * signs[:, None] * signs, atol=1e-7, rtol=1e-4)
+    again = flip_axes(flipped, flips)
+    assert all(torch.equal(getattr(again, name), value) for name, value in vars(splats).items())
+
+
+def _covariances(splats: Splats) -> torch.Tensor:
+    from splatwire.render.reference import rotation_matrices
+
+    axes = rotation_matrices(splats.quats) * splats.scales[:, None]
+    return axes @ axes.transpose(1, 2)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_spz_by_hand(version: int, tmp_path: Path) -> None:
+    """Numbers worked out from the format's description; right, up and back become right, down and forward."""
+    splats = read_splats(write(tmp_path / "a", legacy_spz(version)))
+    assert splats.means.tolist() == [[1, -2, -3], [-1, 2, 3]]
+    assert splats.opacities.tolist() == [1, 0]
+    assert splats.scales.log().tolist()[0] == pytest.approx([-1, -1, -1])
+    assert splats.quats[0, 0] > 0.9999
+    assert splats.sh[0, 0].tolist() == pytest.approx([(128 / 255 - 0.5) / 0.15] * 3, rel=1e-4)
+    # harmonics of degree 1 follow y, z and x: the first two turn their signs
+    codes = (np.arange(100, 109).reshape(3, 3) - 128) / 128
+    assert np.array_equal(splats.sh[0, 1:].numpy(), codes * [[-1], [-1], [1]])
+
+
+@pytest.mark.parametrize("level", range(3))
+def test_ksplat_by_hand(level: int, tmp_path: Path) -> None:
+    splats = read_splats(write(tmp_path / "a.ksplat", ksplat(level)))
+    where = [[0, 2, 3], [1, 2, 3], [2, 2, 3]] if level == 0 else [[10, 18, 32], [10, 18, 32], [40, 48, 62]]
+    torch.testing.assert_close(splats.means, torch.tensor(where, dtype=torch.float32), atol=1e-4, rtol=0)
+    assert splats.scales[2].tolist() == pytest.approx([0.1, 0.2, 0.3], rel=1e-3)
+    assert splats.quats.tolist() == [[1, 0, 0, 0]] * 3
+    assert (0.5 + DC * splats.sh[0, 0]).tolist() == pytest.approx([1, 0, 128 / 255], abs=1e-6)
+    numbers = torch.arange(9.0) if level < 2 else torch.arange(9.0) / 255 * 4 - 2
+    torch.testing.assert_close(splats.sh[1, 1:], numbers.view(3, 3).T, atol=1e-4, rtol=0)  # red, then green, then blue
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_gltf_by_hand(degree: int, tmp_path: Path) -> None:
+    splats = some_splats(degree=degree)
+    back = read_splats(write(tmp_path / "a.glb", glb(flip_axes(splats, GLTF_FLIPS))))
+    for name, value in vars(splats).items():
+        torch.testing.assert_close(getattr(back, name), value, atol=1e-6, rtol=1e-6)
+
+
+def test_sog_as_a_folder(tmp_path: Path) -> None:
+    write_splats([some_splats(70, 2)], tmp_path / "a.sog")
+    with zipfile.ZipFile(tmp_path / "a.sog") as bundle:
+        bundle.extractall(tmp_path / "folder")
+    bundled = read_splats(tmp_path / "a.sog")
+    for path in (tmp_path / "folder", tmp_path / "folder" / "meta.json"):
+        assert splats_kind(path) == "sog"
+        assert all(torch.equal(getattr(read_splats(path), name), value) for name, value in vars(bundled).items())
+
+
+def _sog(path: Path, change: dict[str, object], drop: str = "") -> Path:
+    write_splats([some_splats(70, 1)], path)
+    with zipfile.ZipFile(path) as bundle:
+        files = {name: bundle.read(name) for name in bundle.namelist() if name != drop}
+    meta = json.loads(files["meta.json"])
+    files["meta.json"] = json.dumps({**meta, **change}).encode()
+    with zipfile.ZipFile(path, "w") as bundle:
+        for name, data in files.items():
+            bundle.writestr(name, data)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "drop", "reason"),
+    [
+        ({"version": 1}, "", "version 1; version 2 is read"),
+        ({"count": 0}, "", "count of 0"),
+        ({"count": 19_000_000}, "", "more than .* bytes of file can hold"),
+        ({"count": 9_000}, "", "pixels, 9000 are needed"),
+        ({"count": "70"}, "", "count is '70'"),
+        ({"scales": {"codebook": [0.0] * 255, "files": ["scales.webp"]}}, "", "scales.codebook is not 256 numbers"),
+        ({"means": {"mins": [0, 0, float("nan")], "maxs": [1, 1, 1], "files": []}}, "", "means.files"),
+        ({"quats": {"files": ["means_l.webp"]}, "sh0": None}, "", "missing"),
+        ({"quats": {"files": ["scales.webp"]}}, "", ""),
+        ({}, "sh0.webp", "sh0.webp is missing"),
+    ],
+)
+def test_what_is_wrong_with_a_sog_is_said(change: dict[str, object], drop: str, reason: str, tmp_path: Path) -> None:
+    path = _sog(tmp_path / "a.sog", change, drop)
+    if not reason:
+        read_splats(path)
+        return
+    with pytest.raises(DatasetError, match=reason) as caught:
+        read_splats(path)
+    assert "a.sog" in str(caught.value)
+
+
+def test_bombs_are_not_unpacked(tmp_path: Path) -> None:
+    """Small files that promise gigabytes are refused by what they promise, before memory is taken."""
+    head = bytearray(b"NGSP" + (3).to_bytes(4, "little") + (19_000_000).to_bytes(4, "little") + bytes([3, 12, 0, 0]))
+    cases = {
+        "gzip.spz": legacy_spz(raw=bytes(head) + bytes(1 << 20)),
+        "zstd.spz": b"NGSP" + (4).to_bytes(4, "little") + (19_000_000).to_bytes(4, "little") + bytes(20),
+        "a.ksplat": ksplat().replace((3).to_bytes(4, "little"), (19_000_000).to_bytes(4, "little")),
+    }
+    for name, data in cases.items():
+        with pytest.raises(DatasetError, match=r"can hold|Gaussians|none of"):
+            read_splats(write(tmp_path / name, data))
+    with zipfile.ZipFile(tmp_path / "a.sog", "w", zipfile.ZIP_DEFLATED) as bundle:
+        bundle.writestr("meta.json", b" " * (8 << 20))
+    with pytest.raises(DatasetError, match=r"meta\.json has 8388608 bytes"):
+        read_splats(tmp_path / "a.sog")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"meshes": []}, "0 primitives"),
+        ({"nodes": [{"mesh": 0, "scale": [2, 2, 2]}]}, "node 0 has a scale"),
+        ({"nodes": [{"mesh": 0}, {"children": [0], "translation": [0, 1, 0]}]}, "node 1 has a translation"),
+        ({"accessors": []}, "damaged"),
+        ({"bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 1 << 33}] * 20}, "ends after its buffer"),
+    ],
+)
+def test_what_is_wrong_with_a_gltf_is_said(change: dict[str, object], reason: str, tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=reason):
+        read_splats(write(tmp_path / "a.glb", glb(some_splats(), change)))
+
+
+def test_one_name_one_format(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match=r"compressed\.ply"):
+        write_splats([some_splats()], tmp_path / "a.docx")
+    far = some_splats(3, 0)
+    far.means[0] = 1e9
+    with pytest.raises(InvalidValueError, match="too far"):
+        write_splats([far], tmp_path / "a.spz")
+    for end in (".spz", ".sog", ".compressed.ply"):
+        with pytest.raises(InvalidValueError, match="no Gaussian"):
+            write_splats([], tmp_path / f"a{end}")
+    assert not list(tmp_path.iterdir())
+
+
+def test_codebooks_are_near_the_best_possible() -> None:
+    """Panter and Dite: the error of the best 256 levels for a normal distribution is sqrt(3) pi / 2 / 256**2."""
+    values = np.random.default_rng(0).normal(size=200_000)
+    codebook = number_codebook(values, 256)
+    error = ((codebook[nearest_number(values, codebook)] - values) ** 2).mean()
+    assert 0.8 < error / (np.sqrt(3) * np.pi / 2 / 256**2) < 1.15
+
+
+def test_a_palette_finds_what_repeats() -> None:
+    rng = np.random.default_rng(0)
+    kinds = rng.normal(size=(64, 9)).astype(np.float32)
+    vectors = kinds[rng.integers(64, size=5000)] + rng.normal(size=(5000, 9)).astype(np.float32) * 1e-3
+    palette, labels = vector_palette(vectors, 512)
+    assert len(palette) <= 512
+    assert np.abs(palette[labels] - vectors).max() < 0.02
+    few, each = vector_palette(vectors[:5], 512)
+    assert np.array_equal(few[each], vectors[:5])
+
+
+def test_files_that_others_wrote(data_dir: Path) -> None:
+    folder = data_dir / "splats"
+    facts = {
+        "biker.spz": ("spz", 152_746, 0),
+        "biker.compressed.ply": ("ply", 152_746, 0),
+        "guitar.compressed.ply": ("ply", 90_854, 0),
+        "playbot_125k.sog": ("sog", 125_000, 2),
+        "playbot_250k_sog": ("sog", 250_000, 2),
+    }
+    for name, (kind, count, degree) in facts.items():
+        assert splats_kind(folder / name) == kind
+        splats = read_splats(folder / name)
+        assert (splats.num_gaussians, splats.degree) == (count, degree)
+
+
+def test_one_scene_in_two_formats_is_one_scene(data_dir: Path) -> None:
+    """The SPZ of the shared data was made from the same scene as the compressed PLY: boxes, sizes and colours agree."""
+    one, two = (read_splats(data_dir / "splats" / f"biker.{end}") for end in ("spz", "compressed.ply"))
+    for share in (0.01, 0.25, 0.5, 0.75, 0.99):
+        for name in ("means", "opacities"):
+            found, expected = (getattr(part, name).quantile(share, dim=0) for part in (one, two))
+            torch.testing.assert_close(found, expected, atol=0.02, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("name", "head"),
+    [
+        ("a.splat", b""),
+        ("a.ply", b"ply\nformat binary_little_endian 1.0\n"),
+        ("a.spz", b"NGSP\4\0\0\0\x40\x42\x0f\0\3\x0c\0\6\x20\0\0\0"),
+        ("b.spz", legacy_spz()[:40]),
+        ("a.glb", b"glTF\2\0\0\0\0\0\0\x80\0\0\0\x70JSON"),
+        ("a.ksplat", b"\0\1\0\0\1\0\0\0\1\0\0\0\1\0\0\0\1\0\0\0\1\0"),
+        ("a.sog", b"PK\3\4"),
+    ],
+)
+def test_gigabytes_of_zeros_are_not_loaded(name: str, head: bytes, tmp_path: Path) -> None:
+    """A sparse file of 3 GiB; the process may hold 1 GiB more than it did, so loading it would fail."""
+    resource = pytest.importorskip("resource")
+    path = write(tmp_path / name, head)
+    os.truncate(path, 3 << 30)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(DatasetError, match=name):
+        read_splats(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 20

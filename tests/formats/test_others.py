@@ -1,0 +1,72 @@
+"""Files to and from PlayCanvas's splat-transform, where node and that package are there.
+
+`npm install @playcanvas/splat-transform` in any folder, whose `node_modules` SPLATWIRE_NODE_MODULES names.
+"""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+import torch
+
+from formats.handmade import some_splats
+from splatwire.formats import read_splats, write_splats
+from splatwire.render.reference import rotation_matrices
+from splatwire.scene.splats import Splats
+
+
+def _convert(source: Path, target: Path, *options: str) -> None:
+    modules = os.environ.get("SPLATWIRE_NODE_MODULES")
+    program = Path(modules or "") / "@playcanvas" / "splat-transform" / "bin" / "cli.mjs"
+    if shutil.which("node") is None or modules is None or not program.is_file():
+        pytest.skip("needs node, and SPLATWIRE_NODE_MODULES with @playcanvas/splat-transform")
+    command = ["node", str(program), "-q", "-w", "-g", "cpu", *options, str(source), str(target)]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+
+
+def _directions(splats: Splats) -> torch.Tensor:
+    """Rotations without the signs of the axes, which show nothing."""
+    axes = rotation_matrices(splats.quats)
+    return axes * torch.tensor([0.0, 0.5, 1.0]) @ axes.transpose(1, 2)
+
+
+def _compare(one: Splats, two: Splats, size: float, color: float) -> None:
+    one, two = (splats.select(splats.means[:, 0].argsort()) for splats in (one, two))
+    assert one.degree == two.degree
+    torch.testing.assert_close(one.means, two.means, atol=6e-3, rtol=1e-4)
+    torch.testing.assert_close(one.scales.log(), two.scales.log(), atol=size, rtol=0)
+    torch.testing.assert_close(one.opacities, two.opacities, atol=5e-3, rtol=0)
+    torch.testing.assert_close(one.sh, two.sh, atol=color, rtol=0)
+    torch.testing.assert_close(_directions(one), _directions(two), atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+@pytest.mark.parametrize(
+    ("end", "options", "size", "color"),
+    [
+        (".spz", ("--spz-version", "3"), 0.04, 0.08),  # their harmonics have 5 bits, then 4
+        (".spz", ("--spz-version", "4"), 0.04, 0.08),
+        (".compressed.ply", (), 4e-3, 0.02),
+        (".sog", (), 0.1, 0.1),
+        (".glb", (), 1e-5, 1e-5),
+    ],
+)
+def test_theirs_is_read(
+    end: str, options: tuple[str, ...], size: float, color: float, degree: int, tmp_path: Path
+) -> None:
+    splats = some_splats(300, degree)
+    splats.sh[:, 1:] = splats.sh[torch.arange(300) % 20, 1:]  # SOG looks for what repeats
+    write_splats([splats], tmp_path / "a.ply")
+    _convert(tmp_path / "a.ply", tmp_path / f"b{end}", *options)
+    _compare(read_splats(tmp_path / f"b{end}"), splats, size, color)
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+@pytest.mark.parametrize("end", [".spz", ".compressed.ply", ".sog", ".ply"])
+def test_ours_is_read(end: str, degree: int, tmp_path: Path) -> None:
+    """What they make of our file is what we make of it."""
+    write_splats([some_splats(300, degree)], tmp_path / f"a{end}")
+    _convert(tmp_path / f"a{end}", tmp_path / "b.ply")
+    _compare(read_splats(tmp_path / "b.ply"), read_splats(tmp_path / f"a{end}"), 1e-4, 1e-3)
