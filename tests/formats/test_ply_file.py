@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from splatwire.errors import DatasetError
-from splatwire.formats._ply_file import read_ply
+from splatwire.formats.ply_file import read_ply
 
 HEAD = (
     b"ply\nformat binary_little_endian 1.0\ncomment by hand\nelement vertex 2\nproperty float x\nproperty float w_0\n"

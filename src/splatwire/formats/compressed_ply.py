@@ -13,7 +13,7 @@ import numpy as np
 from splatwire.errors import DatasetError
 from splatwire.formats._columns import build_splats, check_count, join
 from splatwire.formats._files import complete_file
-from splatwire.formats._ply_file import PlyElement
+from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.scene.splats import Splats
 

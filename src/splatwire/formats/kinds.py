@@ -7,12 +7,12 @@ from pathlib import Path
 
 from splatwire.errors import DatasetError, UnknownNameError
 from splatwire.formats import gltf, sog, spz
-from splatwire.formats._ply_file import read_ply_elements
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
 from splatwire.formats.gltf import read_gltf
 from splatwire.formats.ksplat import is_ksplat, read_ksplat
 from splatwire.formats.ply import splats_of_vertices, write_ply
+from splatwire.formats.ply_file import read_ply_elements
 from splatwire.formats.sog import read_sog
 from splatwire.formats.splat import RECORD, read_splat, write_splat
 from splatwire.formats.spz import read_spz, write_spz

@@ -14,7 +14,7 @@ from scipy.special import expit
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.formats._columns import build_splats, check_count
 from splatwire.formats._files import complete_file
-from splatwire.formats._ply_file import PlyElement
+from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import degree_of
 from splatwire.scene.splats import Splats
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.formats._ply_file import PlyElement, read_ply
+from splatwire.formats.ply_file import PlyElement, read_ply
 from splatwire.importers._hacpp_files import (
     anchor_ply,
     infer_voxel_size,
