@@ -273,3 +273,12 @@ def test_gigabytes_of_zeros_are_not_loaded(name: str, head: bytes, tmp_path: Pat
     with pytest.raises(DatasetError, match=name):
         read_splats(path)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 20
+
+
+def test_bounds_that_overflow_are_an_error_and_no_warning(tmp_path: Path) -> None:
+    write_splats([some_splats(8, 0)], tmp_path / "a.compressed.ply")
+    head, body = (tmp_path / "a.compressed.ply").read_bytes().split(b"end_header\n", 1)
+    lie = np.full(1, 3e38, "<f4").tobytes()  # the least red
+    write(tmp_path / "a.compressed.ply", head + b"end_header\n" + body[:48] + lie + body[52:])
+    with pytest.raises(DatasetError, match="harmonics"):
+        read_splats(tmp_path / "a.compressed.ply")

@@ -74,8 +74,7 @@ def _unpack(words: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:
 
 def _within(chunks: PlyElement, names: tuple[str, ...], chunk: np.ndarray, share: np.ndarray) -> np.ndarray:
     low, high = (chunks.select([f"{side}_{name}" for name in names])[chunk] for side in ("min", "max"))
-    with np.errstate(over="ignore", invalid="ignore"):  # bounds may lie; the result is checked
-        return low * (1 - share) + high * share
+    return low * (1 - share) + high * share
 
 
 def _rotations(words: np.ndarray) -> np.ndarray:

@@ -5,6 +5,8 @@ import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import numpy as np
+
 from splatwire.errors import DatasetError, UnknownNameError
 from splatwire.formats import gltf, sog, spz
 from splatwire.formats._sog_writer import write_sog
@@ -86,7 +88,8 @@ def read_splats(path: Path) -> Splats:
         what = f"none of {', '.join(READERS)}" if path.exists() else "no such file"
         raise DatasetError(f"{path}: {what}")
     try:
-        return READERS[kind](path)
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers may lie; what comes out of them is checked
+            return READERS[kind](path)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
 

@@ -133,8 +133,7 @@ def _from_bucket(
     bucket = np.where(row < in_full, row // max(section.bucket_size, 1), bucket)
     centers = np.frombuffer(data, "<f4", 3 * section.buckets, centers_at).reshape(-1, 3)
     levels = section.range or _DEFAULT_RANGE
-    with np.errstate(over="ignore", invalid="ignore"):  # bounds may lie; the result is checked
-        return (codes - np.float32(levels)) * np.float32(section.block_size / 2 / levels) + centers[bucket]
+    return (codes - np.float32(levels)) * np.float32(section.block_size / 2 / levels) + centers[bucket]
 
 
 def _harmonics(values: np.ndarray, level: int, degree: int, bounds: tuple[float, float]) -> np.ndarray:
