@@ -147,6 +147,7 @@ def _sog(path: Path, change: dict[str, object], drop: str = "") -> Path:
         ({"count": 19_000_000}, "", "more than .* bytes of file can hold"),
         ({"count": 9_000}, "", "pixels, 9000 are needed"),
         ({"count": "70"}, "", "count is '70'"),
+        ({"shN": {"bands": 1.0, "count": 64}}, "", "bands is 1.0"),
         ({"scales": {"codebook": [0.0] * 255, "files": ["scales.webp"]}}, "", "scales.codebook is not 256 numbers"),
         ({"means": {"mins": [0, 0, float("nan")], "maxs": [1, 1, 1], "files": []}}, "", "means.files"),
         ({"quats": {"files": ["means_l.webp"]}, "sh0": None}, "", "missing"),
@@ -181,6 +182,14 @@ def test_bombs_are_not_unpacked(tmp_path: Path) -> None:
         read_splats(tmp_path / "a.sog")
 
 
+def _shorter() -> list[dict[str, object]]:
+    """Accessors of a glTF with Gaussians of degree 3, where the harmonics have a row less."""
+    kinds = ["VEC3", "VEC4", "VEC3", "SCALAR", *["VEC3"] * 16]
+    return [
+        {"bufferView": i, "componentType": 5126, "count": 20 - (i >= 4), "type": kind} for i, kind in enumerate(kinds)
+    ]
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -188,6 +197,7 @@ def test_bombs_are_not_unpacked(tmp_path: Path) -> None:
         ({"nodes": [{"mesh": 0, "scale": [2, 2, 2]}]}, "node 0 has a scale"),
         ({"nodes": [{"mesh": 0}, {"children": [0], "translation": [0, 1, 0]}]}, "node 1 has a translation"),
         ({"accessors": []}, "damaged"),
+        ({"accessors": _shorter()}, "19 Gaussians have a harmonics, 20 a position"),
         ({"bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 1 << 33}] * 20}, "ends after its buffer"),
     ],
 )

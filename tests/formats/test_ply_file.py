@@ -47,6 +47,7 @@ BAD = {
     "no properties": (b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nend_header\n", "0 properties"),
     "nan": (GOOD[:-4] + struct.pack("<f", float("nan")), "vertex 1 has nan as w_0"),
     "infinite": (GOOD[:-8] + struct.pack("<ff", float("inf"), 0), "vertex 1 has inf as x"),
+    "zeros in it": (GOOD.replace(b"by hand\n", b"by hand\nelement x\0y 1\n"), "no line of a PLY header"),
     "umlaut": (GOOD.replace(b"by hand", b"\xc3\xbc"), "not ASCII"),
 }
 

@@ -66,6 +66,8 @@ def build_splats(
     assert sizes is not None
     named = (("position", means), ("rotation", quats), ("opacity", opacities), ("harmonics", sh), ("scale", sizes))
     for name, values in named:
+        if len(values) != len(means):
+            raise DatasetError(f"{path}: {len(values)} Gaussians have a {name}, {len(means)} a position")
         _refuse(path, name, values, ~np.isfinite(values))
     _refuse(path, "opacity", opacities, (opacities < 0) | (opacities > 1))
     if log_scales is not None:

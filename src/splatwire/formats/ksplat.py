@@ -143,6 +143,6 @@ def _harmonics(values: np.ndarray, level: int, degree: int, bounds: tuple[float,
     bands, start = [], 0
     for band in range(1, degree + 1):  # within a band all of red, then green, then blue
         width = 3 * (2 * band + 1)
-        bands.append(numbers[:, start : start + width].reshape(len(values), 3, -1).transpose(0, 2, 1))
+        bands.append(numbers[:, start : start + width].reshape(len(values), 3, 2 * band + 1).transpose(0, 2, 1))
         start += width
     return np.concatenate(bands, axis=1)

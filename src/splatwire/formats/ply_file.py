@@ -14,6 +14,7 @@ MAX_VERTICES = 20_000_000
 _MAX_HEADER_BYTES = 65_536
 _MAX_PROPERTIES = 1024
 _MAX_ELEMENTS = 16
+_MAX_LINE = 120
 _MAX_RATIO = 1000
 _CHUNK_BYTES = 1 << 20
 _XZ_MEMORY_LIMIT = 256 << 20
@@ -181,6 +182,8 @@ def _parse_header(path: Path, head: bytes) -> dict[str, tuple[int, np.dtype]]:
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path}: the PLY header is not ASCII text") from error
     lines = [line for line in lines if line and not line.startswith(("comment", "obj_info"))]
+    if odd := next((line for line in lines if len(line) > _MAX_LINE or not line.isprintable()), ""):
+        raise DatasetError(f"{path}: {odd[:80]!r} is no line of a PLY header")
     if lines[:2] != ["ply", "format binary_little_endian 1.0"]:
         raise DatasetError(
             f"{path}: not a binary little-endian PLY file, it starts with {' / '.join(lines[:2])[:80]!r}"

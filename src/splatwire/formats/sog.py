@@ -70,7 +70,7 @@ class _Sog:
         if version != 2:
             raise DatasetError(f"{path}: SOG of version {version!r:.20}; version 2 is read")
         count = self._meta.get("count")
-        if not isinstance(count, int) or isinstance(count, bool):
+        if type(count) is not int:  # true is an int, too
             raise DatasetError(f"{path}: {META}: count is {count!r:.40}, not a number of Gaussians")
         self._count = check_count(path, count, file_bytes)
 
@@ -121,9 +121,9 @@ class _Sog:
 
     def _harmonics(self) -> np.ndarray:
         bands, count = self._field("shN", "bands"), self._field("shN", "count")
-        if bands not in range(1, MAX_DEGREE + 1):
+        if type(bands) is not int or not 1 <= bands <= MAX_DEGREE:
             raise DatasetError(f"{self._path}: {META}: shN.bands is {bands!r:.40}, not 1 to {MAX_DEGREE}")
-        if not isinstance(count, int) or not 0 < count <= _MAX_PALETTE:
+        if type(count) is not int or not 0 < count <= _MAX_PALETTE:
             raise DatasetError(f"{self._path}: {META}: shN.count is {count!r:.40}, not 1 to {_MAX_PALETTE}")
         width = num_functions(bands) - 1
         rows = -(-count // PALETTE_COLUMNS)
