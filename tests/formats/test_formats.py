@@ -182,6 +182,11 @@ def test_bombs_are_not_unpacked(tmp_path: Path) -> None:
         read_splats(tmp_path / "a.sog")
 
 
+def _pointing_at(accessor: object) -> list[dict[str, object]]:
+    extension = {"KHR_gaussian_splatting": {}}
+    return [{"primitives": [{"attributes": {"POSITION": accessor}, "extensions": extension}]}]
+
+
 def _shorter() -> list[dict[str, object]]:
     """Accessors of a glTF with Gaussians of degree 3, where the harmonics have a row less."""
     kinds = ["VEC3", "VEC4", "VEC3", "SCALAR", *["VEC3"] * 16]
@@ -197,6 +202,7 @@ def _shorter() -> list[dict[str, object]]:
         ({"nodes": [{"mesh": 0, "scale": [2, 2, 2]}]}, "node 0 has a scale"),
         ({"nodes": [{"mesh": 0}, {"children": [0], "translation": [0, 1, 0]}]}, "node 1 has a translation"),
         ({"accessors": []}, "damaged"),
+        ({"meshes": _pointing_at("x")}, "attribute POSITION names no accessor"),
         ({"accessors": _shorter()}, "19 Gaussians have a harmonics, 20 a position"),
         ({"bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": 1 << 33}] * 20}, "ends after its buffer"),
     ],

@@ -116,7 +116,10 @@ class _Gltf:
         if packed:
             raise DatasetError(f"{self._path}: Gaussians compressed by {', '.join(map(str, packed))[:80]} are not read")
         self._refuse_moved(mesh)
-        return dict(primitive["attributes"])
+        attributes = dict(primitive["attributes"])
+        if odd := [name for name, index in attributes.items() if type(index) is not int]:
+            raise DatasetError(f"{self._path}: attribute {odd[0][:80]} names no accessor")
+        return attributes
 
     def _refuse_moved(self, mesh: int) -> None:
         nodes = self._document.get("nodes", [])
