@@ -114,8 +114,8 @@ def _read_section(
     means = rows["position"].astype(np.float32)
     if level:
         means = _from_bucket(path, data, at, centers_at, section, means)
-    columns = {"means": means, "sh": sh, "opacities": color[:, 3], "scales": rows["scale"], "quats": rows["rotation"]}
-    return columns, end
+    columns: dict[str, np.ndarray] = {"means": means, "sh": sh, "opacities": color[:, 3]}
+    return {**columns, "scales": rows["scale"], "quats": rows["rotation"]}, end
 
 
 def _from_bucket(
