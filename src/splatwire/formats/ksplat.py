@@ -114,8 +114,14 @@ def _read_section(
     means = rows["position"].astype(np.float32)
     if level:
         means = _from_bucket(path, data, at, centers_at, section, means)
-    columns: dict[str, np.ndarray] = {"means": means, "sh": sh, "opacities": color[:, 3]}
-    return {**columns, "scales": rows["scale"], "quats": rows["rotation"]}, end
+    columns: dict[str, np.ndarray] = {
+        "means": means,
+        "sh": sh,
+        "opacities": color[:, 3],
+        "scales": rows["scale"],
+        "quats": rows["rotation"],
+    }
+    return columns, end
 
 
 def _from_bucket(

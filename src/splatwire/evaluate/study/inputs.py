@@ -19,8 +19,8 @@ from splatwire.evaluate.study.parts import needed_stream, sections_of, stream_pa
 from splatwire.evaluate.study.records import CODE
 from splatwire.evaluate.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluate.study.store import Store, read_json
+from splatwire.formats import read_splats, splats_kind
 from splatwire.importers.hacpp import import_hacpp
-from splatwire.importers.splats import import_splats, splats_kind
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.model.scene_file import load_background, load_scene, load_scene_file
 from splatwire.model.tensor_file import tensor_bytes
@@ -187,7 +187,7 @@ def read_reference(path: Path) -> AnchorScene | Splats:
         SplatwireError: If the file is none of these.
     """
     if splats_kind(path) is not None:
-        return import_splats(path)
+        return read_splats(path)
     loaded = decode_stream(read_stream(path)[0]) if is_stream(path) else load_scene_file(path)[0]
     return conceal(loaded, "drop") if isinstance(loaded, PartialScene) else loaded
 
