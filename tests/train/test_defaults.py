@@ -18,8 +18,9 @@ from PIL import Image
 from rich.console import Console
 from rich.progress import Progress as Bars
 
+from splatwire.cli._training import columns, line
 from splatwire.cli.main import main
-from splatwire.cli.train import CPU_ITERATIONS, Train, _columns, _line, check_device
+from splatwire.cli.train import CPU_ITERATIONS, Train, check_device
 from splatwire.data import Dataset
 from splatwire.errors import BackendUnavailableError, InvalidValueError
 from splatwire.formats import read_splats, write_splats
@@ -96,8 +97,8 @@ def test_counter_and_time_left_fit_into_80_columns() -> None:
     """A line as long as any gives way to them, not they to it."""
     told = io.StringIO()
     console = Console(file=told, width=80, force_terminal=True, color_system=None)
-    bars = Bars(*_columns(), console=console, expand=True, get_time=itertools.count(step=3).__next__)
-    task = bars.add_task(f"{_line(_FAR)}, test 27.31 dB", total=30_000)
+    bars = Bars(*columns(), console=console, expand=True, get_time=itertools.count(step=3).__next__)
+    task = bars.add_task(f"{line(_FAR)}, test 27.31 dB", total=30_000)
     for iteration in range(19_990, 20_001, 2):
         bars.update(task, completed=iteration)
     console.print(bars.get_renderable())

@@ -4,7 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.entropy._kernels import ZERO, decode_bit, decoder_start, encode_bit, encoder_finish, encoder_start
+from splatwire.entropy.range_kernels import ZERO, decode_bit, decoder_start, encode_bit, encoder_finish, encoder_start
 from splatwire.ops.compiled import njit
 
 COUNTS = 16

@@ -4,16 +4,8 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.entropy._kernels import (
-    ZERO,
-    decode_bit,
-    decode_symbol,
-    decoder_start,
-    encode_bit,
-    encode_symbol,
-    encoder_finish,
-    encoder_start,
-)
+from splatwire.entropy.normal_kernels import decode_symbol, encode_symbol
+from splatwire.entropy.range_kernels import ZERO, decode_bit, decoder_start, encode_bit, encoder_finish, encoder_start
 from splatwire.ops.compiled import njit
 
 

@@ -22,23 +22,22 @@ from splatwire.ops.lanes import (
     store_first,
 )
 from splatwire.render._cpu_kernels import (
-    _AHEAD,
-    _B,
-    _COLUMN,
-    _G,
-    _LIVE,
-    _MAX_LEVEL,
-    _MIN_TRANSMITTANCE,
-    _ONE,
-    _R,
-    _REST,
-    _ZERO,
+    AHEAD,
+    COLUMN,
+    LIVE,
+    MAX_LEVEL,
     MIN_LEVEL,
+    MIN_TRANSMITTANCE,
+    ONE,
     PIXELS,
+    REST,
     TILE,
-    _ask_for,
-    _finished,
-    _new_buffer,
+    ZERO,
+    G,
+    R,
+    ask_for,
+    finished,
+    new_buffer,
 )
 
 SUMS = 9
@@ -56,26 +55,26 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
     What lies behind is the finished picture less what was laid. Sums are kept per column; dx, the same down a column,
     comes in at the end.
     """
-    dx = load(buf, _COLUMN) - x
+    dx = load(buf, COLUMN) - x
     still, slope = dx * dx * A + level, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(level, _MAX_LEVEL)), spread(_ZERO)
+    most, zero = spread(min(level, MAX_LEVEL)), spread(ZERO)
     h0 = h1 = h2 = sum_r = sum_g = sum_b = zero
     for i in range(low * TILE, high * TILE, TILE):
         power = still + (slope + dy * C) * dy
         alpha = power_of_two(smaller(power, most))
-        live = load(buf, i + _LIVE)
+        live = load(buf, i + LIVE)
         weight = choose(power >= MIN_LEVEL, alpha * live, zero)
         after = live - weight
-        drawn = after >= _MIN_TRANSMITTANCE
+        drawn = after >= MIN_TRANSMITTANCE
         weight = choose(drawn, weight, zero)
-        store(buf, i + _LIVE, choose(drawn, after, zero))
-        d_r, d_g, d_b = load(buf, i + _R), load(buf, i + _G), load(buf, i + _B)
+        store(buf, i + LIVE, choose(drawn, after, zero))
+        d_r, d_g, d_b = load(buf, i + R), load(buf, i + G), load(buf, i + B)
         own = weight * (d_r * red + d_g * green + d_b * blue)
-        rest = load(buf, i + _REST) - own
-        store(buf, i + _REST, rest)
-        moved = drawn & (power >= MIN_LEVEL) & (power <= _MAX_LEVEL)
-        h = choose(moved, own - rest * (alpha / (_ONE - alpha)), zero)
+        rest = load(buf, i + REST) - own
+        store(buf, i + REST, rest)
+        moved = drawn & (power >= MIN_LEVEL) & (power <= MAX_LEVEL)
+        h = choose(moved, own - rest * (alpha / (ONE - alpha)), zero)
         h_dy = h * dy
         h0 += h
         h1 += h_dy
@@ -83,7 +82,7 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
         sum_r += weight * d_r
         sum_g += weight * d_g
         sum_b += weight * d_b
-        dy += _ONE
+        dy += ONE
     h0_dx = h0 * dx
     quarter = pairs(pairs(h0, h0_dx), pairs(h1, h0_dx * dx))
     next_quarter = pairs(pairs(h1 * dx, h2), pairs(sum_r, sum_g))
@@ -97,22 +96,22 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
 def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_of_sums):
     height, width = image.shape[:2]
     rows, columns = min(TILE, height - top), min(TILE, width - left)
-    buf = _new_buffer(columns, rows)
+    buf = new_buffer(columns, rows)
     for row in range(rows):
         for column in range(columns):
             i = row * TILE + column
             rest = np.float32(0)
             for c in range(3):
                 d = d_image[top + row, left + column, c]
-                buf[i + _R + c * PIXELS] = d
+                buf[i + R + c * PIXELS] = d
                 rest += d * image[top + row, left + column, c]
-            buf[i + _REST] = rest
+            buf[i + REST] = rest
     for k in range(begin, end):
         s = splats[ids[k]]
-        _ask_for(splats, ids, k + _AHEAD)
+        ask_for(splats, ids, k + AHEAD)
         x, y = s[0] - np.float32(left), s[1] - np.float32(top)
         _blend_back(buf, spans[k, 0], spans[k, 1], x, y, s[2], s[3], s[4], s[5], s[6], s[7], s[8], rows_of_sums, k)
-        if (k - begin) % 16 == 15 and _finished(buf):
+        if (k - begin) % 16 == 15 and finished(buf):
             break
 
 

@@ -16,13 +16,13 @@ from splatwire.render._cpu_project import SPLAT
 TILE = 16
 PIXELS = TILE * TILE
 MIN_LEVEL = np.float32(np.log2(1.0 / 255.0))
-_MAX_LEVEL = np.float32(np.log2(0.99))
-_MIN_TRANSMITTANCE = np.float32(1e-4)
+MAX_LEVEL = np.float32(np.log2(0.99))
+MIN_TRANSMITTANCE = np.float32(1e-4)
 _BLOCK = 4  # tiles
-_AHEAD = 4
+AHEAD = 4
 # Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns.
-_LIVE, _R, _G, _B, _REST, _COLUMN = (k * PIXELS for k in range(6))
-_ZERO, _ONE = np.float32(0), np.float32(1)
+LIVE, R, G, B, REST, COLUMN = (k * PIXELS for k in range(6))
+ZERO, ONE = np.float32(0), np.float32(1)
 
 
 @njit(inline="never", error_model="numpy")
@@ -32,55 +32,55 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
 
     A pixel's light turns negative when the next Gaussian would take it below the limit: nothing more is drawn there.
     """
-    dx = load(buf, _COLUMN) - x
+    dx = load(buf, COLUMN) - x
     still, slope = dx * dx * A + level, dx * B
     dy = spread(np.float32(low) - y)
-    most, zero = spread(min(level, _MAX_LEVEL)), spread(_ZERO)
+    most, zero = spread(min(level, MAX_LEVEL)), spread(ZERO)
     for i in range(low * TILE, high * TILE, TILE):
         power = still + (slope + dy * C) * dy
-        dy += _ONE
-        live = load(buf, i + _LIVE)
+        dy += ONE
+        live = load(buf, i + LIVE)
         weight = choose(power >= MIN_LEVEL, power_of_two(smaller(power, most)) * live, zero)
         after = live - weight
-        drawn = after >= _MIN_TRANSMITTANCE
+        drawn = after >= MIN_TRANSMITTANCE
         weight = choose(drawn, weight, zero)
-        store(buf, i + _LIVE, choose(drawn, after, smaller(live, zero - live)))
-        store(buf, i + _R, load(buf, i + _R) + weight * red)
-        store(buf, i + _G, load(buf, i + _G) + weight * green)
-        store(buf, i + _B, load(buf, i + _B) + weight * blue)
+        store(buf, i + LIVE, choose(drawn, after, smaller(live, zero - live)))
+        store(buf, i + R, load(buf, i + R) + weight * red)
+        store(buf, i + G, load(buf, i + G) + weight * green)
+        store(buf, i + B, load(buf, i + B) + weight * blue)
 
 
 @njit()
 @no_type_check
-def _new_buffer(columns, rows):
+def new_buffer(columns, rows):
     """A tile's buffer, zero but for the numbers of the columns and the light; pixels beyond the image have none.
 
     Rows begin where cache lines do.
     """
-    size = _COLUMN + TILE
+    size = COLUMN + TILE
     whole = np.zeros(size + TILE, np.float32)
     first = -whole.ctypes.data % 64 // 4
     buf = whole[first : first + size]
     for column in range(TILE):
-        buf[_COLUMN + column] = column
+        buf[COLUMN + column] = column
     for row in range(rows):
         for column in range(columns):
-            buf[_LIVE + row * TILE + column] = 1.0
+            buf[LIVE + row * TILE + column] = 1.0
     return buf
 
 
 @njit(fastmath=True)
 @no_type_check
-def _finished(buf):
+def finished(buf):
     live = np.float32(0)
-    for i in range(_LIVE, _LIVE + PIXELS):
+    for i in range(LIVE, LIVE + PIXELS):
         live = max(live, buf[i])
     return live == 0
 
 
 @njit(inline="always")
 @no_type_check
-def _ask_for(splats, ids, k):
+def ask_for(splats, ids, k):
     """Has a splat fetched that will be drawn soon; those of a tile lie far apart."""
     if k < ids.shape[0]:
         prefetch(splats, np.int64(ids[k]) * SPLAT)
@@ -92,21 +92,21 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
     """Draws one tile into `image` and keeps what light passes through it in `left_over`."""
     height, width = left_over.shape
     rows, columns = min(TILE, height - top), min(TILE, width - left)
-    buf = _new_buffer(columns, rows)
+    buf = new_buffer(columns, rows)
     for k in range(begin, end):
         s = splats[ids[k]]
-        _ask_for(splats, ids, k + _AHEAD)
+        ask_for(splats, ids, k + AHEAD)
         x, y = s[0] - np.float32(left), s[1] - np.float32(top)
         _blend(buf, spans[k, 0], spans[k, 1], x, y, s[2], s[3], s[4], s[5], s[6], s[7], s[8])
-        if (k - begin) % 16 == 15 and _finished(buf):
+        if (k - begin) % 16 == 15 and finished(buf):
             break
     for row in range(rows):
         for column in range(columns):
             i = row * TILE + column
-            t = abs(buf[i + _LIVE])
+            t = abs(buf[i + LIVE])
             left_over[top + row, left + column] = t
             for c in range(3):
-                image[top + row, left + column, c] = buf[i + _R + c * PIXELS] + t * background[c]
+                image[top + row, left + column, c] = buf[i + R + c * PIXELS] + t * background[c]
 
 
 @njit()

@@ -13,7 +13,7 @@ from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
 from splatwire.render._cpu_project import DEPTH, SPLAT, TILES
 
-_AHEAD = 16
+AHEAD = 16
 _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
 _LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
 
@@ -116,8 +116,8 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     corners = np.empty((order.shape[0], 2), np.int32)  # the tile of the first column in the first row, and the columns
     place_starts, strip = np.zeros(order.shape[0] + 1, np.int64), 0
     for k in range(order.shape[0]):
-        if k + _AHEAD < order.shape[0]:
-            prefetch(splats, np.int64(order[k + _AHEAD]) * SPLAT)
+        if k + AHEAD < order.shape[0]:
+            prefetch(splats, np.int64(order[k + AHEAD]) * SPLAT)
         splat, place = splats[order[k]], place_starts[k]
         left, columns = np.int64(splat[TILES]), np.int64(splat[TILES + 2]) - np.int64(splat[TILES])
         top, bottom = (

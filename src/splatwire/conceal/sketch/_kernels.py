@@ -4,14 +4,8 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.entropy._kernels import (
-    decode_bit,
-    decode_escape,
-    decode_raw,
-    encode_bit,
-    encode_escape,
-    encode_raw,
-)
+from splatwire.entropy.normal_kernels import decode_escape, encode_escape
+from splatwire.entropy.range_kernels import decode_bit, decode_raw, encode_bit, encode_raw
 from splatwire.ops.compiled import njit
 
 OWN = 4

@@ -136,7 +136,7 @@ def write_sketch(section: SketchSection, buckets: np.ndarray) -> bytes:
         InvalidValueError: If it holds more than the format does.
     """
     from splatwire.conceal.sketch import _kernels as kernels
-    from splatwire.entropy._kernels import encoder_finish, encoder_start
+    from splatwire.entropy.range_kernels import encoder_finish, encoder_start
 
     basis, columns = section.basis, section.values.shape[1]
     chosen = section.levels > 0
@@ -180,7 +180,7 @@ def read_sketch(data: bytes, sizes: SketchSizes, buckets: np.ndarray) -> SketchS
         BitstreamError: If it is damaged, or of another scene.
     """
     from splatwire.conceal.sketch import _kernels as kernels
-    from splatwire.entropy._kernels import decoder_start
+    from splatwire.entropy.range_kernels import decoder_start
 
     growth, count, basis, coded = _read_head(data, sizes)
     columns = basis.directions.shape[1]

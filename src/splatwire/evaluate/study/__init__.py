@@ -4,8 +4,8 @@ from splatwire.evaluate.study.definition import Loss as Loss
 from splatwire.evaluate.study.definition import Row as Row
 from splatwire.evaluate.study.definition import SceneEntry as SceneEntry
 from splatwire.evaluate.study.definition import Study as Study
+from splatwire.evaluate.study.engine_names import create_engine as create_engine
 from splatwire.evaluate.study.engines import InProcess as InProcess
-from splatwire.evaluate.study.engines import create_engine as create_engine
 from splatwire.evaluate.study.outputs import write_outputs as write_outputs
 from splatwire.evaluate.study.outputs import write_report as write_report
 from splatwire.evaluate.study.outputs import write_size_outputs as write_size_outputs

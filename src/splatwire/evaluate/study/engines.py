@@ -1,4 +1,4 @@
-"""Where units of work run: what every engine promises, and the engines by name."""
+"""Where units of work run: what every engine promises, and the one that is this process."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from splatwire.codec import decode_stream
-from splatwire.errors import InvalidValueError, SplatwireError, UnknownNameError
+from splatwire.errors import SplatwireError
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
 from splatwire.evaluate.study.work import Decode, Progress, Workshop
 
 MAX_ATTEMPTS = 3
 """How often a unit is tried when its worker dies."""
-ENGINES = ("local", "ray", "slurm")
 
 
 @dataclass(frozen=True)
@@ -78,34 +77,6 @@ class InProcess:
     def _drawing(self, label: str, share: float) -> None:
         if self.progress is not None:
             self.progress(f"drawing and scoring '{label}'", share)
-
-
-def create_engine(name: str, workers: int | None = None) -> Engine:
-    """Makes an engine.
-
-    Args:
-        name: One of `ENGINES`.
-        workers: Workers at a time; None for one per processor (or for what the cluster has).
-
-    Raises:
-        UnknownNameError: If there is no such engine.
-        BackendUnavailableError: If it is not installed, or cannot run here.
-    """
-    if workers is not None and workers < 1:
-        raise InvalidValueError(f"there must be at least one worker, not {workers}")
-    if name == "local":
-        from splatwire.evaluate.study.local_engine import LocalEngine
-
-        return LocalEngine(workers or default_workers())
-    if name == "ray":
-        from splatwire.evaluate.study.ray_engine import RayEngine
-
-        return RayEngine(workers)
-    if name == "slurm":
-        from splatwire.evaluate.study.slurm_engine import SlurmEngine
-
-        return SlurmEngine(workers)
-    raise UnknownNameError("engine", name, ENGINES)
 
 
 def default_workers() -> int:

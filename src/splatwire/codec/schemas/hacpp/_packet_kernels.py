@@ -8,21 +8,16 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.entropy._kernels import (
-    ESCAPE,
-    NORMAL,
+from splatwire.entropy.normal_kernels import ESCAPE, NORMAL, cumulative, decode_symbol, encode_symbol, window
+from splatwire.entropy.range_kernels import (
     ZERO,
     adaptive_size,
     adaptive_update,
-    cumulative,
     decode_bit,
-    decode_symbol,
     decoder_start,
     encode_bit,
-    encode_symbol,
     encoder_finish,
     encoder_start,
-    window,
 )
 from splatwire.entropy.tables import TOTAL_BITS
 from splatwire.ops.compiled import njit
