@@ -72,6 +72,7 @@ def new_buffer(columns, rows):
 @njit(fastmath=True)
 @no_type_check
 def finished(buf):
+    """Whether no pixel of a tile lets light through any more."""
     live = np.float32(0)
     for i in range(LIVE, LIVE + PIXELS):
         live = max(live, buf[i])
