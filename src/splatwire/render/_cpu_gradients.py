@@ -23,18 +23,19 @@ from splatwire.ops.lanes import (
 )
 from splatwire.render._cpu_kernels import (
     AHEAD,
+    BLUE,
     COLUMN,
+    GREEN,
     LIVE,
     MAX_LEVEL,
     MIN_LEVEL,
     MIN_TRANSMITTANCE,
     ONE,
     PIXELS,
+    RED,
     REST,
     TILE,
     ZERO,
-    G,
-    R,
     ask_for,
     finished,
     new_buffer,
@@ -69,7 +70,7 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
         drawn = after >= MIN_TRANSMITTANCE
         weight = choose(drawn, weight, zero)
         store(buf, i + LIVE, choose(drawn, after, zero))
-        d_r, d_g, d_b = load(buf, i + R), load(buf, i + G), load(buf, i + B)
+        d_r, d_g, d_b = load(buf, i + RED), load(buf, i + GREEN), load(buf, i + BLUE)
         own = weight * (d_r * red + d_g * green + d_b * blue)
         rest = load(buf, i + REST) - own
         store(buf, i + REST, rest)
@@ -103,7 +104,7 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
             rest = np.float32(0)
             for c in range(3):
                 d = d_image[top + row, left + column, c]
-                buf[i + R + c * PIXELS] = d
+                buf[i + RED + c * PIXELS] = d
                 rest += d * image[top + row, left + column, c]
             buf[i + REST] = rest
     for k in range(begin, end):

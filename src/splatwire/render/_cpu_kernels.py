@@ -21,7 +21,7 @@ MIN_TRANSMITTANCE = np.float32(1e-4)
 _BLOCK = 4  # tiles
 AHEAD = 4
 # Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns.
-LIVE, R, G, B, REST, COLUMN = (k * PIXELS for k in range(6))
+LIVE, RED, GREEN, BLUE, REST, COLUMN = (k * PIXELS for k in range(6))
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
@@ -45,9 +45,9 @@ def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
         drawn = after >= MIN_TRANSMITTANCE
         weight = choose(drawn, weight, zero)
         store(buf, i + LIVE, choose(drawn, after, smaller(live, zero - live)))
-        store(buf, i + R, load(buf, i + R) + weight * red)
-        store(buf, i + G, load(buf, i + G) + weight * green)
-        store(buf, i + B, load(buf, i + B) + weight * blue)
+        store(buf, i + RED, load(buf, i + RED) + weight * red)
+        store(buf, i + GREEN, load(buf, i + GREEN) + weight * green)
+        store(buf, i + BLUE, load(buf, i + BLUE) + weight * blue)
 
 
 @njit()
@@ -107,7 +107,7 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
             t = abs(buf[i + LIVE])
             left_over[top + row, left + column] = t
             for c in range(3):
-                image[top + row, left + column, c] = buf[i + R + c * PIXELS] + t * background[c]
+                image[top + row, left + column, c] = buf[i + RED + c * PIXELS] + t * background[c]
 
 
 @njit()
