@@ -155,3 +155,20 @@ def test_a_datagram_is_decoded_by_the_thread_that_brings_it(monkeypatch):
         decoder.add(stream.packets[1:])
     assert seen == [(True, {1}), (False, {1}), (False, {1})]
     assert_same(decoder.partial, decode_stream(stream))
+
+
+def test_a_snapshot_is_the_whole_scene_in_tensors_of_its_own():
+    """Only what arriving packets fill is copied; everything else, the background too, is the scene's."""
+    scene = dataclasses.replace(tiny_scene(seed=5, num_anchors=500), background=(0.25, 0.5, 1.0))
+    stream = encode_scene(scene, PACKETIZATIONS["stratified"])
+    decoder = start(stream)
+    decoder.add(stream.packets[:5])
+    fixed, there = decoder.snapshot(), decode_stream(stream.with_packets(stream.packets[:5]))
+    assert fixed.scene.background == (0.25, 0.5, 1.0)
+    assert_same(fixed, there)
+    for field in dataclasses.fields(fixed.scene):
+        if field.name != "anchors":
+            assert getattr(fixed.scene, field.name) == getattr(decoder.partial.scene, field.name), field.name
+    decoder.add(stream.packets[5:])
+    assert_same(fixed, there)
+    assert decoder.snapshot().concealment == decoder.partial.concealment

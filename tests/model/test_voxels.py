@@ -33,6 +33,14 @@ def test_what_is_no_multiple_is_refused(position):
         voxel_indices(torch.tensor([[0.0, 0.001, 0.002], [position, 0.0, 0.0]]), 0.001)
 
 
+@given(INDICES, st.floats(1e-6, 1e3), st.floats(3.0, 1e12))
+def test_a_voxel_size_far_too_large_is_refused(indices, voxel_size, factor):
+    """Every position would be within a small share of voxel 0, where nothing but 0 itself belongs."""
+    positions = voxel_positions(torch.tensor([*indices, (1, 0, 0)]), voxel_size)
+    with pytest.raises(InvalidValueError, match="not whole multiples"):
+        voxel_indices(positions, float(positions.abs().max()) * factor)
+
+
 @pytest.mark.parametrize("voxel_size", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_voxel_size_must_be_positive(voxel_size):
     with pytest.raises(InvalidValueError, match="voxel size"):

@@ -152,12 +152,12 @@ class CalibrationRun:
                 self._pictures[view] = draw(complete, cameras.select([view]), background=behind)[0]
         concealed, a = fuse(parts, part.interpolated, self.config.settings), scene.anchors
         rows = (part.queries,)
-        anchors = Anchors(
-            a.positions,
-            a.features.index_put(rows, concealed.features),
-            a.scalings.index_put(rows, concealed.scalings.clamp(min=float(a.scalings.min()))),
-            a.offsets.index_put(rows, concealed.offsets * concealed.mask[:, :, None]),
-            a.mask.index_put(rows, concealed.mask),
+        anchors = replace(
+            a,
+            features=a.features.index_put(rows, concealed.features),
+            scalings=a.scalings.index_put(rows, concealed.scalings.clamp(min=float(a.scalings.min()))),
+            offsets=a.offsets.index_put(rows, concealed.offsets * concealed.mask[:, :, None]),
+            mask=a.mask.index_put(rows, concealed.mask),
         )
         gaussians = generate_gaussians(replace(scene, anchors=anchors), cameras, view)
         picture = draw(gaussians, cameras.select([view]), background=behind)[0]

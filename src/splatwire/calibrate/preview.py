@@ -1,7 +1,7 @@
 """Fits a preview: as many explicit Gaussians as one datagram holds, to the training photos."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -239,7 +239,7 @@ class _Fit:
         shown, wrong = torch.zeros(now.num_gaussians), torch.zeros(now.num_gaussians)
         for view in spread_evenly(self._pictures.cameras.num_views, _ERROR_VIEWS):
             colors = now.colors.clone().requires_grad_()
-            image = self._image(Gaussians(now.means, now.quats, now.scales, now.opacities, colors), view)
+            image = self._image(replace(now, colors=colors), view)
             error = (image.detach() - self._pictures.images[view]).square().sum(dim=2, keepdim=True)
             mask = self._pictures.masks[view]
             error = error if mask is None else error * mask[:, :, None]

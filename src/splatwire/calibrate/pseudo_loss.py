@@ -13,7 +13,7 @@ from splatwire.conceal import AnchorContext, context_of
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.packets import PacketGroups, SceneStream
-from splatwire.scene import Anchors, Cameras, Erasures
+from splatwire.scene import Cameras, Erasures
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,5 +71,8 @@ def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) 
 def without(context: AnchorContext, known: Bool[Tensor, "N"]) -> AnchorContext:
     """The context that a receiver has when only `known` anchors have arrived."""
     a, keep = context.anchors, known[:, None]
-    anchors = Anchors(a.positions, a.features * keep, a.scalings * keep, a.offsets * keep[:, :, None], a.mask & keep)
+    anchors = replace(
+        a, features=a.features * keep, scalings=a.scalings * keep, offsets=a.offsets * keep[:, :, None],
+        mask=a.mask & keep,
+    )  # fmt: skip
     return replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))

@@ -1,7 +1,7 @@
 """Trains the scene-free concealer on the pictures of some scenes, for use on all others."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -146,4 +146,4 @@ def _rows(g: Gaussians, rows: Tensor) -> Gaussians:
 
 
 def _with_gains(g: Gaussians, size: Float[Tensor, "G"], opacity: Float[Tensor, "G"]) -> Gaussians:
-    return Gaussians(g.means, g.quats, g.scales * size[:, None], (g.opacities * opacity).clamp(max=1), g.colors)
+    return replace(g, scales=g.scales * size[:, None], opacities=(g.opacities * opacity).clamp(max=1))

@@ -52,8 +52,8 @@ def keep_received(context: AnchorContext, proposed: Anchors) -> Anchors:
 
     anchors = context.anchors
     mask = merge(Attribute.MASK, anchors.mask, proposed.mask)
-    return Anchors(
-        positions=anchors.positions,
+    return dataclasses.replace(
+        anchors,
         features=merge(Attribute.FEATURE, anchors.features, proposed.features),
         scalings=merge(Attribute.SCALING, anchors.scalings, proposed.scalings),
         offsets=merge(Attribute.OFFSET, anchors.offsets, proposed.offsets * mask[:, :, None]),

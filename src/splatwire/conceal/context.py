@@ -1,7 +1,7 @@
 """All that a concealer may see."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from splatwire.model import PartialScene, Prior
 from splatwire.scene import AnchorLayout, Anchors, Erasures
@@ -34,15 +34,14 @@ class AnchorContext:
         """Returns the same context in main memory, where neighbour search and kernels work."""
         prior = self.prior
         moved = {
-            name: type(part)(part.mean.cpu(), part.scale.cpu(), part.step.cpu())
+            name: replace(part, mean=part.mean.cpu(), scale=part.scale.cpu(), step=part.step.cpu())
             for name, part in (("feature", prior.feature), ("scaling", prior.scaling), ("offset", prior.offset))
         }
-        return AnchorContext(
-            self.anchors.to("cpu"),
-            Erasures(self.erasures.received.cpu()),
-            Prior(**moved, context=prior.context.cpu()),
-            self.layout,
-            self.concealment,
+        return replace(
+            self,
+            anchors=self.anchors.to("cpu"),
+            erasures=Erasures(self.erasures.received.cpu()),
+            prior=replace(prior, context=prior.context.cpu(), **moved),
         )
 
 

@@ -19,7 +19,7 @@ from splatwire.conceal.idw import Idw, PriorMean, fill_from_neighbors, inverse_d
 from splatwire.model import AnchorScene, PartialScene, RenderHints
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.ops.threads import one_torch_thread
-from splatwire.scene import Anchors, Attribute
+from splatwire.scene import Attribute
 
 _CHUNK = 1 << 14
 _FEW = 1 << 12
@@ -143,8 +143,8 @@ class _State:
         anchors, prior = self.context.anchors, self.context.prior
         num = anchors.num_anchors
         self.known = torch.zeros(num, dtype=torch.bool)
-        self.anchors = Anchors(
-            positions=anchors.positions,
+        self.anchors = dataclasses.replace(
+            anchors,
             features=prior.feature.mean.clone(),
             scalings=prior.scaling.mean.clone(),
             offsets=prior.offset.mean.view(anchors.offsets.shape).clone(),

@@ -1,6 +1,6 @@
 """What CARI knows about every anchor before it weighs neighbours: residuals, signature, uncertainty, context."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float
@@ -84,8 +84,8 @@ def anchors_from(context: AnchorContext, residuals: Residuals, mask: Bool[Tensor
     """Adds residuals to the prior's mean: the paper's `A = mu + r`."""
     prior = context.prior
     *features, scaling, offset = residuals.parts
-    return Anchors(
-        positions=context.anchors.positions,
+    return replace(
+        context.anchors,
         features=prior.feature.mean + torch.cat(features, dim=1),
         scalings=prior.scaling.mean + scaling,
         offsets=(prior.offset.mean + offset).view(context.anchors.offsets.shape),

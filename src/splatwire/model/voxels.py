@@ -28,8 +28,9 @@ def voxel_indices(positions: Float[Tensor, "N 3"], voxel_size: float) -> Int64[T
     if not bool(torch.isfinite(exact).all()):
         raise InvalidValueError("anchor positions must be finite")
     indices = torch.round(exact)
-    # Two roundings to float32 (of the voxel size and of the product) move a position by up to 2**-23 of itself.
-    off = (exact - indices).abs() > 1e-4 + indices.abs() * 2.0**-22
+    # Two roundings to float32 (of the voxel size and of the product) move a position by up to 2**-23 of itself. Nothing
+    # moves a position away from 0: a tolerance there would put a whole scene into one voxel of a far too large size.
+    off = (exact - indices).abs() > indices.abs() * 2.0**-22
     wrong = off.any(dim=1) | (indices.abs() > MAX_VOXEL_INDEX).any(dim=1)
     if bool(wrong.any()):
         first = int(wrong.nonzero()[0, 0])

@@ -21,7 +21,7 @@ from splatwire.packets.sections import split_sections
 from splatwire.plan.damage import BLANK_PSNR, Damage, Offer
 from splatwire.plan.outline import StreamLoad
 from splatwire.render import iterate_views
-from splatwire.scene import Anchors, Cameras, Erasures
+from splatwire.scene import Cameras, Erasures
 
 SHARES = (0.0, 0.05, 0.15, 0.3, 0.6, 1.0)
 ASSUMED_BASE_MSE = 1e-3
@@ -198,8 +198,6 @@ def without(complete: PartialScene, known: Bool[Tensor, "N"]) -> PartialScene:
     def gap(values: Tensor) -> Tensor:
         return torch.where(known.view(-1, *[1] * (values.dim() - 1)), values, torch.zeros_like(values))
 
-    there = Anchors(
-        anchors.positions, gap(anchors.features), gap(anchors.scalings), gap(anchors.offsets), gap(anchors.mask)
-    )
+    there = dataclasses.replace(anchors, **{name: gap(getattr(anchors, name)) for name in _ATTRIBUTES})
     scene = dataclasses.replace(complete.scene, anchors=there)
     return dataclasses.replace(complete, scene=scene, erasures=Erasures.of_anchors(known))

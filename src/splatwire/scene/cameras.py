@@ -1,6 +1,6 @@
 """Pinhole cameras: OpenCV world-to-camera matrices and intrinsics in pixels."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -45,10 +45,10 @@ class Cameras:
     def select(self, views: list[int]) -> "Cameras":
         """Returns the cameras at the given indices, in that order."""
         names = tuple(self.names[v] for v in views)
-        return Cameras(self.viewmats[views], self.Ks[views], self.width, self.height, names)
+        return replace(self, viewmats=self.viewmats[views], Ks=self.Ks[views], names=names)
 
     def scaled(self, factor: float) -> "Cameras":
         """Returns cameras of images `factor` times as wide and high (both sides rounded to whole pixels)."""
         width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
         scale = torch.tensor([width / self.width, height / self.height, 1.0], dtype=self.Ks.dtype)
-        return Cameras(self.viewmats, self.Ks * scale[None, :, None].to(self.Ks), width, height, self.names)
+        return replace(self, Ks=self.Ks * scale[None, :, None].to(self.Ks), width=width, height=height)

@@ -112,8 +112,8 @@ def _finite(context: AnchorContext, anchors: Anchors, interpolated: Anchors) -> 
     good &= anchors.offsets.flatten(1).isfinite().all(dim=1)
     same = (anchors.scalings == interpolated.scalings).all(dim=1, keepdim=True)
     scalings = torch.where(same, anchors.scalings, plausible_scalings(context, anchors.scalings))
-    return Anchors(
-        positions=anchors.positions,
+    return replace(
+        anchors,
         features=torch.where(good[:, None], anchors.features, interpolated.features),
         scalings=torch.where(good[:, None], scalings, interpolated.scalings),
         offsets=torch.where(good[:, None, None], anchors.offsets, interpolated.offsets),

@@ -1,6 +1,6 @@
 """From raw residuals to attributes: clip, confidence, soft blend, hard fallback (paper, Section 3.4)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -91,8 +91,8 @@ def fuse(parts: Branches, interpolated: Anchors, settings: GnnSettings) -> Ancho
     offset = parts.offset.fused(settings.offset_threshold).view(interpolated.offsets.shape)
     trusted = parts.offset.confidence >= settings.offset_threshold
     mask = torch.where(trusted, parts.mask_logit >= 0, interpolated.mask)
-    return Anchors(
-        positions=interpolated.positions,
+    return replace(
+        interpolated,
         features=parts.feature.fused(settings.feature_threshold),
         scalings=parts.scaling.fused(settings.scaling_threshold),
         offsets=torch.where(trusted[:, :, None], offset * mask[:, :, None], interpolated.offsets),

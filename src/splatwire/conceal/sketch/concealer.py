@@ -25,7 +25,7 @@ from splatwire.conceal.sketch.section import (
 )
 from splatwire.errors import InvalidValueError
 from splatwire.model import Prior
-from splatwire.scene import Anchors, Attribute, Erasures
+from splatwire.scene import Attribute, Erasures
 
 MAX_LOG_SIZE = 6.0
 """Scalings are kept within a factor of `exp(6)` of the expected ones, whatever a section says."""
@@ -113,12 +113,12 @@ def with_sketch(context: AnchorContext, section: SketchSection) -> AnchorContext
         column = received[rows, int(attribute)].view(-1, *[1] * (decoded.dim() - 1))
         return decoded.index_put((rows,), torch.where(column, decoded[rows], sketched.to(decoded.dtype)))
 
-    filled = Anchors(
-        anchors.positions,
-        fill(Attribute.FEATURE, anchors.features, features),
-        fill(Attribute.SCALING, anchors.scalings, scalings),
-        fill(Attribute.OFFSET, anchors.offsets, offsets),
-        fill(Attribute.MASK, anchors.mask, mask),
+    filled = replace(
+        anchors,
+        features=fill(Attribute.FEATURE, anchors.features, features),
+        scalings=fill(Attribute.SCALING, anchors.scalings, scalings),
+        offsets=fill(Attribute.OFFSET, anchors.offsets, offsets),
+        mask=fill(Attribute.MASK, anchors.mask, mask),
     )
     return replace(context, anchors=filled, erasures=Erasures(received | drawn[:, None]))
 

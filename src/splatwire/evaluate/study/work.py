@@ -29,7 +29,7 @@ from splatwire.metrics import Lpips, find_lpips
 from splatwire.model import AnchorScene, PartialScene
 from splatwire.model.scene_file import load_scene_file
 from splatwire.packets import SceneStream, read_stream
-from splatwire.scene import Anchors, Attribute, Erasures
+from splatwire.scene import Attribute, Erasures
 
 _MAX_FEATURE_BYTES = 1 << 30
 """LPIPS features of references that a worker keeps; those of one 800x600 picture take a quarter of this."""
@@ -271,11 +271,10 @@ def erode(whole: PartialScene, anchors: Bool[Tensor, "N"], attribute: Attribute)
     """
     received = whole.erasures.received.clone()
     received[:, int(attribute)] &= ~anchors
-    parts = {name: getattr(whole.scene.anchors, name) for name in _FIELDS.values()}
-    lost = parts[_FIELDS[attribute]].clone()
+    field = _FIELDS[attribute]
+    lost = getattr(whole.scene.anchors, field).clone()
     lost[anchors] = 0
-    parts[_FIELDS[attribute]] = lost
-    eroded = Anchors(positions=whole.scene.anchors.positions, **parts)
+    eroded = dataclasses.replace(whole.scene.anchors, **{field: lost})
     return dataclasses.replace(
         whole, scene=dataclasses.replace(whole.scene, anchors=eroded), erasures=Erasures(received)
     )

@@ -22,7 +22,10 @@ from splatwire.errors import DesyncError
 from splatwire.model import PartialScene
 from splatwire.ops.threads import one_blas_thread
 from splatwire.packets import Manifest, Packet, PacketId, PacketIntake, ReadReport, SceneStream
-from splatwire.scene import Anchors, Erasures
+from splatwire.scene import Erasures
+
+_FILLED = ("features", "scalings", "offsets", "mask")
+"""Fields of the anchors that arriving packets fill in place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,7 @@ class ProgressiveDecoder:
         self._num_known = 0
         filled = assemble_scene(self._info, self._arrays)
         erasures = Erasures(torch.from_numpy(self._received))
-        self._partial = PartialScene(filled.scene, erasures, filled.prior, filled.concealment)
+        self._partial = replace(filled, erasures=erasures)
 
     @property
     def partial(self) -> PartialScene:
@@ -138,10 +141,10 @@ class ProgressiveDecoder:
         """The scene as it is now, in tensors of its own that never change."""
         with self.lock:
             live = self._partial
-            a = live.scene.anchors
-            anchors = Anchors(a.positions, a.features.clone(), a.scalings.clone(), a.offsets.clone(), a.mask.clone())
             erasures = Erasures(live.erasures.received.clone())
-        return replace(live, scene=replace(live.scene, anchors=anchors), erasures=erasures)
+            filled = {name: getattr(live.scene.anchors, name).clone() for name in _FILLED}
+        scene = replace(live.scene, anchors=replace(live.scene.anchors, **filled))
+        return replace(live, scene=scene, erasures=erasures)
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
         """Decodes packets; several at once cost less than one by one.
