@@ -21,6 +21,20 @@ A lost packet is not an error: it is data (`splatwire.scene.Erasures`).
 
 from collections.abc import Iterable
 
+MALFORMED = (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError)
+"""What Python raises where plain data (JSON, tensors of a file) are not what the code that takes them apart expects."""
+
+
+def check_kind(value: object, kind: type, reader: str) -> None:
+    """Checks that a public function was given its noun, and not the path of a file that holds one.
+
+    Raises:
+        InvalidValueError: If it was not; the message names what reads a file.
+    """
+    if not isinstance(value, kind):
+        found = type(value).__name__
+        raise InvalidValueError(f"expected {kind.__name__} (`{reader}` reads one from a file), not {found}")
+
 
 class SplatwireError(Exception):
     """Base of all errors that splatwire raises on purpose."""

@@ -143,7 +143,7 @@ def test_two_streams_of_one_name_are_refused(stream_file: Path, tmp_path: Path, 
 def test_a_scene_is_written_on_the_spot(url: str, tmp_path: Path):
     from splatwire.model.scene_file import load_scene
 
-    target = tmp_path / "scene.splat"
+    target = tmp_path / "decoded.scene"
     assert call("receive", f"{url}/tiny", "-o", str(target), "--conceal", "drop", "--deadline", "20s") == 0
     assert load_scene(target).anchors.num_anchors == 400
 

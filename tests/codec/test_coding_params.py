@@ -1,3 +1,6 @@
+import dataclasses
+import struct
+
 import numpy as np
 import pytest
 import torch
@@ -6,7 +9,8 @@ from splatwire.codec.schemas.hacpp import coding_params_reference as reference
 from splatwire.codec.schemas.hacpp.atomic import predict_group, predict_packets
 from splatwire.codec.schemas.hacpp.coding_params import dequantise, factor_table, quantise, step_indices
 from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, lookup, lookup_reference, touched_rows
-from splatwire.codec.schemas.hacpp.side_info import SideInfo
+from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior_field import split_prior_outputs
@@ -109,3 +113,21 @@ def test_quantise_inverts_dequantise(base: float) -> None:
     factors = factor_table()[rng.integers(1500, 8193, 200)]
     symbols = rng.integers(-3000, 3000, (200, 5)).astype(np.int32)
     assert (quantise(dequantise(symbols, factors, base), factors, base) == symbols).all()
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-45, 1e-38, 1e-12])
+def test_a_box_that_is_a_hair_thin_is_refused_at_both_ends(side_info: SideInfo, width: float) -> None:
+    """Its fixed-point positions are no 64-bit numbers: infinite, or wrapped around without a word."""
+    low = np.array([0.0, -1.0, -1.0], dtype=np.float32)
+    high = np.array([width, 1.0, 1.0], dtype=np.float32)
+    thin = dataclasses.replace(side_info, bounds_min=low, bounds_max=high)
+    with pytest.raises(InvalidValueError, match="too thin for voxels of"):
+        write_side_info(thin)
+
+
+def test_a_thin_box_in_side_information_is_told(side_info: SideInfo, side_info_bytes: bytes) -> None:
+    old = struct.pack("<6f", *side_info.bounds_min, *side_info.bounds_max)
+    new = struct.pack("<6f", 0.0, *side_info.bounds_min[1:], 1e-44, *side_info.bounds_max[1:])
+    assert side_info_bytes.count(old) == 1
+    with pytest.raises(BitstreamError, match=r"side information: the grid's box .* is too thin"):
+        read_side_info(side_info_bytes.replace(old, new), len(side_info.voxels), "morton")

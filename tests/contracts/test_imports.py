@@ -17,7 +17,7 @@ def test_import_contracts_hold():
     assert "0 broken" in done.stdout
 
 
-@pytest.mark.parametrize("room", ["packets", "channel", "transport", "errors"])
+@pytest.mark.parametrize("room", ["packets", "channel", "transport", "files", "errors"])
 def test_a_relay_runs_without_torch(room):
     """Checked in a fresh interpreter, where nothing else has loaded it."""
     code = (

@@ -75,9 +75,9 @@ def test_wrong_files_are_refused(spoil, reason, cameras, tmp_path):
 
 def test_what_is_no_json_is_refused(tmp_path):
     (tmp_path / "c.json").write_text("{")
-    with pytest.raises(DatasetError, match="not JSON"):
+    with pytest.raises(DatasetError, match="not readable JSON"):
         load_cameras(tmp_path / "c.json")
-    with pytest.raises(DatasetError, match="cannot be read"):
+    with pytest.raises(DatasetError, match="no such file"):
         load_cameras(tmp_path / "absent.json")
 
 

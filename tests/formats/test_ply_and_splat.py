@@ -97,7 +97,7 @@ def test_kinds_are_told_by_the_bytes(tmp_path: Path) -> None:
     assert splats_kind(tmp_path) is None
     (tmp_path / "odd.splat").write_bytes(bytes(33))
     assert splats_kind(tmp_path / "odd.splat") is None
-    with pytest.raises(DatasetError, match=r"odd\.splat: none of"):
+    with pytest.raises(DatasetError, match=r"odd\.splat: not a file of explicit Gaussians"):
         read_splats(tmp_path / "odd.splat")
 
 

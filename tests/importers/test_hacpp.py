@@ -196,8 +196,8 @@ def edit_column(name, value):
 CHECKPOINT = "point_cloud/iteration_300/checkpoint.pth"
 PLY = "point_cloud/iteration_300/point_cloud.ply"
 BAD = {
-    "no folder": (lambda model: None, "no such folder"),
-    "wrong folder": (lambda model: model.root.mkdir(), "not an HAC\\+\\+ model folder"),
+    "no folder": (lambda model: None, "no such file or folder"),
+    "wrong folder": (lambda model: model.root.mkdir(), "not a model folder"),
     "no ply": (edit_file(PLY, None), "neither point_cloud.ply nor"),
     "no checkpoint": (edit_file(CHECKPOINT, None), "checkpoint.pth: missing"),
     "no bounds": (edit_file("bitstreams/x_bound_max.pkl", None), "x_bound_max.pkl: missing"),

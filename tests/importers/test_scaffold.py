@@ -127,7 +127,7 @@ def test_what_is_no_such_model_is_refused(tmp_path: Path) -> None:
     (iteration / "cov_mlp.pt").write_bytes((iteration / "color_mlp.pt").read_bytes())
     with pytest.raises(DatasetError, match=r"cov_mlp.*shape"):
         import_scaffold(root)
-    with pytest.raises(DatasetError, match="no such folder"):
+    with pytest.raises(DatasetError, match="no such file or folder"):
         import_scaffold(tmp_path / "absent")
 
 

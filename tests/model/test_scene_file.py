@@ -186,7 +186,7 @@ BAD = {
     "wide prior": (put("context.prior.output.bias", lambda v: torch.zeros(99)), "context.prior.output"),
     "zero voxel": (head(voxel_size="0x0p+0"), "voxel size"),
     "text voxel": (head(voxel_size="big"), "voxel size"),
-    "other format": (head(format="other"), "not a splatwire scene"),
+    "other format": (head(format="other"), "not a scene file"),
     "no slopes": (head(negative_slopes={}), "slope"),
     "slopes as list": (head(negative_slopes=[]), "slope"),
     "config as list": (head(config=[]), "bad configuration"),

@@ -219,3 +219,27 @@ def test_memory_is_bounded_by_the_file(stream):
 
 def test_header_size_is_what_sizes_are_counted_with(stream):
     assert stream.parts()["packet_headers"] == HEADER_BYTES * 28
+
+
+def test_memory_is_that_of_the_good_packets_whatever_stands_behind_them(stream, tmp_path):
+    """A sparse file: a gigabyte costs no disk here, and must cost no memory."""
+    from splatwire.packets import read_stream
+
+    path = tmp_path / "a.swz"
+    path.write_bytes(stream_to_bytes(stream))
+    with path.open("r+b") as file:
+        file.truncate(1 << 28)
+    found = []
+    assert peak_memory(lambda: found.append(read_stream(path))) < 8 << 20
+    assert found[0][0] == stream
+    assert found[0][1].num_corrupt == 1
+
+
+def test_the_next_packet_is_found_across_the_pieces_that_are_searched(small, monkeypatch):
+    data, start = stream_to_bytes(small), packets_start(small)
+    for size in (1, 3, 5, 64):
+        monkeypatch.setattr("splatwire.packets.container.SEARCH_BYTES", size)
+        for gap in range(12):
+            found, report = stream_from_bytes(data[:start] + b"\1" * gap + data[start:])
+            assert found == small, (size, gap)
+            assert report.num_corrupt == bool(gap)

@@ -80,12 +80,12 @@ def test_a_loop_of_links_is_a_loss_or_a_clear_error(folder):
 def test_wrong_paths(tmp_path):
     with pytest.raises(BitstreamError, match="not a splatwire stream"):
         read_stream(tmp_path)
-    with pytest.raises(BitstreamError, match="does not exist"):
+    with pytest.raises(BitstreamError, match="no such file"):
         read_stream(tmp_path / "nowhere")
     (tmp_path / "x.swz").write_bytes(b"ply\nformat binary")
-    with pytest.raises(BitstreamError, match=r"x\.swz is not a splatwire stream"):
+    with pytest.raises(BitstreamError, match=r"x\.swz: not a splatwire stream"):
         read_stream(tmp_path / "x.swz")
-    with pytest.raises(BitstreamError, match="neither"):
+    with pytest.raises(BitstreamError, match="a device, pipe or socket"):
         read_stream("/dev/null")
 
 

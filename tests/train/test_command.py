@@ -46,7 +46,7 @@ def _run(words: list[str]) -> int:
 
 
 def test_a_short_run(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    output, preview = tmp_path / "new" / "scene.splat", tmp_path / "preview.png"
+    output, preview = tmp_path / "new" / "trained.scene", tmp_path / "preview.png"
     assert _run(_words(folder, output, "--json", "--preview", preview)) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["iterations"] == 20
@@ -56,16 +56,16 @@ def test_a_short_run(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     assert scene.anchors.num_anchors == result["num_anchors"]
     assert encode_scene(scene).num_bytes > 0
     assert preview.stat().st_size > 0
-    assert load_checkpoint(output.with_name("scene.splat.checkpoint"))[0].iteration == 20
+    assert load_checkpoint(output.with_name("trained.scene.checkpoint"))[0].iteration == 20
     assert _run(_words(folder, output, "--resume", "--json")) == 0  # nothing is left to do, and that is no mistake
     assert json.loads(capsys.readouterr().out)["test_psnr"] == result["test_psnr"]
 
 
 def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> None:
-    output = tmp_path / "scene.splat"
+    output = tmp_path / "trained.scene"
     words = _words(folder, output)
     words[words.index("--iterations") + 1] = "1000000"
-    checkpoint = tmp_path / "scene.splat.checkpoint"
+    checkpoint = tmp_path / "trained.scene.checkpoint"
     process = subprocess.Popen([sys.executable, "-m", "splatwire", *words], stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
     while not checkpoint.exists() and time.monotonic() < deadline:
@@ -94,13 +94,13 @@ def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> N
 def test_mistakes_are_told_in_one_line(
     more: tuple[str, ...], message: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _run(_words(folder, tmp_path / "scene.splat", *more)) == 2
+    assert _run(_words(folder, tmp_path / "trained.scene", *more)) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_is_no_dataset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run(_words(tmp_path / "nothing", tmp_path / "scene.splat")) == 2
+    assert _run(_words(tmp_path / "nothing", tmp_path / "trained.scene")) == 2
     assert "nothing" in capsys.readouterr().err
 
 
@@ -115,7 +115,7 @@ def test_a_damaged_photo_is_told_before_the_first_iteration(
     shutil.copytree(folder, tmp_path / "data")
     damaged = sorted((tmp_path / "data" / "images").iterdir())[photo]
     damaged.write_bytes(damaged.read_bytes()[:-300])
-    assert _run(_words(tmp_path / "data", tmp_path / "scene.splat")) == 2
+    assert _run(_words(tmp_path / "data", tmp_path / "trained.scene")) == 2
     assert f"{damaged}: the image is damaged" in capsys.readouterr().err
 
 
@@ -124,7 +124,7 @@ def test_a_damaged_photo_is_told_before_the_first_iteration(
     [
         (("-o", "."), "is a folder: name a file"),
         (("-o", "/dev/null"), "no ordinary file"),
-        (("-o", "notes/scene.splat"), "notes: not a folder"),
+        (("-o", "notes/trained.scene"), "notes: not a folder"),
         (("--preview", "a.xyz"), "--preview must end in .png"),
         (("--preview", "notes/a.png"), "notes: not a folder"),
     ],
@@ -135,7 +135,7 @@ def test_what_cannot_be_written_is_told_at_once(
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     (tmp_path / "notes").write_text("hello")
-    assert _run(_words(folder, tmp_path / "scene.splat", *more)) == 2
+    assert _run(_words(folder, tmp_path / "trained.scene", *more)) == 2
     assert message in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["notes"]
 
@@ -146,5 +146,5 @@ def test_a_single_photo_is_too_few(folder: Path, tmp_path: Path, capsys: pytest.
     for count, message in ((1, "too few in all"), (2, "images: training needs at least 2 views, and there is 1")):
         kept = json.dumps({**content, "frames": content["frames"][:count]})
         (tmp_path / "data" / "transforms.json").write_text(kept)
-        assert _run(_words(tmp_path / "data", tmp_path / "scene.splat")) == 2
+        assert _run(_words(tmp_path / "data", tmp_path / "trained.scene")) == 2
         assert message in capsys.readouterr().err

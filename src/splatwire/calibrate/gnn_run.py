@@ -21,7 +21,7 @@ from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.conceal.gnn.quantise import rounded_constants, rounded_parameters
 from splatwire.conceal.gnn.section import rounded_weights
 from splatwire.conceal.gnn.weights import GnnWeights, scene_fingerprint
-from splatwire.errors import BitstreamError, DivergedError, InvalidValueError
+from splatwire.errors import MALFORMED, BitstreamError, DivergedError, InvalidValueError
 from splatwire.model.gaussian_heads import generate_gaussians
 from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
 from splatwire.render import create_renderer
@@ -279,5 +279,5 @@ def restore_checkpoint(run: CalibrationRun, path: Path) -> None:
         run.rng.set_state(tensors["generator"])
         run.iteration, run.stale = int(header["iteration"]), int(header["stale"])
         run.best_errors = {str(name): float(value) for name, value in header["best_errors"].items()}
-    except (KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+    except MALFORMED as error:
         raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.channel.loss_models import LossModel
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, check_kind
 from splatwire.packets import Packet, SceneStream, send_sequence
 
 DATAGRAM_BYTES = 1200
@@ -99,8 +99,9 @@ def transmit(
 
     Raises:
         UnknownNameError: If there is no such send order.
-        InvalidValueError: If the seed is negative.
+        InvalidValueError: If the seed is negative, or `stream` is none.
     """
+    check_kind(stream, SceneStream, "read_stream")
     mask = draw_mask(stream, loss, seed=seed, send_order=send_order)
     received, parts = mask.apply(stream), stream.parts()
     lost = [packet for packet, ok in zip(stream.packets, mask.received.tolist(), strict=True) if not ok]

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from splatwire.errors import InvalidValueError
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.files.kinds import EMPTY, TEXT, UNKNOWN, kind_of_bytes
 
 if TYPE_CHECKING:
     from splatwire.model import AnchorScene, PartialScene
@@ -16,17 +17,45 @@ if TYPE_CHECKING:
     from splatwire.scene import Erasures
 
 STANDARD = "-"
+STREAM_SUFFIX = ".swz"
+_FORMATS = {
+    STREAM_SUFFIX: "a stream",
+    ".ply": "a PLY",
+    ".splat": "a .splat file",
+    ".spz": "an SPZ file",
+    ".ksplat": "a .ksplat file",
+    ".sog": "a SOG file",
+    ".json": "JSON",
+    ".zip": "a ZIP archive",
+    ".png": "a picture",
+    ".jpg": "a picture",
+    ".jpeg": "a picture",
+}
+"""What a name promises by its suffix."""
+_HEAD_BYTES = 1 << 16
 
 
 @contextmanager
 def input_path(name: str) -> Iterator[Path]:
-    """Gives the path to read from; standard input is first copied to a temporary file."""
+    """Gives the path to read from; standard input is first copied to a temporary file.
+
+    Raises:
+        InvalidValueError: If standard input is closed.
+        BitstreamError: If what it begins with is nothing that is read here.
+    """
     if name != STANDARD:
         yield Path(name)
         return
+    if sys.stdin is None:
+        raise InvalidValueError("standard input is closed: there is nothing to read")
+    head = sys.stdin.buffer.read(_HEAD_BYTES)
+    kind = kind_of_bytes(head, len(head))
+    if kind in (EMPTY, UNKNOWN, TEXT):  # an endless pipe would fill the disk before anybody looked at it
+        raise BitstreamError(f"standard input is neither stream nor scene, but {kind}")
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
         path = Path(folder) / "standard_input"
         with path.open("wb") as file:
+            file.write(head)
             shutil.copyfileobj(sys.stdin.buffer, file)
         yield path
 
@@ -37,7 +66,7 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
 
     Args:
         name: What the user said.
-        suffix: Suffix of the temporary file.
+        suffix: Suffix that names of such a file have, with its dot; empty for scene files, which have no fixed one.
         json: Whether standard output is promised to a JSON object.
 
     Raises:
@@ -45,8 +74,10 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
             under that name.
     """
     if name != STANDARD:
-        yield prepared_output(Path(name), folder=True)
+        yield prepared_output(Path(name), folder=suffix == STREAM_SUFFIX, suffix=suffix)
         return
+    if sys.stdout is None:
+        raise InvalidValueError("standard output is closed: give -o a file")
     if json:
         raise InvalidValueError("--json and -o - both want standard output; give -o a file")
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
@@ -57,7 +88,7 @@ def output_path(name: str, *, suffix: str = "", json: bool = False) -> Iterator[
         sys.stdout.buffer.flush()
 
 
-def prepared_output(path: Path, *, folder: bool = False) -> Path:
+def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = None) -> Path:
     """Makes the folder of an output and says at once, not after the work, what stands in the way.
 
     Files are written beside an old one and then take its name, which must not happen to a device such as `/dev/null`.
@@ -65,13 +96,21 @@ def prepared_output(path: Path, *, folder: bool = False) -> Path:
     Args:
         path: The output.
         folder: Whether it may be a folder, too.
+        suffix: Suffix that names of such a file have; None for any.
 
     Returns:
         The path.
 
     Raises:
-        InvalidValueError: If there is something else under that name, or its folder is none.
+        InvalidValueError: If there is something else under that name, its folder is none, or the name is that of
+            another format.
     """
+    found = path.suffix.lower()
+    if suffix is not None and found in _FORMATS and found != suffix:
+        written = _FORMATS.get(suffix, "a scene file")
+        raise InvalidValueError(
+            f"{path}: the name says {_FORMATS[found]}, but {written} would be in it: end it in {suffix or '.scene'}"
+        )
     if path.is_dir() and not folder:
         raise InvalidValueError(f"{path} is a folder: name a file")
     if path.exists() and not path.is_dir() and not path.is_file():

@@ -10,6 +10,8 @@ from typing import Annotated, Any, TypeAlias
 
 import tyro
 
+from splatwire.errors import InvalidValueError
+
 JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
 
 
@@ -18,13 +20,19 @@ Reporter: TypeAlias = Callable[[str, float], None]
 
 
 def print_json(content: Mapping[str, Any]) -> None:
-    """Prints one JSON object, all on one line; numbers that JSON does not have become null."""
+    """Prints one JSON object, all on one line; numbers that JSON does not have become null.
+
+    Raises:
+        InvalidValueError: If standard output is closed.
+    """
+    if sys.stdout is None:
+        raise InvalidValueError("standard output is closed: --json has nowhere to go")
     print(json.dumps(_plain(content), allow_nan=False))
 
 
 def print_summary(text: str, output: str = "") -> None:
     """Prints a line for a person; on standard error when standard output carries the data."""
-    print(text, file=sys.stderr if output == "-" else sys.stdout)
+    print(text, file=sys.stderr if output == "-" or sys.stdout is None else sys.stdout)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from splatwire.cli._files import input_path
+from splatwire.cli._files import input_path, prepared_output
 from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
 from splatwire.errors import InvalidValueError
 
@@ -53,9 +53,9 @@ class Export:
         num_functions(self.degree)
         if str(self.output) == "-":
             raise InvalidValueError("an export is read back to be measured: give -o a file")
+        prepared_output(self.output, suffix=f".{self.kind.removeprefix('compressed-')}")
         with input_path(self.scene) as source:
             scene, num_lost = load_picturable(source, self.conceal)
-        self.output.parent.mkdir(parents=True, exist_ok=True)
         started, counts, measured = time.perf_counter(), FitCounts(), None
         with progress_bars() as show:
             if isinstance(scene, Splats):

@@ -35,8 +35,9 @@ class Import:
         if self.appearance is not None and self.kind != "scaffold":
             raise InvalidValueError("--appearance is for scaffold models")
         started = time.perf_counter()
-        with output_path(self.output, json=self.json) as path:
-            result = self._explicit(path) if self.kind == "splats" else self._neural(path)
+        explicit = self.kind == "splats"
+        with output_path(self.output, suffix=".ply" if explicit else "", json=self.json) as path:
+            result = self._explicit(path) if explicit else self._neural(path)
             num_bytes = path.stat().st_size
         if self.json:
             seconds = time.perf_counter() - started

@@ -1,9 +1,13 @@
 """Dispatch: which verb runs, and how an error is told."""
 
+import contextlib
 import importlib
 import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import tyro
@@ -37,7 +41,8 @@ _DESCRIPTION = "Carries 3D Gaussian splats across lossy networks. `splatwire dem
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits.
 
-    The exit status is 0, or 2 for a mistake that one line on standard error explains, or 130 after Ctrl-C.
+    The exit status is 0, or 2 for a mistake that one line on standard error explains, or 130 after Ctrl-C (143 when
+    the process was ended by SIGTERM).
 
     Args:
         arguments: Words after the program's name; None for those of the process.
@@ -46,12 +51,47 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # turn and the work itself several times its length.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     try:
-        status = _run(list(sys.argv[1:] if arguments is None else arguments))
-        sys.stdout.flush()
+        with _standard_streams(), _ended_in_order():
+            status = _run(list(sys.argv[1:] if arguments is None else arguments))
+            if sys.stdout is not None:
+                sys.stdout.flush()
     except BrokenPipeError:  # whoever read the output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     sys.exit(status)
+
+
+@contextmanager
+def _standard_streams() -> Iterator[None]:
+    """Gives errors somewhere to go where standard error is closed; `print` would take standard output instead."""
+    if sys.stderr is not None:
+        yield
+        return
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.redirect_stderr(nowhere):
+        yield
+
+
+@contextmanager
+def _ended_in_order() -> Iterator[None]:
+    """Makes a polite end of the process (`kill`, a closed terminal) an exit, so that unfinished files are removed."""
+
+    def end(number: int, _: object) -> None:
+        sys.exit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [n for n in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)) if _is_default(n)]
+    before = {number: signal.signal(number, end) for number in dict.fromkeys(numbers)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _is_default(number: int) -> bool:
+    return signal.getsignal(number) is signal.SIG_DFL  # not what `nohup` ignores
 
 
 def _run(arguments: list[str]) -> int:

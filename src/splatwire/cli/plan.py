@@ -10,6 +10,7 @@ import tyro
 from splatwire.cli._files import input_path, prepared_output
 from splatwire.cli._output import JsonFlag, print_json, progress_bars
 from splatwire.errors import InvalidValueError
+from splatwire.files.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -80,7 +81,7 @@ class PlanCommand:
                  "budget_bytes": budget, "plain_bytes": plain, "stream": path}  # fmt: skip
         content = plan_content(plan.protection, stream.manifest.stream_id, facts)
         if self.output is not None:
-            prepared_output(self.output).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+            write_whole(prepared_output(self.output), (json.dumps(content, indent=1) + "\n").encode())
         if self.json:
             print_json(content)
         else:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from splatwire.cli._files import STANDARD, output_path, prepared_output, read_report_json
+from splatwire.cli._files import STANDARD, STREAM_SUFFIX, output_path, prepared_output, read_report_json
 from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class Receive:
         options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not self.no_nack)
         concealer = self._concealer()
         moments = Moments()
-        with progress_bars() as show, output_path(self.output, suffix=".swz", json=self.json) as path:
+        with progress_bars() as show, self._output() as path:
             receiver, stopped = self._transfer(address, options, lambda event: moments.note(event, show))
             stream, over = receiver.stream(), receiver.finished
             reason = over.reason if over else "stopped"
@@ -122,6 +122,10 @@ class Receive:
         write_ply([splats], path)
         behind = " ".join(f"{value:.3f}" for value in background)
         return f"; its preview did: {splats.num_gaussians} Gaussians before {behind} (RGB) -> {path}"
+
+    def _output(self) -> contextlib.AbstractContextManager[Path]:
+        suffix = STREAM_SUFFIX if self.conceal is None else ""
+        return output_path(self.output, suffix=suffix, json=self.json)
 
     def _concealer(self) -> Any:
         if self.conceal is None:

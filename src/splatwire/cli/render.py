@@ -48,16 +48,18 @@ class Render:
         background = chosen_background(self.background)
         from splatwire.cli._scenes import load_picturable
         from splatwire.data import save_cameras
+        from splatwire.evaluate.pixels import png_bytes, to_pixels
         from splatwire.evaluate.views import views_of
+        from splatwire.files.names import distinct_names
+        from splatwire.files.whole import write_whole
         from splatwire.scene.splats import Splats
 
         with input_path(self.scene) as source:
             scene, num_lost = load_picturable(source, self.conceal)
-        self.output.mkdir(parents=True, exist_ok=True)
-        started, files = time.perf_counter(), []
+        started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
         with progress_bars() as show:
             for view, image in enumerate(views_of(scene, cameras, self.renderer, background)):
-                files.append(_save(image, self.output, cameras.names[view]))
+                write_whole(self.output / files[view], png_bytes(to_pixels(image)))
                 show("drawing", (view + 1) / cameras.num_views)
         seconds = time.perf_counter() - started
         save_cameras(cameras, self.output / "cameras.json")
@@ -98,14 +100,3 @@ def find_cameras(cameras: Path | None, data: Path | None) -> "Cameras":
         return load_cameras(cameras)
     assert data is not None
     return open_dataset(data, split="test").cameras
-
-
-def _save(image: object, folder: Path, name: str) -> str:
-    from PIL import Image
-
-    from splatwire.evaluate.pixels import to_pixels
-
-    safe = "".join(c if c.isalnum() or c in "-_." else "_" for c in name).lstrip(".") or "view"
-    path = folder / f"{safe}.png"
-    Image.fromarray(to_pixels(image)).save(path)  # type: ignore[arg-type]
-    return path.name

@@ -77,11 +77,12 @@ class Train:
         import numpy as np
         from PIL import Image
 
+        from splatwire.files.whole import written_whole
         from splatwire.model.scene_file import save_scene
         from splatwire.train import RunOptions, load_checkpoint, save_checkpoint, train_scene
         from splatwire.train.initial import initial_state
 
-        output = prepared_output(Path(self.output))
+        output = prepared_output(Path(self.output), suffix="")
         checkpoint = output.with_name(output.name + ".checkpoint")
         if self.resume:
             state, config = load_checkpoint(checkpoint)
@@ -110,7 +111,8 @@ class Train:
         def save_preview(report: "QualityReport") -> None:
             if self.preview:
                 pixels = (report.preview.clamp(0, 1) * 255).round().to("cpu").numpy().astype(np.uint8)
-                Image.fromarray(pixels).save(self.preview)
+                with written_whole(self.preview) as unfinished:
+                    Image.fromarray(pixels).save(unfinished)
 
         with watch(save_preview) as listener:
             result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from splatwire.conceal.base import Concealed, Concealer, create_concealer
 from splatwire.conceal.context import AnchorContext, context_of
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model import AnchorScene, PartialScene, RenderHints
 from splatwire.scene import Anchors, Attribute
 
@@ -27,8 +27,10 @@ def conceal(partial: PartialScene, concealer: Concealer | str) -> AnchorScene:
 
     Raises:
         UnknownNameError: No concealer has that name.
-        InvalidValueError: The concealer returned tensors of other sizes, or hints that cannot be drawn.
+        InvalidValueError: `partial` is none, or the concealer returned tensors of other sizes or hints that cannot be
+            drawn.
     """
+    check_kind(partial, PartialScene, "load_partial")
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
     context = context_of(partial)
     if context.erasures.num_lost == 0:

@@ -1,6 +1,5 @@
 """Checks that every camera reader shares."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -8,10 +7,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from splatwire.errors import DatasetError
+from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.scene import Cameras
+from splatwire.scene.cameras import check_size
 
-MAX_JSON_BYTES = 256 << 20
 _MAX_NUMBER = 1e12
 _MIN_FOCAL_PX = 1e-3
 _RIGID_TOLERANCE = 1e-3
@@ -35,8 +34,10 @@ def make_cameras(
     """
     if not len(names):
         raise DatasetError(f"{source}: has no views")
-    if width < 1 or height < 1:
-        raise DatasetError(f"{source}: images of {width} x {height} pixels")
+    try:
+        check_size(width, height)
+    except InvalidValueError as error:
+        raise DatasetError(f"{source}: {error}") from None
     for name, viewmat, K in zip(names, viewmats, intrinsics, strict=True):
         check_rigid(source, name, viewmat)
         if not (np.abs(K) < _MAX_NUMBER).all() or min(K[0, 0], K[1, 1]) < _MIN_FOCAL_PX:
@@ -77,22 +78,6 @@ def view_names(paths: Sequence[str]) -> tuple[str, ...]:
     return tuple("_".join(path.with_suffix("").parts) for path in pure)
 
 
-def read_json(path: Path) -> Any:
-    """Reads a JSON file.
-
-    Raises:
-        DatasetError: If it is absent, too large or not JSON.
-    """
-    try:
-        if path.stat().st_size > MAX_JSON_BYTES:
-            raise DatasetError(f"{path}: larger than {MAX_JSON_BYTES >> 20} MiB")
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise DatasetError(f"{path}: not JSON: {error}") from error
-
-
 def matrix(source: Path, name: str, value: Any, shape: tuple[int, int]) -> np.ndarray:
     """Turns nested lists into a float64 matrix.
 
@@ -115,6 +100,6 @@ def child(root: Path, name: str, source: Path) -> Path:
         DatasetError: If `name` leads out of `root`.
     """
     pure = PurePosixPath(name.replace("\\", "/"))
-    if not name or pure.is_absolute() or ".." in pure.parts or "\0" in name or ":" in name:
+    if not pure.parts or pure.is_absolute() or ".." in pure.parts or "\0" in name or ":" in name:
         raise DatasetError(f"{source}: image name {name[:120]!r} does not stay inside the dataset's folder")
     return root.joinpath(*pure.parts)

@@ -7,16 +7,25 @@ import numpy as np
 
 from splatwire.data._colmap_types import MODELS, RawCamera, RawImage
 from splatwire.errors import DatasetError
+from splatwire.files.capped import open_regular
+from splatwire.files.kinds import is_not
+
+_MAX_LINE_BYTES = 1 << 26
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    try:
-        with path.open(encoding="utf-8") as file:
-            for number, line in enumerate(file, start=1):
-                if not line.startswith("#"):
-                    yield number, line.strip()
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{path}: not UTF-8 text") from error
+    with open_regular(path, DatasetError) as file:
+        number = 0
+        while raw := file.readline(_MAX_LINE_BYTES + 1):
+            number += 1
+            if len(raw) > _MAX_LINE_BYTES:
+                raise DatasetError(f"{path}: line {number} does not end within {_MAX_LINE_BYTES:,} bytes")
+            try:
+                line = raw.decode("utf-8")
+            except UnicodeDecodeError as error:
+                raise DatasetError(is_not(path, "UTF-8 text")) from error
+            if not line.startswith("#"):
+                yield number, line.strip()
 
 
 def read_cameras(path: Path) -> list[RawCamera]:

@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.data._checks import check_rigid, pinhole, read_json
+from splatwire.data._checks import check_rigid, pinhole
 from splatwire.data.photos import photo_size
 from splatwire.data.transforms_json import TransformsView
 from splatwire.errors import DatasetError
+from splatwire.files.capped import read_json
 
 FILE = "poses_enu.json"
 _ROW = 17
@@ -29,7 +30,7 @@ def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
     Raises:
         DatasetError: If the file is damaged, a pose is not rigid, or poses and photos do not fit each other.
     """
-    content = read_json(path)
+    content = read_json(path, DatasetError)
     rows = _rows(path, content)
     folder = path.parent / (images or "images")
     if not folder.is_dir():

@@ -1,14 +1,16 @@
 """Cameras as JSON: our own file, and the `cameras.json` beside official HAC++ results."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from splatwire.data._checks import make_cameras, matrix, read_json
+from splatwire.data._checks import make_cameras, matrix
 from splatwire.errors import DatasetError
+from splatwire.files.capped import read_json
+from splatwire.files.kinds import is_not
+from splatwire.files.whole import write_whole
 from splatwire.scene import Cameras
 
 FORMAT = "splatwire-cameras"
@@ -34,12 +36,7 @@ def save_cameras(cameras: Cameras, path: Path) -> None:
         "height": cameras.height,
         "cameras": views,
     }
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        unfinished.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    write_whole(path, (json.dumps(content, indent=1) + "\n").encode())
 
 
 def load_cameras(path: Path) -> Cameras:
@@ -51,9 +48,9 @@ def load_cameras(path: Path) -> Cameras:
     Raises:
         DatasetError: If it is absent, neither of the two, of a newer version, or a camera is not rigid and finite.
     """
-    content = read_json(path)
+    content = read_json(path, DatasetError)
     if not isinstance(content, dict) or not isinstance(content.get("cameras"), list):
-        raise DatasetError(f"{path}: not a cameras file: it has no list 'cameras'")
+        raise DatasetError(is_not(path, "a cameras file", "it has no list 'cameras'"))
     own = content.get("format") == FORMAT
     if own and content.get("version") != VERSION:
         raise DatasetError(f"{path}: cameras file version {content.get('version')}, this release reads {VERSION}")
@@ -71,10 +68,11 @@ def load_cameras(path: Path) -> Cameras:
 
 
 def _size(path: Path, holders: list[dict[str, Any]]) -> tuple[int, int]:
-    sizes = {(holder.get("width"), holder.get("height")) for holder in holders}
-    if len(sizes) != 1:
-        raise DatasetError(f"{path}: its views have {len(sizes)} different image sizes, one is supported")
-    width, height = sizes.pop()
-    if type(width) is not int or type(height) is not int:
+    sizes = [(holder.get("width"), holder.get("height")) for holder in holders]
+    if not all(type(side) is int for size in sizes for side in size):
         raise DatasetError(f"{path}: width and height must be whole numbers")
-    return width, height
+    distinct = set(sizes)
+    if len(distinct) != 1:
+        raise DatasetError(f"{path}: its views have {len(distinct)} different image sizes, one is supported")
+    width, height = distinct.pop()
+    return width, height  # type: ignore[return-value]

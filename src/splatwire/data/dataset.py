@@ -14,6 +14,7 @@ from splatwire.data.colmap import ColmapView, SparsePoints, find_reconstruction,
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.transforms_json import TransformsView, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
+from splatwire.files.kinds import is_not
 from splatwire.scene import Cameras
 from splatwire.scene.background import BLACK, Background
 
@@ -116,7 +117,7 @@ def open_dataset(
     if max_width is not None and max_width < 1:
         raise InvalidValueError(f"max_width must be positive, not {max_width}")
     if not path.is_dir():
-        raise DatasetError(f"{path}: {'a file, not a dataset folder' if path.exists() else 'no such folder'}")
+        raise DatasetError(is_not(path, "a dataset folder"))
     if test_views is None and (path / bungee.FILE).is_file():
         chosen = "first_31"
     points = None
@@ -163,10 +164,11 @@ def _transforms_views(path: Path, split: str, images: str | None, test_views: st
     if whole.is_file():
         views = sorted(read_transforms(whole, images), key=lambda view: (Path(view.name).stem, view.name))
         return [views[i] for i in _chosen(len(views), split, test_views)], whole
-    raise DatasetError(
-        f"{path}: not a dataset: it has neither a COLMAP reconstruction (sparse/0/images.bin or .txt) nor "
-        "poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
+    why = (
+        "it has neither a COLMAP reconstruction (sparse/0/images.bin or .txt) nor poses_enu.json, "
+        "transforms_train.json, transforms_test.json or transforms.json"
     )
+    raise DatasetError(is_not(path, "a dataset", why))
 
 
 def _find_images(folder: Path, views: list[ColmapView]) -> list[Path]:
@@ -214,6 +216,6 @@ def _cameras(
                 f"{file}: is {size[0]} x {size[1]} pixels, which is not the shape of its camera, "
                 f"{view.width} x {view.height}"
             )
-        intrinsics.append(np.diag([width / view.width, height / view.height, 1.0]) @ view.K)
+        intrinsics.append(np.array([[width / view.width], [height / view.height], [1.0]]) * view.K)
     names = view_names([view.name for view in views])
     return make_cameras(source, names, np.stack([view.viewmat for view in views]), np.stack(intrinsics), width, height)

@@ -1,5 +1,6 @@
 """Photos as float tensors, loaded when they are asked for."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ from jaxtyping import Bool, Float
 from PIL import Image
 from torch import Tensor
 
-from splatwire.errors import DatasetError
+from splatwire.errors import MALFORMED, DatasetError
+from splatwire.files.kinds import is_not
 from splatwire.scene.background import BLACK, Background
 
 _OPAQUE_MODES = ("L", "P", "RGB")
@@ -45,7 +47,7 @@ def load_photo(
             raise DatasetError(f"{path}: images in mode {image.mode} are not read; convert it to 8-bit RGB")
         try:
             pixels = np.asarray(image.convert("RGBA" if has_alpha else "RGB"), dtype=np.float32) / 255
-        except (OSError, ValueError, SyntaxError) as error:
+        except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
             raise DatasetError(f"{path}: the image is damaged: {error}") from error
     if has_alpha:
         alpha = pixels[:, :, 3:]
@@ -71,7 +73,7 @@ def load_mask(path: Path, size: tuple[int, int]) -> Bool[Tensor, "H W"]:
             raise DatasetError(f"{path}: masks in mode {image.mode} are not read; convert it to 8-bit grey")
         try:
             grey = np.asarray(image.convert("L").resize(size, Image.Resampling.NEAREST))
-        except (OSError, ValueError, SyntaxError) as error:
+        except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
             raise DatasetError(f"{path}: the mask is damaged: {error}") from error
     return torch.from_numpy(grey > 127)
 
@@ -93,5 +95,5 @@ def _open(path: Path) -> Image.Image:
         return Image.open(path, formats=_FORMATS)
     except FileNotFoundError as error:
         raise DatasetError(f"{path}: the image is missing") from error
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise DatasetError(f"{path}: not a readable image: {error}") from error
+    except (OSError, SyntaxError, struct.error, Image.DecompressionBombError, *MALFORMED) as error:
+        raise DatasetError(is_not(path, "a readable image", str(error).split(str(path))[0])) from error

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.data._checks import check_rigid, child, matrix, pinhole, read_json
+from splatwire.data._checks import check_rigid, child, matrix, pinhole
 from splatwire.data.photos import photo_size
 from splatwire.errors import DatasetError
+from splatwire.files.capped import read_json
 
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -54,7 +55,7 @@ def read_transforms(path: Path, images: str | None = None) -> list[TransformsVie
     Raises:
         DatasetError: If the file is damaged, a lens distorts, a pose is not rigid, or an image or mask is missing.
     """
-    content = read_json(path)
+    content = read_json(path, DatasetError)
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
         raise DatasetError(f"{path}: has no views ('frames' is missing or empty)")

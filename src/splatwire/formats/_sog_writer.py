@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from splatwire.files.whole import written_whole
 from splatwire.formats._codebooks import nearest_number, number_codebook, vector_palette
 from splatwire.formats._columns import join
-from splatwire.formats._files import complete_file
 from splatwire.formats.sog import CODES, META, PALETTE_COLUMNS
 from splatwire.ops.morton import morton_encode
 from splatwire.scene.splats import Splats
@@ -52,7 +52,7 @@ def write_sog(parts: Iterable[Splats], path: Path) -> int:
     meta["sh0"] = _coded("sh0", sh[:, 0], opacities, pictures)
     if splats.degree:
         meta["shN"] = _harmonics(sh[:, 1:], splats.degree, pictures)
-    with complete_file(path) as file, zipfile.ZipFile(file, "w") as bundle:  # stored: pictures are packed already
+    with written_whole(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # pictures are packed already
         for name, pixels in pictures.items():
             bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), _webp(pixels))
         bundle.writestr(zipfile.ZipInfo(META, _FIXED_DATE), json.dumps(meta))

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError
+from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count, join
-from splatwire.formats._files import complete_file
 from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.scene.splats import Splats
@@ -117,7 +117,7 @@ def write_compressed_ply(parts: Iterable[Splats], path: Path) -> int:
     words = np.stack([_pack(shares[0], _WIDE), _packed_rotations(quats), _pack(shares[1], _WIDE), _pack(rgba, _BYTES)])
     rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
     codes = np.trunc((rest / _SH_RANGE + 0.5) * CHUNK).clip(0, CHUNK - 1).astype(np.uint8)
-    with complete_file(path) as file:
+    with written_whole(path) as unfinished, unfinished.open("wb") as file:
         file.write(_header(len(means), rest.shape[1]))
         file.write(np.concatenate(bounds, axis=1).astype("<f4").tobytes())
         file.write(words.T.astype("<u4").tobytes())

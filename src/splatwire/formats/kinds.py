@@ -1,28 +1,48 @@
 """Which format a file has, told by its first bytes, and its reader and writer."""
 
 import os
-import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 
 from splatwire.errors import DatasetError, UnknownNameError
-from splatwire.formats import gltf, sog, spz
+from splatwire.files.kinds import (
+    ANCHORS_PLY,
+    COMPRESSED_PLY,
+    GLB,
+    KSPLAT,
+    OTHER_PLY,
+    SOG,
+    SOG_FOLDER,
+    SPLAT,
+    SPLATS_PLY,
+    SPZ,
+    file_kind,
+    is_not,
+)
+from splatwire.formats import sog
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
 from splatwire.formats.gltf import read_gltf
-from splatwire.formats.ksplat import is_ksplat, read_ksplat
+from splatwire.formats.ksplat import read_ksplat
 from splatwire.formats.ply import splats_of_vertices, write_ply
 from splatwire.formats.ply_file import read_ply_elements
 from splatwire.formats.sog import read_sog
-from splatwire.formats.splat import RECORD, read_splat, write_splat
+from splatwire.formats.splat import read_splat, write_splat
 from splatwire.formats.spz import read_spz, write_spz
 from splatwire.scene.splats import Splats
 
 Writer = Callable[[Iterable[Splats], Path], int]
-_HEAD_BYTES = 64
-_SAFETENSORS_BRACE = 8
+_KINDS = {
+    "ply": (SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
+    "spz": (SPZ,),
+    "sog": (SOG, SOG_FOLDER),
+    "splat": (SPLAT,),
+    "ksplat": (KSPLAT,),
+    "glb": (GLB,),
+}
+"""What may hold explicit Gaussians, by reader, which says more of it."""
 READERS: dict[str, Callable[[Path], Splats]] = {
     "ply": lambda path: _read_ply(path),
     "spz": read_spz,
@@ -42,39 +62,14 @@ WRITERS: dict[str, Writer] = {
 
 
 def splats_kind(path: Path) -> str | None:
-    """Tells by its bytes whether a file holds explicit Gaussians.
-
-    A `.splat` or `.ksplat` file has no mark of its own: it is one when its name says so, its size and first numbers fit
-    and it is not a scene file of ours.
+    """Tells by its bytes whether a file holds explicit Gaussians (`splatwire.files.kinds`).
 
     Returns:
-        `ply`, `spz`, `sog` (also for a folder with its `meta.json`), `splat`, `ksplat`, `glb`, or None for anything
-        else, also for what is not a file.
+        `ply`, `spz`, `sog` (also for a folder with its `meta.json`, or that file), `splat`, `ksplat`, `glb`, or None
+        for anything else, also for what is not a file.
     """
-    if path.is_dir() or path.name == sog.META:
-        folder = path if path.is_dir() else path.parent
-        return "sog" if (folder / sog.META).is_file() else None
-    if not path.is_file():
-        return None
-    size = path.stat().st_size
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
-    for magic, kind in ((b"ply", "ply"), (spz.MAGIC, "spz"), (spz.GZIP_MAGIC, "spz"), (gltf.MAGIC, "glb")):
-        if head.startswith(magic):
-            return kind
-    if head.startswith(sog.ZIP_MAGIC):
-        return "sog" if path.suffix.lower() in (".sog", ".zip") else None
-    if _is_scene_file(head, size):
-        return None
-    if path.suffix.lower() == ".ksplat" and is_ksplat(head, size):
-        return "ksplat"
-    return "splat" if path.suffix.lower() == ".splat" and size and not size % RECORD.itemsize else None
-
-
-def _is_scene_file(head: bytes, size: int) -> bool:
-    if head[_SAFETENSORS_BRACE : _SAFETENSORS_BRACE + 1] != b"{":
-        return False
-    return bool(struct.unpack_from("<Q", head)[0] < size)
+    kind = file_kind(path.parent if path.name == sog.META else path)
+    return next((name for name, kinds in _KINDS.items() if kind in kinds), None)
 
 
 def read_splats(path: Path) -> Splats:
@@ -85,8 +80,7 @@ def read_splats(path: Path) -> Splats:
     """
     kind = splats_kind(path)
     if kind is None:
-        what = f"none of {', '.join(READERS)}" if path.exists() else "no such file"
-        raise DatasetError(f"{path}: {what}")
+        raise DatasetError(is_not(path, "a file of explicit Gaussians"))
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # numbers may lie; what comes out of them is checked
             return READERS[kind](path)

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.special import expit
 
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count
-from splatwire.formats._files import complete_file
 from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import degree_of
 from splatwire.scene.splats import Splats
@@ -73,7 +73,7 @@ def write_ply(parts: Iterable[Splats], path: Path) -> int:
         OSError: If the file cannot be written.
     """
     count, degree = 0, None
-    with complete_file(path) as file:
+    with written_whole(path) as unfinished, unfinished.open("wb") as file:
         for part in parts:
             if degree is None:
                 degree = part.degree

@@ -9,6 +9,8 @@ from typing import BinaryIO
 import numpy as np
 
 from splatwire.errors import DatasetError
+from splatwire.files.capped import open_regular
+from splatwire.files.kinds import is_not
 
 MAX_VERTICES = 20_000_000
 _MAX_HEADER_BYTES = 65_536
@@ -123,7 +125,7 @@ def read_ply_elements(path: Path) -> dict[str, PlyElement]:
             infinite values; the message names the file and the reason.
     """
     try:
-        with path.open("rb") as file:
+        with open_regular(path, DatasetError) as file:
             return _read_elements(path, file, path.stat().st_size)
     except (OSError, lzma.LZMAError, EOFError) as error:
         raise DatasetError(f"{path}: cannot be read: {error}") from error
@@ -172,7 +174,7 @@ def _split_header(path: Path, source: Iterator[bytes]) -> tuple[bytes, bytes]:
         if end >= 0:
             return data[:end], data[end + len(b"end_header\n") :]
         if not piece or len(data) > _MAX_HEADER_BYTES:
-            raise DatasetError(f"{path}: has no PLY header (no end_header in the first {len(data)} bytes)")
+            raise DatasetError(is_not(path, "a PLY file", f"no end_header in the first {len(data)} bytes"))
 
 
 def _parse_header(path: Path, head: bytes) -> dict[str, tuple[int, np.dtype]]:
@@ -185,9 +187,8 @@ def _parse_header(path: Path, head: bytes) -> dict[str, tuple[int, np.dtype]]:
     if odd := next((line for line in lines if len(line) > _MAX_LINE or not line.isprintable()), ""):
         raise DatasetError(f"{path}: {odd[:80]!r} is no line of a PLY header")
     if lines[:2] != ["ply", "format binary_little_endian 1.0"]:
-        raise DatasetError(
-            f"{path}: not a binary little-endian PLY file, it starts with {' / '.join(lines[:2])[:80]!r}"
-        )
+        why = f"it starts with {' / '.join(lines[:2])[:80]!r}"
+        raise DatasetError(is_not(path, "a binary little-endian PLY file", why))
     elements: dict[str, tuple[int, list[tuple[str, str]]]] = {}
     fields: list[tuple[str, str]] = []
     for line in lines[2:]:

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count
-from splatwire.formats._files import complete_file
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
@@ -54,7 +54,7 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
         OSError: If the file cannot be written.
     """
     count = 0
-    with complete_file(path) as file:
+    with written_whole(path) as unfinished, unfinished.open("wb") as file:
         for part in parts:
             file.write(_records(part).tobytes())
             count += part.num_gaussians

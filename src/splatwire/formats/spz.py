@@ -15,9 +15,10 @@ import numpy as np
 import zstandard
 
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.whole import written_whole
 from splatwire.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.formats._columns import build_splats, check_count, join
-from splatwire.formats._files import complete_file, mapped_file
+from splatwire.formats._files import mapped_file
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.scene.splats import Splats
 
@@ -192,7 +193,7 @@ def write_spz(parts: Iterable[Splats], path: Path) -> int:
     packer = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
     columns = _columns(splats, bits)
     streams = [packer.compress(column.tobytes()) for column in columns]
-    with complete_file(path) as file:
+    with written_whole(path) as unfinished, unfinished.open("wb") as file:
         file.write(_HEADER.pack(MAGIC, 4, splats.num_gaussians, splats.degree, bits, 0, len(streams)))
         file.write(_TABLE_OFFSET.pack(_PLAIN_HEADER_BYTES).ljust(_PLAIN_HEADER_BYTES - _HEADER.size, b"\0"))
         for stream, column in zip(streams, columns, strict=True):

@@ -1,7 +1,6 @@
 """Finds and safely loads the files of an official HAC++ model folder."""
 
 import io
-import json
 import math
 import re
 import zipfile
@@ -13,11 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatwire.errors import DatasetError
+from splatwire.errors import MALFORMED, DatasetError
+from splatwire.files.capped import read_capped, read_json
+from splatwire.files.kinds import is_not
 from splatwire.scene.background import BLACK, WHITE, Background
 
 _MAX_TENSOR_FILE_BYTES = 256 << 20
 _MAX_NUMBER_BYTES = 4096
+_MAX_ARGUMENTS_BYTES = 1 << 20
 _ZIP_ERRORS = (zlib.error, zipfile.BadZipFile)
 
 
@@ -28,14 +30,14 @@ def newest_iteration(model_dir: Path) -> Path:
         DatasetError: If `model_dir` has none.
     """
     if not model_dir.is_dir():
-        raise DatasetError(f"{model_dir}: no such folder")
+        raise DatasetError(is_not(model_dir, "a model folder"))
     found = {}
     for folder in (model_dir / "point_cloud").glob("iteration_*"):
         match = re.fullmatch(r"iteration_(\d{1,9})", folder.name)
         if match and folder.is_dir():
             found[int(match[1])] = folder
     if not found:
-        raise DatasetError(f"{model_dir}: not an HAC++ model folder, it has no point_cloud/iteration_* folder")
+        raise DatasetError(is_not(model_dir, "a model folder", "it has no point_cloud/iteration_* folder"))
     return found[max(found)]
 
 
@@ -123,7 +125,7 @@ def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
             continue
         try:
             value = read(path)
-        except (OSError, ValueError, TypeError, LookupError, RuntimeError, EOFError, *_ZIP_ERRORS) as error:
+        except (OSError, EOFError, *MALFORMED, *_ZIP_ERRORS) as error:
             raise DatasetError(f"{path}: no voxel size can be read from it: {error}") from error
         if value is not None and value != 0:
             if not (math.isfinite(value) and value > 0):
@@ -139,10 +141,7 @@ def load_background(model_dir: Path) -> Background:
         DatasetError: If `cfg_args` cannot be read.
     """
     path = model_dir / "cfg_args"
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be read: {error}") from error
+    text = _arguments(path) if path.is_file() else ""
     return WHITE if re.search(r"\bwhite_background=True\b", text) else BLACK
 
 
@@ -190,11 +189,15 @@ def _voxel_size_of_npz(path: Path) -> float | None:
 
 
 def _voxel_size_of_json(path: Path) -> float | None:
-    content = json.loads(path.read_text(encoding="utf-8"))
+    content = read_json(path, DatasetError)
     value = content.get("voxel_size") if isinstance(content, dict) else None
     return float(value) if isinstance(value, (int, float)) else None
 
 
+def _arguments(path: Path) -> str:
+    return read_capped(path, _MAX_ARGUMENTS_BYTES, DatasetError).decode("utf-8", "replace")
+
+
 def _voxel_size_of_arguments(path: Path) -> float | None:
-    match = re.search(r"voxel_size=([0-9.eE+-]+)", path.read_text(encoding="utf-8", errors="replace"))
+    match = re.search(r"voxel_size=([0-9.eE+-]+)", _arguments(path))
     return float(match[1]) if match else None

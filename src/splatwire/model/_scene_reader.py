@@ -1,6 +1,5 @@
 """Strict access to the tensors and the header of a scene file: every shape, type and value is checked."""
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,9 +9,11 @@ import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.files.kinds import PARTIAL, SCENE, TENSORS, file_kind, is_not
 from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Linear, Mlp
+from splatwire.model.tensor_file import parse_header
 from splatwire.model.voxels import check_voxel_size, voxel_indices
 from splatwire.scene import AnchorLayout
 from splatwire.scene.background import BLACK, Background, check_background
@@ -152,8 +153,8 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str | None
         UnsupportedVersionError: If it is of another version.
         BitstreamError: If it is anything else, or damaged.
     """
-    if not path.is_file():
-        raise BitstreamError(f"{path}: no such scene file")
+    if file_kind(path) not in (SCENE, PARTIAL, TENSORS):
+        raise BitstreamError(is_not(path, "a scene file"))
     try:
         with safe_open(path, framework="pt") as file:
             header = _read_header(path, file.metadata(), file_format, version)
@@ -161,16 +162,13 @@ def open_scene_file(path: Path, file_format: str, version: int, kind: str | None
                 raise BitstreamError(f"{path}: holds a {header['kind']!r}, not a {kind!r} scene")
             yield SceneReader(path, file, header)
     except (SafetensorError, OSError) as error:
-        raise BitstreamError(f"{path}: not a readable scene file: {error}") from error
+        raise BitstreamError(f"{path}: a damaged scene file: {error}") from error
 
 
 def _read_header(path: Path, metadata: dict[str, str] | None, file_format: str, version: int) -> dict[str, Any]:
-    try:
-        header = json.loads((metadata or {})["splatwire"])
-        if header["format"] != file_format:
-            raise ValueError(f"format {header['format']!r}")
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BitstreamError(f"{path}: safetensors, but not a splatwire scene ({error})") from error
+    header = parse_header((metadata or {}).get("splatwire"))
+    if header.get("format") != file_format:
+        raise BitstreamError(is_not(path, "a scene file"))
     if header.get("version") != version:
         raise UnsupportedVersionError(
             f"{path}: scene file version {header.get('version')}, this release reads {version}"
@@ -205,7 +203,7 @@ def read_config(reader: SceneReader) -> ModelConfig:
             **grid,
         )
         return ModelConfig(AnchorLayout(feature_groups=groups, **layout), shape, steps)
-    except (KeyError, TypeError, ValueError) as error:
+    except MALFORMED as error:
         raise reader.error(f"bad configuration in the header: {error}") from error
 
 

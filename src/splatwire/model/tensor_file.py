@@ -1,7 +1,6 @@
 """Tensors behind a JSON header in one safetensors file, written all or nothing."""
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,9 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.files.capped import open_regular
+from splatwire.files.kinds import is_not
+from splatwire.files.whole import written_whole
 
 
 def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: Path) -> None:
@@ -28,44 +30,65 @@ def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: P
     """
     # Cloned: safetensors refuses tensors that share memory, and views of a larger tensor are common here.
     plain = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with written_whole(path) as unfinished:
         unfinished.touch()
         permissions = unfinished.stat().st_mode & 0o777
-        save_file(plain, unfinished, metadata={"splatwire": json.dumps(header, sort_keys=True)})
+        try:
+            save_file(plain, unfinished, metadata={"splatwire": json.dumps(header, sort_keys=True)})
+        except SafetensorError as error:
+            raise OSError(f"{path}: cannot be written: {error}") from error
         unfinished.chmod(permissions)
-        os.replace(unfinished, path)
-    except SafetensorError as error:
-        raise OSError(f"{path}: cannot be written: {error}") from error
-    finally:
-        unfinished.unlink(missing_ok=True)
 
 
 def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Reads what `write_tensors` wrote.
 
+    Args:
+        path: The file.
+        form: The header's `format`.
+        version: The header's `version`.
+
+    Returns:
+        The tensors, on the CPU, and the header.
+
     Raises:
         UnsupportedVersionError: If it is of a version that this release does not read.
         BitstreamError: If it is absent, damaged or something else.
     """
+    open_regular(path, BitstreamError).close()
     try:
         with safe_open(path, framework="pt") as file:
-            text = (file.metadata() or {}).get("splatwire")
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dictionary
+            header = parse_header((file.metadata() or {}).get("splatwire"))
+            if header.get("format") != form:
+                raise BitstreamError(is_not(path, f"a file of {form}"))
+            if header.get("version") != version:
+                raise UnsupportedVersionError(f"{path}: version {header.get('version')} of {form} is not read")
+            return {name: file.get_tensor(name) for name in file.keys()}, header  # noqa: SIM118 - not a dictionary
+    except (SafetensorError, OSError) as error:
+        raise BitstreamError(is_not(path, f"a file of {form}", str(error))) from error
+
+
+def parse_header(text: str | None) -> dict[str, Any]:
+    """The JSON header; empty if it is none."""
+    try:
         header = json.loads(text or "null")
-    except FileNotFoundError as error:
-        raise BitstreamError(f"{path}: no such file") from error
-    except (SafetensorError, OSError, ValueError) as error:
-        raise BitstreamError(f"{path}: not a file of {form}: {error}") from error
-    if not isinstance(header, dict) or header.get("format") != form:
-        raise BitstreamError(f"{path}: not a file of {form}")
-    if header.get("version") != version:
-        raise UnsupportedVersionError(f"{path}: version {header.get('version')} of {form} is not read")
-    return tensors, header
+    except (ValueError, RecursionError):
+        header = None
+    return header if isinstance(header, dict) else {}
 
 
 def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
     """Puts tensors into a network, strictly.
+
+    Raises:
+        BitstreamError: If one is missing, too many, of another size, or not finite.
+    """
+    check_tensors(network, tensors, where)
+    network.load_state_dict({name: value.float() for name, value in tensors.items()})
+
+
+def check_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: str) -> None:
+    """Checks that tensors are those of a network, which may be on the device `meta` and so have no memory.
 
     Raises:
         BitstreamError: If one is missing, too many, of another size, or not finite.
@@ -80,7 +103,6 @@ def load_tensors(network: torch.nn.Module, tensors: dict[str, Tensor], where: st
             raise BitstreamError(f"{where}'{name}' is {found.dtype} {tuple(found.shape)}, not {tuple(value.shape)}")
         if not bool(found.isfinite().all()):
             raise BitstreamError(f"{where}'{name}' of the network is not finite")
-    network.load_state_dict({name: value.float() for name, value in tensors.items()})
 
 
 def tensor_bytes(path: Path) -> dict[str, int]:

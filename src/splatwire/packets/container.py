@@ -13,6 +13,7 @@ next packet's first bytes, so one damaged packet costs one packet.
 """
 
 import hashlib
+import io
 
 from splatwire.errors import BitstreamError, MissingSideInfoError, TruncatedStreamError, UnsupportedVersionError
 from splatwire.packets.intake import PacketIntake, ReadReport
@@ -22,6 +23,8 @@ from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION
 
 RESYNC_EFFORT = 4
 """Damaged stretches may cost checksums over this many times the file's size before the reader gives up on the rest."""
+SEARCH_BYTES = 1 << 20
+"""Read at a time where the next packet is looked for."""
 
 
 def stream_to_bytes(stream: SceneStream) -> bytes:
@@ -46,24 +49,33 @@ def stream_from_bytes(data: bytes, name: str = "stream") -> tuple[SceneStream, R
         UnsupportedVersionError: If a newer release wrote it.
         MissingSideInfoError: If its side information is damaged or cut.
     """
-    view = memoryview(data)
-    if bytes(view[: len(FILE_MAGIC)]) != FILE_MAGIC[: len(view)] or not len(view):
+    return stream_from_file(io.BytesIO(data), name)
+
+
+def stream_from_file(file: io.BufferedIOBase, name: str) -> tuple[SceneStream, ReadReport]:
+    """Reads an open file from its beginning, as `stream_from_bytes` does.
+
+    In memory are the good packets and the packet that is being read, however much else the file holds.
+    """
+    size = file.seek(0, io.SEEK_END)
+    file.seek(0)
+    head = file.read(FILE_PREFIX.size)
+    if head[: len(FILE_MAGIC)] != FILE_MAGIC[: len(head)] or not head:
         raise BitstreamError(f"{name} is not a splatwire stream: it does not begin with its magic bytes")
-    if len(view) < FILE_PREFIX.size:
-        raise TruncatedStreamError(f"{name} ends after {len(view)} bytes, within its first header")
-    _, version, manifest_bytes = FILE_PREFIX.unpack_from(view)
+    if len(head) < FILE_PREFIX.size:
+        raise TruncatedStreamError(f"{name} ends after {size} bytes, within its first header")
+    _, version, manifest_bytes = FILE_PREFIX.unpack(head)
     if version != FILE_VERSION:
         raise UnsupportedVersionError(f"{name} has layout version {version}, this release reads {FILE_VERSION}")
     if manifest_bytes > MAX_MANIFEST_BYTES:
         raise BitstreamError(f"{name} is damaged: its manifest cannot have {manifest_bytes} bytes")
-    body = FILE_PREFIX.size + manifest_bytes
-    if len(view) < body:
-        raise TruncatedStreamError(f"{name} ends after {len(view)} bytes, within its manifest")
-    manifest = manifest_from_bytes(bytes(view[FILE_PREFIX.size : body]), f"the manifest of {name}")
-    side_info = bytes(view[body : body + manifest.side_info_bytes])
+    if size < FILE_PREFIX.size + manifest_bytes:
+        raise TruncatedStreamError(f"{name} ends after {size} bytes, within its manifest")
+    manifest = manifest_from_bytes(file.read(manifest_bytes), f"the manifest of {name}")
+    side_info = file.read(manifest.side_info_bytes)
     check_side_info(manifest, side_info, f"the side information of {name}")
     intake = PacketIntake(manifest)
-    _read_records(data, body + len(side_info), manifest.stream_id, intake)
+    _read_records(file, size, file.tell(), manifest.stream_id, intake)
     return SceneStream(manifest, side_info, intake.packets), intake.report()
 
 
@@ -79,33 +91,46 @@ def check_side_info(manifest: Manifest, side_info: bytes, name: str) -> None:
         raise MissingSideInfoError(f"{name} is damaged: its digest does not match the manifest")
 
 
-def _read_records(data: bytes, position: int, stream_id: int, intake: PacketIntake) -> None:
+def _read_records(file: io.BufferedIOBase, size: int, position: int, stream_id: int, intake: PacketIntake) -> None:
     """Offers every record to the intake, looking for the next packet's first bytes after each damaged one."""
-    view, mark = memoryview(data), packet_mark(stream_id)
-    effort = RESYNC_EFFORT * len(data)
-    while position < len(data):
-        source, end, num_corrupt = f"byte {position}", _record_end(data, position), intake.num_corrupt
+    mark, effort = packet_mark(stream_id), RESYNC_EFFORT * size
+    while position < size:
+        source, end, num_corrupt = f"byte {position}", _record_end(file, size, position), intake.num_corrupt
         if effort < 0:
             intake.count("corrupt", f"{source}: too much is damaged, the rest is not read")
             return
         if end is None:
             intake.count("corrupt", f"{source}: a packet is cut, or its size is damaged")
         else:
-            intake.offer(view[position + RECORD_PREFIX.size : end], source)
+            intake.offer(file.read(end - position - RECORD_PREFIX.size), source)
             if intake.num_corrupt == num_corrupt:
                 position = end
                 continue
             effort -= end - position
-        found = data.find(mark, position + RECORD_PREFIX.size + 1)
-        if found < 0:
+        found = _find(file, mark, position + RECORD_PREFIX.size + 1)
+        if found is None:
             return
         position = found - RECORD_PREFIX.size
 
 
-def _record_end(data: bytes, position: int) -> int | None:
-    """End of the record at a position, or None if its size cannot be true."""
+def _record_end(file: io.BufferedIOBase, size: int, position: int) -> int | None:
+    """End of the record at a position, or None if its size cannot be true; the file then stands at its packet."""
     start = position + RECORD_PREFIX.size
-    if start > len(data):
+    if start > size:
         return None
-    (size,) = RECORD_PREFIX.unpack_from(data, position)
-    return start + size if HEADER_BYTES <= size <= min(MAX_PACKET_BYTES, len(data) - start) else None
+    file.seek(position)
+    (length,) = RECORD_PREFIX.unpack(file.read(RECORD_PREFIX.size))
+    return start + length if HEADER_BYTES <= length <= min(MAX_PACKET_BYTES, size - start) else None
+
+
+def _find(file: io.BufferedIOBase, mark: bytes, position: int) -> int | None:
+    """Where these bytes are next, from a position on; a piece of the file at a time."""
+    file.seek(position)
+    kept = b""
+    while piece := file.read(SEARCH_BYTES):
+        joined = kept + piece
+        at = joined.find(mark)
+        if at >= 0:
+            return position - len(kept) + at
+        position, kept = position + len(piece), joined[1 - len(mark) :]
+    return None

@@ -13,13 +13,13 @@ Deleting `.pak` files is a valid way of losing packets. Writing is atomic: a rea
 """
 
 import os
-import shutil
-import stat
-import uuid
 from pathlib import Path
 
-from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError
-from splatwire.packets.container import check_side_info, stream_from_bytes, stream_to_bytes
+from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
+from splatwire.files.capped import open_regular, read_at_most, read_capped
+from splatwire.files.kinds import NOTHING, STREAM, file_kind, is_not
+from splatwire.files.whole import written_whole
+from splatwire.packets.container import check_side_info, stream_from_file, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import MAX_MANIFEST_BYTES, manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet import MAX_PACKET_BYTES
@@ -40,26 +40,19 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
         path: Where to. An existing stream there is replaced as a whole.
 
     Raises:
+        InvalidValueError: If `stream` is none.
         BitstreamError: If something that is not a stream is there; it is left alone.
         OSError: If the disk refuses.
     """
+    check_kind(stream, SceneStream, "read_stream")
     target = Path(path).resolve()
-    is_file = target.suffix == FILE_SUFFIX
+    is_file = target.suffix.lower() == FILE_SUFFIX
     _check_replaceable(target, is_file)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".{target.name}.{uuid.uuid4().hex[:12]}.tmp")
-    try:
+    with written_whole(target) as new:
         if is_file:
-            temporary.write_bytes(stream_to_bytes(stream))
-            os.replace(temporary, target)
+            new.write_bytes(stream_to_bytes(stream))
         else:
-            _write_directory(stream, temporary)
-            _replace_directory(temporary, target)
-    finally:
-        if temporary.is_dir():
-            shutil.rmtree(temporary, ignore_errors=True)
-        else:
-            temporary.unlink(missing_ok=True)
+            _write_directory(stream, new)
 
 
 def is_stream(path: Path) -> bool:
@@ -68,12 +61,10 @@ def is_stream(path: Path) -> bool:
     Raises:
         BitstreamError: If nothing is there.
     """
-    if path.is_dir():
-        return True
-    if not path.is_file():
-        raise BitstreamError(f"{path}: no such file or folder")
-    with path.open("rb") as file:
-        return file.read(len(FILE_MAGIC)) == FILE_MAGIC
+    kind = file_kind(path)
+    if kind == NOTHING:
+        raise BitstreamError(is_not(path, "a stream"))
+    return kind == STREAM or path.is_dir()
 
 
 def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
@@ -92,13 +83,13 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
     source = Path(path)
     if source.is_dir():
         return _read_directory(source)
-    if not source.exists():
-        raise BitstreamError(f"{source} does not exist")
-    if not source.is_file():
-        raise BitstreamError(f"{source} is neither a file nor a directory")
-    if _read_capped(source, len(FILE_MAGIC) - 1) != FILE_MAGIC:  # look before reading what may be a whole disk image
-        raise BitstreamError(f"{source} is not a splatwire stream: it does not begin with its magic bytes")
-    return stream_from_bytes(_read_capped(source), str(source))
+    if file_kind(source) != STREAM:
+        raise BitstreamError(is_not(source, "a splatwire stream"))
+    with open_regular(source, BitstreamError) as file:
+        try:
+            return stream_from_file(file, str(source))
+        except OSError as error:
+            raise BitstreamError(f"{source} cannot be read: {error.strerror}") from error
 
 
 def _write_directory(stream: SceneStream, folder: Path) -> None:
@@ -107,21 +98,6 @@ def _write_directory(stream: SceneStream, folder: Path) -> None:
     (folder / SIDE_INFO_NAME).write_bytes(stream.side_info)
     for packet in stream.packets:
         (folder / packet.id.filename).write_bytes(packet.data)
-
-
-def _replace_directory(new: Path, target: Path) -> None:
-    """Moves a finished directory into place, and what was there out of the way first: no old packet stays behind."""
-    if not target.exists():
-        new.rename(target)
-        return
-    old = new.with_name(f"{new.name}.old")
-    target.rename(old)
-    try:
-        new.rename(target)
-    except OSError:
-        old.rename(target)
-        raise
-    shutil.rmtree(old)
 
 
 def _check_replaceable(target: Path, is_file: bool) -> None:
@@ -153,13 +129,13 @@ def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
     if MANIFEST_NAME not in names:
         if packet_names or SIDE_INFO_NAME in names:
             raise MissingSideInfoError(f"{folder / MANIFEST_NAME} is missing")
-        raise BitstreamError(f"{folder} is not a splatwire stream: it has no {MANIFEST_NAME}")
+        raise BitstreamError(is_not(folder, "a splatwire stream", f"it has no {MANIFEST_NAME}"))
     path = folder / MANIFEST_NAME
-    manifest = manifest_from_bytes(_read_capped(path, MAX_MANIFEST_BYTES), str(path))
+    manifest = manifest_from_bytes(read_capped(path, MAX_MANIFEST_BYTES, BitstreamError), str(path))
     path = folder / SIDE_INFO_NAME
     if SIDE_INFO_NAME not in names:
         raise MissingSideInfoError(f"{path} is missing")
-    side_info = _read_capped(path, manifest.side_info_bytes)
+    side_info = read_at_most(path, manifest.side_info_bytes + 1, BitstreamError)
     check_side_info(manifest, side_info, str(path))
     intake = PacketIntake(manifest)
     for name in packet_names:
@@ -170,23 +146,8 @@ def _read_directory(folder: Path) -> tuple[SceneStream, ReadReport]:
 def _offer_file(intake: PacketIntake, path: Path) -> None:
     try:
         expected = PacketId.from_filename(path.name)
-        data = _read_capped(path, MAX_PACKET_BYTES)
+        data = read_at_most(path, MAX_PACKET_BYTES + 1, BitstreamError)
     except (InvalidValueError, BitstreamError) as error:
         intake.count("corrupt", f"{path.name}: {error}")
         return
     intake.offer(data, path.name, expected)
-
-
-def _read_capped(path: Path, limit: int | None = None) -> bytes:
-    """Reads a regular file, at most one byte more than it may have.
-
-    Raises:
-        BitstreamError: If it is not a regular file (a pipe would block, a device never end), or cannot be read.
-    """
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise BitstreamError(f"{path} is not a regular file")
-        with path.open("rb") as file:
-            return file.read() if limit is None else file.read(limit + 1)
-    except OSError as error:
-        raise BitstreamError(f"{path} cannot be read: {error.strerror}") from error

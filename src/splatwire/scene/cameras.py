@@ -6,6 +6,25 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from splatwire.errors import InvalidValueError
+
+MAX_PIXELS = 1 << 27
+"""More than any camera has (134 million); as float32 a picture of them takes 1.6 GB."""
+
+
+def check_size(width: int, height: int) -> None:
+    """Checks that pictures of a size can be held.
+
+    Raises:
+        InvalidValueError: If there is no pixel, or there are more than `MAX_PIXELS`.
+    """
+    if width < 1 or height < 1:
+        raise InvalidValueError(f"pictures of {width} x {height} pixels have no pixels")
+    if width * height > MAX_PIXELS:
+        raise InvalidValueError(
+            f"pictures of {str(width)[:20]} x {str(height)[:20]} pixels are over the limit of {MAX_PIXELS:,} pixels"
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Cameras:
@@ -28,8 +47,7 @@ class Cameras:
     def __post_init__(self) -> None:
         if not len(self.names) == self.viewmats.shape[0] == self.Ks.shape[0]:
             raise ValueError(f"{len(self.names)} names, {self.viewmats.shape[0]} poses, {self.Ks.shape[0]} intrinsics")
-        if self.width < 1 or self.height < 1:
-            raise ValueError(f"an image of {self.width} x {self.height} pixels has no pixels")
+        check_size(self.width, self.height)
 
     @property
     def num_views(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 import torch
 from torch import Tensor
 
-from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
 from splatwire.model.tensor_file import read_tensors, write_tensors
 from splatwire.train.config import TrainConfig
 from splatwire.train.initial import parameter_shapes
@@ -64,7 +64,7 @@ def load_checkpoint(path: Path) -> tuple[TrainState, TrainConfig]:
     tensors, header = read_tensors(path, FORMAT, VERSION)
     try:
         return _state(header, tensors)
-    except (KeyError, TypeError, ValueError, RuntimeError, InvalidValueError) as error:
+    except MALFORMED as error:
         raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error
 
 
@@ -118,7 +118,7 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
     try:
         config: TrainConfig = _record(TrainConfig, value)
         return config
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except MALFORMED as error:
         raise InvalidValueError(f"not the recipe of a training run: {error}") from error
 
 

@@ -10,8 +10,8 @@ import torch
 from splatwire.conceal.context import AnchorContext
 from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.conceal.gnn.settings import GnnSettings
-from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
+from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
+from splatwire.model.tensor_file import check_tensors, load_tensors, read_tensors, write_tensors
 from splatwire.scene import AnchorLayout
 
 FORMAT = "splatwire-gnn"
@@ -112,12 +112,17 @@ def load_weights(path: Path) -> GnnWeights:
         sizes = InputSizes(
             AnchorLayout(**{**layout, "feature_groups": tuple(layout["feature_groups"])}), int(header["context_dim"])
         )
-        network = InpaintingNetwork(sizes, GnnSettings(**header["settings"]))
+        if sizes.context_dim < 1:
+            raise ValueError(f"a hash-grid feature of {sizes.context_dim} channels")
+        settings = GnnSettings(**header["settings"])
+        with torch.device("meta"):  # shapes without memory: the header may promise more than its tensors are
+            check_tensors(InpaintingNetwork(sizes, settings), tensors, f"{path}: ")
+        network = InpaintingNetwork(sizes, settings)
         validation = {str(name): float(value) for name, value in header["validation"].items()}
         fingerprint = str(header["fingerprint"])
         if len(fingerprint) < FINGERPRINT_DIGITS:
             raise ValueError(f"fingerprint {fingerprint!r}")
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except MALFORMED as error:
         raise BitstreamError(f"{path}: the header of the GNN weights is damaged: {error}") from error
     load_tensors(network, tensors, f"{path}: ")
     return GnnWeights(network.eval().requires_grad_(False), fingerprint, validation)

@@ -14,7 +14,7 @@ from splatwire.evaluate.study.records import PLACE, table_to_bytes
 from splatwire.evaluate.study.report import render_sizes_report, render_study_report
 from splatwire.evaluate.study.run import LPIPS_OF_MASKED, StudyResult
 from splatwire.evaluate.study.sizes import SceneSizes, size_tables
-from splatwire.evaluate.study.store import Store, file_names, write_whole
+from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.summary import INTERVALS, Summary, dataset_means, orderings, streams_of, summarize
 from splatwire.evaluate.study.tables import (
     Table,
@@ -27,6 +27,8 @@ from splatwire.evaluate.study.tables import (
     summary_csv,
     to_csv,
 )
+from splatwire.files.names import distinct_names, safe_name
+from splatwire.files.whole import write_whole
 from splatwire.packets import read_stream
 
 RATES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
@@ -58,7 +60,7 @@ def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, 
     }
     files = {kind: write_whole(folder / name, text.encode()) for kind, (name, text) in texts.items()}
     files["parquet"] = write_whole(folder / "records.parquet", table_to_bytes(records, PLACE))
-    for name, file in file_names(result.scenes).items():
+    for name, file in zip(result.scenes, distinct_names(result.scenes), strict=True):
         lines = leaderboard_csv([summary for summary in summaries if summary.scene == name])
         write_whole(folder / "leaderboard" / f"{file}.csv", lines.encode())
     _save_masks(result, store)
@@ -104,10 +106,10 @@ def _tables(
 
 def _save_masks(result: StudyResult, store: Store) -> None:
     """Writes every mask into the store, so that another codec can be measured on the same losses."""
-    folders = file_names(result.scenes)
+    folders = dict(zip(result.scenes, distinct_names(result.scenes), strict=True))
     for scene in result.scenes.values():
         for (variant, loss, seed), mask in scene.masks.items():
-            start = f"masks/{folders[scene.entry.name]}/{variant}/{next(iter(file_names([loss.label]).values()))}"
+            start = f"masks/{folders[scene.entry.name]}/{variant}/{safe_name(loss.label)}"
             name = f"{start}_{seed}_{mask.digest[:12]}.npz"
             if not (store.root / name).is_file():
                 stream, _ = read_stream(store.root / scene.streams[variant].path)

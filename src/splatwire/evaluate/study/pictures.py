@@ -7,8 +7,10 @@ import numpy as np
 
 from splatwire.evaluate.pixels import png_bytes, png_pixels, to_pixels
 from splatwire.evaluate.study.run import StudyResult
-from splatwire.evaluate.study.store import Store, file_names
+from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Cell
+from splatwire.files.names import distinct_names
+from splatwire.files.whole import write_whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +83,11 @@ def save_pictures(found: list[ViewPictures], folder: Path) -> None:
         found: The pictures.
         folder: Where to; made if it is not there.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     pictures: dict[str, np.ndarray] = {}
     for view in found:
         start = f"{view.scene}\0{view.view}\0"  # no name has this character, so no two begin alike
         pictures[f"{start}reference"] = view.reference
         pictures |= {f"{start}{shot.label}": shot.pixels for shot in view.shots}
         pictures |= {f"{start}loss_map\0{variant}": pixels for variant, pixels in view.loss_maps.items()}
-    for name, file in file_names(pictures).items():
-        (folder / f"{file}.png").write_bytes(png_bytes(pictures[name]))
+    for file, pixels in zip(distinct_names(pictures), pictures.values(), strict=True):
+        write_whole(folder / f"{file}.png", png_bytes(pixels))

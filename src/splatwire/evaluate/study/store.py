@@ -14,11 +14,8 @@ Files appear under their names only when they are complete; two writers of one u
 
 import errno
 import fcntl
-import itertools
 import json
-import os
-import uuid
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,9 +23,9 @@ from typing import Any
 
 from splatwire.errors import SplatwireError
 from splatwire.evaluate.study.records import Record, records_from_bytes, records_to_bytes
+from splatwire.files.whole import remove_unfinished, write_whole
 
 UNIT_SUFFIX = ".parquet"
-_UNFINISHED = ".part"
 
 
 @dataclass(frozen=True)
@@ -75,11 +72,11 @@ class Store:
             SplatwireError: If the disk is full; nothing is left behind.
             OSError: If the disk refuses for another reason.
         """
-        return write_whole(self.root / name, data)
+        return _write(self.root / name, data)
 
     def put_records(self, key: str, records: Sequence[Record]) -> None:
         """Writes the records of a unit, which is then finished."""
-        write_whole(self.unit_path(key), records_to_bytes(records))
+        _write(self.unit_path(key), records_to_bytes(records))
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -95,8 +92,8 @@ class Store:
             except OSError as error:
                 reason = f"another run is working in {self.root}: wait for it, or take another folder"
                 raise SplatwireError(reason) from error
-            for path in self.root.rglob(f".*{_UNFINISHED}"):
-                path.unlink(missing_ok=True)
+            for folder in [self.root, *(path for path in self.root.rglob("*") if path.is_dir())]:
+                remove_unfinished(folder)
             yield
 
 
@@ -119,30 +116,14 @@ class MemoryStore(Store):
         self._finished[key] = list(records)
 
 
-def write_whole(path: Path, data: bytes) -> Path:
-    """Writes a file so that it is there as a whole or not at all.
-
-    Raises:
-        SplatwireError: If the disk is full.
-        OSError: If the disk refuses for another reason.
-    """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.{uuid.uuid4().hex[:8]}{_UNFINISHED}")
+def _write(path: Path, data: bytes) -> Path:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(unfinished, path)
+        return write_whole(path, data)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
-            raise SplatwireError(
-                f"the disk is full: {path} could not be written; make room and start again, finished work is kept"
-            ) from error
+            reason = f"the disk is full: {path} could not be written; make room and start again, "
+            raise SplatwireError(f"{reason}finished work is kept") from error
         raise
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return path
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
@@ -156,15 +137,3 @@ def read_json(path: Path) -> dict[str, Any] | None:
     if not isinstance(content, dict):
         raise SplatwireError(f"{path} is damaged: remove it and start again")
     return content
-
-
-def file_names(names: Iterable[str]) -> dict[str, str]:
-    """A file name for each name: without folders or surprises, and another one for each, whatever the file system."""
-    found: dict[str, str] = {}
-    taken: set[str] = set()
-    for name in names:
-        plain = "".join(c if c.isalnum() or c in "-_." else "_" for c in name).strip("._")[:120] or "unnamed"
-        numbers = (f"{plain}_{number}" for number in itertools.count(2))
-        found[name] = next(file for file in itertools.chain([plain], numbers) if file.lower() not in taken)
-        taken.add(found[name].lower())
-    return found

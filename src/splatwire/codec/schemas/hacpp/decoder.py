@@ -27,7 +27,7 @@ from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import read_tiers
 from splatwire.codec.weights import QuantisedMlp
-from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
+from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError, check_kind
 from splatwire.model import (
     AnchorScene,
     AttributePrior,
@@ -63,8 +63,10 @@ def decode_stream(
     Raises:
         MissingSideInfoError: If there is no side information.
         BitstreamError: If the stream contradicts itself.
+        InvalidValueError: If `stream` is none.
         DesyncError: If nothing was lost and yet the decoded integers are not those that were encoded.
     """
+    check_kind(stream, SceneStream, "read_stream")
     manifest = stream.manifest
     info = open_side_info(manifest, stream.side_info, atomic=False)
     decode = _decode_separated if manifest.packetization.separated else _decode_arrays

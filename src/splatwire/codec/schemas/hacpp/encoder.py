@@ -27,7 +27,7 @@ from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, wr
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model import AnchorScene
 from splatwire.model.voxels import voxel_indices
 from splatwire.packets import (
@@ -74,8 +74,10 @@ def encode_scene(
         The complete stream.
 
     Raises:
-        InvalidValueError: If there is nothing to encode, values are not finite or too large, or a tier is empty.
+        InvalidValueError: If there is nothing to encode, values are not finite or too large, a tier is empty, or
+            `scene` is none.
     """
+    check_kind(scene, AnchorScene, "load_scene")
     packetization = packetization or PRESETS["paper"]
     index = coding_order(scene, packetization.order)
     scene, tier_of = _select(scene, index), _tiers(tiers, scene, index)

@@ -1,13 +1,16 @@
 """Integer hash-grid lookup: which table rows an anchor reads, and the interpolated context (HACPP_SPEC 3)."""
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from splatwire.codec.fixed_point import ACTIVATION_BITS, CELL_BITS, UNIT_BITS
+from splatwire.errors import InvalidValueError
 from splatwire.model.config import PLANES, HashGridConfig
 
+_MAX_UNIT = 2.0**62
 _PRIMES = (1, 2654435761, 805459861)
 
 
@@ -62,12 +65,19 @@ def unit_coordinates(
 
     Returns:
         int64 (N, 3), `UNIT_BITS` fractional bits; outside [0, 1] means outside the box.
+
+    Raises:
+        InvalidValueError: If the box is so thin that a position is no 64-bit number of its fractions.
     """
     units = np.empty(voxels.shape, dtype=np.int64)
     for axis in range(3):
         low, high = float(bounds_min[axis]), float(bounds_max[axis])
-        slope = round(voxel_size / (high - low) * 2.0**UNIT_BITS)
-        intercept = round(-low / (high - low) * 2.0**UNIT_BITS)
+        width = max(high - low, 0.0) or math.nan
+        factors = voxel_size / width * 2.0**UNIT_BITS, -low / width * 2.0**UNIT_BITS
+        largest = int(np.abs(voxels[:, axis]).max(initial=0)) * abs(factors[0]) + abs(factors[1])
+        if not largest < _MAX_UNIT:  # infinite, or not a number, too
+            raise InvalidValueError(f"the grid's box from {low:g} to {high:g} is too thin for voxels of {voxel_size:g}")
+        slope, intercept = (round(factor) for factor in factors)
         units[:, axis] = voxels[:, axis] * slope + intercept
     return units
 

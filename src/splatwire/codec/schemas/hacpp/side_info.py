@@ -118,7 +118,10 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
     sections = read_sections(reader.rest())
     config, voxel_size, bounds = _read_header(blobs[0])
     voxels = decode_positions(blobs[1], num_anchors, order)
-    touched = touched_rows(unit_coordinates(voxels, voxel_size, *bounds), config.grid)
+    try:
+        touched = touched_rows(unit_coordinates(voxels, voxel_size, *bounds), config.grid)
+    except InvalidValueError as error:
+        raise BitstreamError(f"side information: {error}") from None
     groups, features, offsets = config.layout.feature_groups, config.layout.feature_dim, config.layout.num_offsets
     before = np.cumsum([0, *groups])
     if len(blobs[6]) != MASK_CONTEXTS * offsets:

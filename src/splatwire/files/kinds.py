@@ -1,0 +1,239 @@
+"""What a file or folder is, told by its first bytes, and what can be done with it: the one place that knows."""
+
+import json
+import re
+import stat
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+_HEAD_BYTES = 1 << 16
+_MAX_SAFETENSORS_HEADER = 1 << 22
+_SPLAT_BYTES = 32
+_SOG_SUFFIXES = (".sog", ".zip")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file or folder.
+
+    Attributes:
+        key: Its short name, for programs.
+        what: What it is, as a noun with its article.
+        use: What can be done with it, as the rest of a sentence; empty where there is nothing to say.
+    """
+
+    key: str
+    what: str
+    use: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.use}" if self.use else self.what
+
+
+_EXPLICIT = "`import splats`, `render`, `export` and `train --init` read it; `encode` takes scenes of anchors"
+NOTHING = Kind("nothing", "no such file or folder")
+EMPTY = Kind("empty", "an empty file")
+DEVICE = Kind("device", "a device, pipe or socket")
+UNREADABLE = Kind("unreadable", "a file that cannot be read")
+STREAM = Kind("stream", "a stream of splatwire", "`inspect`, `decode`, `transmit`, `render` and `view` read it")
+STREAM_FOLDER = Kind("stream folder", "a stream of splatwire as a folder", STREAM.use)
+SCENE = Kind("scene", "a scene file of splatwire", "`encode`, `render`, `export` and `evaluate` read it")
+PARTIAL = Kind("partial scene", "a decoded scene with gaps", "`render`, `export` and `evaluate` read it")
+CHECKPOINT = Kind("checkpoint", "the checkpoint of a training run", "`train --resume` goes on from it")
+TENSORS = Kind("safetensors", "a safetensors file that is neither scene nor checkpoint")
+SPLATS_PLY = Kind("ply", "a 3DGS PLY", _EXPLICIT)
+ANCHORS_PLY = Kind(
+    "anchors ply", "a PLY of anchors", "`import scaffold` and `import hacpp` read the model folder it is in"
+)
+COMPRESSED_PLY = Kind("compressed ply", "a compressed PLY", _EXPLICIT)
+OTHER_PLY = Kind("other ply", "a PLY file without Gaussians")
+SPLAT = Kind("splat", "a .splat file", _EXPLICIT)
+KSPLAT = Kind("ksplat", "a .ksplat file", _EXPLICIT)
+SPZ = Kind("spz", "an SPZ file", _EXPLICIT)
+SOG = Kind("sog", "a SOG file", _EXPLICIT)
+SOG_FOLDER = Kind("sog folder", "a folder of SOG", _EXPLICIT)
+GLB = Kind("glb", "a glTF file", "`import splats` reads it if it holds Gaussians")
+CAMERAS = Kind("cameras", "a cameras file", "it is for --cameras")
+TRANSFORMS = Kind("transforms", "a list of camera poses", "--data takes the folder that it is in")
+JSON = Kind("json", "a JSON file")
+LFS = Kind("lfs", "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`")
+HTML = Kind("html", "an HTML page", "a download may have gone wrong")
+TEXT = Kind("text", "a text file")
+UNKNOWN = Kind("unknown", "of no kind that is known here")
+HACPP = Kind("hacpp", "a model folder of HAC++ or Scaffold-GS", "`import hacpp` and `import scaffold` read it")
+DATASET = Kind("dataset", "a folder of posed photos", "`train --data` and `render --data` read it")
+EMPTY_FOLDER = Kind("empty folder", "an empty folder")
+FOLDER = Kind("folder", "a folder without stream, model or dataset")
+_PICTURE_USE = "photos are read with their poses, as a dataset folder"
+_MAGICS: tuple[tuple[bytes, Kind], ...] = (
+    (b"\x93SWZ", STREAM),
+    (b"\x89PNG\r\n\x1a\n", Kind("picture", "a PNG picture", _PICTURE_USE)),
+    (b"\xff\xd8\xff", Kind("picture", "a JPEG picture", _PICTURE_USE)),
+    (b"GIF8", Kind("picture", "a GIF picture", _PICTURE_USE)),
+    (b"II*\0", Kind("picture", "a TIFF picture", _PICTURE_USE)),
+    (b"MM\0*", Kind("picture", "a TIFF picture", _PICTURE_USE)),
+    (b"\xfd7zXZ\0", Kind("xz", "an xz archive")),
+    (b"7z\xbc\xaf\x27\x1c", Kind("7z", "a 7-Zip archive")),
+    (b"\x28\xb5\x2f\xfd", Kind("zstd", "a Zstandard archive")),
+    (b"\x93NUMPY", Kind("npy", "a NumPy array")),
+    (b"PAR1", Kind("parquet", "a Parquet table")),
+    (b"%PDF", Kind("pdf", "a PDF document")),
+    (b"glTF", GLB),
+    (b"NGSP", SPZ),
+    (b"version https://git-lfs", LFS),
+)
+_MAGIC_BYTES = max(len(magic) for magic, _ in _MAGICS)
+_OF_SCENES = {
+    ("splatwire-scene", "scene"): SCENE,
+    ("splatwire-scene", "partial"): PARTIAL,
+    ("splatwire-checkpoint", None): CHECKPOINT,
+}
+_DATASET_NAMES = ("sparse", "colmap", "poses_enu.json", "transforms.json", "transforms_train.json")
+_CONTROL = bytes(set(range(32)) - set(b"\t\n\r\f\x1b"))
+
+
+def file_kind(path: Path) -> Kind:
+    """Tells what lies at a path; whatever it is, this raises nothing, reads little and does not block."""
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            return _folder_kind(path)
+        if not stat.S_ISREG(status.st_mode):
+            return DEVICE
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+            (length,) = struct.unpack("<Q", head[:8]) if len(head) > 8 else (0,)
+            if head[8:9] == b"{" and len(head) - 8 < length <= _MAX_SAFETENSORS_HEADER:
+                head += file.read(length + 8 - len(head))
+    except (FileNotFoundError, NotADirectoryError):
+        return NOTHING
+    except (OSError, ValueError):
+        return UNREADABLE
+    return kind_of_bytes(head, status.st_size, path.suffix.lower())
+
+
+def is_not(path: Path, wanted: str, why: str = "") -> str:
+    """The message of an error: what a path is not, and what it is instead.
+
+    Args:
+        path: The file or folder.
+        wanted: What it should be, with its article.
+        why: What told so, if there is something to say.
+    """
+    kind = file_kind(path)
+    if kind == NOTHING:
+        return f"{path}: {NOTHING}"
+    return f"{path}: not {wanted}{f' ({why})' if why else ''}; it looks like {kind}"
+
+
+def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
+    """Tells what a file is.
+
+    Args:
+        head: Its first bytes.
+        size: Its whole size, bytes.
+        suffix: Suffix of its name; it decides for `.splat`, `.ksplat` and SOG, which have no mark of their own.
+    """
+    if not head:
+        return EMPTY
+    if head.startswith((b"ply\n", b"ply\r")):
+        return _ply_kind(head)
+    for magic, kind in _MAGICS:
+        if head.startswith(magic):
+            return kind
+    if head.startswith(b"PK\x03\x04"):
+        return SOG if suffix in _SOG_SUFFIXES else Kind("zip", "a ZIP archive, as PyTorch, NumPy and SOG files are")
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return Kind("picture", "a WebP picture", _PICTURE_USE)
+    if head[8:9] == b"{" and struct.unpack("<Q", head[:8])[0] < size:
+        return _tensors_kind(head)
+    if suffix == ".splat" and size % _SPLAT_BYTES == 0:
+        return SPLAT
+    if suffix == ".ksplat" and head[0] == 0:
+        return KSPLAT
+    return _weak_kind(head)
+
+
+def _weak_kind(head: bytes) -> Kind:
+    """Kinds of which a file of numbers can have the first bytes by chance."""
+    if head.startswith(b"\x1f\x8b"):
+        return SPZ if _unpacked(head).startswith(b"NGSP") else Kind("gzip", "a gzip archive")
+    if head.startswith(b"BM"):
+        return Kind("picture", "a BMP picture", _PICTURE_USE)
+    plain = head.lstrip(b"\xef\xbb\xbf \t\r\n")
+    if plain[:1] in (b"{", b"["):
+        return _json_kind(plain)
+    if re.match(rb"<(!doctype html|html|head)", plain[:16], re.IGNORECASE):
+        return HTML
+    return UNKNOWN if head.translate(None, _CONTROL) != head or _not_text(head) else TEXT
+
+
+def _not_text(head: bytes) -> bool:
+    try:
+        head[: _HEAD_BYTES // 2].decode("utf-8")
+    except UnicodeDecodeError as error:
+        return error.end < min(len(head), _HEAD_BYTES // 2) - 4  # else only the cut goes through a character
+    return False
+
+
+def _unpacked(head: bytes) -> bytes:
+    try:
+        return zlib.decompressobj(31).decompress(head, 16)
+    except zlib.error:
+        return b""
+
+
+def _ply_kind(head: bytes) -> Kind:
+    lines = head.partition(b"end_header")[0].split(b"\n")
+    names = {words[-1] for line in lines if (words := line.split()) and words[0] == b"property"}
+    if b"f_anchor_feat_0" in names:
+        return ANCHORS_PLY
+    if b"packed_position" in names:
+        return COMPRESSED_PLY
+    return SPLATS_PLY if {b"scale_0", b"rot_0", b"opacity"} <= names else OTHER_PLY
+
+
+def _tensors_kind(head: bytes) -> Kind:
+    (length,) = struct.unpack("<Q", head[:8])
+    content = _parsed(head[8 : 8 + length])
+    entry = content.get("__metadata__", {}) if isinstance(content, dict) else {}
+    text = entry.get("splatwire") if isinstance(entry, dict) else None
+    header = _parsed(text.encode("utf-8", "replace")) if isinstance(text, str) else None
+    if not isinstance(header, dict):
+        return TENSORS
+    for key in ((header.get("format"), header.get("kind")), (header.get("format"), None)):
+        if all(part is None or isinstance(part, str) for part in key) and key in _OF_SCENES:
+            return _OF_SCENES[key]
+    return TENSORS
+
+
+def _parsed(data: bytes) -> Any:
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError):
+        return None
+
+
+def _json_kind(plain: bytes) -> Kind:
+    if re.search(rb'"splatwire-cameras"|"w2c"\s*:', plain):
+        return CAMERAS
+    return TRANSFORMS if re.search(rb'"(frames|camera_angle_x|poses)"\s*:', plain) else JSON
+
+
+def _folder_kind(folder: Path) -> Kind:
+    try:
+        names = {entry.name for entry in folder.iterdir()}
+    except OSError:
+        return UNREADABLE
+    if not names:
+        return EMPTY_FOLDER
+    if "meta.json" in names:
+        return SOG_FOLDER
+    if "point_cloud" in names and (folder / "point_cloud").is_dir():
+        return HACPP
+    if any(name in names for name in _DATASET_NAMES):
+        return DATASET
+    return STREAM_FOLDER if "manifest.json" in names or "side_info.bin" in names else FOLDER

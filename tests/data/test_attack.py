@@ -1,0 +1,108 @@
+"""Datasets, cameras and photos with bytes and numbers that nobody expects: read, or refused in one sentence."""
+
+import json
+import random
+import re
+
+import pytest
+from PIL import Image
+
+from attacks import attack, mutated_bytes, mutated_json
+from scenes import tiny_cameras
+from splatwire.data import load_cameras, open_dataset, save_cameras
+from splatwire.data.photos import load_mask, load_photo
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.scene.cameras import MAX_PIXELS
+
+SEEDS = range(2)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_cameras(tmp_path, seed):
+    path, rng = tmp_path / "cameras.json", random.Random(seed)
+    save_cameras(tiny_cameras(2), path)
+    data = path.read_bytes()
+    content = json.loads(data)
+    official = {"cameras": [{**view, "w2c": view["viewmat"], "width": 8, "height": 6} for view in content["cameras"]]}
+    for good in (content, official):
+        refused = attack(path, lambda: mutated_json(good, rng).encode(), lambda: load_cameras(path), 150)  # noqa: B023
+        assert refused > 50
+    attack(path, lambda: mutated_bytes(data, rng), lambda: load_cameras(path), 100)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("layout", ["blender", "nerfstudio", "bungee"])
+def test_poses_in_json(capture, layout, seed):
+    root = getattr(capture, f"write_{layout}")()
+    name = {"blender": "transforms_test.json", "nerfstudio": "transforms.json", "bungee": "poses_enu.json"}[layout]
+    content, rng = json.loads((root / name).read_text()), random.Random(seed)
+    read = lambda: open_dataset(root, split="test")  # noqa: E731
+    assert attack(root / name, lambda: mutated_json(content, rng).encode(), read, 80) > 10
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("layout", ["binary", "text"])
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
+def test_colmap(capture, layout, name, seed):
+    capture.write_images()
+    folder, rng = getattr(capture, f"write_{layout}")(), random.Random(seed)
+    path = folder / f"{name}.{'bin' if layout == 'binary' else 'txt'}"
+    data = path.read_bytes()
+    read = lambda: open_dataset(capture.root, split="all")  # noqa: E731
+    attack(path, lambda: mutated_bytes(data, rng), read, 40)
+
+
+@pytest.mark.filterwarnings("ignore")  # Pillow's own, of odd metadata
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("form", ["PNG", "JPEG", "WEBP", "BMP", "TIFF"])
+def test_photos(tmp_path, form, seed):
+    path, rng = tmp_path / "a", random.Random(seed)
+    Image.effect_noise((24, 16), 80).convert("RGB").save(path, form)
+    data = path.read_bytes()
+    attack(path, lambda: mutated_bytes(data, rng), lambda: (load_photo(path), load_mask(path, (8, 8))), 150)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"width": [64]}, "whole numbers"),
+        ({"width": 64.0}, "whole numbers"),
+        ({"width": True}, "whole numbers"),
+        ({"width": 10**6, "height": 10**6}, "over the limit"),
+        ({"width": 10**400}, "over the limit"),
+        ({"width": MAX_PIXELS + 1, "height": 1}, "over the limit"),
+        ({"height": 0}, "no pixels"),
+    ],
+)
+def test_sizes_that_no_picture_has(tmp_path, change, words):
+    path = tmp_path / "cameras.json"
+    save_cameras(tiny_cameras(1), path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(DatasetError, match=f"{re.escape(str(path))}: .*{words}"):
+        load_cameras(path)
+
+
+def test_cameras_are_not_scaled_over_the_limit():
+    with pytest.raises(InvalidValueError, match="over the limit"):
+        tiny_cameras(1, 8000, 8000).scaled(2.0)
+
+
+def test_a_name_leads_nowhere_but_into_the_folder(capture):
+    capture.write_nerfstudio()
+    path = capture.root / "transforms.json"
+    content = json.loads(path.read_text())
+    Image.new("RGB", (40, 24)).save(capture.root.with_suffix(".png"))  # beside the dataset
+    for name in (".", "./", "", "/etc/x", "a/../../scene", "C:x"):
+        content["frames"][0]["file_path"] = name
+        path.write_text(json.dumps(content))
+        with pytest.raises(DatasetError, match="stay inside"):
+            open_dataset(capture.root, split="all")
+
+
+def test_a_line_without_an_end_is_not_read_whole(capture, monkeypatch):
+    monkeypatch.setattr("splatwire.data._colmap_text._MAX_LINE_BYTES", 1000)
+    capture.write_images()
+    path = capture.write_text() / "points3D.txt"
+    path.write_text("1 2 3" + "0" * 5000)
+    with pytest.raises(DatasetError, match=r"points3D.txt: line 1 does not end"):
+        open_dataset(capture.root, split="all")
