@@ -1,5 +1,6 @@
 """What a file is, by its first bytes; and that whatever the bytes are, an answer comes."""
 
+import contextlib
 import gzip
 import json
 import os
@@ -18,6 +19,7 @@ from splatwire.errors import SplatwireError
 from splatwire.files import kinds
 from splatwire.files.kinds import file_kind, kind_of_bytes
 from splatwire.formats import read_splats, write_splats
+from splatwire.formats.kinds import KINDS as SPLATS
 from splatwire.importers import import_hacpp
 from splatwire.model.scene_file import load_scene, save_partial, save_scene
 from splatwire.packets import Packetization, read_stream, write_stream
@@ -94,16 +96,13 @@ READERS = {
 
 
 WELCOME = {
-    ("load_scene", "scene"),
-    ("read_stream", "stream"),
-    ("read_stream", "stream folder"),
-    ("read_splats", "ply"),
-    ("read_splats", "splat"),
-    ("load_cameras", "cameras"),
+    "load_scene": ["scene"],
+    "read_stream": ["stream", "stream folder"],
+    "read_splats": [kind.key for group in SPLATS.values() for kind in group],
+    "load_cameras": ["cameras"],
 }
 PARTICULAR = {
     ("load_scene", "partial scene"): ["conceal it first"],
-    ("read_splats", "other ply"): ["binary little-endian"],
 }
 """Where more is known than the kind."""
 
@@ -113,8 +112,9 @@ def test_every_reader_says_what_it_was_given(zoo, reader):
     """Also of a pipe, which would block, and of a name that is no name."""
     for path in (*zoo.iterdir(), zoo / "nobody", zoo / "a\0b"):
         kind = file_kind(path)
-        if (reader, kind.key) in WELCOME:
-            READERS[reader](path)
+        if kind.key in WELCOME.get(reader, ()):
+            with contextlib.suppress(SplatwireError):  # its own reader says what is damaged
+                READERS[reader](path)
             continue
         with pytest.raises(SplatwireError) as caught:
             READERS[reader](path)

@@ -34,7 +34,7 @@ from splatwire.formats.spz import read_spz, write_spz
 from splatwire.scene.splats import Splats
 
 Writer = Callable[[Iterable[Splats], Path], int]
-_KINDS = {
+KINDS = {
     "ply": (SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
     "spz": (SPZ,),
     "sog": (SOG, SOG_FOLDER),
@@ -69,7 +69,7 @@ def splats_kind(path: Path) -> str | None:
         for anything else, also for what is not a file.
     """
     kind = file_kind(path.parent if path.name == sog.META else path)
-    return next((name for name, kinds in _KINDS.items() if kind in kinds), None)
+    return next((name for name, kinds in KINDS.items() if kind in kinds), None)
 
 
 def read_splats(path: Path) -> Splats:
