@@ -174,7 +174,7 @@ def test_bombs_are_not_unpacked(tmp_path: Path) -> None:
         "a.ksplat": ksplat().replace((3).to_bytes(4, "little"), (19_000_000).to_bytes(4, "little")),
     }
     for name, data in cases.items():
-        with pytest.raises(DatasetError, match=r"can hold|Gaussians|none of"):
+        with pytest.raises(DatasetError, match=r"can hold|Gaussians"):
             read_splats(write(tmp_path / name, data))
     with zipfile.ZipFile(tmp_path / "a.sog", "w", zipfile.ZIP_DEFLATED) as bundle:
         bundle.writestr("meta.json", b" " * (8 << 20))

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError
+from splatwire.files.kinds import is_not
 from splatwire.formats._columns import build_splats, check_count
 from splatwire.formats._files import mapped_file
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.scene.splats import Splats
 
 _HEADER_BYTES, _SECTION_BYTES = 4096, 1024
-_MAX_SECTIONS, _MAX_DEGREE = 4096, 2
+_MAX_SECTIONS, _MAX_DEGREE, _MAX_LEVEL = 4096, 2, 2
 _SECTION = struct.Struct("<4IfH2xI4xIIH")
 _DEFAULT_RANGE = 32767
 _DEFAULT_HARMONICS = 1.5
@@ -49,14 +50,6 @@ class _Section:
     degree: int
 
 
-def is_ksplat(head: bytes, size: int) -> bool:
-    """Whether these are the first bytes of such a file: version 0.1, and sections that it has room for."""
-    if size < _HEADER_BYTES + _SECTION_BYTES or len(head) < 24 or head[0] != 0 or not 1 <= head[1] < 10:
-        return False
-    sections, _, _, count, level = struct.unpack_from("<IIIIH", head, 4)
-    return 0 < sections <= _MAX_SECTIONS and level <= 2 and 0 < count <= size
-
-
 def read_ksplat(path: Path) -> Splats:
     """Reads a `.ksplat` file; sections of lower degree than others get harmonics of 0.
 
@@ -65,10 +58,13 @@ def read_ksplat(path: Path) -> Splats:
         OSError: If it cannot be read.
     """
     data = mapped_file(path)
-    if not is_ksplat(bytes(data[:24]), len(data)):
-        raise DatasetError(f"{path}: not a .ksplat file of version 0.1: {list(data[:2])} is its version")
+    if len(data) < _HEADER_BYTES + _SECTION_BYTES or data[0] != 0 or not 1 <= data[1] < 10:
+        why = f"{len(data)} bytes, and {list(data[:2])} is its version"
+        raise DatasetError(is_not(path, "a .ksplat file of version 0.1", why))
     num_sections, _, _, count, level = struct.unpack_from("<IIIIH", data, 4)
     check_count(path, count, len(data))
+    if not 0 < num_sections <= _MAX_SECTIONS or level > _MAX_LEVEL or not count:
+        raise DatasetError(f"{path}: {num_sections} sections, compression level {level}, {count} Gaussians: impossible")
     low, high = (float(value) for value in struct.unpack_from("<ff", data, 36))
     bounds = (low or -_DEFAULT_HARMONICS, high or _DEFAULT_HARMONICS)
     at = _HEADER_BYTES + num_sections * _SECTION_BYTES
