@@ -9,8 +9,9 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.context import AnchorContext, ElementContext
 from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.model import RenderHints
 from splatwire.scene import Anchors
 
 
@@ -36,6 +37,11 @@ class Concealed:
         ones = torch.ones(anchors.num_anchors, dtype=anchors.positions.dtype)
         return Concealed(anchors, ones, torch.zeros(anchors.num_anchors, dtype=torch.bool))
 
+    @staticmethod
+    def drawn(anchors: Anchors, hints: RenderHints) -> "Concealed":
+        """Proposes to draw anchors with some hints."""
+        return Concealed(anchors, hints.size_gain, hints.left_out, hints.opacity_gain)
+
 
 @runtime_checkable
 class Concealer(Protocol):
@@ -47,6 +53,18 @@ class Concealer(Protocol):
 
     def __call__(self, context: AnchorContext) -> Concealed:
         """Proposes what to draw. Must not change what was received, and never returns NaN."""
+
+
+@runtime_checkable
+class ElementConcealer(Protocol):
+    """A concealer that needs to know no more of an element than where it is and how large: it works on any kind."""
+
+    @property
+    def name(self) -> str:
+        """The name under which it is registered."""
+
+    def hints(self, elements: ElementContext) -> RenderHints:
+        """Says how to draw what arrived; lost elements are left out."""
 
 
 Factory = TypeVar("Factory", bound=Callable[..., Concealer])

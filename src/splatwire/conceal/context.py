@@ -3,8 +3,30 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from jaxtyping import Bool, Float
+from torch import Tensor
+
 from splatwire.model import PartialScene, Prior
 from splatwire.scene import AnchorLayout, Anchors, Erasures
+
+MIN_SIZE = 1e-9
+_SMALLEST = 0.05
+"""Predicted sizes are kept above this share of their median: a prediction may be negative."""
+
+
+@dataclass(frozen=True, eq=False)
+class ElementContext:
+    """What is known of elements of any kind, anchors or Gaussians; lost and received ones are measured alike.
+
+    Attributes:
+        positions: Where each element is, or is expected to be.
+        log_sizes: Logarithm of the size that is expected of it.
+        known: Which of them arrived.
+    """
+
+    positions: Float[Tensor, "N 3"]
+    log_sizes: Float[Tensor, "N"]
+    known: Bool[Tensor, "N"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +52,11 @@ class AnchorContext:
         if len(rows) != 1 or not self.anchors.matches(self.layout):
             raise ValueError(f"anchors, erasures, prior and layout do not fit: {sorted(rows)} rows, {self.layout}")
 
+    @property
+    def elements(self) -> ElementContext:
+        """What is known of anchors as of any element."""
+        return ElementContext(self.anchors.positions, predicted_log_size(self), self.erasures.known)
+
     def to_cpu(self) -> "AnchorContext":
         """Returns the same context in main memory, where neighbour search and kernels work."""
         prior = self.prior
@@ -43,6 +70,13 @@ class AnchorContext:
             erasures=Erasures(self.erasures.received.cpu()),
             prior=replace(prior, context=prior.context.cpu(), **moved),
         )
+
+
+def predicted_log_size(context: AnchorContext) -> Float[Tensor, "N"]:
+    """Mean logarithm of the three sizes of an anchor's Gaussians, as the prior predicts them."""
+    size = context.prior.scaling.mean[:, 3:]
+    typical = float(size.clamp(min=0).median()) if len(size) else 0.0
+    return size.clamp(min=max(_SMALLEST * typical, MIN_SIZE)).log().mean(dim=1)
 
 
 def context_of(partial: PartialScene) -> AnchorContext:

@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass
 
+import torch
+
 from splatwire.conceal.base import Concealed, register_concealer
-from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.context import AnchorContext, ElementContext
 from splatwire.conceal.fill import prior_anchors
+from splatwire.model import RenderHints
 
 
 @register_concealer("drop")
@@ -19,5 +22,8 @@ class Drop:
 
     def __call__(self, context: AnchorContext) -> Concealed:
         """See `Concealer`. Gaps hold the prior's mean, so that whoever ignores `left_out` meets no zero size."""
-        proposal = Concealed.filled(prior_anchors(context))
-        return Concealed(proposal.anchors, proposal.size_gain, ~context.erasures.known)
+        return Concealed.drawn(prior_anchors(context), self.hints(context.elements))
+
+    def hints(self, elements: ElementContext) -> RenderHints:
+        """See `ElementConcealer`."""
+        return RenderHints(torch.ones_like(elements.positions[:, 0]), ~elements.known)

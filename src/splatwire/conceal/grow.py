@@ -7,14 +7,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.conceal.base import Concealed, check_at_least, register_concealer
-from splatwire.conceal.context import AnchorContext
-from splatwire.conceal.drop import Drop
+from splatwire.conceal.context import AnchorContext, ElementContext
+from splatwire.conceal.fill import prior_anchors
+from splatwire.model import RenderHints
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 _CHUNK = 1 << 15
-MIN_SIZE = 1e-9
-_SMALLEST = 0.05
-"""Predicted sizes are kept above this share of their median: a prediction may be negative."""
 
 
 @register_concealer("grow")
@@ -23,7 +21,7 @@ class Grow:
     """Leaves lost anchors out and enlarges received ones by `(1 - rho) ** -exponent`, `rho` = share lost around them.
 
     With exponent 1/2 the covered area of a surface stays what it was: of `n` discs `(1 - rho) n` are left, each
-    `1 / (1 - rho)` as large. Neighbours count by the size that the prior expects of them (`size_weights`): where all
+    `1 / (1 - rho)` as large. Neighbours count by the size that the prior expects of them (`ElementContext`): where all
     that matters is there and only small ones are lost, as with a stream whose important anchors are protected, large
     anchors must not grow over what is small. With the last third to half of the packets of two scenes cut off, tiers in
     order of importance, this was worth 0.4 and 0.5 dB over counting heads; where all are lost alike, 0.01 to 0.05.
@@ -55,10 +53,14 @@ class Grow:
 
     def __call__(self, context: AnchorContext) -> Concealed:
         """See `Concealer`."""
-        known = context.erasures.known
-        left = 1 - lost_share(context.anchors.positions, known, self.neighbors, size_weights(context))
-        gain, dropped = self.gain(left, known), Drop()(context)
-        return Concealed(dropped.anchors, torch.where(known, gain, torch.ones_like(gain)), dropped.left_out)
+        return Concealed.drawn(prior_anchors(context), self.hints(context.elements))
+
+    def hints(self, elements: ElementContext) -> RenderHints:
+        """See `ElementConcealer`."""
+        known = elements.known
+        left = 1 - lost_share(elements.positions, known, self.neighbors, elements.log_sizes.double().exp())
+        gain = self.gain(left, known)
+        return RenderHints(torch.where(known, gain, torch.ones_like(gain)), ~known)
 
     def gain(self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"]) -> Float[Tensor, "M"]:
         """Gains where some share of the neighbours is left.
@@ -72,22 +74,6 @@ class Grow:
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
         return left.clamp(min=least) ** -self.exponent
-
-
-def size_weights(context: AnchorContext) -> Float[Tensor, "N"]:
-    """How much each anchor counts among the neighbours of others: the size that the prior expects, float64.
-
-    Lost and received anchors are measured alike, so that the difference between prediction and truth does not look like
-    a loss.
-    """
-    return predicted_log_size(context).double().exp()
-
-
-def predicted_log_size(context: AnchorContext) -> Float[Tensor, "N"]:
-    """Mean logarithm of the three sizes of an anchor's Gaussians, as the prior predicts them."""
-    size = context.prior.scaling.mean[:, 3:]
-    typical = float(size.clamp(min=0).median()) if len(size) else 0.0
-    return size.clamp(min=max(_SMALLEST * typical, MIN_SIZE)).log().mean(dim=1)
 
 
 def lost_share(

@@ -14,7 +14,7 @@ from splatwire.conceal.conceal import conceal
 from splatwire.conceal.context import AnchorContext, context_of
 from splatwire.conceal.drop import Drop
 from splatwire.conceal.fill import MaskVote
-from splatwire.conceal.grow import Grow, size_weights
+from splatwire.conceal.grow import Grow
 from splatwire.conceal.idw import Idw, PriorMean, fill_from_neighbors, inverse_distance_weights
 from splatwire.model import AnchorScene, PartialScene, RenderHints
 from splatwire.ops.knn import NeighborTree, nearest_others
@@ -192,7 +192,7 @@ class _Growing:
         for own in torch.arange(num).split(_CHUNK):
             parts.append(nearest_others(tree, positions[own], own, settings.neighbors)[0].int())
         index = torch.cat(parts) if parts else torch.empty(0, 0, dtype=torch.int32)
-        self._settings, self._weights = settings, size_weights(context).numpy()
+        self._settings, self._weights = settings, context.elements.log_sizes.double().exp().numpy()
         self._bounds, self._owners = kernels.reverse_lists(index.numpy())
         self._all = self._weights[index.numpy()].sum(axis=1)
         self._lost = np.empty(num)

@@ -4,8 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.conceal.context import AnchorContext
-from splatwire.conceal.grow import MIN_SIZE
+from splatwire.conceal.context import MIN_SIZE, AnchorContext
 from splatwire.conceal.scene_free.surroundings import CLOSE, Neighborhood, Surroundings
 
 SIGNATURE = 26

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from splatwire.conceal.context import AnchorContext
-from splatwire.conceal.grow import predicted_log_size
+from splatwire.conceal.context import AnchorContext, predicted_log_size
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 NEIGHBORS = 64
