@@ -3,7 +3,7 @@
 from splatwire.packets.arrangement import Arrangement, arrange
 from splatwire.packets.container import stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
-from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.packets.manifest import ANCHORS, GAUSSIANS, Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.packets.packet_id import PARTS, PacketId
 from splatwire.packets.packetization import PRESETS, Packetization
@@ -16,6 +16,8 @@ from splatwire.packets.stream import is_stream, read_stream, write_stream
 from splatwire.packets.tiers import TierShape, shape_tiers, tier_order
 
 __all__ = [
+    "ANCHORS",
+    "GAUSSIANS",
     "HEADER_BYTES",
     "PARTS",
     "PRESETS",

@@ -13,7 +13,12 @@ from splatwire.packets.plan import PacketPlan
 from splatwire.packets.tiers import MAX_TIERS, TierShape
 
 SCHEMA = "splatwire/stream"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Newest version of the stream format that this release reads."""
+ANCHORS, GAUSSIANS = "hacpp", "gaussians"
+"""Codec schemas: anchors of HAC++ (format 1), explicit Gaussians (format 2)."""
+_FORMATS = {ANCHORS: 1, GAUSSIANS: 2}
+_ANCHOR_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
 MAX_MANIFEST_BYTES = 1 << 16
 MAX_FEATURE_DIM = 4096
 MAX_OFFSETS = 1024
@@ -31,10 +36,7 @@ class Manifest:
 
     Attributes:
         packetization: How anchors are split into packets.
-        num_anchors: Anchors of the scene, N.
-        feature_dim: Channels of the anchor feature, F.
-        num_offsets: Offsets per anchor, K.
-        feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
+        num_anchors: Elements of the scene, anchors or Gaussians, N.
         num_packets: Packets of the complete stream, whatever arrived of them.
         stream_id: Id that every packet of the stream carries, 32 bits.
         side_info_bytes: Size of the side information.
@@ -42,7 +44,10 @@ class Manifest:
         symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal; what they are and in which
             order is for the codec to say.
         writer: Program that wrote the stream.
-        format_version: Version of the whole stream format.
+        codec: Schema of the elements, `ANCHORS` or `GAUSSIANS`.
+        feature_dim: Channels of the anchor feature, F; 0 for Gaussians, as the next one.
+        num_offsets: Offsets per anchor, K.
+        feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
         tiers: Sizes of the tiers that anchors are grouped in by importance; empty if there is one. Which anchor is in
             which tier is side information.
 
@@ -52,24 +57,26 @@ class Manifest:
 
     packetization: Packetization
     num_anchors: int
-    feature_dim: int
-    num_offsets: int
-    feature_groups: tuple[int, ...]
     num_packets: int
     stream_id: int
     side_info_bytes: int
     side_info_digest: str
     symbols_digest: str
     writer: str
-    format_version: int = FORMAT_VERSION
+    codec: str = ANCHORS
+    feature_dim: int = 0
+    num_offsets: int = 0
+    feature_groups: tuple[int, ...] = ()
     tiers: tuple[TierShape, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.codec not in _FORMATS:
+            raise UnknownNameError("codec of a stream", self.codec, _FORMATS)
+        least, most = (1, MAX_FEATURE_DIM) if self.codec == ANCHORS else (0, 0)
         for name, low, high in (
-            ("format_version", 1, FORMAT_VERSION),
             ("num_anchors", 0, MAX_ANCHORS),
-            ("feature_dim", 1, MAX_FEATURE_DIM),
-            ("num_offsets", 1, MAX_OFFSETS),
+            ("feature_dim", least, most),
+            ("num_offsets", least, min(most, MAX_OFFSETS)),
             ("num_packets", 0, len(PARTS) * MAX_GROUPS),
             ("stream_id", 0, (1 << 32) - 1),
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
@@ -91,6 +98,11 @@ class Manifest:
         if not _WRITER.fullmatch(self.writer):
             raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
         self._check_num_packets()
+
+    @property
+    def format_version(self) -> int:
+        """Version of the whole stream format."""
+        return _FORMATS[self.codec]
 
     @property
     def plan(self) -> PacketPlan:
@@ -116,7 +128,8 @@ _WRITER = re.compile(f"[ -~]{{0,{MAX_WRITER_LENGTH}}}", re.ASCII)
 _TYPE_NAMES = {int: "an integer", str: "text", list: "a list", dict: "an object"}
 _JSON_TYPES: dict[str, type] = {
     **{f.name: int for f in fields(Manifest)},
-    **dict.fromkeys(("stream_id", "side_info_digest", "symbols_digest", "writer"), str),
+    **dict.fromkeys(("stream_id", "side_info_digest", "symbols_digest", "writer", "codec"), str),
+    "format_version": int,
     "packetization": dict,
     "feature_groups": list,
     "tiers": list,
@@ -151,12 +164,12 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         )
     digest = content.pop("digest", None)
     content.pop("schema")
-    _check_fields(content, {k: kind for k, kind in _JSON_TYPES.items() if k in content or k != "tiers"}, name)
+    _check_fields(content, _expected_fields(version, "tiers" in content), name)
     types = dict(_PACKETIZATION_TYPES)
     if content["packetization"].get("grouping") != "hashed":
         del types["packet_bytes"]
     _check_fields(content["packetization"], types, f"{name}: packetization")
-    if not all(type(size) is int for size in content["feature_groups"]):
+    if not all(type(size) is int for size in content.get("feature_groups", [])):
         raise BitstreamError(f"{name}: feature_groups does not hold integers only")
     tiers = content.get("tiers", [])
     if len(tiers) > MAX_TIERS or not all(_is_pair(tier) for tier in tiers):
@@ -164,12 +177,16 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     # The content is flat from here on: a digest of arbitrarily nested lists could exhaust the stack.
     if digest != _digest({**content, "schema": SCHEMA}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
+    if _FORMATS.get(content.get("codec", ANCHORS)) != content.pop("format_version"):
+        raise BitstreamError(
+            f"{name}: format version {version!r:.20} has no codec '{ascii(content.get('codec'))[:40]}'"
+        )
     try:
         return Manifest(
             **{
                 **content,
                 "packetization": Packetization(**content["packetization"]),
-                "feature_groups": tuple(content["feature_groups"]),
+                "feature_groups": tuple(content.get("feature_groups", ())),
                 "stream_id": _stream_id(content["stream_id"]),
                 "tiers": tuple(TierShape(*tier) for tier in tiers),
             }
@@ -191,17 +208,23 @@ def _packetization_content(packetization: Packetization) -> dict[str, Any]:
     return content
 
 
+def _expected_fields(version: object, tiers: bool) -> dict[str, type]:
+    """Fields of a version: the first one has only anchors, whose sizes the codec of others says itself."""
+    absent = {"codec"} if version == 1 else set(_ANCHOR_FIELDS)
+    return {k: kind for k, kind in _JSON_TYPES.items() if k not in absent and (tiers or k != "tiers")}
+
+
 def _content(manifest: Manifest) -> dict[str, Any]:
     content = {
         **asdict(manifest),
+        "format_version": manifest.format_version,
         "packetization": _packetization_content(manifest.packetization),
         "schema": SCHEMA,
         "stream_id": f"{manifest.stream_id:08x}",
         "tiers": [[tier.num_anchors, tier.lanes] for tier in manifest.tiers],
     }
-    if not manifest.tiers:
-        del content["tiers"]
-    return content
+    expected = _expected_fields(manifest.format_version, bool(manifest.tiers))
+    return {key: value for key, value in content.items() if key in expected or key == "schema"}
 
 
 def _is_pair(value: object) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets.manifest import Manifest, manifest_to_bytes, packetization_to_json
+from splatwire.packets.manifest import ANCHORS, Manifest, manifest_to_bytes, packetization_to_json
 from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet
 from splatwire.packets.packet_id import PacketId
 from splatwire.packets.packetization import Packetization
@@ -88,28 +88,30 @@ def make_stream(
     *,
     packetization: Packetization,
     num_anchors: int,
-    feature_dim: int,
-    num_offsets: int,
-    feature_groups: tuple[int, ...],
     side_info: bytes,
     packets: Iterable[Packet],
     symbols_digest: str,
     writer: str,
     tiers: tuple[TierShape, ...] = (),
+    codec: str = ANCHORS,
+    feature_dim: int = 0,
+    num_offsets: int = 0,
+    feature_groups: tuple[int, ...] = (),
 ) -> SceneStream:
     """Puts a complete stream together: sorts packets, makes its id and its manifest.
 
     Args:
         packetization: How anchors are split.
-        num_anchors: Anchors of the scene, N.
-        feature_dim: Channels of the anchor feature, F.
-        num_offsets: Offsets per anchor, K.
-        feature_groups: Sizes of the feature's channel groups.
+        num_anchors: Elements of the scene, N.
         side_info: The side information.
         packets: All packets of the plan, of no stream yet.
         symbols_digest: SHA-256 of all decoded integers, hexadecimal.
         writer: Name and version of the program.
         tiers: Sizes of the tiers; empty if there is one.
+        codec: Schema of the elements.
+        feature_dim: Channels of the anchor feature, F; 0 for Gaussians, as the next one.
+        num_offsets: Offsets per anchor, K.
+        feature_groups: Sizes of the feature's channel groups.
 
     Raises:
         InvalidValueError: If the packets are not exactly those of the plan.
@@ -118,6 +120,7 @@ def make_stream(
     manifest = Manifest(
         packetization=packetization,
         num_anchors=num_anchors,
+        codec=codec,
         feature_dim=feature_dim,
         num_offsets=num_offsets,
         feature_groups=feature_groups,
