@@ -5,10 +5,10 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, Concealer, create_concealer
-from splatwire.conceal.context import AnchorContext, context_of
+from splatwire.conceal.base import Concealed, Concealer, ElementConcealer, create_concealer
+from splatwire.conceal.context import AnchorContext, context_of, elements_of
 from splatwire.errors import InvalidValueError, check_kind
-from splatwire.model import AnchorScene, PartialScene, RenderHints
+from splatwire.model import AnchorScene, PartialScene, PartialSplats, RenderHints, SplatScene
 from splatwire.scene import Anchors, Attribute
 
 
@@ -42,6 +42,25 @@ def conceal(partial: PartialScene, concealer: Concealer | str) -> AnchorScene:
     opacity_gain = None if proposal.opacity_gain is None else proposal.opacity_gain.to(device)
     hints = RenderHints(proposal.size_gain.to(device), proposal.left_out.to(device), opacity_gain)
     return dataclasses.replace(partial.scene, anchors=keep_received(context, proposal.anchors.to(device)), hints=hints)
+
+
+def conceal_splats(partial: PartialSplats, concealer: Concealer | str) -> SplatScene:
+    """Says how to draw what arrived of explicit Gaussians; nothing that was received changes.
+
+    Args:
+        partial: What a decoder returned.
+        concealer: A concealer or its name.
+
+    Raises:
+        UnknownNameError: No concealer has that name.
+        InvalidValueError: The concealer fills the attributes of anchors, which these are not.
+    """
+    method = create_concealer(concealer) if isinstance(concealer, str) else concealer
+    if not isinstance(method, ElementConcealer):
+        raise InvalidValueError(f"concealer '{method.name}' works on anchors; explicit Gaussians take drop or grow")
+    if partial.erasures.num_lost == 0:
+        return partial.scene
+    return dataclasses.replace(partial.scene, hints=method.hints(elements_of(partial)))
 
 
 def keep_received(context: AnchorContext, proposed: Anchors) -> Anchors:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.model import PartialScene, Prior
+from splatwire.model import PartialScene, PartialSplats, Prior
 from splatwire.scene import AnchorLayout, Anchors, Erasures
 
 MIN_SIZE = 1e-9
@@ -77,6 +77,12 @@ def predicted_log_size(context: AnchorContext) -> Float[Tensor, "N"]:
     size = context.prior.scaling.mean[:, 3:]
     typical = float(size.clamp(min=0).median()) if len(size) else 0.0
     return size.clamp(min=max(_SMALLEST * typical, MIN_SIZE)).log().mean(dim=1)
+
+
+def elements_of(partial: PartialSplats) -> ElementContext:
+    """Takes from partial Gaussians what a concealer may see: the size of one is the geometric mean of its scales."""
+    splats = partial.scene.splats
+    return ElementContext(splats.means, splats.scales.clamp(min=MIN_SIZE).log().mean(dim=1), partial.erasures.known)
 
 
 def context_of(partial: PartialScene) -> AnchorContext:

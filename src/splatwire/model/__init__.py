@@ -12,6 +12,7 @@ from splatwire.model.anchor_scene import (
 from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Linear, Mlp
 from splatwire.model.prior import AttributePrior, Prior
+from splatwire.model.splat_scene import PartialSplats, SplatScene
 
 __all__ = [
     "AnchorScene",
@@ -25,6 +26,8 @@ __all__ = [
     "Mlp",
     "ModelConfig",
     "PartialScene",
+    "PartialSplats",
     "Prior",
     "RenderHints",
+    "SplatScene",
 ]

@@ -162,6 +162,8 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         raise UnsupportedVersionError(
             f"{name} has format version {version!r:.20}, this release reads up to {FORMAT_VERSION}"
         )
+    if type(version) is not int or version < 1:
+        raise BitstreamError(f"{name}: format_version is {version!r:.20}, not a number from 1 to {FORMAT_VERSION}")
     digest = content.pop("digest", None)
     content.pop("schema")
     _check_fields(content, _expected_fields(version, "tiers" in content), name)
@@ -178,9 +180,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     if digest != _digest({**content, "schema": SCHEMA}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
     if _FORMATS.get(content.get("codec", ANCHORS)) != content.pop("format_version"):
-        raise BitstreamError(
-            f"{name}: format version {version!r:.20} has no codec '{ascii(content.get('codec'))[:40]}'"
-        )
+        raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
     try:
         return Manifest(
             **{
