@@ -1,0 +1,55 @@
+"""Numba kernels of the first grid of a packet: in which cell each of its Gaussians lies, as sorted Morton codes.
+
+A node is a run of sorted codes that agree in all higher bits. Sent is whether all of them agree in the next bit, too,
+and if not, how many have a zero there. What order they are in is not sent: a packet of n costs log2(n!) bits less.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import njit
+
+from splatwire.codec._geometry_kernels import split
+from splatwire.codec.schemas.gaussians._coder_kernels import code_below, code_bit, code_raw
+
+RUNS = 4
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_cells(coder, codes, bits):
+    """Codes sorted Morton codes of `bits` bits; decoding fills `codes` in ascending order."""
+    stack = np.empty((66, 5), np.int64)
+    stack[0] = (0, len(codes), bits - 1, 0, 0)
+    top = 0
+    while top >= 0:
+        begin, end, bit, run, prefix = stack[top]
+        top -= 1
+        if begin == end:
+            continue
+        if bit < 0 or end - begin == 1:
+            low = codes[begin] & ((1 << (bit + 1)) - 1)
+            if bit >= 0:
+                low = code_raw(coder, low, bit + 1)
+            else:
+                low = 0
+            codes[begin:end] = (prefix << (bit + 1)) | low
+            continue
+        zeros = split(codes, begin, end, bit) - begin if not coder.decoding else 0
+        zeros = _code_zeros(coder, end - begin, zeros, run)
+        run = min(run + 1, RUNS - 1) if zeros == 0 or zeros == end - begin else 0
+        stack[top + 1] = (begin + zeros, end, bit - 1, run, (prefix << 1) | 1)
+        stack[top + 2] = (begin, begin + zeros, bit - 1, run, prefix << 1)
+        top += 2
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _code_zeros(coder, n, zeros, run):
+    size = 0
+    while n >> (size + 1) and size < 8:
+        size += 1
+    together = 1 if zeros == 0 or zeros == n else 0
+    if code_bit(coder, (size - 1) * RUNS + run, together):
+        return n if code_raw(coder, 1 if zeros == n else 0, 1) else 0
+    return 1 + code_below(coder, zeros - 1, n - 1)

@@ -1,0 +1,133 @@
+"""Numba kernels that code one thing in either direction: what decides how it is coded is said once, for both ends.
+
+A `Coder` carries everything that does not change from Gaussian to Gaussian. Encoding returns what it was given, and
+counts contexts, from which the tables of the side information are made; decoding returns what it finds.
+"""
+
+from typing import Any, NamedTuple, no_type_check
+
+import numpy as np
+from numba import njit
+
+from splatwire.codec.schemas.gaussians.layout import MAX_RESIDUAL, NARROW_WEIGHT, WIDE
+from splatwire.entropy._kernels import (
+    decode_advance,
+    decode_bit,
+    decode_escape,
+    decode_raw,
+    decode_symbol,
+    decode_target,
+    encode_bit,
+    encode_escape,
+    encode_interval,
+    encode_raw,
+    encode_symbol,
+)
+from splatwire.entropy.tables import NUM_SCALES
+
+
+class Coder(NamedTuple):
+    """State of one packet's coder and the tables of its stream.
+
+    Attributes:
+        decoding: Whether bytes are read.
+        data: uint8, bytes of all packets.
+        end: Where this packet's bytes end.
+        state: int64 (3), of the range coder.
+        models: int64 (contexts, 2), adaptive models of this packet.
+        bits: int64 (contexts, 2), how often each bit was coded.
+        scales: int64 (streams, spreads, seconds), narrow scale of each residual.
+        residuals: int64 (streams, spreads, seconds, 2), how often, and sum of magnitudes.
+        inverses: Table of the range coder, as the next two.
+        widths: See `splatwire.entropy.coder.tables`.
+        normal: See there.
+    """
+
+    decoding: Any
+    data: Any
+    end: Any
+    state: Any
+    models: Any
+    bits: Any
+    scales: Any
+    residuals: Any
+    inverses: Any
+    widths: Any
+    normal: Any
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_bit(coder, context, bit):
+    """Codes a bit with an adaptive model."""
+    if coder.decoding:
+        return decode_bit(coder.data, coder.end, coder.state, coder.models, context)
+    encode_bit(coder.data, coder.state, coder.models, context, bit)
+    coder.bits[context, bit] += 1
+    return bit
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_raw(coder, value, bits):
+    """Codes up to 63 equiprobable bits, the high ones first."""
+    result = np.int64(0)
+    while bits > 0:
+        some = min(bits, 16)
+        bits -= some
+        if coder.decoding:
+            result = (result << some) | decode_raw(coder.data, coder.end, coder.state, some)
+        else:
+            part = (value >> bits) & ((1 << some) - 1)
+            encode_raw(coder.data, coder.state, part, some)
+            result = (result << some) | part
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_below(coder, value, count):
+    """Codes a number below `count`, at most 2**16, all alike probable."""
+    if coder.decoding:
+        target = decode_target(coder.state, 16)
+        value = ((target + 1) * count - 1) >> 16
+    start = (value << 16) // count
+    size = ((value + 1) << 16) // count - start
+    if coder.decoding:
+        decode_advance(coder.data, coder.end, coder.state, start, size, 16)
+    else:
+        encode_interval(coder.data, coder.state, start, size, 16)
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_escape(coder, excess):
+    """Codes a number >= 0 in Elias gamma."""
+    if coder.decoding:
+        return min(decode_escape(coder.data, coder.end, coder.state), MAX_RESIDUAL)
+    encode_escape(coder.data, coder.state, excess)
+    return excess
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_residual(coder, stream, spread, second, residual, shift):
+    """Codes a residual in steps of `1 << shift` as a mixture of two normals of mean 0; returns the decoded residual."""
+    scale = coder.scales[stream, spread, second]
+    wide = min(scale + WIDE, NUM_SCALES - 1)
+    if coder.decoding:
+        q = decode_symbol(
+            coder.data, coder.end, coder.state, 0, scale, 0, wide, NARROW_WEIGHT,
+            coder.inverses, coder.widths, coder.normal,
+        )  # fmt: skip
+        q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
+    else:
+        q = (residual + ((1 << shift) >> 1)) >> shift
+        q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
+        encode_symbol(
+            coder.data, coder.state, q, 0, scale, 0, wide, NARROW_WEIGHT, coder.inverses, coder.widths, coder.normal
+        )
+        coder.residuals[stream, spread, second, 0] += 1
+        coder.residuals[stream, spread, second, 1] += abs(q)
+    return q << shift

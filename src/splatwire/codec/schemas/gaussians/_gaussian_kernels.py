@@ -1,0 +1,284 @@
+"""Numba kernels that code one Gaussian in either direction, from its nearest neighbours among those before it."""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import njit
+
+from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_escape, code_raw, code_residual
+from splatwire.codec.schemas.gaussians.layout import (
+    AXIS,
+    BITS,
+    CLASS,
+    COEFFICIENTS,
+    DIRECTION_BITS,
+    FIRST_CLASS,
+    FIRST_HARMONIC,
+    LUMA,
+    MAX_CLASSES,
+    MAX_COLOUR,
+    MAX_LOG,
+    MAX_OPACITY,
+    MAX_THIN,
+    MIN_OPACITY,
+    NUM_NEIGHBOURS,
+    OPACITY,
+    PRIMARY,
+    S_COLOUR,
+    S_DIRECTION,
+    S_HARMONICS,
+    S_OPACITY,
+    S_SCALE0,
+    S_SCALE1,
+    S_SCALE2,
+    SCALE0,
+    SCALE1,
+    SCALE2,
+    SECONDS,
+    SPREADS,
+    STEP_BITS,
+    WINDOW,
+)
+from splatwire.codec.schemas.gaussians.tables import NUM_WEIGHTS
+
+COEFFICIENT_TABLE = COEFFICIENTS
+UNIT = 1 << DIRECTION_BITS
+TENTHS = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
+"""Least running magnitude, in sixteenths, of each context of a harmonic."""
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def find_neighbours(cells, i, weights, who, weight):
+    """The nearest of the Gaussians just before i, nearest first, and their weights; returns how many."""
+    far = np.empty(NUM_NEIGHBOURS, np.int64)
+    count = 0
+    for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
+        x, y, z = cells[i, 0] - cells[j, 0], cells[i, 1] - cells[j, 1], cells[i, 2] - cells[j, 2]
+        d = x * x + y * y + z * z
+        if count == NUM_NEIGHBOURS and d >= far[count - 1]:
+            continue
+        at = count if count < NUM_NEIGHBOURS else count - 1
+        while at > 0 and far[at - 1] > d:
+            far[at], who[at] = far[at - 1], who[at - 1]
+            at -= 1
+        far[at], who[at] = d, j
+        count = min(count + 1, NUM_NEIGHBOURS)
+    for m in range(count):
+        weight[m] = weights[min(far[m], NUM_WEIGHTS - 1)]
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def predict(rows, column, default, count, who, weight):
+    """Weighted mean of a column of the neighbours, and their weighted mean deviation from it."""
+    if count == 0:
+        return default, np.int64(0)
+    total, sums = np.int64(0), np.int64(0)
+    for m in range(count):
+        total += weight[m]
+        sums += weight[m] * rows[who[m], column]
+    mean = sums // total
+    deviation = np.int64(0)
+    for m in range(count):
+        deviation += weight[m] * abs(rows[who[m], column] - mean)
+    return mean, deviation // total
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def spread_context(count, deviation, shift):
+    """Context of a residual: no neighbour, too few, or how much they differ in steps, in octaves."""
+    if count < 3:
+        return 0 if count == 0 else 1
+    ratio = (deviation << 3) >> shift
+    octave = 0
+    while ratio >> octave and octave < SPREADS - 3:
+        octave += 1
+    return 2 + octave
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def exponent(bases, which, level, area, long, thin, opacity):
+    """`-log2` of a step, rounded: finer with the class, and as `COEFFICIENTS` says."""
+    c = COEFFICIENT_TABLE[which]
+    sums = c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity
+    sums += (bases[which] + (level << STEP_BITS)) << BITS
+    return (sums + (1 << (BITS + STEP_BITS - 1))) >> (BITS + STEP_BITS)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_class(coder, rows, i, value, count, who, weight):
+    """Codes the class as three bits, in the context of the mean class of the neighbours in half classes."""
+    total, sums = np.int64(0), np.int64(0)
+    for m in range(count):
+        total += weight[m]
+        sums += weight[m] * rows[who[m], CLASS]
+    context = 0 if count == 0 else 1 + (4 * sums + total) // (2 * total)
+    base, node = FIRST_CLASS + context * MAX_CLASSES, 1
+    for shift in range(2, -1, -1):
+        node = 2 * node + code_bit(coder, base + node, (value >> shift) & 1)
+    return node - MAX_CLASSES
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight, thinness):
+    """Codes opacity and scales, each from the neighbours' and with a step from what is known already."""
+    mean, deviation = predict(rows, OPACITY, defaults[0], count, who, weight)
+    shift = min(max(BITS - exponent(bases, S_OPACITY, level, 0, 0, 0, 0), 0), BITS)
+    spread = spread_context(count, deviation, shift)
+    opacity = mean + code_residual(coder, 0, spread, shift, source[0] - mean, shift)
+    opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
+    mean, deviation = predict(rows, SCALE0, defaults[1], count, who, weight)
+    area = 2 * mean - (2 << BITS)
+    shift = min(max(BITS - exponent(bases, S_SCALE0, level, area, 0, 0, opacity), 0), BITS - 1)
+    spread = spread_context(count, deviation, shift)
+    s0 = mean + code_residual(coder, 1, spread, shift, source[1] - mean, shift)
+    s0 = min(max(s0, -MAX_LOG), MAX_LOG)
+    mean, deviation = predict(rows, SCALE1, defaults[2], count, who, weight)
+    area = 2 * s0 - (2 << BITS)
+    shift = min(max(BITS - exponent(bases, S_SCALE1, level, area, 0, 0, opacity), 0), BITS - 1)
+    spread = spread_context(count, deviation, shift)
+    long = mean + code_residual(coder, 2, spread, shift, s0 - source[2] - mean, shift)
+    long = min(max(long, 0), MAX_LOG)
+    mean, deviation = predict(rows, SCALE2, defaults[3], count, who, weight)
+    shift = min(max(BITS - exponent(bases, S_SCALE2, level, 2 * s0 - long, long, 0, opacity), 0), BITS - 1)
+    spread = spread_context(count, deviation, shift)
+    target = np.int64(0)
+    if not coder.decoding:
+        ratio = max(s0 - long - source[3], 0) / (1 << BITS)
+        target = np.int64(np.rint((1 - 2.0**-ratio) / np.log(2.0) * (1 << BITS)))
+    thin = mean + code_residual(coder, 3, spread, shift, target - mean, shift)
+    thin = min(max(thin, 0), MAX_THIN)
+    rows[i, OPACITY], rows[i, SCALE0], rows[i, SCALE1], rows[i, SCALE2] = opacity, s0, long, thin
+    return s0, long, thinness[thin], opacity
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def predict_axis(rows, primary, count, who, weight, axis):
+    """Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; and their mean deviation."""
+    total, nearest = np.int64(0), -1
+    axis[:] = 0
+    for m in range(count):
+        j = who[m]
+        if rows[j, PRIMARY] == primary:
+            nearest = j if nearest < 0 else nearest
+            side = np.int64(0)
+            for a in range(3):
+                side += rows[j, AXIS + a] * rows[nearest, AXIS + a]
+            w = weight[m] if side >= 0 else -weight[m]
+            for a in range(3):
+                axis[a] += w * rows[j, AXIS + a]
+            total += weight[m]
+    if nearest < 0 or abs(axis[0]) + abs(axis[1]) + abs(axis[2]) == 0:
+        axis[2] = UNIT
+        return np.int64(0), 0
+    deviation, same = np.int64(0), 0
+    for m in range(count):
+        j = who[m]
+        if rows[j, PRIMARY] == primary:
+            near, opposite = np.int64(0), np.int64(0)
+            for a in range(3):
+                mean = axis[a] // total
+                near += abs(rows[j, AXIS + a] - mean)
+                opposite += abs(rows[j, AXIS + a] + mean)
+            deviation += weight[m] * min(near, opposite)
+            same += 1
+    return deviation // total, same
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_axis(coder, rows, i, primary, source, shift, count, who, weight):
+    """Codes an axis on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis."""
+    axis = np.empty(3, np.int64)
+    deviation, same = predict_axis(rows, primary, count, who, weight, axis)
+    pole = 0
+    for a in range(1, 3):
+        if abs(axis[a]) > abs(axis[pole]):
+            pole = a
+    if axis[pole] < 0:
+        axis[:] = -axis
+    first, second = (pole + 1) % 3, (pole + 2) % 3
+    norm = abs(axis[0]) + abs(axis[1]) + abs(axis[2])
+    mean0 = ((axis[first] + axis[second]) << DIRECTION_BITS) // norm
+    mean1 = ((axis[first] - axis[second]) << DIRECTION_BITS) // norm
+    target0, target1 = np.int64(0), np.int64(0)
+    if not coder.decoding:
+        length = abs(source[0]) + abs(source[1]) + abs(source[2])
+        sign = UNIT / length if source[pole] >= 0 else -UNIT / length
+        target0 = np.int64(np.rint((source[first] + source[second]) * sign))
+        target1 = np.int64(np.rint((source[first] - source[second]) * sign))
+    spread = spread_context(same, deviation, shift)
+    e0 = mean0 + code_residual(coder, 4, spread, min(shift, SECONDS - 1), target0 - mean0, shift)
+    e1 = mean1 + code_residual(coder, 4, spread, min(shift, SECONDS - 1), target1 - mean1, shift)
+    e0, e1 = min(max(e0, -UNIT), UNIT), min(max(e1, -UNIT), UNIT)
+    x, y = (e0 + e1) >> 1, (e0 - e1) >> 1
+    rows[i, AXIS + first], rows[i, AXIS + second] = x, y
+    rows[i, AXIS + pole] = max(UNIT - abs(x) - abs(y), 0)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_colour(coder, rows, i, source, bases, defaults, level, count, who, weight):
+    """Codes luma and chroma; the magnitude of the component before is a context."""
+    shift = min(max(BITS - exponent(bases, S_COLOUR, level, 0, 0, 0, 0), 0), BITS - 2)
+    before = shift
+    for c in range(3):
+        mean, deviation = predict(rows, LUMA + c, defaults[4 + c], count, who, weight)
+        spread = spread_context(count, deviation, shift)
+        residual = code_residual(coder, 5 + c, spread, before, source[c] - mean, shift)
+        rows[i, LUMA + c] = min(max(mean + residual, -MAX_COLOUR), MAX_COLOUR)
+        before = min(abs(residual) >> shift, 3) * 4 + min(shift >> 1, 3)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def code_harmonics(coder, values, i, source, bases, level):
+    """Codes harmonics, a channel after another; most are 0, and what came before in the Gaussian is the context."""
+    number = values.shape[1] // 3
+    shift = min(max(BITS - exponent(bases, S_HARMONICS, level, 0, 0, 0, 0), 0), BITS - 2)
+    half = (1 << shift) >> 1
+    some = 0
+    if not coder.decoding:
+        for j in range(values.shape[1]):
+            values[i, j] = (source[i, j] + half) >> shift
+            some |= values[i, j] != 0
+    some = code_bit(coder, FIRST_HARMONIC + min(level & 7, 7), np.int64(some))
+    running = np.int64(0)
+    for j in range(values.shape[1]):
+        magnitude = np.int64(0)
+        if some:
+            band, chroma = j % number, 1 if j >= number else 0
+            context = 0
+            while context < 7 and running >= TENTHS[context + 1]:
+                context += 1
+            degree = 0 if band < 3 else 1 if band < 8 else 2
+            value = np.int64(values[i, j]) if not coder.decoding else np.int64(0)
+            value = _code_level(coder, value, FIRST_HARMONIC + 8 + (context * 3 + degree) * 2 + chroma, context)
+            magnitude = abs(value)
+            values[i, j] = value << shift
+        else:
+            values[i, j] = 0
+        running = ((running * 13) >> 4) + (min(magnitude, 1 << 16) << 4)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _code_level(coder, value, zero_context, context):
+    if not code_bit(coder, zero_context, 1 if value != 0 else 0):
+        return np.int64(0)
+    negative = code_raw(coder, 1 if value < 0 else 0, 1)
+    magnitude, base = abs(value), FIRST_HARMONIC + 56 + context * 3
+    found = np.int64(1)
+    while found < 15:
+        if not code_bit(coder, base + min(found - 1, 2), 1 if magnitude > found else 0):
+            return -found if negative else found
+        found += 1
+    found += min(code_escape(coder, magnitude - found), 1 << 20)
+    return -found if negative else found

@@ -1,0 +1,237 @@
+"""Numba kernels that code whole packets: cells of all Gaussians first, then one Gaussian after another."""
+
+from typing import no_type_check
+
+import numpy as np
+from numba import njit
+
+from splatwire.codec.schemas.gaussians._cell_kernels import code_cells
+from splatwire.codec.schemas.gaussians._coder_kernels import Coder, code_raw
+from splatwire.codec.schemas.gaussians._gaussian_kernels import (
+    code_axis,
+    code_class,
+    code_colour,
+    code_harmonics,
+    code_logs,
+    exponent,
+    find_neighbours,
+)
+from splatwire.codec.schemas.gaussians.layout import (
+    BITS,
+    CLASS,
+    DIRECTION_BITS,
+    LATTICE,
+    MAX_CELL_BITS,
+    NUM_NEIGHBOURS,
+    PRIMARY,
+    S_DIRECTION,
+    S_POSITION,
+    S_SPIN,
+    SPIN,
+    SPIN_BITS,
+    AXIS,
+)
+from splatwire.entropy._kernels import decoder_start, encoder_finish, encoder_start
+
+SLACK = 64
+"""Bytes of a packet's buffer besides those of its Gaussians."""
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _spread_cells(codes, cells, bits):
+    for i in range(len(codes)):
+        for a in range(3):
+            value = np.int64(0)
+            for bit in range(bits):
+                value |= ((codes[i] >> (3 * bit + a)) & 1) << bit
+            cells[i, a] = value
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _cell_shift(places, box_bits):
+    """The encoder's choice of cells: about two to a side for each Gaussian on a surface through the packet's box."""
+    extent = np.int64(0)
+    for a in range(3):
+        extent = max(extent, places[:, a].max() - places[:, a].min())
+    bits = 0
+    while extent >> bits:
+        bits += 1
+    depth = 1
+    while len(places) >> (2 * depth - 2):
+        depth += 1
+    return max(bits - depth, box_bits - MAX_CELL_BITS, 0)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _code_place(coder, row, cell, place, cells_at, shift):
+    """Codes the bits of a place between the first grid and the Gaussian's own step."""
+    low = min(cells_at, shift)
+    for a in range(3):
+        fine = code_raw(coder, place[a] >> low, cells_at - low)
+        row[LATTICE + a] = (((cell[a] << (cells_at - low)) | fine) << (low + 1)) | (1 << low)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _code_spin(coder, row, axes, primary, bits):
+    """Codes the turn about the primary axis, from 0 to pi in `1 << bits` steps, as it is."""
+    value = np.int64(0)
+    if not coder.decoding:
+        value = np.int64(np.rint(_turn(row, axes, primary) / np.pi * (1 << bits))) & ((1 << bits) - 1)
+    row[SPIN_BITS], row[SPIN] = bits, code_raw(coder, value, bits)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _turn(row, axes, primary):
+    """Angle from the frame that `attributes.frames` builds on a decoded axis to the axis after the primary one."""
+    u = row[AXIS : AXIS + 3].astype(np.float64)
+    u /= np.sqrt((u * u).sum())
+    least = np.argmin(np.abs(u))
+    t = -u[least] * u
+    t[least] += 1.0
+    t /= np.sqrt((t * t).sum())
+    b = np.cross(u, t)
+    v = axes[:, (primary + 1) % 3]
+    return np.arctan2((v * b).sum(), (v * t).sum())
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics):
+    """Codes one packet; `source` is (codes, places, classes, logs, axes, colours, harmonics) of an encoder."""
+    bases, unit, weights, thinness = stream
+    codes, places, classes, logs, axes, colours, levels = source
+    n, at = len(rows), np.int64(0)
+    if not coder.decoding:
+        at = _cell_shift(places, box_bits)
+    at = code_raw(coder, at, 6)
+    at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
+    cells, packed = np.empty((n, 3), np.int64), np.zeros(n, np.int64)
+    if not coder.decoding:
+        for i in range(n):
+            packed[i] = codes[i] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
+    code_cells(coder, packed, 3 * (box_bits - at))
+    _spread_cells(packed, cells, box_bits - at)
+    who, weight = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
+    for i in range(n):
+        j = 0 if coder.decoding else i
+        count = find_neighbours(cells, i, weights, who, weight)
+        level = code_class(coder, rows, i, classes[j], count, who, weight)
+        rows[i, CLASS] = level
+        s0, long, thin, opacity = code_logs(
+            coder, rows, i, logs[j], bases, defaults, level, count, who, weight, thinness
+        )
+        area = 2 * s0 - long
+        e = max(exponent(bases, S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS))
+        _code_place(coder, rows[i], cells[i], places[j], at, min(max(unit - e, 0), box_bits))
+        rows[i, PRIMARY] = primary = 2 if thin >= long else 0
+        e = exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
+        shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
+        code_axis(coder, rows, i, primary, axes[j, :, primary], shift, count, who, weight)
+        e = exponent(bases, S_SPIN, level, area, long, thin, opacity)
+        _code_spin(coder, rows[i], axes[j], primary, min(max(e, 0), DIRECTION_BITS))
+        code_colour(coder, rows, i, colours[j], bases, defaults, level, count, who, weight)
+        if harmonics.shape[1]:
+            code_harmonics(coder, harmonics, i, levels, bases, level)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _encode_packet(tables, stream, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
+    scales, inverses, widths, normal = tables
+    state = np.empty(3, np.int64)
+    encoder_start(state)
+    coder = Coder(
+        False, buffer, 0, state, models.copy(), statistics[0], scales, statistics[1], inverses, widths, normal
+    )
+    _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics)
+    return encoder_finish(buffer, state)
+
+
+@njit(cache=True, error_model="numpy")
+@no_type_check
+def _part(source, begin, n):
+    """Sources of a packet, sorted by their codes."""
+    order = begin + np.argsort(source[0][begin : begin + n], kind="mergesort")
+    codes, places, classes, logs, axes, colours, levels = source
+    return (codes[order], places[order], classes[order], logs[order], axes[order], colours[order], levels[order])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics, ends):
+    """Encodes the packets of one block, whose sizes are given; payload p ends at `ends[p]` of the buffer."""
+    begin, at = 0, 0
+    for p in range(len(sizes)):
+        end = begin + sizes[p]
+        at += _encode_packet(
+            tables, stream, models, statistics, box_bits, defaults, _part(source, begin, sizes[p]),
+            buffer[at:], rows[begin:end], harmonics[begin:end],
+        )  # fmt: skip
+        ends[p] = at
+        begin = end
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def encode_cut(
+    tables, stream, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
+):
+    """Encodes one block in packets of at most `most` bytes, as many Gaussians to each as fit.
+
+    A Gaussian that does not fit alone makes a packet of its own that is too large. Returns the number of packets.
+    """
+    total, begin, at, packets = len(rows), 0, 0, 0
+    guess = max(most // 6, 1)
+    while begin < total:
+        left = total - begin
+        low, high, tries, last, length = 0, left + 1, 0, 0, 0
+        n = min(guess, left)
+        while high - low > 1:
+            length = _encode_packet(
+                tables, stream, models, statistics, box_bits, defaults, _part(source, begin, n),
+                buffer[at:], rows[begin : begin + n], harmonics[begin : begin + n],
+            )  # fmt: skip
+            tries, last = tries + 1, n
+            if length <= most or n == 1:
+                low = n
+                if n == left or length * 64 >= most * 63 or tries > 6:
+                    break
+            else:
+                high = n
+            aim = n * most // max(length, 1)
+            n = min(max(aim, low + 1), high - 1)
+        if last != low:
+            length = _encode_packet(
+                tables, stream, models, statistics, box_bits, defaults, _part(source, begin, low),
+                buffer[at:], rows[begin : begin + low], harmonics[begin : begin + low],
+            )  # fmt: skip
+        at += length
+        sizes[packets], ends[packets] = low, at
+        guess = low
+        begin += low
+        packets += 1
+    return packets
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+@no_type_check
+def decode_packets(tables, stream, models, data, ends, starts, box_bits, defaults, rows, harmonics):
+    """Decodes packets; packet p has the rows `starts[p]:starts[p + 1]` and bytes `ends[p]:ends[p + 1]`."""
+    scales, inverses, widths, normal = tables
+    state = np.empty(3, np.int64)
+    none = np.zeros((1, 2), np.int64)
+    counts = np.zeros((1, 1, 1, 2), np.int64)
+    one, three, four = np.zeros(1, np.int64), np.zeros((1, 3), np.int64), np.zeros((1, 4), np.int64)
+    source = (one, three, one, four, np.zeros((1, 3, 3)), three, three)
+    for p in range(len(starts) - 1):
+        decoder_start(data, ends[p], ends[p + 1], state)
+        coder = Coder(True, data, ends[p + 1], state, models.copy(), none, scales, counts, inverses, widths, normal)
+        begin, end = starts[p], starts[p + 1]
+        _code_packet(
+            coder, stream, box_bits[p], defaults[p], source, rows[begin:end], harmonics[begin:end]
+        )

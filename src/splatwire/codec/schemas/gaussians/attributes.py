@@ -1,0 +1,182 @@
+"""Gaussians as integers, and integers as Gaussians.
+
+Only an encoder computes with floats before there are symbols; a decoder turns integers into floats once, at the end.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from splatwire.codec.schemas.gaussians.layout import (
+    AXIS,
+    BITS,
+    COLUMNS,
+    LATTICE,
+    LUMA,
+    MAX_COLOUR,
+    MAX_LOG,
+    MAX_OPACITY,
+    MIN_OPACITY,
+    OPACITY,
+    PRIMARY,
+    SCALE0,
+    SCALE1,
+    SCALE2,
+    SPIN,
+    SPIN_BITS,
+)
+from splatwire.codec.schemas.gaussians.tables import power_of_two, thinness_table
+from splatwire.errors import InvalidValueError
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.scene.splats import Splats
+
+_LUMA_CHROMA = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3.0], [2.0], [6.0]])
+"""Orthonormal: brightness, orange to blue, green to purple."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What an encoder quantises: N Gaussians in fixed point, principal axes sorted by falling scale.
+
+    Attributes:
+        logs: int64 (N, 4), opacity and the three scales, logarithms to base 2; scales are relative to the scene's.
+        axes: float64 (N, 3, 3), the axes in columns.
+        colours: int64 (N, 3), Y Co Cg.
+        harmonics: int64 (N, M), channel after channel, Y Co Cg.
+    """
+
+    logs: np.ndarray
+    axes: np.ndarray
+    colours: np.ndarray
+    harmonics: np.ndarray
+
+    def select(self, index: np.ndarray) -> "Sources":
+        """The Gaussians at `index`."""
+        return Sources(self.logs[index], self.axes[index], self.colours[index], self.harmonics[index])
+
+
+def check_finite(splats: Splats) -> None:
+    """Refuses what cannot be coded.
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, or a number is not finite or not possible.
+    """
+    if not splats.num_gaussians:
+        raise InvalidValueError("there is no Gaussian: there is nothing to encode")
+    for name in ("means", "quats", "scales", "opacities", "sh"):
+        if not bool(getattr(splats, name).isfinite().all()):
+            raise InvalidValueError(f"the Gaussians' {name} are not all finite")
+    if not bool((splats.scales > 0).all() and (splats.opacities > 0).all()):
+        raise InvalidValueError("scales and opacities of Gaussians must be above 0")
+    if not bool((splats.quats.norm(dim=1) > 0).all()):
+        raise InvalidValueError("a Gaussian's quaternion is 0")
+
+
+def scene_log(splats: Splats) -> int:
+    """Size of a scene: log2 of the median distance of the Gaussians from their median, rounded down."""
+    means = splats.means.numpy().astype(np.float64)
+    distance = np.median(np.linalg.norm(means - np.median(means, axis=0), axis=1))
+    return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
+
+
+def to_sources(splats: Splats, size_log: int) -> Sources:
+    """Turns Gaussians into fixed point.
+
+    Args:
+        splats: The Gaussians.
+        size_log: `scene_log` of the scene.
+    """
+    logs = np.log2(splats.scales.numpy().astype(np.float64)) - size_log
+    order = np.argsort(-logs, axis=1, kind="stable")
+    axes = np.take_along_axis(_matrices(splats.quats.numpy().astype(np.float64)), order[:, None, :], axis=2)
+    logs = np.take_along_axis(_fixed(logs, -MAX_LOG, MAX_LOG), order, axis=1)
+    opacity = _fixed(np.log2(splats.opacities.numpy().astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
+    sh = np.einsum("nbc,dc->ndb", splats.sh.numpy().astype(np.float64), _LUMA_CHROMA)
+    grey = _LUMA_CHROMA.sum(axis=1) / 2
+    colours = _fixed(grey + DC * sh[:, :, 0], -MAX_COLOUR, MAX_COLOUR)
+    harmonics = _fixed(sh[:, :, 1:].reshape(len(sh), 3 * (sh.shape[2] - 1)), -MAX_COLOUR, MAX_COLOUR)
+    return Sources(np.concatenate([opacity[:, None], logs], axis=1), axes, colours, harmonics)
+
+
+def to_splats(rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int, size_log: int) -> Splats:
+    """Turns decoded integers into Gaussians.
+
+    Args:
+        rows: int64 (n, COLUMNS).
+        harmonics: int32 (n, M).
+        origins: int64 (n, 3), in lattice units.
+        unit: `-log2` of the lattice's unit, relative to the scene's size.
+        size_log: log2 of the scene's size.
+    """
+    means = np.ldexp((2 * origins + rows[:, LATTICE : LATTICE + 3]).astype(np.float64), size_log - unit - 1)
+    s0 = rows[:, SCALE0] + (size_log << BITS)
+    s1 = s0 - rows[:, SCALE1]
+    scales = power_of_two(np.stack([s0, s1, s1 - thinness_table()[rows[:, SCALE2]]], axis=1))
+    sh = np.empty((len(rows), 1 + harmonics.shape[1] // 3, 3))
+    grey = _LUMA_CHROMA.sum(axis=1) / 2
+    sh[:, 0] = ((rows[:, LUMA : LUMA + 3] * 2.0**-BITS - grey) / DC) @ _LUMA_CHROMA
+    levels = harmonics.reshape(len(rows), 3, -1) * 2.0**-BITS
+    sh[:, 1:] = np.einsum("ndb,dc->nbc", levels, _LUMA_CHROMA)
+    return Splats(
+        torch.from_numpy(means.astype(np.float32)),
+        torch.from_numpy(_quaternions(_frames(rows)).astype(np.float32)),
+        torch.from_numpy(scales.astype(np.float32)),
+        torch.from_numpy(power_of_two(rows[:, OPACITY]).astype(np.float32)),
+        torch.from_numpy(sh.astype(np.float32)),
+    )
+
+
+def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
+    """Arrays for decoded integers: rows int64 (count, COLUMNS), harmonics int32 (count, M)."""
+    return np.zeros((count, COLUMNS), dtype=np.int64), np.zeros((count, num_harmonics), dtype=np.int32)
+
+
+def _fixed(values: np.ndarray, low: int, high: int) -> np.ndarray:
+    return np.clip(np.rint(values * (1 << BITS)), low, high).astype(np.int64)
+
+
+def _frames(rows: np.ndarray) -> np.ndarray:
+    """Principal axes in columns, float64 (n, 3, 3): the primary one as decoded, the next one turned about it."""
+    here, u = np.arange(len(rows)), rows[:, AXIS : AXIS + 3].astype(np.float64)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    least = np.argmin(np.abs(u), axis=1)
+    t = -u[here, least][:, None] * u
+    t[here, least] += 1
+    t /= np.linalg.norm(t, axis=1, keepdims=True)
+    angle = rows[:, SPIN] * np.ldexp(np.pi, -rows[:, SPIN_BITS].astype(np.int32))
+    v = np.cos(angle)[:, None] * t + np.sin(angle)[:, None] * np.cross(u, t)
+    axes, primary = np.empty((len(rows), 3, 3)), rows[:, PRIMARY]
+    axes[here, :, primary], axes[here, :, (primary + 1) % 3] = u, v
+    axes[here, :, (primary + 2) % 3] = np.cross(u, v)
+    return axes
+
+
+def _matrices(quats: np.ndarray) -> np.ndarray:
+    """Rotation matrices of quaternions (w, x, y, z) of any length."""
+    w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def _quaternions(m: np.ndarray) -> np.ndarray:
+    """Unit quaternions (w, x, y, z) of rotation matrices (n, 3, 3), by the largest of the four (Shepperd, 1978)."""
+    d = np.diagonal(m, axis1=1, axis2=2)
+    squares = np.concatenate([d.sum(axis=1)[:, None], 2 * d - d.sum(axis=1)[:, None]], axis=1) + 1
+    x, y, z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
+    xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
+    products = np.stack(
+        [
+            np.stack([squares[:, 0], x, y, z], axis=1),
+            np.stack([x, squares[:, 1], xy, xz], axis=1),
+            np.stack([y, xy, squares[:, 2], yz], axis=1),
+            np.stack([z, xz, yz, squares[:, 3]], axis=1),
+        ],
+        axis=1,
+    )
+    quats = products[np.arange(len(m)), np.argmax(squares, axis=1)]
+    return quats / np.linalg.norm(quats, axis=1, keepdims=True)

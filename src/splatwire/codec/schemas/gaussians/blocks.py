@@ -1,0 +1,99 @@
+"""Blocks of Gaussians: which Gaussian lies at which place of a stream, and the box that each block's places are in."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS
+from splatwire.errors import InvalidValueError
+from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
+from splatwire.packets import PacketPlan
+
+BOX_BITS = 8
+"""A box is so many bits large in its own unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Boxes of B blocks.
+
+    Attributes:
+        shifts: int64 (B), log2 of each box's unit, in lattice units.
+        origins: int64 (B, 3), lower corner, in the box's units.
+        extents: int64 (B, 3), sides in the box's units, less one.
+    """
+
+    shifts: np.ndarray
+    origins: np.ndarray
+    extents: np.ndarray
+
+    @property
+    def bits(self) -> np.ndarray:
+        """Bits of a coordinate within each box, int64 (B)."""
+        return self.shifts + np.array([int(e).bit_length() for e in self.extents.max(axis=1, initial=0)], dtype=np.int64)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Lower corners in lattice units, int64 (B, 3)."""
+        return self.origins << self.shifts[:, None]
+
+
+def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
+    """Sorts Gaussians along a Morton curve, the most important tier first, int64 (N).
+
+    Args:
+        means: float64 (N, 3).
+        tiers: Tier of each; None for one.
+    """
+    low, high = np.quantile(means, [0.01, 0.99], axis=0)
+    middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
+    # What lies far outside is drawn near, so that it does not make the cells of the rest large.
+    near = np.arcsinh((means - middle) / spread * 2)
+    near = (near - near.min(axis=0)) / max(float(np.ptp(near, axis=0).max()), 1e-30)
+    codes = morton_encode(np.rint(near * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
+    return np.lexsort((codes, tiers)) if tiers is not None else np.argsort(codes, kind="stable")
+
+
+def block_sizes(plan: PacketPlan) -> np.ndarray:
+    """Gaussians of each block, int64 (B)."""
+    return np.array([plan.block_anchors(block) for block in range(plan.num_blocks)], dtype=np.int64)
+
+
+def arrange_block(codes: np.ndarray) -> np.ndarray:
+    """Which Gaussian of a block lies where: indices in the order in which packets are filled.
+
+    Args:
+        codes: int64 (n), Morton codes of the block's Gaussians within its box.
+    """
+    return np.argsort(codes, kind="stable")
+
+
+def make_boxes(places: np.ndarray, sizes: np.ndarray) -> Boxes:
+    """Boxes around consecutive Gaussians.
+
+    Args:
+        places: int64 (N, 3), lattice coordinates.
+        sizes: Gaussians of each block.
+    """
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    low, high = np.minimum.reduceat(places, starts, axis=0), np.maximum.reduceat(places, starts, axis=0)
+    shifts = np.array([max(int(e).bit_length() - BOX_BITS + 1, 0) for e in (high - low).max(axis=1)], dtype=np.int64)
+    origins = low >> shifts[:, None]
+    return Boxes(shifts, origins, (high >> shifts[:, None]) - origins)
+
+
+def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
+    """Morton codes of places within a box of so many bits, of at most `MAX_CELL_BITS` bits to an axis."""
+    return morton_encode(places >> max(bits - MAX_CELL_BITS, 0))
+
+
+def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:
+    """Cells of the lattice that places lie in, int64 (N, 3).
+
+    Raises:
+        InvalidValueError: If a place is too far away for the lattice.
+    """
+    scaled = np.floor(np.ldexp(means, unit - size_log))
+    if np.abs(scaled).max(initial=0) >= 2.0**MAX_LATTICE_BITS:
+        raise InvalidValueError("a Gaussian is too far away from the others for the precision of their places")
+    return scaled.astype(np.int64)
