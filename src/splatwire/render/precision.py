@@ -1,0 +1,110 @@
+"""How precise each of a scene's Gaussians must be: one number that explains nearly all of what pictures depend on.
+
+The squared error of pictures for a change of a Gaussian is, to first order, its squared gradient. Between Gaussians it
+differs by orders of magnitude, mostly by how much of each is seen, and alike for all of its attributes once its shape
+is taken into account; so each gets one class, an octave of step sizes.
+"""
+
+import torch
+from jaxtyping import Float64
+from torch import Tensor
+
+from splatwire.render.backends import create_renderer
+from splatwire.render.importance import cameras_around
+from splatwire.scene import Cameras, Gaussians
+from splatwire.scene.splats import Splats
+
+import numpy as np
+
+FINEST_SHARE = 0.98
+"""Classes count down from this quantile."""
+_UNSEEN = 1e-30
+_SLOPES = {
+    "position": (-0.33, -0.2, 0.0, 0.0),
+    "scale0": (0.25, 0.0, -0.25, 0.2),
+    "scale1": (0.25, -1.0, 0.0, 0.2),
+    "scale2": (0.25, -0.8, -1.5, 0.2),
+    "direction": (0.25, 1.6, 1.1, 0.25),
+    "spin": (0.3, 0.8, 2.4, 0.25),
+    "opacity": (0.0, -0.2, -0.1, 0.0),
+    "colour": (0.0, 0.0, 0.0, 0.0),
+}
+"""Octaves of sensitivity for an octave of area, of s0 / s1, of s1 / s2 and of opacity (least squares, three scenes)."""
+_BASES = {
+    "position": -0.8, "scale0": 1.2, "scale1": 1.0, "scale2": 1.0, "direction": -1.0, "spin": -3.0, "opacity": -2.3,
+    "colour": 0.0,
+}  # fmt: skip
+_WEIGHTS = {
+    "position": 3.0, "scale0": 1.0, "scale1": 1.0, "scale2": 1.0, "direction": 2.0, "spin": 0.7, "opacity": 1.0
+}  # fmt: skip
+"""Numbers that each attribute has; colour has 3, and about 12 with harmonics."""
+
+
+def precision_classes(
+    splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, renderer: str = "cpu"
+) -> np.ndarray:
+    """Sorts Gaussians into classes of precision.
+
+    Args:
+        splats: The Gaussians.
+        cameras: Where they are looked at from; None for 12 views around them.
+        probes: Random sign patterns for each view.
+        seed: Of the signs.
+        renderer: Name of a differentiable renderer.
+
+    Returns:
+        int64 (N): 0 for the finest, -1 for those that may be an octave coarser, and so on; a few are above 0.
+    """
+    cameras = cameras if cameras is not None else cameras_around(splats.means, 12, 224)
+    found = _sensitivities(splats, cameras, probes, seed, renderer)
+    logs = splats.scales.double().log2().sort(dim=1, descending=True).values
+    long, thin = logs[:, 0] - logs[:, 1], logs[:, 1] - logs[:, 2]
+    shape = torch.stack([logs[:, 0] + logs[:, 1], long, thin, splats.opacities.double().clamp(min=1 / 512).log2()], 1)
+    weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
+    octaves = torch.zeros(splats.num_gaussians, dtype=torch.float64)
+    for name, weight in weights.items():
+        expected = _BASES[name] + shape @ torch.tensor(_SLOPES[name], dtype=torch.float64)
+        octaves += weight * ((found[name] + _UNSEEN).log2() / 2 - expected)
+    octaves /= sum(weights.values())
+    finest = np.quantile(octaves.numpy(), FINEST_SHARE)
+    return np.rint(octaves.numpy() - finest).astype(np.int64)
+
+
+def _sensitivities(
+    splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str
+) -> dict[str, Float64[Tensor, "G"]]:
+    """Squared change of pictures for each attribute, per scalar, summed over views (squared gradients of random signs)."""
+    draw, rng = create_renderer(renderer), torch.Generator().manual_seed(seed)
+    order = splats.scales.argsort(dim=1, descending=True)
+    quats = torch.nn.functional.normalize(splats.quats, dim=1)
+    turns = [_half_product(quats, axis) for axis in range(3)]
+    total = {name: torch.zeros(splats.num_gaussians, dtype=torch.float64) for name in _SLOPES}
+    logs = splats.scales.log2().sort(dim=1, descending=True).values
+    primary = torch.where(logs[:, 1] - logs[:, 2] >= logs[:, 0] - logs[:, 1], 2, 0)[:, None]
+    for view in range(cameras.num_views):
+        seen = splats.seen_from(cameras.centers[view].to(splats.means))
+        inputs = [t.detach().clone().requires_grad_() for t in (*vars(seen).values(),)]
+        picture = draw(Gaussians(*inputs), cameras.select([view]), background=torch.zeros(3))[0]
+        for probe in range(probes):
+            signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
+            gradients = torch.autograd.grad((picture * signs).sum(), inputs, retain_graph=probe < probes - 1)
+            means, rotations, scales, opacities, colors = (g.double() for g in gradients)
+            sizes = ((scales * splats.scales) ** 2).gather(1, order)
+            turned = torch.stack([(rotations * turn).sum(dim=1) ** 2 for turn in turns], dim=1).gather(1, order)
+            spin = turned.gather(1, primary)[:, 0]
+            total["position"] += (means**2).mean(dim=1)
+            for s in range(3):
+                total[f"scale{s}"] += sizes[:, s]
+            total["direction"] += (turned.sum(dim=1) - spin) / 2
+            total["spin"] += spin
+            total["opacity"] += (opacities * splats.opacities) ** 2
+            total["colour"] += (colors**2).sum(dim=1)
+    scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
+    return {name: value * scale for name, value in total.items()}
+
+
+def _half_product(quats: Tensor, axis: int) -> Tensor:
+    """Derivative of unit quaternions (w, x, y, z) by a turn about their own axis 0, 1 or 2."""
+    w, x, y, z = quats.unbind(dim=1)
+    columns = ([-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w])[axis]
+    return torch.stack(columns, dim=1) / 2
