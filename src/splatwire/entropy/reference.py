@@ -162,19 +162,21 @@ def encode(symbols: Sequence[int], mixtures: Sequence[ReferenceMixture]) -> byte
 
 
 def decode(data: bytes, mixtures: Sequence[ReferenceMixture]) -> list[int]:
-    """Inverse of `encode`: tries the symbols of the window one by one."""
-    coder, symbols = ReferenceDecoder(data), []
-    for mixture in mixtures:
-        low, high = mixture.window()
-        target = coder.target(TOTAL_BITS)
-        if target >= (1 << TOTAL_BITS) - ESCAPE:
-            symbols.append(_decode_escape(coder, low, high))
-            continue
-        symbol = next(s for s in range(low, high + 1) if target < mixture.start(s + 1))
-        start = mixture.start(symbol)
-        coder.advance(start, mixture.start(symbol + 1) - start, TOTAL_BITS)
-        symbols.append(symbol)
-    return symbols
+    """Inverse of `encode`."""
+    coder = ReferenceDecoder(data)
+    return [decode_mixture(coder, mixture) for mixture in mixtures]
+
+
+def decode_mixture(coder: ReferenceDecoder, mixture: ReferenceMixture) -> int:
+    """Decodes one integer: tries the symbols of the window one by one."""
+    low, high = mixture.window()
+    target = coder.target(TOTAL_BITS)
+    if target >= (1 << TOTAL_BITS) - ESCAPE:
+        return _decode_escape(coder, low, high)
+    symbol = next(s for s in range(low, high + 1) if target < mixture.start(s + 1))
+    start = mixture.start(symbol)
+    coder.advance(start, mixture.start(symbol + 1) - start, TOTAL_BITS)
+    return symbol
 
 
 def _decode_escape(coder: ReferenceDecoder, low: int, high: int) -> int:

@@ -17,6 +17,7 @@ from splatwire.codec.schemas.gaussians.layout import (
     LUMA,
     MAX_CLASSES,
     MAX_COLOUR,
+    MAX_HARMONIC,
     MAX_LOG,
     MAX_OPACITY,
     MAX_THIN,
@@ -41,9 +42,8 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.tables import NUM_WEIGHTS
 
-COEFFICIENT_TABLE = COEFFICIENTS
 UNIT = 1 << DIRECTION_BITS
-TENTHS = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
+RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
 """Least running magnitude, in sixteenths, of each context of a harmonic."""
 
 
@@ -103,7 +103,7 @@ def spread_context(count, deviation, shift):
 @no_type_check
 def exponent(bases, which, level, area, long, thin, opacity):
     """`-log2` of a step, rounded: finer with the class, and as `COEFFICIENTS` says."""
-    c = COEFFICIENT_TABLE[which]
+    c = COEFFICIENTS[which]
     sums = c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity
     sums += (bases[which] + (level << STEP_BITS)) << BITS
     return (sums + (1 << (BITS + STEP_BITS - 1))) >> (BITS + STEP_BITS)
@@ -256,13 +256,13 @@ def code_harmonics(coder, values, i, source, bases, level):
         if some:
             band, chroma = j % number, 1 if j >= number else 0
             context = 0
-            while context < 7 and running >= TENTHS[context + 1]:
+            while context < 7 and running >= RUNNING[context + 1]:
                 context += 1
             degree = 0 if band < 3 else 1 if band < 8 else 2
             value = np.int64(values[i, j]) if not coder.decoding else np.int64(0)
             value = _code_level(coder, value, FIRST_HARMONIC + 8 + (context * 3 + degree) * 2 + chroma, context)
             magnitude = abs(value)
-            values[i, j] = value << shift
+            values[i, j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
         else:
             values[i, j] = 0
         running = ((running * 13) >> 4) + (min(magnitude, 1 << 16) << 4)

@@ -232,6 +232,4 @@ def decode_packets(tables, stream, models, data, ends, starts, box_bits, default
         decoder_start(data, ends[p], ends[p + 1], state)
         coder = Coder(True, data, ends[p + 1], state, models.copy(), none, scales, counts, inverses, widths, normal)
         begin, end = starts[p], starts[p + 1]
-        _code_packet(
-            coder, stream, box_bits[p], defaults[p], source, rows[begin:end], harmonics[begin:end]
-        )
+        _code_packet(coder, stream, box_bits[p], defaults[p], source, rows[begin:end], harmonics[begin:end])

@@ -30,7 +30,9 @@ class Boxes:
     @property
     def bits(self) -> np.ndarray:
         """Bits of a coordinate within each box, int64 (B)."""
-        return self.shifts + np.array([int(e).bit_length() for e in self.extents.max(axis=1, initial=0)], dtype=np.int64)
+        return self.shifts + np.array(
+            [int(e).bit_length() for e in self.extents.max(axis=1, initial=0)], dtype=np.int64
+        )
 
     @property
     def corners(self) -> np.ndarray:

@@ -9,10 +9,22 @@ DIRECTION_BITS = 14
 STEP_BITS = 6
 """Fractional bits of the exponents of steps in the side information and of `COEFFICIENTS`."""
 
-LATTICE, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = 0, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14
+LATTICE, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = (
+    0,
+    3,
+    4,
+    5,
+    6,
+    7,
+    8,
+    11,
+    12,
+    13,
+    14,
+)
 COLUMNS = 17
-"""Columns of a decoded Gaussian: place (3, in half lattice units), class, logarithms of opacity and of the scales in
-descending order, primary axis (3), which one it is (0 largest, 2 smallest), turn about it (bits, value), Y Co Cg (3)."""
+"""Columns of a decoded Gaussian: place (3, in half lattice units), class, logarithms of opacity, the largest scale and
+the ratio of the first to the second, companded ratio of the second to the third, primary axis (3), which one it is (0 largest, 2 smallest), turn about it (bits, value), Y Co Cg (3)."""
 
 STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
 """Streams of residuals, each with tables of its own."""
@@ -57,6 +69,7 @@ MAX_LOG = 40 << BITS
 MAX_OPACITY = -1
 MIN_OPACITY = -(10 << BITS)
 MAX_COLOUR = 1 << (BITS + 8)
+MAX_HARMONIC = 1 << 24
 MAX_RESIDUAL = 1 << 24
 MAX_THIN = 5903
 """Largest value of a companded ratio of scales, `(1 - 2**-r) / ln 2`: a ratio of 2**10."""

@@ -33,7 +33,9 @@ class Quality:
 
     def __post_init__(self) -> None:
         if not -8 <= self.level <= 24 or not -16 <= self.position <= 16:
-            raise InvalidValueError(f"a quality of level {self.level} with places {self.position} finer is not possible")
+            raise InvalidValueError(
+                f"a quality of level {self.level} with places {self.position} finer is not possible"
+            )
         if type(self.classes) is not int or not 1 <= self.classes <= MAX_CLASSES:
             raise InvalidValueError(f"classes of precision must be 1 to {MAX_CLASSES}, not {self.classes!r}")
 

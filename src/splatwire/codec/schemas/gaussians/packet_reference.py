@@ -1,0 +1,278 @@
+"""Decoding of one packet in plain Python: slow, and written so that it can be checked by eye against docs/format.md."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from splatwire.codec.schemas.gaussians.layout import (
+    BITS,
+    COEFFICIENTS,
+    DIRECTION_BITS,
+    FIRST_CLASS,
+    FIRST_HARMONIC,
+    MAX_CELL_BITS,
+    MAX_COLOUR,
+    MAX_HARMONIC,
+    MAX_LOG,
+    MAX_OPACITY,
+    MAX_RESIDUAL,
+    MAX_THIN,
+    MIN_OPACITY,
+    NARROW_WEIGHT,
+    NUM_NEIGHBOURS,
+    S_COLOUR,
+    S_DIRECTION,
+    S_HARMONICS,
+    S_OPACITY,
+    S_POSITION,
+    S_SCALE0,
+    S_SCALE1,
+    S_SCALE2,
+    S_SPIN,
+    SCALE_UNIT,
+    STEP_BITS,
+    WIDE,
+    WINDOW,
+)
+from splatwire.codec.schemas.gaussians.side_info import SideInfo
+from splatwire.entropy.reference import ReferenceDecoder, ReferenceMixture, decode_mixture
+from splatwire.entropy.tables import NUM_SCALES
+
+ONE = 1 << DIRECTION_BITS
+RUNNING = (2, 6, 13, 24, 42, 74, 135)
+
+
+@dataclass
+class Gaussian:
+    """A decoded Gaussian; fields as the columns of `layout`."""
+
+    place: tuple[int, int, int] = (0, 0, 0)
+    level: int = 0
+    logs: list[int] = field(default_factory=list)
+    axis: list[int] = field(default_factory=list)
+    primary: int = 0
+    spin: tuple[int, int] = (0, 0)
+    colour: list[int] = field(default_factory=list)
+    harmonics: list[int] = field(default_factory=list)
+
+    def row(self) -> list[int]:
+        """The columns in order."""
+        return [*self.place, self.level, *self.logs, *self.axis, self.primary, *self.spin, *self.colour]
+
+
+class ReferencePacket:
+    """Decodes one packet.
+
+    Args:
+        info: Side information.
+        block: Block of the packet.
+        payload: Its payload.
+        count: Gaussians that it holds.
+    """
+
+    def __init__(self, info: SideInfo, block: int, payload: bytes, count: int) -> None:
+        self.coder, self.info, self.count = ReferenceDecoder(payload), info, count
+        self.models = [[int(z) << 8] * 2 for z in info.bit_zero]
+        self.box_bits = int(info.boxes.bits[block])
+        self.defaults = [int(v) for v in info.block_defaults()[block]]
+        _, _, self.weights, self.thinness = (t.tolist() if hasattr(t, "tolist") else t for t in info.kernel_stream())
+
+    def decode(self) -> list[Gaussian]:
+        """All Gaussians in order."""
+        at = min(max(self.raw(6), self.box_bits - MAX_CELL_BITS), self.box_bits)
+        depth = self.box_bits - at
+        codes = self.split(self.count, 3 * depth - 1, 0, 0)
+        cells = [tuple(sum((c >> (3 * b + a) & 1) << b for b in range(depth)) for a in range(3)) for c in codes]
+        found: list[Gaussian] = []
+        for i, cell in enumerate(cells):
+            near = sorted(
+                (sum((p - q) ** 2 for p, q in zip(cell, cells[j], strict=True)), i - j)
+                for j in range(max(i - WINDOW, 0), i)
+            )[:NUM_NEIGHBOURS]
+            neighbours = [(found[i - back], self.weights[min(d, len(self.weights) - 1)]) for d, back in near]
+            found.append(self.gaussian(cell, at, neighbours))
+        return found
+
+    def gaussian(self, cell: tuple[int, ...], at: int, near: list[tuple[Gaussian, int]]) -> Gaussian:
+        """One Gaussian, given its cell and its neighbours."""
+        g = Gaussian()
+        g.level = self.level(near)
+        opacity = self.value(0, S_OPACITY, near, g.level, lambda n: n.logs[0], (0, 0, 0, 0), 0, BITS)
+        opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
+        mean = self.mean(near, lambda n: n.logs[1], self.defaults[1])[0]
+        shape = (2 * mean - (2 << BITS), 0, 0, opacity)
+        s0 = self.value(1, S_SCALE0, near, g.level, lambda n: n.logs[1], shape, 1, BITS - 1)
+        s0 = min(max(s0, -MAX_LOG), MAX_LOG)
+        shape = (2 * s0 - (2 << BITS), 0, 0, opacity)
+        long = self.value(2, S_SCALE1, near, g.level, lambda n: n.logs[2], shape, 2, BITS - 1)
+        long = min(max(long, 0), MAX_LOG)
+        shape = (2 * s0 - long, long, 0, opacity)
+        t = self.value(3, S_SCALE2, near, g.level, lambda n: n.logs[3], shape, 3, BITS - 1)
+        t = min(max(t, 0), MAX_THIN)
+        g.logs, thin = [opacity, s0, long, t], self.thinness[t]
+        shape = (2 * s0 - long, long, thin, opacity)
+        finest = max(self.exponent(S_POSITION, g.level, shape), 1 - ((s0 - long) >> BITS))
+        low = min(at, min(max(self.info.unit - finest, 0), self.box_bits))
+        x, y, z = (((c << (at - low)) | self.raw(at - low)) * 2 ** (low + 1) + 2**low for c in cell)
+        g.place, g.primary = (x, y, z), 2 if thin >= long else 0
+        shift = min(max(DIRECTION_BITS - self.exponent(S_DIRECTION, g.level, shape), 0), DIRECTION_BITS - 2)
+        g.axis = self.axis(near, g.primary, shift)
+        bits = min(max(self.exponent(S_SPIN, g.level, shape), 0), DIRECTION_BITS)
+        g.spin = bits, self.raw(bits)
+        self.colour(g, near)
+        if self.info.num_harmonics:
+            self.harmonics(g)
+        return g
+
+    def value(
+        self, stream: int, step: int, near: list[tuple[Gaussian, int]], level: int,
+        of: Callable[[Gaussian], int], shape: tuple[int, int, int, int], default: int, most: int,
+    ) -> int:  # fmt: skip
+        """A value that is predicted by the neighbours' mean."""
+        mean, deviation = self.mean(near, of, self.defaults[default])
+        shift = min(max(BITS - self.exponent(step, level, shape), 0), most)
+        return mean + (self.residual(stream, spread(len(near), deviation, shift), shift) << shift)
+
+    def axis(self, near: list[tuple[Gaussian, int]], primary: int, shift: int) -> list[int]:
+        """The primary axis."""
+        same = [(n.axis, w) for n, w in near if n.primary == primary]
+        mean, deviation = [0, 0, ONE], 0
+        if same:
+            ours = [w if sum(p * q for p, q in zip(u, same[0][0], strict=True)) >= 0 else -w for u, w in same]
+            sums = [sum(w * u[a] for (u, _), w in zip(same, ours, strict=True)) for a in range(3)]
+            if any(sums):
+                mean, total = sums, sum(w for _, w in same)
+                middle = [s // total for s in sums]
+                sides = [
+                    min(sum(abs(p - s * q) for p, q in zip(u, middle, strict=True)) for s in (1, -1)) for u, _ in same
+                ]
+                deviation = sum(w * d for (_, w), d in zip(same, sides, strict=True)) // total
+            else:
+                same = []
+        pole = max(range(3), key=lambda a: abs(mean[a]))
+        mean = [-m for m in mean] if mean[pole] < 0 else mean
+        first, second, norm = (pole + 1) % 3, (pole + 2) % 3, sum(map(abs, mean))
+        context = spread(len(same), deviation, shift)
+        square = []
+        for sign in (1, -1):
+            expected = ((mean[first] + sign * mean[second]) << DIRECTION_BITS) // norm
+            square.append(min(max(expected + (self.residual(4, context, shift) << shift), -ONE), ONE))
+        axis = [0, 0, 0]
+        axis[first], axis[second] = (square[0] + square[1]) >> 1, (square[0] - square[1]) >> 1
+        axis[pole] = max(ONE - abs(axis[first]) - abs(axis[second]), 0)
+        return axis
+
+    def colour(self, g: Gaussian, near: list[tuple[Gaussian, int]]) -> None:
+        """Luma and chroma."""
+        shift = min(max(BITS - self.exponent(S_COLOUR, g.level, (0, 0, 0, 0)), 0), BITS - 2)
+        second = shift
+        for c in range(3):
+            mean, deviation = self.mean(near, lambda n, c=c: n.colour[c], self.defaults[4 + c])  # type: ignore[misc]
+            q = self.residual(5 + c, spread(len(near), deviation, shift), second)
+            g.colour.append(min(max(mean + (q << shift), -MAX_COLOUR), MAX_COLOUR))
+            second = 4 * min(abs(q), 3) + min(shift >> 1, 3)
+
+    def harmonics(self, g: Gaussian) -> None:
+        """Harmonics, channel after channel."""
+        count = self.info.num_harmonics
+        shift = min(max(BITS - self.exponent(S_HARMONICS, g.level, (0, 0, 0, 0)), 0), BITS - 2)
+        some, running = self.bit(FIRST_HARMONIC + g.level), 0
+        for j in range(count):
+            band, chroma, value = j % (count // 3), int(j >= count // 3), 0
+            if some:
+                context = sum(running >= least for least in RUNNING)
+                degree = (band >= 3) + (band >= 8)
+                value = self.coefficient(context, (context * 3 + degree) * 2 + chroma)
+            g.harmonics.append(min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC))
+            running = (running * 13 >> 4) + (min(abs(value), 1 << 16) << 4)
+
+    def coefficient(self, context: int, zero: int) -> int:
+        """One harmonic in steps."""
+        if not self.bit(FIRST_HARMONIC + 8 + zero):
+            return 0
+        sign, size = (-1 if self.raw(1) else 1), 1
+        while size < 15 and self.bit(FIRST_HARMONIC + 56 + context * 3 + min(size - 1, 2)):
+            size += 1
+        if size == 15:
+            size += min(self.gamma(), 1 << 20)
+        return sign * size
+
+    def level(self, near: list[tuple[Gaussian, int]]) -> int:
+        """The class."""
+        total = sum(w for _, w in near)
+        context = 1 + (4 * sum(n.level * w for n, w in near) + total) // (2 * total) if near else 0
+        node = 1
+        for _ in range(3):
+            node = 2 * node + self.bit(FIRST_CLASS + 8 * context + node)
+        return node - 8
+
+    def split(self, n: int, bit: int, run: int, prefix: int) -> list[int]:
+        """Sorted codes of a node of n Gaussians that agree in all bits above `bit`."""
+        if n == 0 or bit < 0 or n == 1:
+            return [prefix << (bit + 1) | (self.raw(bit + 1) if n and bit >= 0 else 0)] * n
+        together = self.bit(4 * (min(n.bit_length() - 1, 8) - 1) + run)
+        zeros = n * self.raw(1) if together else 1 + self.below(n - 1)
+        run = min(run + 1, 3) if together else 0
+        return self.split(zeros, bit - 1, run, 2 * prefix) + self.split(n - zeros, bit - 1, run, 2 * prefix + 1)
+
+    def mean(self, near: list[tuple[Gaussian, int]], of: Callable[[Gaussian], int], default: int) -> tuple[int, int]:
+        """Weighted mean of the neighbours, and their weighted mean deviation from it."""
+        total = sum(w for _, w in near)
+        if not near:
+            return default, 0
+        mean = sum(of(n) * w for n, w in near) // total
+        return mean, sum(abs(of(n) - mean) * w for n, w in near) // total
+
+    def exponent(self, which: int, level: int, shape: tuple[int, int, int, int]) -> int:
+        """`-log2` of a step."""
+        sums = sum(int(c) * x for c, x in zip(COEFFICIENTS[which], shape, strict=True))
+        sums += (int(self.info.bases[which]) + level * 2**STEP_BITS) * 2**BITS
+        return (sums + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS)
+
+    def residual(self, stream: int, context: int, second: int) -> int:
+        """A residual in steps."""
+        scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
+        mixture = ReferenceMixture(0, scale, 0, min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT)
+        return min(max(decode_mixture(self.coder, mixture), -MAX_RESIDUAL), MAX_RESIDUAL)
+
+    def bit(self, context: int) -> int:
+        """A bit of an adaptive model."""
+        model = self.models[context]
+        zero = min(max((model[0] + model[1]) >> 1, 32), 65536 - 32)
+        one = int(self.coder.target(16) >= zero)
+        self.coder.advance(zero if one else 0, 65536 - zero if one else zero, 16)
+        for estimate, rate in ((0, 7), (1, 4)):
+            p = model[estimate]
+            model[estimate] = p - (p >> rate) if one else p + ((65536 - p) >> rate)
+        return one
+
+    def raw(self, bits: int) -> int:
+        """Equiprobable bits, at most 16 at a time."""
+        value = 0
+        while bits > 0:
+            some = min(bits, 16)
+            found, bits = self.coder.target(some), bits - some
+            self.coder.advance(found, 1, some)
+            value = value << some | found
+        return value
+
+    def below(self, count: int) -> int:
+        """A number below `count`, all alike probable."""
+        value = ((self.coder.target(16) + 1) * count - 1) >> 16
+        start = (value << 16) // count
+        self.coder.advance(start, ((value + 1 << 16) // count) - start, 16)
+        return value
+
+    def gamma(self) -> int:
+        """A number from 0 on in Elias gamma, of at most 32 bits."""
+        length = 0
+        while length < 32 and self.raw(1):
+            length += 1
+        value = 1
+        for _ in range(length):
+            value = value << 1 | self.raw(1)
+        return min(value - 1, MAX_RESIDUAL)
+
+
+def spread(count: int, deviation: int, shift: int) -> int:
+    """Context of a residual: no neighbour, fewer than three, or their deviation in eighths of a step, in octaves."""
+    return min(count, 1) if count < 3 else 2 + min((deviation * 8 >> shift).bit_length(), 9)

@@ -1,0 +1,269 @@
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from splatwire.codec.schemas.gaussians.attributes import scene_log, to_sources
+from splatwire.codec.schemas.gaussians.decoder import decode_block, decode_splats, open_side_info
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.packet_reference import ReferencePacket
+from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
+from splatwire.codec.schemas.gaussians.side_info import read_side_info, write_side_info
+from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, UnknownNameError
+from splatwire.packets import PRESETS, Packetization, SceneStream, arrange, make_packet
+from splatwire.packets.packet import Packet
+from splatwire.render.reference import rotation_matrices
+from splatwire.scene.splats import Splats
+
+SMALL = Packetization(block_size=200, lanes=3)
+DATAGRAM = Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=400)
+
+
+def some_splats(count: int = 500, degree: int = 1, seed: int = 0) -> Splats:
+    rng = torch.Generator().manual_seed(seed)
+    directions = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
+    means = directions * (1 + 0.02 * torch.randn(count, 1, generator=rng)) + torch.tensor([3.0, -7.0, 0.5])
+    quats = torch.randn(count, 4, generator=rng)
+    scales = torch.exp(torch.randn(count, 3, generator=rng) * 0.8 - 4)
+    opacities = torch.rand(count, generator=rng) * 0.98 + 0.01
+    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng) * 0.15
+    sh[:, 0] += means * 0.3
+    return Splats(means, torch.nn.functional.normalize(quats, dim=1), scales, opacities, sh)
+
+
+@pytest.fixture(scope="module", params=["fixed", "datagram"])
+def stream(request: pytest.FixtureRequest) -> SceneStream:
+    return encode_splats(some_splats(), SMALL if request.param == "fixed" else DATAGRAM, quality=Quality(10.0))
+
+
+def integers(stream: SceneStream, block: int, packets: list[Packet | None], sizes: list[int]) -> np.ndarray:
+    info = open_side_info(stream.manifest, stream.side_info)
+    rows, harmonics, _ = decode_block(info, block, np.array(sizes), tuple(packets))
+    return np.concatenate([rows, harmonics], axis=1)
+
+
+def partners(splats: Splats, decoded: Splats) -> Splats:
+    """The Gaussian that each decoded one came from: the nearest; each is one's once."""
+    index = torch.cdist(decoded.means.double(), splats.means.double()).argmin(dim=1)
+    assert len(index.unique()) == splats.num_gaussians
+    return splats.select(index)
+
+
+def covariances(splats: Splats) -> torch.Tensor:
+    m = rotation_matrices(splats.quats) * splats.scales[:, None]
+    return m @ m.transpose(1, 2)
+
+
+def test_every_gaussian_comes_back_within_its_steps(stream: SceneStream) -> None:
+    decoded, known, _ = decode_splats(stream)
+    source = partners(some_splats(), decoded)
+    assert known.all()
+    assert float((source.means - decoded.means).abs().max()) < 1e-3
+    assert float((source.opacities.log2() - decoded.opacities.log2()).abs().max()) <= 2.0**-6 + 2.0**-10
+    assert float((source.sh[:, 0] - decoded.sh[:, 0]).abs().max()) < 0.01
+    assert float((source.sh[:, 1:] - decoded.sh[:, 1:]).abs().max()) < 0.01
+    ours, theirs = covariances(decoded), covariances(source)
+    error = (ours - theirs).flatten(1).norm(dim=1) / theirs.flatten(1).norm(dim=1)
+    assert float(error.max()) < 0.05
+    torch.testing.assert_close(decoded.quats.norm(dim=1), torch.ones(len(known)))
+
+
+def test_finer_quality_is_closer_and_larger() -> None:
+    sizes, errors = [], []
+    for level in (6.0, 8.0, 10.0):
+        stream = encode_splats(some_splats(degree=0), SMALL, quality=Quality(level))
+        decoded = decode_splats(stream)[0]
+        index = torch.cdist(decoded.means.double(), some_splats(degree=0).means.double()).argmin(dim=1)
+        sizes.append(stream.num_bytes)
+        errors.append(float((some_splats(degree=0).means[index] - decoded.means).norm()))
+    assert sizes == sorted(sizes)
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_lower_classes_cost_less() -> None:
+    splats = some_splats()
+    coarse = encode_splats(splats, SMALL, classes=np.full(500, -3))
+    assert coarse.num_bytes < 0.8 * encode_splats(splats, SMALL, classes=np.zeros(500, int)).num_bytes
+
+
+def test_packets_decode_alone_as_they_do_together(stream: SceneStream) -> None:
+    groups, packets = arrange(stream.manifest.plan, stream.packets)
+    sizes = np.diff(groups.starts).tolist()
+    for block in range(stream.manifest.plan.num_blocks):
+        here = [i for i, packet in enumerate(packets) if packet is not None and packet.id.block == block]
+        together = integers(stream, block, [packets[i] for i in here], [sizes[i] for i in here])
+        alone = [integers(stream, block, [packets[i]], [sizes[i]]) for i in here]
+        np.testing.assert_array_equal(together, np.concatenate(alone))
+
+
+def test_plain_python_decodes_the_same_integers(stream: SceneStream) -> None:
+    info = open_side_info(stream.manifest, stream.side_info)
+    for packet in stream.packets[:2]:
+        found = ReferencePacket(info, packet.id.block, packet.payload, packet.num_anchors).decode()
+        fast = integers(stream, packet.id.block, [packet], [packet.num_anchors])
+        np.testing.assert_array_equal(fast, [g.row() + g.harmonics for g in found])
+
+
+@settings(max_examples=60, deadline=None)
+@given(payload=st.binary(max_size=400), count=st.integers(1, 120))
+def test_plain_python_and_kernels_agree_on_any_bytes(fuzzed: SceneStream, payload: bytes, count: int) -> None:
+    info = open_side_info(fuzzed.manifest, fuzzed.side_info)
+    packet = make_packet(fuzzed.packets[0].id, count, payload)
+    found = ReferencePacket(info, 0, payload, min(count, 12)).decode()
+    fast = integers(fuzzed, 0, [packet], [min(count, 12)])
+    np.testing.assert_array_equal(fast, [g.row() + g.harmonics for g in found])
+    assert integers(fuzzed, 0, [packet], [count]).shape == (count, 17 + info.num_harmonics)
+
+
+@pytest.fixture(scope="module")
+def fuzzed() -> SceneStream:
+    return encode_splats(some_splats(degree=2), DATAGRAM)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_any_payload_decodes_to_finite_gaussians(fuzzed: SceneStream, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lies = [
+        make_packet(p.id, p.num_anchors, rng.bytes(int(rng.integers(0, 300))), fuzzed.manifest.stream_id)
+        for p in fuzzed.packets[: len(fuzzed.packets) - 1]
+    ]
+    decoded, _, _ = decode_splats(fuzzed.with_packets(lies))
+    for values in vars(decoded).values():
+        assert bool(values.isfinite().all())
+    assert float(decoded.scales.min()) > 0
+    assert float(decoded.opacities.min()) >= 0 and float(decoded.opacities.max()) < 1
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_damaged_side_information_is_an_error_or_decodes(fuzzed: SceneStream, seed: int) -> None:
+    rng, data = np.random.default_rng(seed), bytearray(fuzzed.side_info)
+    for _ in range(int(rng.integers(1, 4))):
+        data[rng.integers(len(data) if seed % 2 else 60)] = rng.integers(256)
+    if seed % 5 == 0:
+        del data[rng.integers(len(data)) :]
+    try:
+        decoded, _, _ = decode_splats(replace(fuzzed, side_info=bytes(data), packets=fuzzed.packets[:3]))
+    except BitstreamError:
+        return
+    for values in vars(decoded).values():
+        assert bool(values.isfinite().all())
+
+
+def test_lost_gaussians_are_where_their_neighbours_are_and_show_nothing() -> None:
+    stream = encode_splats(some_splats(), SMALL)
+    whole = decode_splats(stream)[0]
+    part, known, _ = decode_splats(stream.with_packets(stream.packets[1:6:2]))
+    assert 0 < known.sum() < len(known)
+    for name, values in vars(part).items():
+        torch.testing.assert_close(values[known], getattr(whole, name)[known], rtol=0, atol=0)
+    lost = part.select(torch.from_numpy(~known))
+    assert float(lost.opacities.max()) == 0
+    assert bool((lost.quats == torch.tensor([1.0, 0.0, 0.0, 0.0])).all())
+    assert float((lost.means - whole.means.mean(dim=0)).norm(dim=1).max()) < 1.5
+    assert float((lost.scales.log2().mean() - whole.scales.log2().mean()).abs()) < 0.5
+
+
+def test_a_stream_of_which_nothing_arrived_has_places_in_the_boxes() -> None:
+    stream = encode_splats(some_splats(), SMALL)
+    part, known, _ = decode_splats(stream.with_packets([]))
+    whole = decode_splats(stream)[0]
+    assert not known.any()
+    low, high = whole.means.min(dim=0).values - 0.1, whole.means.max(dim=0).values + 0.1
+    assert bool(((part.means >= low) & (part.means <= high)).all())
+    assert len(part.means.unique(dim=0)) == 500
+
+
+def test_side_information_round_trip(stream: SceneStream) -> None:
+    num_blocks = stream.manifest.plan.num_blocks
+    assert write_side_info(read_side_info(stream.side_info, num_blocks)) == stream.side_info
+    with pytest.raises(BitstreamError):
+        read_side_info(stream.side_info, num_blocks + 1)
+
+
+def test_tiers_have_blocks_of_their_own() -> None:
+    tiers = (torch.arange(500) % 5 > 0).numpy().astype(np.uint8)
+    splats = replace(some_splats(), opacities=torch.where(torch.from_numpy(tiers) == 0, 0.9, 0.1))
+    stream = encode_splats(splats, SMALL, tiers=tiers)
+    important = [p for p in stream.packets if stream.manifest.plan.tier_of(p.id.block) == 0]
+    decoded, known, _ = decode_splats(stream.with_packets(important))
+    assert int(known.sum()) == 100
+    assert float(decoded.opacities[known].min()) > 0.5
+    assert float(decode_splats(stream)[0].opacities[~known].max()) < 0.5
+
+
+def test_threads_change_nothing() -> None:
+    one, two = (encode_splats(some_splats(), DATAGRAM, threads=threads) for threads in (1, 2))
+    assert one == two
+
+
+def test_datagrams_are_as_large_as_they_may_be() -> None:
+    stream = encode_splats(some_splats(), DATAGRAM)
+    sizes = [p.num_bytes for p in stream.packets]
+    last = {p.id.block: p.num_bytes for p in stream.packets}
+    assert max(sizes) <= 400
+    assert min(p.num_bytes for p in stream.packets if p.num_bytes != last[p.id.block]) > 360
+
+
+def test_a_forged_symbol_is_noticed(stream: SceneStream) -> None:
+    first = stream.packets[0]
+    payload = bytes([first.payload[0] ^ 64]) + first.payload[1:]
+    forged = make_packet(first.id, first.num_anchors, payload, stream.manifest.stream_id)
+    with pytest.raises(DesyncError):
+        decode_splats(stream.with_packets([forged, *stream.packets[1:]]))
+
+
+def test_what_cannot_be_encoded_is_refused() -> None:
+    splats = some_splats(20, 0)
+    for broken in (
+        splats.select(torch.zeros(0, dtype=torch.int64)),
+        replace(splats, means=splats.means * float("nan")),
+        replace(splats, scales=splats.scales * 0),
+        replace(splats, quats=splats.quats * 0),
+        replace(splats, means=torch.where(torch.arange(20)[:, None] == 3, 1e30, splats.means)),
+    ):
+        with pytest.raises(InvalidValueError):
+            encode_splats(broken, SMALL)
+    with pytest.raises(InvalidValueError):
+        encode_splats(splats, PRESETS["hacpp"])
+    with pytest.raises(InvalidValueError):
+        encode_splats(splats, SMALL, classes=np.zeros(19))
+    with pytest.raises(InvalidValueError):
+        Quality(classes=9)
+    with pytest.raises(UnknownNameError):
+        quality_of("best")
+
+
+def test_no_side_information_is_said(stream: SceneStream) -> None:
+    with pytest.raises(MissingSideInfoError):
+        decode_splats(replace(stream, side_info=b""))
+
+
+@pytest.mark.parametrize("count", [1, 2, 7])
+def test_few_gaussians_and_equal_places(count: int) -> None:
+    splats = some_splats(count, 3)
+    splats = replace(splats, means=splats.means[:1].repeat(count, 1))
+    decoded, known, _ = decode_splats(encode_splats(splats, PRESETS["datagram"], quality=QUALITIES["near-lossless"]))
+    assert known.all()
+    torch.testing.assert_close(decoded.means, splats.means, rtol=1e-3, atol=1e-3)
+
+
+def test_axes_are_sorted_by_scale() -> None:
+    splats = some_splats(40)
+    sources = to_sources(splats, scene_log(splats))
+    assert (np.diff(sources.logs[:, 1:], axis=1) <= 0).all()
+    scales = 2.0 ** (sources.logs[:, 1:] / 4096 + scene_log(splats))
+    rebuilt = np.einsum("nij,nj,nkj->nik", sources.axes, scales**2, sources.axes)
+    np.testing.assert_allclose(rebuilt, covariances(splats).numpy(), rtol=1e-2, atol=1e-6)
+
+
+def test_bytes_are_pinned() -> None:
+    stream = encode_splats(some_splats(), DATAGRAM, quality=Quality(9.0))
+    found = hashlib.sha256(stream.side_info + b"".join(p.data for p in stream.packets)).hexdigest()
+    assert (stream.num_bytes, stream.manifest.symbols_digest[:16], found[:16]) == PINNED
+
+
+PINNED = (0, "", "")
