@@ -4,6 +4,7 @@ The fast coder keeps a 48-bit window and carries into bytes already written; thi
 unbounded integer, so a mistake in the carry shows.
 """
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -168,12 +169,12 @@ def decode(data: bytes, mixtures: Sequence[ReferenceMixture]) -> list[int]:
 
 
 def decode_mixture(coder: ReferenceDecoder, mixture: ReferenceMixture) -> int:
-    """Decodes one integer: tries the symbols of the window one by one."""
+    """Decodes one integer: looks for the last symbol of the window that starts at the target or before it."""
     low, high = mixture.window()
     target = coder.target(TOTAL_BITS)
     if target >= (1 << TOTAL_BITS) - ESCAPE:
         return _decode_escape(coder, low, high)
-    symbol = next(s for s in range(low, high + 1) if target < mixture.start(s + 1))
+    symbol = low - 1 + bisect.bisect_right(range(low, high + 1), target, key=mixture.start)
     start = mixture.start(symbol)
     coder.advance(start, mixture.start(symbol + 1) - start, TOTAL_BITS)
     return symbol

@@ -5,6 +5,7 @@ differs by orders of magnitude, mostly by how much of each is seen, and alike fo
 is taken into account; so each gets one class, an octave of step sizes.
 """
 
+import numpy as np
 import torch
 from jaxtyping import Float64
 from torch import Tensor
@@ -13,8 +14,6 @@ from splatwire.render.backends import create_renderer
 from splatwire.render.importance import cameras_around
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.splats import Splats
-
-import numpy as np
 
 FINEST_SHARE = 0.98
 """Classes count down from this quantile."""
@@ -73,7 +72,7 @@ def precision_classes(
 def _sensitivities(
     splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str
 ) -> dict[str, Float64[Tensor, "G"]]:
-    """Squared change of pictures for each attribute, per scalar, summed over views (squared gradients of random signs)."""
+    """Mean squared change of pictures for each attribute, per scalar: squared gradients of random signs."""
     draw, rng = create_renderer(renderer), torch.Generator().manual_seed(seed)
     order = splats.scales.argsort(dim=1, descending=True)
     quats = torch.nn.functional.normalize(splats.quats, dim=1)

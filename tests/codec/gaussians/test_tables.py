@@ -8,7 +8,7 @@ from splatwire.codec.schemas.gaussians.layout import BITS, MAX_THIN
 
 def test_powers_and_logarithms_are_right() -> None:
     getcontext().prec = 50
-    assert tables._LN2 == int(Decimal(2).ln() * 2**tables._LN2_BITS)
+    assert int(Decimal(2).ln() * 2**tables._LN2_BITS) == tables._LN2
     logs = np.arange(-3 << BITS, 3 << BITS, 7)
     np.testing.assert_allclose(tables.power_of_two(logs), 2.0 ** (logs / 4096), rtol=1e-15)
 
@@ -22,4 +22,7 @@ def test_thinness_inverts_companding() -> None:
 
 def test_near_neighbours_weigh_more() -> None:
     weights = tables.neighbour_weights()
-    assert weights[0] == 4096 and weights[1] == 2048 and (np.diff(weights) <= 0).all() and weights[-1] > 0
+    assert weights[0] == 4096
+    assert weights[1] == 2048
+    assert (np.diff(weights) <= 0).all()
+    assert weights[-1] > 0

@@ -29,10 +29,7 @@ def code_cells(coder, codes, bits):
             continue
         if bit < 0 or end - begin == 1:
             low = codes[begin] & ((1 << (bit + 1)) - 1)
-            if bit >= 0:
-                low = code_raw(coder, low, bit + 1)
-            else:
-                low = 0
+            low = code_raw(coder, low, bit + 1) if bit >= 0 else 0
             codes[begin:end] = (prefix << (bit + 1)) | low
             continue
         zeros = split(codes, begin, end, bit) - begin if not coder.decoding else 0

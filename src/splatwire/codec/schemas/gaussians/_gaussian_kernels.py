@@ -26,7 +26,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     OPACITY,
     PRIMARY,
     S_COLOUR,
-    S_DIRECTION,
     S_HARMONICS,
     S_OPACITY,
     S_SCALE0,

@@ -17,6 +17,7 @@ from splatwire.codec.schemas.gaussians._gaussian_kernels import (
     find_neighbours,
 )
 from splatwire.codec.schemas.gaussians.layout import (
+    AXIS,
     BITS,
     CLASS,
     DIRECTION_BITS,
@@ -29,7 +30,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     S_SPIN,
     SPIN,
     SPIN_BITS,
-    AXIS,
 )
 from splatwire.entropy._kernels import decoder_start, encoder_finish, encoder_start
 

@@ -1,6 +1,7 @@
 """Gaussians to stream."""
 
 import hashlib
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -232,7 +233,7 @@ def _encode_block(scene: _Scene, info: SideInfo, block: int, sizes: np.ndarray, 
         ends = np.zeros(len(sizes), dtype=np.int64)
         kernels.encode_fixed(*stream, sizes, buffer, rows, harmonics, ends)
     begins = np.concatenate([[0], ends])
-    payloads = [buffer[a:b].tobytes() for a, b in zip(begins[:-1], begins[1:], strict=True)]
+    payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(begins)]
     return _Block(sizes, payloads, rows, harmonics, statistics)
 
 

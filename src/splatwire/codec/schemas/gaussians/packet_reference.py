@@ -34,6 +34,7 @@ from splatwire.codec.schemas.gaussians.layout import (
     WINDOW,
 )
 from splatwire.codec.schemas.gaussians.side_info import SideInfo
+from splatwire.codec.schemas.gaussians.tables import neighbour_weights, thinness_table
 from splatwire.entropy.reference import ReferenceDecoder, ReferenceMixture, decode_mixture
 from splatwire.entropy.tables import NUM_SCALES
 
@@ -74,7 +75,7 @@ class ReferencePacket:
         self.models = [[int(z) << 8] * 2 for z in info.bit_zero]
         self.box_bits = int(info.boxes.bits[block])
         self.defaults = [int(v) for v in info.block_defaults()[block]]
-        _, _, self.weights, self.thinness = (t.tolist() if hasattr(t, "tolist") else t for t in info.kernel_stream())
+        self.weights, self.thinness = neighbour_weights().tolist(), thinness_table().tolist()
 
     def decode(self) -> list[Gaussian]:
         """All Gaussians in order."""

@@ -175,7 +175,7 @@ def _num_contexts(degree: int) -> int:
 
 
 def _contexts(info: SideInfo) -> bytes:
-    """Probabilities of bits as they are; scales as bits "not that of the second context before", and the differences."""
+    """Probabilities of bits as they are; scales as bits "not that of the context before", and the differences."""
     writer, steps = ByteWriter(), np.diff(info.scales, axis=2, prepend=0)
     writer.blob(bytes(info.bit_zero[: _num_contexts(info.degree)].astype(np.uint8)))
     changed = (steps != 0).ravel()

@@ -16,7 +16,7 @@ NUM_WEIGHTS = 1024
 
 @functools.cache
 def neighbour_weights() -> np.ndarray:
-    """Weight of a neighbour by its squared distance in cells, `4096 / (distance + 1)`, int64; the last for all beyond."""
+    """Weight of a neighbour by its squared distance in cells, `4096 / (distance + 1)`; the last for all beyond."""
     weights = [(4096 << 8) // (math.isqrt(d << 16) + (1 << 8)) for d in range(NUM_WEIGHTS)]
     return _frozen(weights)
 

@@ -1,0 +1,29 @@
+import torch
+
+from splatwire.render.importance import cameras_around
+from splatwire.render.precision import precision_classes
+from splatwire.scene.splats import Splats
+
+
+def two_shells() -> Splats:
+    """200 Gaussians on an opaque shell, 40 more inside it, where no camera sees them."""
+    rng = torch.Generator().manual_seed(0)
+    directions = torch.nn.functional.normalize(torch.randn(240, 3, generator=rng), dim=1)
+    radius = torch.where(torch.arange(240) < 200, 1.0, 0.2)[:, None]
+    scales = torch.where(torch.arange(240) < 200, 0.25, 0.05)[:, None].expand(240, 3).clone()
+    quats = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(240, 4).clone()
+    return Splats(directions * radius, quats, scales, torch.full((240,), 0.98), torch.rand(240, 1, 3, generator=rng))
+
+
+def test_what_is_hidden_may_be_coarse() -> None:
+    splats = two_shells()
+    classes = precision_classes(splats, cameras_around(splats.means[:200], 4, 48))
+    assert classes.shape == (240,)
+    assert classes[:200].mean() > classes[200:].mean() + 3
+    assert (classes <= 0).mean() > 0.9
+
+
+def test_classes_repeat() -> None:
+    splats = two_shells()
+    cameras = cameras_around(splats.means, 2, 32)
+    assert (precision_classes(splats, cameras) == precision_classes(splats, cameras)).all()
