@@ -24,8 +24,8 @@ LATTICE, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN,
 )
 COLUMNS = 17
 """Columns of a decoded Gaussian: place (3, in half lattice units), class, logarithms of opacity, of the largest
-scale and of its ratio to the second, companded ratio of the second to the third, primary axis (3), which one it is (0 largest,
-2 smallest), turn about it (bits, value), Y Co Cg (3)."""
+scale and of its ratio to the second, companded ratio of the second to the third, primary axis (3), which one it is
+(0 largest, 2 smallest), turn about it (bits, value), Y Co Cg (3)."""
 
 STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
 """Streams of residuals, each with tables of its own."""
