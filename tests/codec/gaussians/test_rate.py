@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from splatwire.importers.splats import import_splats
 
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
-from splatwire.importers.splats import import_splats
 from splatwire.packets import PRESETS
 from splatwire.render import iterate_views
 from splatwire.render.importance import cameras_around

@@ -10,18 +10,15 @@ import numpy as np
 from numba import njit
 
 from splatwire.codec.schemas.gaussians.layout import MAX_RESIDUAL, NARROW_WEIGHT, WIDE
-from splatwire.entropy._kernels import (
+from splatwire.entropy.normal_kernels import decode_escape, decode_symbol, encode_escape, encode_symbol
+from splatwire.entropy.range_kernels import (
     decode_advance,
     decode_bit,
-    decode_escape,
     decode_raw,
-    decode_symbol,
     decode_target,
     encode_bit,
-    encode_escape,
     encode_interval,
     encode_raw,
-    encode_symbol,
 )
 from splatwire.entropy.tables import NUM_SCALES
 

@@ -31,7 +31,7 @@ from splatwire.codec.schemas.gaussians.layout import (
     SPIN,
     SPIN_BITS,
 )
-from splatwire.entropy._kernels import decoder_start, encoder_finish, encoder_start
+from splatwire.entropy.range_kernels import decoder_start, encoder_finish, encoder_start
 
 SLACK = 64
 """Bytes of a packet's buffer besides those of its Gaussians."""
