@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from splatwire.model import AnchorScene
-    from splatwire.packets import Packetization
+    from splatwire.packets import Packetization, SceneStream
 
 
 @dataclass(frozen=True)
 class Encode:
-    """Encode a scene file into a stream of independently decodable packets."""
+    """Encode a scene into a stream of independently decodable packets."""
 
     scene: tyro.conf.Positional[str]
-    """Scene file; - for standard input."""
+    """Scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, .glb; - for standard input."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise."""
     preset: str = "paper"
@@ -48,6 +48,8 @@ class Encode:
     percent of the bytes. `train` does so by itself; a scene that was decoded or imported from HAC++ loses 0.1 dB."""
     seed: int = 0
     """Seed of that."""
+    quality: str | None = None
+    """How finely explicit Gaussians are quantised: small, default or near-lossless."""
     background: BackgroundOption = None
     """RGB from 0 to 1 behind everything, to be recorded in the stream; the scene file's own where absent."""
     json: JsonFlag = False
@@ -60,10 +62,16 @@ class Encode:
 
         config = RefineConfig(steps=self.refine, seed=self.seed)
         from splatwire.codec import encode_scene
+        from splatwire.formats import splats_kind
         from splatwire.model.scene_file import load_scene
-        from splatwire.packets import measure_sizes, write_stream
+        from splatwire.packets import write_stream
 
         with input_path(self.scene) as source:
+            if splats_kind(source) is not None:
+                self._encode_splats(source, packetization)
+                return
+            if self.quality is not None:
+                raise InvalidValueError("--quality is for explicit Gaussians; anchors have steps of their own")
             scene = load_scene(source)
         scene = scene if background is None else replace(scene, background=background)
         tiers = self._tiers(scene)
@@ -76,6 +84,37 @@ class Encode:
             stream = encode_scene(scene, packetization, tiers=tiers, progress=lambda share: report("encoding", share))
             seconds = time.perf_counter() - started
             write_stream(stream, path)
+        self._tell(stream, seconds)
+
+    def _encode_splats(self, source: Path, packetization: "Packetization") -> None:
+        """Explicit Gaussians: as precise, each, as pictures from around them ask for."""
+        if self.tiers or self.data is not None or self.refine:
+            raise InvalidValueError("--tiers, --data and --refine are for anchors, not for explicit Gaussians")
+        from splatwire.codec.explicit import encode_explicit
+        from splatwire.codec.schemas.gaussians.quality import quality_of
+        from splatwire.formats import read_splats
+        from splatwire.model import SplatScene
+        from splatwire.packets import write_stream
+        from splatwire.render.precision import precision_classes
+        from splatwire.scene.background import BLACK
+
+        quality = quality_of(self.quality or "default")
+        scene = SplatScene(read_splats(source), background=chosen_background(self.background) or BLACK)
+        with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
+            report("looking at the Gaussians", 0.0)
+            started = time.perf_counter()
+            classes = precision_classes(scene.splats)
+            report("looking at the Gaussians", 1.0)
+            stream = encode_explicit(
+                scene, packetization, quality=quality, classes=classes, progress=lambda done: report("encoding", done)
+            )
+            seconds = time.perf_counter() - started
+            write_stream(stream, path)
+        self._tell(stream, seconds)
+
+    def _tell(self, stream: "SceneStream", seconds: float) -> None:
+        from splatwire.packets import GAUSSIANS, measure_sizes
+
         if self.json:
             print_json(
                 {
@@ -89,7 +128,8 @@ class Encode:
                 }
             )
         else:
-            text = f"{stream.manifest.num_anchors:,} anchors in {len(stream.packets):,} packets"
+            elements = "Gaussians" if stream.manifest.codec == GAUSSIANS else "anchors"
+            text = f"{stream.manifest.num_anchors:,} {elements} in {len(stream.packets):,} packets"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)
 
     def _tiers(self, scene: "AnchorScene") -> "Tensor | None":

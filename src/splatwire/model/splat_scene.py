@@ -1,7 +1,7 @@
 """Scenes of explicit Gaussians: every view sees the same ones."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from splatwire.model.anchor_scene import RenderHints
 from splatwire.scene import Erasures
@@ -22,6 +22,16 @@ class SplatScene:
     splats: Splats
     hints: RenderHints | None = None
     background: Background = BLACK
+
+    def drawn(self) -> Splats:
+        """The Gaussians as the hints say: some left out, sizes and opacities times their gains."""
+        if self.hints is None:
+            return self.splats
+        kept, hints = ~self.hints.left_out, self.hints
+        splats = replace(self.splats, scales=self.splats.scales * hints.size_gain[:, None])
+        if hints.opacity_gain is not None:
+            splats = replace(splats, opacities=(splats.opacities * hints.opacity_gain).clamp(max=1))
+        return splats.select(kept)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from splatwire.importers.splats import import_splats
 
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.formats import read_splats
 from splatwire.packets import PRESETS
 from splatwire.render import iterate_views
 from splatwire.render.importance import cameras_around
@@ -16,7 +16,7 @@ from splatwire.render.precision import precision_classes
 @pytest.mark.data
 def test_tiger_is_smaller_than_half_of_spz(data_dir: Path) -> None:
     """SPZ 4 of this file has 154,791 bytes (50.5 dB), SOG 146,493 (56.5 dB)."""
-    splats = import_splats(data_dir / "splats/tiger_4d/tiger_4d_model_0.ply")
+    splats = read_splats(data_dir / "splats/tiger_4d/tiger_4d_model_0.ply")
     stream = encode_splats(splats, PRESETS["datagram"], classes=precision_classes(splats))
     decoded = decode_splats(stream)[0]
     cameras = cameras_around(splats.means, 4, 128)

@@ -7,15 +7,15 @@ and if not, how many have a zero there. What order they are in is not sent: a pa
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.codec._geometry_kernels import split
 from splatwire.codec.schemas.gaussians._coder_kernels import code_below, code_bit, code_raw
+from splatwire.ops.compiled import njit
 
 RUNS = 4
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_cells(coder, codes, bits):
     """Codes sorted Morton codes of `bits` bits; decoding fills `codes` in ascending order."""
@@ -40,7 +40,7 @@ def code_cells(coder, codes, bits):
         top += 2
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _code_zeros(coder, n, zeros, run):
     size = 0

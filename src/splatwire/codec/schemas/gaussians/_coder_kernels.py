@@ -7,20 +7,24 @@ counts contexts, from which the tables of the side information are made; decodin
 from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.codec.schemas.gaussians.layout import MAX_RESIDUAL, NARROW_WEIGHT, WIDE
 from splatwire.entropy.normal_kernels import decode_escape, decode_symbol, encode_escape, encode_symbol
 from splatwire.entropy.range_kernels import (
+    ADAPTIVE_BITS,
+    ONE,
+    ZERO,
     decode_advance,
     decode_bit,
-    decode_raw,
     decode_target,
     encode_bit,
     encode_interval,
-    encode_raw,
 )
 from splatwire.entropy.tables import NUM_SCALES
+from splatwire.ops.compiled import njit
+
+RAW_BITS = np.int64(16)
+WEIGHT = np.int64(NARROW_WEIGHT)
 
 
 class Coder(NamedTuple):
@@ -53,7 +57,7 @@ class Coder(NamedTuple):
     normal: Any
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_bit(coder, context, bit):
     """Codes a bit with an adaptive model."""
@@ -64,40 +68,41 @@ def code_bit(coder, context, bit):
     return bit
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_raw(coder, value, bits):
     """Codes up to 63 equiprobable bits, the high ones first."""
     result = np.int64(0)
     while bits > 0:
-        some = min(bits, 16)
+        some = min(bits, RAW_BITS)
         bits -= some
         if coder.decoding:
-            result = (result << some) | decode_raw(coder.data, coder.end, coder.state, some)
+            part = decode_target(coder.state, some)
+            decode_advance(coder.data, coder.end, coder.state, part, ONE, some)
         else:
             part = (value >> bits) & ((1 << some) - 1)
-            encode_raw(coder.data, coder.state, part, some)
-            result = (result << some) | part
+            encode_interval(coder.data, coder.state, part, ONE, some)
+        result = (result << some) | part
     return result
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_below(coder, value, count):
     """Codes a number below `count`, at most 2**16, all alike probable."""
     if coder.decoding:
-        target = decode_target(coder.state, 16)
+        target = decode_target(coder.state, ADAPTIVE_BITS)
         value = ((target + 1) * count - 1) >> 16
     start = (value << 16) // count
     size = ((value + 1) << 16) // count - start
     if coder.decoding:
-        decode_advance(coder.data, coder.end, coder.state, start, size, 16)
+        decode_advance(coder.data, coder.end, coder.state, start, size, ADAPTIVE_BITS)
     else:
-        encode_interval(coder.data, coder.state, start, size, 16)
+        encode_interval(coder.data, coder.state, start, size, ADAPTIVE_BITS)
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_escape(coder, excess):
     """Codes a number >= 0 in Elias gamma."""
@@ -107,7 +112,7 @@ def code_escape(coder, excess):
     return excess
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_residual(coder, stream, spread, second, residual, shift):
     """Codes a residual in steps of `1 << shift` as a mixture of two normals of mean 0; returns the decoded residual."""
@@ -115,7 +120,7 @@ def code_residual(coder, stream, spread, second, residual, shift):
     wide = min(scale + WIDE, NUM_SCALES - 1)
     if coder.decoding:
         q = decode_symbol(
-            coder.data, coder.end, coder.state, 0, scale, 0, wide, NARROW_WEIGHT,
+            coder.data, coder.end, coder.state, ZERO, scale, ZERO, wide, WEIGHT,
             coder.inverses, coder.widths, coder.normal,
         )  # fmt: skip
         q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
@@ -123,7 +128,7 @@ def code_residual(coder, stream, spread, second, residual, shift):
         q = (residual + ((1 << shift) >> 1)) >> shift
         q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
         encode_symbol(
-            coder.data, coder.state, q, 0, scale, 0, wide, NARROW_WEIGHT, coder.inverses, coder.widths, coder.normal
+            coder.data, coder.state, q, ZERO, scale, ZERO, wide, WEIGHT, coder.inverses, coder.widths, coder.normal
         )
         coder.residuals[stream, spread, second, 0] += 1
         coder.residuals[stream, spread, second, 1] += abs(q)

@@ -3,7 +3,6 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_escape, code_raw, code_residual
 from splatwire.codec.schemas.gaussians.layout import (
@@ -40,13 +39,14 @@ from splatwire.codec.schemas.gaussians.layout import (
     WINDOW,
 )
 from splatwire.codec.schemas.gaussians.tables import NUM_WEIGHTS
+from splatwire.ops.compiled import njit
 
 UNIT = 1 << DIRECTION_BITS
 RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
 """Least running magnitude, in sixteenths, of each context of a harmonic."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def find_neighbours(cells, i, weights, who, weight):
     """The nearest of the Gaussians just before i, nearest first, and their weights; returns how many."""
@@ -68,7 +68,7 @@ def find_neighbours(cells, i, weights, who, weight):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def predict(rows, column, default, count, who, weight):
     """Weighted mean of a column of the neighbours, and their weighted mean deviation from it."""
@@ -85,7 +85,7 @@ def predict(rows, column, default, count, who, weight):
     return mean, deviation // total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def spread_context(count, deviation, shift):
     """Context of a residual: no neighbour, too few, or how much they differ in steps, in octaves."""
@@ -98,7 +98,7 @@ def spread_context(count, deviation, shift):
     return 2 + octave
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def exponent(bases, which, level, area, long, thin, opacity):
     """`-log2` of a step, rounded: finer with the class, and as `COEFFICIENTS` says."""
@@ -108,7 +108,7 @@ def exponent(bases, which, level, area, long, thin, opacity):
     return (sums + (1 << (BITS + STEP_BITS - 1))) >> (BITS + STEP_BITS)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_class(coder, rows, i, value, count, who, weight):
     """Codes the class as three bits, in the context of the mean class of the neighbours in half classes."""
@@ -123,7 +123,7 @@ def code_class(coder, rows, i, value, count, who, weight):
     return node - MAX_CLASSES
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight, thinness):
     """Codes opacity and scales, each from the neighbours' and with a step from what is known already."""
@@ -157,7 +157,7 @@ def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight
     return s0, long, thinness[thin], opacity
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def predict_axis(rows, primary, count, who, weight, axis):
     """Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; and their mean deviation."""
@@ -191,7 +191,7 @@ def predict_axis(rows, primary, count, who, weight, axis):
     return deviation // total, same
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_axis(coder, rows, i, primary, source, shift, count, who, weight):
     """Codes an axis on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis."""
@@ -222,7 +222,7 @@ def code_axis(coder, rows, i, primary, source, shift, count, who, weight):
     rows[i, AXIS + pole] = max(UNIT - abs(x) - abs(y), 0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_colour(coder, rows, i, source, bases, defaults, level, count, who, weight):
     """Codes luma and chroma; the magnitude of the component before is a context."""
@@ -236,7 +236,7 @@ def code_colour(coder, rows, i, source, bases, defaults, level, count, who, weig
         before = min(abs(residual) >> shift, 3) * 4 + min(shift >> 1, 3)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def code_harmonics(coder, values, i, source, bases, level):
     """Codes harmonics, a channel after another; most are 0, and what came before in the Gaussian is the context."""
@@ -267,7 +267,7 @@ def code_harmonics(coder, values, i, source, bases, level):
         running = ((running * 13) >> 4) + (min(magnitude, 1 << 16) << 4)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _code_level(coder, value, zero_context, context):
     if not code_bit(coder, zero_context, 1 if value != 0 else 0):

@@ -3,7 +3,6 @@
 from typing import no_type_check
 
 import numpy as np
-from numba import njit
 
 from splatwire.codec.schemas.gaussians._cell_kernels import code_cells
 from splatwire.codec.schemas.gaussians._coder_kernels import Coder, code_raw
@@ -32,12 +31,13 @@ from splatwire.codec.schemas.gaussians.layout import (
     SPIN_BITS,
 )
 from splatwire.entropy.range_kernels import decoder_start, encoder_finish, encoder_start
+from splatwire.ops.compiled import njit
 
 SLACK = 64
 """Bytes of a packet's buffer besides those of its Gaussians."""
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _spread_cells(codes, cells, bits):
     for i in range(len(codes)):
@@ -48,7 +48,7 @@ def _spread_cells(codes, cells, bits):
             cells[i, a] = value
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _cell_shift(places, box_bits):
     """The encoder's choice of cells: about two to a side for each Gaussian on a surface through the packet's box."""
@@ -64,7 +64,7 @@ def _cell_shift(places, box_bits):
     return max(bits - depth, box_bits - MAX_CELL_BITS, 0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _code_place(coder, row, cell, place, cells_at, shift):
     """Codes the bits of a place between the first grid and the Gaussian's own step."""
@@ -74,7 +74,7 @@ def _code_place(coder, row, cell, place, cells_at, shift):
         row[LATTICE + a] = (((cell[a] << (cells_at - low)) | fine) << (low + 1)) | (1 << low)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _code_spin(coder, row, axes, primary, bits):
     """Codes the turn about the primary axis, from 0 to pi in `1 << bits` steps, as it is."""
@@ -84,7 +84,7 @@ def _code_spin(coder, row, axes, primary, bits):
     row[SPIN_BITS], row[SPIN] = bits, code_raw(coder, value, bits)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _turn(row, axes, primary):
     """Angle from the frame that `attributes.frames` builds on a decoded axis to the axis after the primary one."""
@@ -99,7 +99,7 @@ def _turn(row, axes, primary):
     return np.arctan2((v * b).sum(), (v * t).sum())
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics):
     """Codes one packet; `source` is (codes, places, classes, logs, axes, colours, harmonics) of an encoder."""
@@ -139,7 +139,7 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics):
             code_harmonics(coder, harmonics, i, levels, bases, level)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _encode_packet(tables, stream, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
     scales, inverses, widths, normal = tables
@@ -152,7 +152,7 @@ def _encode_packet(tables, stream, models, statistics, box_bits, defaults, sourc
     return encoder_finish(buffer, state)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 @no_type_check
 def _part(source, begin, n):
     """Sources of a packet, sorted by their codes."""
@@ -161,7 +161,7 @@ def _part(source, begin, n):
     return (codes[order], places[order], classes[order], logs[order], axes[order], colours[order], levels[order])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics, ends):
     """Encodes the packets of one block, whose sizes are given; payload p ends at `ends[p]` of the buffer."""
@@ -176,7 +176,7 @@ def encode_fixed(tables, stream, models, statistics, box_bits, defaults, source,
         begin = end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_cut(
     tables, stream, models, statistics, box_bits, defaults, source, most, buffer, rows, harmonics, sizes, ends
@@ -218,7 +218,7 @@ def encode_cut(
     return packets
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def decode_packets(tables, stream, models, data, ends, starts, box_bits, defaults, rows, harmonics):
     """Decodes packets; packet p has the rows `starts[p]:starts[p + 1]` and bytes `ends[p]:ends[p + 1]`."""

@@ -41,7 +41,7 @@ from splatwire.model import (
     Prior,
 )
 from splatwire.model.prior_field import MIN_SCALE
-from splatwire.packets import Manifest, SceneStream, arrange, tier_order
+from splatwire.packets import ANCHORS, Manifest, SceneStream, arrange, tier_order
 from splatwire.scene import Anchors, Attribute, Erasures
 
 
@@ -88,6 +88,8 @@ def open_side_info(manifest: Manifest, side_info: bytes, *, atomic: bool = True)
         MissingSideInfoError: If there are none.
         BitstreamError: If they are damaged, contradict the manifest, or tell of packets that cannot be decoded.
     """
+    if manifest.codec != ANCHORS:
+        raise BitstreamError("the stream holds explicit Gaussians, not anchors: `decode -o FILE.ply` reads it")
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
     if atomic and manifest.packetization.separated:
