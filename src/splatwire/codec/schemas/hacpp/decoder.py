@@ -56,9 +56,8 @@ def decode_stream(
         progress: Called with the share of the work that is done, 0 to 1.
 
     Returns:
-        The scene with anchors by rank; attributes that were not received are zero. The prior is that of every anchor.
-        Of a feature whose groups arrived in part, the channels before the first missing group are there, the others
-        are zero, and the erasures say that it was not received.
+        The scene by rank, zero where nothing was received, and the prior of every anchor. Of a feature that
+        arrived in part, the channels before the first missing group are there, though it counts as not received.
 
     Raises:
         MissingSideInfoError: If there is no side information.
