@@ -33,7 +33,7 @@ class Kind:
         return f"{self.what}: {self.use}" if self.use else self.what
 
 
-_EXPLICIT = "`import splats`, `render`, `export` and `train --init` read it; `encode` takes scenes of anchors"
+_EXPLICIT = "`encode`, `import splats`, `render`, `export` and `train --init` read it"
 NOTHING = Kind("nothing", "no such file or folder")
 EMPTY = Kind("empty", "an empty file")
 DEVICE = Kind("device", "a device, pipe or socket")
