@@ -63,8 +63,8 @@ def test_files_of_another_kind_are_called_by_their_name(run, journey, tmp_path):
     exported = run("export", "splat", journey / "tiny.scene", "-o", tmp_path / "a.splat", "--views", 9)
     assert exported.status == 0, exported.err
     assert run("import", "splats", tmp_path / "a.splat", "-o", tmp_path / "a.ply").status == 0
-    outcome = run("encode", tmp_path / "a.ply", "-o", tmp_path / "b.swz")
-    assert_complains(outcome, "a.ply", "not a scene file", "a 3DGS PLY", "`render`")
+    outcome = run("encode", journey / "cameras.json", "-o", tmp_path / "b.swz")
+    assert_complains(outcome, "cameras.json", "not a scene file", "a cameras file")
     assert_complains(run("decode", tmp_path / "a.ply", "-o", tmp_path / "b"), "a.ply", "stream", "a 3DGS PLY")
     words = ("render", journey / "cameras.json", "--cameras", journey / "cameras.json", "-o", tmp_path / "p")
     assert_complains(run(*words), "cameras.json", "a cameras file", "--cameras")
