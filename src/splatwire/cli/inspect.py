@@ -48,14 +48,14 @@ def describe(path: Path) -> dict[str, Any]:
 
 def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, Any]:
     from splatwire.codec import side_info_parts
-    from splatwire.packets import ANCHORS, measure_sizes
+    from splatwire.packets import measure_sizes
 
     manifest, sizes = stream.manifest, measure_sizes(stream)
     return {
         "kind": "stream",
         **sizes.to_json(),
         "codec": manifest.codec,
-        "side_info_parts": side_info_parts(stream.side_info) if manifest.codec == ANCHORS else {},
+        "side_info_parts": side_info_parts(stream.side_info, manifest.codec),
         "num_packets_expected": manifest.num_packets,
         "num_lost_packets": report.num_missing,
         "packets": read_report_json(report),

@@ -239,7 +239,7 @@ def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
     from splatwire.transport import make_program
     from splatwire.transport.preview import stream_preview
 
-    return make_program(stream, protection, preview=stream_preview(stream.side_info))
+    return make_program(stream, protection, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
 
 def bundled_datagrams() -> "SceneStream":

@@ -45,4 +45,4 @@ def background_of(stream: SceneStream) -> Background:
     Raises:
         BitstreamError: If its side information is damaged.
     """
-    return read_background(split_sections(stream.side_info)[1])
+    return read_background(split_sections(stream.side_info, stream.manifest.codec)[1])

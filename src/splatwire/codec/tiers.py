@@ -75,5 +75,5 @@ def arrange_stream(stream: SceneStream) -> Arrangement:
     groups, packets = arrange(stream.manifest.plan, stream.packets)
     if not stream.manifest.tiers:
         return Arrangement(groups, packets)
-    order = tier_order(read_tiers(split_sections(stream.side_info)[1], stream.manifest))
+    order = tier_order(read_tiers(split_sections(stream.side_info, stream.manifest.codec)[1], stream.manifest))
     return Arrangement(PacketGroups(order[groups.ranks], groups.starts), packets)

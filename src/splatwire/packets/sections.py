@@ -7,12 +7,16 @@ from dataclasses import replace
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.packets.manifest import ANCHORS, GAUSSIANS
 from splatwire.packets.scene_stream import SceneStream
 
 FIXED_SECTIONS = (
     "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
 )  # fmt: skip
-"""Sections that every stream has, in this order; they have no name in the bytes."""
+"""Sections that every stream of anchors has, in this order; they have no name in the bytes."""
+GAUSSIAN_SECTIONS = ("header", "blocks", "contexts")
+"""The same of a stream of explicit Gaussians."""
+_FIXED = {ANCHORS: FIXED_SECTIONS, GAUSSIANS: GAUSSIAN_SECTIONS}
 MAX_SECTIONS = 16
 MAX_SECTION_BYTES = 1 << 26
 _NAME = re.compile("[a-z][a-z0-9_]{0,31}", re.ASCII)
@@ -67,28 +71,28 @@ def _problem(sections: Mapping[str, bytes]) -> str | None:
     return None
 
 
-def split_sections(side_info: bytes) -> tuple[bytes, dict[str, bytes]]:
+def split_sections(side_info: bytes, codec: str = ANCHORS) -> tuple[bytes, dict[str, bytes]]:
     """Splits side information into its fixed part, as it is, and the named sections; decodes nothing.
 
     Raises:
         BitstreamError: If the bytes are not side information.
     """
     reader = ByteReader(side_info, "side information")
-    for _ in FIXED_SECTIONS:
+    for _ in _FIXED[codec]:
         reader.blob()
     rest = reader.rest()
     return side_info[: len(side_info) - len(rest)], read_sections(rest)
 
 
-def side_info_parts(data: bytes) -> dict[str, int]:
+def side_info_parts(data: bytes, codec: str = ANCHORS) -> dict[str, int]:
     """Bytes of each section of side information with its size (and name), without decoding it.
 
     Raises:
         BitstreamError: If the bytes are not side information.
     """
-    fixed, sections = split_sections(data)
+    fixed, sections = split_sections(data, codec)
     reader, sizes = ByteReader(fixed, "side information"), dict[str, int]()
-    for name in FIXED_SECTIONS:
+    for name in _FIXED[codec]:
         before = reader.left
         reader.blob()
         sizes[name] = before - reader.left
@@ -112,7 +116,7 @@ def add_concealment(stream: SceneStream, name: str, data: bytes) -> SceneStream:
         InvalidValueError: If the name or the size is not possible.
         BitstreamError: If the stream's side information is damaged or missing.
     """
-    fixed, sections = split_sections(stream.side_info)
+    fixed, sections = split_sections(stream.side_info, stream.manifest.codec)
     return _with_side_info(stream, fixed + write_sections({**sections, name: data}))
 
 
@@ -125,7 +129,7 @@ def without_concealment(stream: SceneStream, name: str) -> SceneStream:
     Raises:
         BitstreamError: If the stream's side information is damaged or missing.
     """
-    fixed, sections = split_sections(stream.side_info)
+    fixed, sections = split_sections(stream.side_info, stream.manifest.codec)
     return _with_side_info(stream, fixed + write_sections({n: d for n, d in sections.items() if n != name}))
 
 

@@ -156,7 +156,7 @@ def offer_of(
         seed: Of the losses that the damage is measured with.
         progress: Called with the share of the work that is done.
     """
-    sections = split_sections(stream.side_info)[1]
+    sections = split_sections(stream.side_info, stream.manifest.codec)[1]
     tiers, preview = torch.from_numpy(read_tiers(sections, stream.manifest)), sections.get(PREVIEW, b"")
     damage = measure_damage(pictures, tiers, seed=seed, progress=progress)
     members = packet_members(stream)

@@ -10,7 +10,7 @@ from splatwire.packets.sections import split_sections, without_concealment
 
 def sections_of(stream: SceneStream | None) -> Mapping[str, bytes]:
     """The named sections of a stream."""
-    return {} if stream is None else split_sections(stream.side_info)[1]
+    return {} if stream is None else split_sections(stream.side_info, stream.manifest.codec)[1]
 
 
 def without_sections(stream: SceneStream, sections: set[str]) -> SceneStream:

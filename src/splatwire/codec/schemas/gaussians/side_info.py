@@ -24,10 +24,9 @@ from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tabl
 from splatwire.entropy.integers import read_integers, write_integers
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.packets.sections import read_sections, write_sections
+from splatwire.packets.sections import GAUSSIAN_SECTIONS, read_sections, write_sections
 
 VERSION = 1
-FIXED_SECTIONS = ("header", "blocks", "contexts")
 NUM_DEFAULTS = 7
 DEFAULT_SHIFT = BITS - 4
 """Means of a block are in sixteenths."""
@@ -104,7 +103,7 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
         BitstreamError: If the bytes are damaged or something else.
     """
     reader = ByteReader(data, "side information")
-    header, blocks, contexts = (reader.blob() for _ in FIXED_SECTIONS)
+    header, blocks, contexts = (reader.blob() for _ in GAUSSIAN_SECTIONS)
     sections = read_sections(reader.rest())
     degree, size_log, unit, bases = _read_header(header)
     boxes, defaults = _read_blocks(blocks, num_blocks)
