@@ -3,11 +3,12 @@
 import pytest
 import torch
 
-from splatwire.codec import decode_stream
+from splatwire.codec import add_concealment, decode_stream
 from splatwire.errors import BitstreamError
 from splatwire.formats import read_splats, write_splats
 from splatwire.packets import read_stream
 from splatwire.scene.splats import Splats
+from splatwire.transport.preview import stream_preview
 
 COUNT = 900
 
@@ -64,4 +65,13 @@ def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):
     assert "are for anchors" in run("encode", ply, "-o", tmp_path / "a.swz", "--tiers", "0.1").err
     with pytest.raises(BitstreamError, match="explicit Gaussians, not anchors"):
         decode_stream(read_stream(stream)[0])
-    assert run("inspect", stream, "--json").json["codec"] == "gaussians"
+
+
+def test_side_information_is_told_part_by_part_and_served(run, stream):
+    content = run("inspect", stream, "--json").json
+    assert content["codec"] == "gaussians"
+    assert sum(content["side_info_parts"].values()) == content["parts"]["side_info"]
+    whole = read_stream(stream)[0]
+    previewed = add_concealment(whole, "preview", b"something to see")
+    assert stream_preview(whole.side_info, whole.manifest.codec) == b""
+    assert stream_preview(previewed.side_info, previewed.manifest.codec) == b"something to see"
