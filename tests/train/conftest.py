@@ -1,6 +1,8 @@
 """A tiny dataset: pictures that a made-up scene gives, as image files."""
 
 import dataclasses
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -43,3 +45,19 @@ def config() -> TrainConfig:
         refine=RefineConfig(steps=5),
     )  # fmt: skip
     return dataclasses.replace(recipe, growth=dataclasses.replace(recipe.growth, gradient_threshold=1e-5))
+
+
+@pytest.fixture
+def folder(dataset: Dataset, tmp_path: Path) -> Path:
+    """The dataset in nerfstudio's layout, without points."""
+    root = tmp_path / "scene"
+    (root / "images").mkdir(parents=True)
+    frames = []
+    for view, path in enumerate(dataset.image_paths):
+        shutil.copy(path, root / "images" / path.name)
+        pose = torch.linalg.inv(dataset.cameras.viewmats[view]) @ torch.diag(torch.tensor([1.0, -1, -1, 1]))
+        frames.append({"file_path": f"images/{path.name}", "transform_matrix": pose.tolist()})
+    K = dataset.cameras.Ks[0]
+    content = {"fl_x": float(K[0, 0]), "fl_y": float(K[1, 1]), "w": 48, "h": 32, "frames": frames}
+    (root / "transforms.json").write_text(json.dumps(content))
+    return root

@@ -1,3 +1,4 @@
+import dataclasses
 import os
 from pathlib import Path
 
@@ -8,7 +9,7 @@ from safetensors.torch import load_file, save_file
 from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
-from splatwire.train.config import TrainConfig
+from splatwire.train.config import LossTraining, TrainConfig
 from splatwire.train.initial import initial_state
 from splatwire.train.photos import PhotoStore
 from splatwire.train.state import TrainState
@@ -30,18 +31,20 @@ def _tensors(state: TrainState) -> dict[str, torch.Tensor]:
     return values | {"bounds_min": state.bounds_min, "bounds_max": state.bounds_max}
 
 
-@pytest.mark.parametrize("pause", [5, 30, 45])
+@pytest.mark.parametrize(("pause", "losses"), [(5, ()), (30, ()), (45, ()), (53, ("bernoulli:0.3", "gilbert:0.3,3"))])
 def test_going_on_is_as_if_nothing_had_happened(
-    pause: int, dataset: Dataset, config: TrainConfig, tmp_path: Path
+    pause: int, losses: tuple[str, ...], dataset: Dataset, config: TrainConfig, tmp_path: Path
 ) -> None:
+    config = dataclasses.replace(config, losses=LossTraining(losses))
+    last = 58 if losses else 52
     straight = initial_state(dataset, config)
-    _train(straight, dataset, config, 52)
+    _train(straight, dataset, config, last)
     interrupted = initial_state(dataset, config)
     _train(interrupted, dataset, config, pause)
     save_checkpoint(interrupted, config, tmp_path / "run.checkpoint")
     resumed, recipe = load_checkpoint(tmp_path / "run.checkpoint")
     assert recipe == config
-    _train(resumed, dataset, recipe, 52)
+    _train(resumed, dataset, recipe, last)
     expected, found = _tensors(straight), _tensors(resumed)
     assert expected.keys() == found.keys()
     assert straight.num_anchors != initial_state(dataset, config).num_anchors  # the run did grow or prune
@@ -82,7 +85,7 @@ def test_what_is_no_checkpoint_is_refused(dataset: Dataset, config: TrainConfig,
     save_file({"x": torch.zeros(2)}, other)
     with pytest.raises(BitstreamError, match="not a file of splatwire-checkpoint"):
         load_checkpoint(other)
-    other.write_bytes(whole.replace(b'\\"version\\": 1', b'\\"version\\": 9'))
+    other.write_bytes(whole.replace(b'\\"version\\": 2', b'\\"version\\": 9'))
     with pytest.raises(UnsupportedVersionError):
         load_checkpoint(other)
 

@@ -5,7 +5,6 @@ import io
 import itertools
 import json
 import re
-import shutil
 import sys
 import types
 from pathlib import Path
@@ -21,7 +20,6 @@ from rich.progress import Progress as Bars
 from splatwire.cli._training import columns, line
 from splatwire.cli.main import main
 from splatwire.cli.train import CPU_ITERATIONS, Train, check_device
-from splatwire.data import Dataset
 from splatwire.errors import BackendUnavailableError, InvalidValueError
 from splatwire.formats import read_splats, write_splats
 from splatwire.scene.background import BLACK, Background
@@ -38,22 +36,6 @@ def _splats(opacities: torch.Tensor) -> Splats:
     quats = torch.tensor([[1.0, 0, 0, 0]]).expand(count, 4)
     means = torch.rand(count, 3, generator=rng) - 0.5
     return Splats(means, quats, torch.full((count, 3), 0.05), opacities, torch.zeros(count, 1, 3))
-
-
-@pytest.fixture
-def folder(dataset: Dataset, tmp_path: Path) -> Path:
-    """The dataset in nerfstudio's layout, without points."""
-    root = tmp_path / "scene"
-    (root / "images").mkdir(parents=True)
-    frames = []
-    for view, path in enumerate(dataset.image_paths):
-        shutil.copy(path, root / "images" / path.name)
-        pose = torch.linalg.inv(dataset.cameras.viewmats[view]) @ torch.diag(torch.tensor([1.0, -1, -1, 1]))
-        frames.append({"file_path": f"images/{path.name}", "transform_matrix": pose.tolist()})
-    K = dataset.cameras.Ks[0]
-    content = {"fl_x": float(K[0, 0]), "fl_y": float(K[1, 1]), "w": 48, "h": 32, "frames": frames}
-    (root / "transforms.json").write_text(json.dumps(content))
-    return root
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from splatwire.errors import BackendUnavailableError, InvalidValueError, Unknown
 if TYPE_CHECKING:
     from splatwire.data import Dataset
     from splatwire.train import QualityReport, TrainConfig, TrainResult
+    from splatwire.train.state import TrainState
 
 _DEVICES = ("auto", "cpu", "cuda")
 _PLACES = {"cpu": "CPU", "cuda": "GPU"}
@@ -24,6 +25,8 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 _PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
 CPU_ITERATIONS = 2400
 """Length of a run on a CPU unless the user says otherwise: minutes, not days."""
+FINE_TUNING_ITERATIONS = 240
+"""Length of a run that goes on with a finished scene."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,8 @@ class Train:
     lmbda: float | None = None
     """Weight of the rate (lambda): larger makes smaller scenes. The recipe's own if absent."""
     iterations: int | None = None
-    """Length of the run; all phases keep their proportions. 2,400 if absent (the published schedules have 30,000)."""
+    """Length of the run; all phases keep their proportions. 2,400 if absent, 240 with a scene to go on with (the
+    published schedules have 30,000)."""
     voxel_size: float | None = None
     """Spacing of anchors in world units, 0 to derive it from the points. The recipe's own if absent."""
     growth_interval: int | None = None
@@ -48,6 +52,9 @@ class Train:
     refine: int | None = None
     """Steps in which the context model is fitted again at the end, which saves some percent of the bytes; 0 for none.
     A quarter of the iterations, and at most 600, if absent."""
+    loss: tuple[str, ...] = ()
+    """Losses of packets that the scene is trained for, as transmit has them (bernoulli:0.2, gilbert:0.2,20; several are
+    taken in turn); none for none."""
     images: str | None = None
     """Image folder instead of images (images_4, for example)."""
     max_width: int = 1600
@@ -57,7 +64,8 @@ class Train:
     device: str = "auto"
     """auto, cpu or cuda (which draws with gsplat); auto is cuda where that works."""
     init: Path | None = None
-    """3DGS PLY or .splat file whose Gaussians' centres are the first anchors, instead of the data's points."""
+    """A scene file goes on learning with these photos, its anchors where they are. Of explicit Gaussians (PLY, .splat,
+    ...) the centres are the first anchors, instead of the data's points."""
     seed: int = 0
     """Seed of everything random."""
     resume: bool = False
@@ -80,7 +88,6 @@ class Train:
         from splatwire.files.whole import written_whole
         from splatwire.model.scene_file import save_scene
         from splatwire.train import RunOptions, load_checkpoint, save_checkpoint, train_scene
-        from splatwire.train.initial import initial_state
 
         output = prepared_output(Path(self.output), suffix="")
         checkpoint = output.with_name(output.name + ".checkpoint")
@@ -88,21 +95,7 @@ class Train:
             state, config = load_checkpoint(checkpoint)
             train, test = self._datasets(config)
         else:
-            config = self._config()
-            train, test = self._datasets(config)
-            print(
-                f"recipe {config.preset}{' (chosen by the data)' if self.preset == 'auto' else ''}, "
-                f"{config.marks.iterations:,} iterations on the {_PLACES[device]}",
-                file=sys.stderr,
-            )
-            if self.init is not None:
-                from splatwire.formats import read_splats
-                from splatwire.train.initial import points_of_splats
-
-                train = dataclasses.replace(train, points=points_of_splats(read_splats(self.init)))
-            if train.points is None or not train.points.num_points:
-                print("the data has no points: the first anchors stand at random places", file=sys.stderr)
-            state = initial_state(train, config)
+            state, config, train, test = self._start(_PLACES[device])
             save_checkpoint(
                 state, config, checkpoint
             )  # now, not in an hour, is when to learn that it cannot be written
@@ -125,6 +118,41 @@ class Train:
             raise KeyboardInterrupt
         save_scene(result.scene, output)
         self._report(result, config)
+
+    def _start(self, place: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
+        """State and recipe before the first iteration, and the views."""
+        from splatwire.files.kinds import SCENE, file_kind
+        from splatwire.train.initial import initial_state, points_of_splats
+
+        chosen = " (chosen by the data)" if self.preset == "auto" else ""
+        if self.init is not None and file_kind(self.init) == SCENE:
+            return self._going_on(self.init, f"{chosen}, on the {place}")
+        config = self._config()
+        train, test = self._datasets(config)
+        told = f"recipe {config.preset}{chosen}, {config.marks.iterations:,} iterations on the {place}"
+        print(told, file=sys.stderr)
+        if self.init is not None:
+            from splatwire.formats import read_splats
+
+            train = dataclasses.replace(train, points=points_of_splats(read_splats(self.init)))
+        if train.points is None or not train.points.num_points:
+            print("the data has no points: the first anchors stand at random places", file=sys.stderr)
+        return initial_state(train, config), config, train, test
+
+    def _going_on(self, path: Path, told: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
+        """The same for a finished scene."""
+        from splatwire.model.scene_file import load_scene
+        from splatwire.train.finetune import fine_tuning, state_of_scene
+
+        if self.voxel_size is not None or self.growth_interval is not None:
+            raise InvalidValueError("anchors of a finished scene stay: no --voxel-size and no --growth-interval")
+        scene = load_scene(path)
+        iterations = FINE_TUNING_ITERATIONS if self.iterations is None else self.iterations
+        config = fine_tuning(dataclasses.replace(self, iterations=iterations)._config(), scene)
+        config = dataclasses.replace(config, background=chosen_background(self.background) or scene.background)
+        train, test = self._datasets(config)
+        print(f"{path} goes on for {iterations:,} iterations with recipe {config.preset}{told}", file=sys.stderr)
+        return state_of_scene(scene, train, config), config, train, test
 
     def _check(self) -> str:
         if self.init is not None and self.resume:
@@ -152,6 +180,7 @@ class Train:
             voxel_size=self.voxel_size,
             growth_interval=self.growth_interval,
             refine_steps=self.refine,
+            losses=self.loss,
             background=chosen_background(self.background) or BLACK,
             seed=self.seed,
         )

@@ -28,6 +28,11 @@ class ElementContext:
     log_sizes: Float[Tensor, "N"]
     known: Bool[Tensor, "N"]
 
+    @property
+    def sizes(self) -> Float[Tensor, "N"]:
+        """The sizes themselves, float64: what an element counts for among its neighbours."""
+        return self.log_sizes.double().exp()
+
 
 @dataclass(frozen=True, eq=False)
 class AnchorContext:
@@ -74,7 +79,12 @@ class AnchorContext:
 
 def predicted_log_size(context: AnchorContext) -> Float[Tensor, "N"]:
     """Mean logarithm of the three sizes of an anchor's Gaussians, as the prior predicts them."""
-    size = context.prior.scaling.mean[:, 3:]
+    return mean_log_size(context.prior.scaling.mean)
+
+
+def mean_log_size(scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N"]:
+    """Mean logarithm of the sizes of anchors' Gaussians, given predicted scalings."""
+    size = scalings[:, 3:]
     typical = float(size.clamp(min=0).median()) if len(size) else 0.0
     return size.clamp(min=max(_SMALLEST * typical, MIN_SIZE)).log().mean(dim=1)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from splatwire.conceal.base import Concealed, check_at_least, register_concealer
@@ -58,7 +58,7 @@ class Grow:
     def hints(self, elements: ElementContext) -> RenderHints:
         """See `ElementConcealer`."""
         known = elements.known
-        left = 1 - lost_share(elements.positions, known, self.neighbors, elements.log_sizes.double().exp())
+        left = 1 - lost_share(elements.positions, known, self.neighbors, elements.sizes)
         gain = self.gain(left, known)
         return RenderHints(torch.where(known, gain, torch.ones_like(gain)), ~known)
 
@@ -99,5 +99,18 @@ def lost_share(
     for own in known.nonzero()[:, 0].split(_CHUNK):
         index, _ = nearest_others(tree, positions[own], own, neighbors)
         if index.shape[1]:
-            share[own] = (lost[index].sum(dim=1) / weight[index].sum(dim=1)).to(share.dtype)
+            share[own] = lost_share_among(index, lost, weight).to(share.dtype)
     return share
+
+
+def lost_share_among(
+    neighbors: Int64[Tensor, "M k"], lost: Float[Tensor, "N"], weights: Float[Tensor, "N"]
+) -> Float[Tensor, "M"]:
+    """Share of what is lost among given neighbours.
+
+    Args:
+        neighbors: Indices of the neighbours of some anchors, at least one each.
+        lost: What each anchor counts where it is lost, 0 where it was received.
+        weights: What each anchor counts.
+    """
+    return lost[neighbors].sum(dim=1) / weights[neighbors].sum(dim=1)

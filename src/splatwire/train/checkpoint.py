@@ -17,7 +17,7 @@ from splatwire.train.initial import parameter_shapes
 from splatwire.train.state import GrowthStatistics, Moments, TrainState
 
 FORMAT = "splatwire-checkpoint"
-VERSION = 1
+VERSION = 2
 
 
 def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:

@@ -167,6 +167,25 @@ class RefineConfig:
 
 
 @dataclass(frozen=True)
+class LossTraining:
+    """Packets that are lost in training, so that the scene learns to do without any of them (`train.packet_loss`).
+
+    Attributes:
+        models: Loss models as `splatwire.channel.parse_loss` reads them; a lossy iteration draws one. None: no losses.
+        packets: Packetizations (`splatwire.packets.PRESETS`) of the stream; a lossy iteration draws one.
+        share: Share of the iterations, once the number of anchors stays, that are lossy.
+    """
+
+    models: tuple[str, ...] = ()
+    packets: tuple[str, ...] = ("paper", "datagram")
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.share <= 1 or not self.packets:
+            raise InvalidValueError(f"a share of lossy iterations is from 0 to 1, not {self.share}, in some packets")
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """A whole recipe.
 
@@ -180,6 +199,7 @@ class TrainConfig:
         growth: Which anchors are added and removed.
         weights: Weights of the loss.
         refine: What is done to the context model at the end.
+        losses: Packets that are lost in training.
         mask_threshold: A mask is 1 where the sigmoid of its logit is above this.
         random_points: Points drawn in a box when the data has none, at most one for every four pixels of a view.
         background: RGB behind the scene.
@@ -196,6 +216,7 @@ class TrainConfig:
     growth: GrowthRules = GrowthRules()
     weights: LossWeights = LossWeights()
     refine: RefineConfig = RefineConfig()
+    losses: LossTraining = LossTraining()
     mask_threshold: float = 0.01
     random_points: int = 100_000
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -4,12 +4,14 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
+from splatwire.channel import Nothing, parse_loss
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.train.config import (
     FULL_ITERATIONS,
     GrowthRules,
     LearningRate,
     LearningRates,
+    LossTraining,
     LossWeights,
     Marks,
     RefineConfig,
@@ -59,6 +61,7 @@ def create_config(
     voxel_size: float | None = None,
     growth_interval: int | None = None,
     refine_steps: int | None = None,
+    losses: tuple[str, ...] = (),
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 0,
 ) -> TrainConfig:
@@ -72,11 +75,13 @@ def create_config(
         growth_interval: Iterations between two changes of the anchors; in proportion, and at least 50, where absent.
         refine_steps: Steps in which the context model is fitted again at the end; where absent a quarter of the
             iterations, and at most those of `RefineConfig`.
+        losses: Loss models that the scene is trained for, as `splatwire.channel.parse_loss` reads them; `none` or
+            nothing for none.
         background: RGB behind the scene.
         seed: Of everything random.
 
     Raises:
-        UnknownNameError: No preset has that name.
+        UnknownNameError: No preset or loss model has that name.
         InvalidValueError: A value is out of range.
     """
     if preset not in PRESETS:
@@ -90,13 +95,7 @@ def create_config(
         raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
     if iterations < MIN_ITERATIONS:
         raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
-    marks = Marks().scaled(iterations)
-    if growth_interval is not None:
-        if growth_interval < 1:
-            raise InvalidValueError(
-                f"there is at least 1 iteration between changes of the anchors, not {growth_interval}"
-            )
-        marks = dataclasses.replace(marks, growth_interval=growth_interval)
+    marks = _marks(iterations, growth_interval)
     steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
     mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
     return TrainConfig(
@@ -107,7 +106,31 @@ def create_config(
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=rate),
         refine=RefineConfig(steps=steps, seed=seed),
+        losses=loss_training(losses),
         background=background,
         test_views=chosen.test_views,
         seed=seed,
     )
+
+
+def _marks(iterations: int, growth_interval: int | None) -> Marks:
+    marks = Marks().scaled(iterations)
+    if growth_interval is None:
+        return marks
+    if growth_interval < 1:
+        raise InvalidValueError(f"there is at least 1 iteration between changes of the anchors, not {growth_interval}")
+    return dataclasses.replace(marks, growth_interval=growth_interval)
+
+
+def loss_training(models: tuple[str, ...]) -> LossTraining:
+    """Returns how a scene is trained for some losses.
+
+    Args:
+        models: Texts that `splatwire.channel.parse_loss` reads; `none` and nothing at all are no losses.
+
+    Raises:
+        UnknownNameError: If there is no such loss model.
+        InvalidValueError: If one does not make sense.
+        DatasetError: If one is a trace that cannot be read.
+    """
+    return LossTraining(tuple(text for text in models if not isinstance(parse_loss(text), Nothing)))

@@ -24,6 +24,7 @@ from splatwire.train.context import (
 from splatwire.train.growth import adjust_anchors, gather_statistics
 from splatwire.train.kernels import COMPILED, Kernels
 from splatwire.train.losses import Photo
+from splatwire.train.packet_loss import PacketLosses
 from splatwire.train.schedule import changes_anchors, gathers_statistics, learning_rates
 from splatwire.train.state import Moments, TrainState, group_of
 
@@ -58,6 +59,7 @@ class TrainingStep:
         self._config, self._cameras, self._kernels = config, cameras, kernels
         self._cache = AnchorCache(config.model)
         self._context = TrainedContext(config, kernels, self._cache)
+        self._losses = PacketLosses(config, kernels, self._cache)
 
     def __call__(self, state: TrainState, view: int, photo: Photo) -> StepReport:
         """Learns from one view.
@@ -73,11 +75,15 @@ class TrainingStep:
         config = self._config
         state.iteration += 1
         self._context.begin(state)
+        self._losses.begin(state)
         visible = self._visible(state, view)
         steps, rate = self._context.quantise(state, visible)
+        size_gain = None
+        if (lost := self._losses.draw(state, rate)) is not None:
+            visible, steps, size_gain = lost.arrived(visible, steps)
         anchors, weight = self._seen(state, visible, steps)
         watched = gathers_statistics(config.marks, state.iteration)
-        spawned = self._spawn(state, anchors, weight, view)
+        spawned = self._spawn(state, anchors, weight, view, size_gain)
         drawing = self._draw(spawned.gaussians, view, watched)
         loss, l1 = self._kernels.photometric_loss(drawing.image, photo, config.weights.dssim)
         loss = self._whole_loss(loss, state, spawned, rate)
@@ -114,10 +120,18 @@ class TrainingStep:
         positions = self._cache.positions(state)[visible]
         return Anchors(positions, features, scalings, offsets, weight.detach() > 0.5), weight
 
-    def _spawn(self, state: TrainState, anchors: Anchors, weight: Float[Tensor, "M K"], view: int) -> SpawnedGaussians:
+    def _spawn(
+        self,
+        state: TrainState,
+        anchors: Anchors,
+        weight: Float[Tensor, "M K"],
+        view: int,
+        size_gain: Float[Tensor, "M"] | None,
+    ) -> SpawnedGaussians:
         everything = torch.ones(anchors.num_anchors, dtype=torch.bool, device=state.device)
         center = self._cameras.centers[view].to(anchors.positions)
-        return spawn_gaussians(anchors, state.networks.heads, center, everything, mask_weight=weight)
+        heads = state.networks.heads
+        return spawn_gaussians(anchors, heads, center, everything, size_gain=size_gain, mask_weight=weight)
 
     def _draw(self, gaussians: Gaussians, view: int, watched: bool) -> Drawing:
         background = gaussians.means.new_tensor(self._config.background)

@@ -1,0 +1,151 @@
+"""Losses in training are those of the channel, and what is drawn is what a receiver would draw."""
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.channel import draw_mask, parse_loss
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.geometry import anchor_order
+from splatwire.conceal import Grow, context_of
+from splatwire.data import Dataset
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.model.prior_field import evaluate_prior
+from splatwire.packets import Packetization, PacketPlan
+from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
+from splatwire.train.config import LossTraining, TrainConfig
+from splatwire.train.context import AnchorCache
+from splatwire.train.export import export_scene
+from splatwire.train.initial import initial_state
+from splatwire.train.kernels import COMPILED
+from splatwire.train.losses import prepare_photo
+from splatwire.train.packet_loss import PacketLosses, packet_of_rank
+from splatwire.train.presets import create_config
+from splatwire.train.state import TrainState
+from splatwire.train.step import TrainingStep
+
+PACKETS = Packetization(block_size=50, lanes=4)
+
+
+def _lossy(config: TrainConfig, *models: str, share: float = 0.5) -> TrainConfig:
+    return dataclasses.replace(config, losses=LossTraining(models, share=share))
+
+
+def _losses(config: TrainConfig) -> PacketLosses:
+    return PacketLosses(config, COMPILED, AnchorCache(config.model))
+
+
+@pytest.fixture(scope="module")
+def grown(dataset: Dataset, config: TrainConfig, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Checkpoint of a run whose anchors stay from now on."""
+    state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
+    photos = [prepare_photo(dataset.image(view)) for view in range(4)]
+    for i in range(config.marks.growth_end):
+        step(state, i % 4, photos[i % 4])
+    path: Path = tmp_path_factory.mktemp("grown") / "run.checkpoint"
+    save_checkpoint(state, config, path)
+    return path
+
+
+@pytest.fixture
+def state(grown: Path) -> TrainState:
+    """The state in the iteration after that."""
+    state = load_checkpoint(grown)[0]
+    state.iteration += 1
+    return state
+
+
+@pytest.mark.parametrize("model", ["bernoulli:0.3", "gilbert:0.4,6"])
+def test_what_is_lost_and_how_the_rest_grows_is_as_at_a_receiver(
+    model: str, state: TrainState, config: TrainConfig
+) -> None:
+    loss_model = parse_loss(model)
+    scene = export_scene(state, config)
+    stream = encode_scene(scene, PACKETS)
+    assert stream.manifest.num_anchors == state.num_anchors
+    received = decode_stream(draw_mask(stream, loss_model, seed=7).apply(stream))
+    context = context_of(received)  # but for its rounded weights
+    exact = evaluate_prior(scene.coding.context, context.anchors.positions, scene.coding.config)
+    expected = Grow()(dataclasses.replace(context, prior=exact))
+    found = _losses(_lossy(config, model)).lose(state, PACKETS, loss_model, 7, 1)
+    assert found is not None
+    order = anchor_order(state.voxels.numpy(), "morton")
+    assert torch.equal(found.known[order], ~expected.left_out)
+    assert 0.1 < float(expected.left_out.float().mean()) < 0.9
+    assert float((found.size_gain[order] - expected.size_gain).abs().max()) < 1e-4
+
+
+@pytest.mark.parametrize(("block_size", "packet_anchors"), [(40, 7), (40, 64), (1000, 7), (1000, 64)])
+def test_datagrams_are_runs_of_the_hash_order_of_a_block(block_size: int, packet_anchors: int) -> None:
+    packetization = Packetization(block_size=block_size, lanes=1, grouping="hashed", packet_bytes=1150)
+    packet = packet_of_rank(packetization, 333, packet_anchors)
+    ranks, starts = PacketPlan(packetization, 333).groups()
+    blocks = [ranks[a:b] for a, b in itertools.pairwise(starts)]
+    runs = [
+        (at, i, b[at : at + packet_anchors]) for i, b in enumerate(blocks) for at in range(0, len(b), packet_anchors)
+    ]
+    for number, (_, _, members) in enumerate(sorted(runs, key=lambda run: run[:2])):  # sent in the order of positions
+        assert set(np.flatnonzero(packet == number)) == set(members)
+    assert packet.max() + 1 == len(runs)
+
+
+def test_without_losses_nothing_is_drawn(state: TrainState, config: TrainConfig) -> None:
+    """Not even from the generator: every later number of the run depends on it."""
+    losses = _losses(config)
+    luck, voxels = state.generator.get_state(), state.voxels
+    losses.begin(state)
+    assert losses.draw(state, None) is None
+    assert torch.equal(state.generator.get_state(), luck)
+    assert state.voxels is voxels
+
+
+def test_losses_come_after_growth_in_their_share_of_the_iterations(state: TrainState, config: TrainConfig) -> None:
+    losses = _losses(_lossy(config, "bernoulli:0.4", share=0.3))
+    drawn = sum(losses.draw(state, None) is not None for _ in range(400))
+    assert 0.3 * 400 - 40 < drawn < 0.3 * 400 + 40
+    state.iteration = config.marks.growth_end
+    assert not any(losses.draw(state, None) for _ in range(40))
+
+
+def test_anchors_that_draw_nothing_leave_before_packets_are_lost(state: TrainState, config: TrainConfig) -> None:
+    losses = _losses(_lossy(config, "bernoulli:0.4"))
+    number = state.num_anchors
+    with torch.no_grad():
+        state.parameters["mask_logits"][::3] = -20
+    losses.begin(state)
+    assert state.num_anchors == number - len(range(0, number, 3))
+    assert export_scene(state, config).anchors.num_anchors == state.num_anchors
+
+
+def test_lost_anchors_learn_nothing_from_the_picture(dataset: Dataset, state: TrainState, config: TrainConfig) -> None:
+    """Where only the picture pulls: without a rate."""
+    config = dataclasses.replace(config, marks=dataclasses.replace(config.marks, context_start=100))
+    losses = _losses(_lossy(config, "bernoulli:0.5", share=1.0))
+    luck = state.generator.get_state()
+    loss = losses.draw(state, None)
+    state.generator.set_state(luck)
+    assert loss is not None
+    gradients: list[torch.Tensor] = []
+    state.parameters["features"].register_hook(gradients.append)
+    state.iteration -= 1
+    TrainingStep(_lossy(config, "bernoulli:0.5", share=1.0), dataset.cameras)(state, 0, prepare_photo(dataset.image(0)))
+    assert not bool(gradients[0][~loss.known].any())
+    assert bool(gradients[0][loss.known].any())
+
+
+def test_what_losses_are_trained_for_is_text() -> None:
+    assert create_config().losses.models == create_config(losses=("none",)).losses.models == ()
+    assert create_config(losses=("bernoulli:0.2", "none", "gilbert:0.2,20")).losses.models == (
+        "bernoulli:0.2",
+        "gilbert:0.2,20",
+    )
+    with pytest.raises(UnknownNameError, match="bernouli"):
+        create_config(losses=("bernouli:0.2",))
+    with pytest.raises(InvalidValueError, match="share"):
+        create_config(losses=("bernoulli:2",))
+    with pytest.raises(InvalidValueError, match="share of lossy"):
+        LossTraining(share=1.5)
