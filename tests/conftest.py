@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+# As on the command line: OpenMP's threads, torch's too, sleep while they wait. Beside other work, spinning costs ten
+# times the work itself. It must be set before torch is loaded.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
