@@ -32,7 +32,7 @@ SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0
 
 def make_streams(path: Path, tiers: tuple[float, ...]) -> dict[str, SceneStream]:
     scene = decode_stream(read_stream(path)[0]).scene
-    importance = footprint_importance(scene, surrounding_cameras(scene.anchors))
+    importance = footprint_importance(scene, surrounding_cameras(scene))
     return {
         "interleaved": encode_scene(scene, PRESETS["datagram"]),
         "tiers": encode_scene(scene, PRESETS["datagram"], tiers=importance.tiers(tiers)),

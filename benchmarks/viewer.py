@@ -28,6 +28,7 @@ from PIL import Image
 from splatwire.data import load_cameras
 from splatwire.formats import read_splats
 from splatwire.metrics import psnr
+from splatwire.model import SplatScene
 from splatwire.render import render_scene
 from splatwire.scene import Cameras
 
@@ -165,7 +166,7 @@ def main() -> None:
     png = base64.b64decode(posted["picture"].partition(",")[2])
     theirs = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=np.float32) / 255
     splats = read_splats(arguments.file)
-    ours = render_scene(splats, cameras.select([arguments.view]))[0]
+    ours = render_scene(SplatScene(splats), cameras.select([arguments.view]))[0]
     if arguments.picture:
         both = np.concatenate([theirs, ours.numpy()], axis=1)
         Image.fromarray(np.rint(both * 255).astype(np.uint8)).save(arguments.picture, quality=85)

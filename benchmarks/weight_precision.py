@@ -11,8 +11,8 @@ from pathlib import Path
 
 from figures import publish
 
-from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.schemas.hacpp.encoder import scene_in_order
+from splatwire.codec import decode_stream, side_info_parts
+from splatwire.codec.schemas.hacpp.encoder import encode_scene, scene_in_order
 from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 

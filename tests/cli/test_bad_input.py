@@ -136,7 +136,6 @@ def test_options_of_losses_need_losses(run, journey, words):
 
 
 def test_cameras_and_references_must_be_given(run, journey, tmp_path):
-    assert_complains(run("render", journey / "tiny.scene", "-o", tmp_path), "--cameras")
     assert_complains(run("evaluate", journey / "tiny.swz"), "--data")
     words = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json", "--data", tmp_path)
     assert_complains(run("evaluate", journey / "tiny.swz", *words), "either --cameras FILE or --data")

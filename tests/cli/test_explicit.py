@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from splatwire.codec import add_concealment, decode_stream
-from splatwire.errors import BitstreamError
+from splatwire.codec import add_concealment
 from splatwire.formats import read_splats, write_splats
 from splatwire.packets import read_stream
 from splatwire.scene.splats import Splats
@@ -60,11 +59,40 @@ def test_lost_packets_leave_gaussians_out_and_grow_enlarges_the_others(run, stre
     assert sizes["grow"] > 1.05 * sizes["drop"]
 
 
+@pytest.fixture(scope="module")
+def lossy(stream):
+    from splatwire.cli.main import main
+
+    path = stream.with_name("lossy.swz")
+    with pytest.raises(SystemExit) as ended:
+        main(["transmit", str(stream), "-o", str(path), "--loss", "bernoulli:0.3", "--seed", "2"])
+    assert ended.value.code == 0
+    return path
+
+
+def test_pictures_from_around_need_no_cameras(run, ply, lossy, tmp_path):
+    done = run("render", ply, "-o", tmp_path / "whole", "--scale", "0.1", "--json")
+    assert done.json["num_gaussians"] == COUNT
+    assert done.json["num_views"] == len(list((tmp_path / "whole").glob("*.png"))) == 12
+    words = ("--cameras", tmp_path / "whole" / "cameras.json", "--conceal", "grow", "--json")
+    assert run("render", lossy, "-o", tmp_path / "lossy", *words).json["num_lost"] > 0
+
+
+def test_a_stream_is_compared_with_its_source_under_the_same_losses_for_all(run, ply, stream, tmp_path):
+    words = ("--reference", ply, "--loss", "bernoulli:0.3", "--seeds", "0", "1", "--views", "3", "--lpips-views", "1")
+    rows = {row["method"]: row for row in run("evaluate", stream, *words, "--json").json["rows"]}
+    assert set(rows) == {"no loss", "drop", "grow"}
+    assert rows["no loss"]["psnr"] > rows["drop"]["psnr"] + 3
+    assert rows["drop"]["num_lost_packets"] == rows["grow"]["num_lost_packets"] > 0
+    encoded = run("evaluate", ply, *words, "--conceal", "drop", "-o", tmp_path / "report", "--json")
+    assert encoded.json["rows"][0]["psnr"] > 30
+    assert "900 Gaussians" in (tmp_path / "report" / "report.html").read_text()
+
+
 def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):
     assert "works on anchors" in run("decode", stream, "-o", tmp_path / "a.ply", "--conceal", "cari").err
-    assert "are for anchors" in run("encode", ply, "-o", tmp_path / "a.swz", "--tiers", "0.1").err
-    with pytest.raises(BitstreamError, match="explicit Gaussians, not anchors"):
-        decode_stream(read_stream(stream)[0])
+    assert "do not have" in run("encode", ply, "-o", tmp_path / "a.swz", "--refine", "10").err
+    assert "explicit Gaussians, not anchors" in run("calibrate", "gnn", stream, "-o", tmp_path / "gnn.swz").err
 
 
 def test_side_information_is_told_part_by_part_and_served(run, stream):

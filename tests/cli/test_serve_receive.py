@@ -18,7 +18,7 @@ from scenes import tiny_scene
 from splatwire.cli.main import main
 from splatwire.cli.receive import parse_seconds
 from splatwire.codec import add_concealment, encode_scene
-from splatwire.codec.preview import Preview, PreviewFrame, preview_splats, write_preview
+from splatwire.codec.preview import Preview, PreviewFrame, preview_scene, write_preview
 from splatwire.errors import InvalidValueError
 from splatwire.formats import read_splats
 from splatwire.packets import PRESETS, Packetization, read_stream, write_stream
@@ -74,7 +74,7 @@ def test_only_the_preview_arrived(stream_file: Path, tmp_path: Path, capsys: pyt
         assert f"packets arrived); its preview did: 20 Gaussians before 0.000 0.200 0.400 (RGB) -> {file}" in told
         assert "no scene arrived (deadline: of the side information at least " in told
         assert not (tmp_path / "seen.swz").exists()
-        expected, there = preview_splats(preview)[0], read_splats(file)
+        expected, there = preview_scene(preview).splats, read_splats(file)
         assert torch.allclose(there.means, expected.means)
         assert torch.allclose(there.scales, expected.scales)
         assert torch.allclose(there.sh, expected.sh, atol=1e-6)

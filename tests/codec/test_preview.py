@@ -19,7 +19,7 @@ from splatwire.codec.preview import (
     PreviewFrame,
     gaussians_within,
     preview_gaussians,
-    preview_splats,
+    preview_scene,
     read_preview,
     write_preview,
 )
@@ -134,8 +134,9 @@ def check(gaussians: Gaussians) -> None:
 
 def test_explicit_gaussians_show_the_same() -> None:
     data, camera = write_preview(preview_of(20)), tiny_cameras(num_views=1, width=32, height=24)
-    (gaussians, background), (splats, same) = preview_gaussians(data), preview_splats(data)
-    assert background == same
+    (gaussians, background), scene = preview_gaussians(data), preview_scene(data)
+    assert background == scene.background
+    splats = scene.splats
     pictures = [render_cpu(g, camera, background=torch.zeros(3)) for g in (gaussians, splats.seen_from(torch.zeros(3)))]
     assert bool((pictures[0] - pictures[1]).abs().max() < 1e-5)
 

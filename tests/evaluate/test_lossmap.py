@@ -1,21 +1,18 @@
 import torch
 
-from scenes import tiny_cameras, tiny_scene
+from scenes import tiny_cameras
 from splatwire.evaluate.lossmap import LOST_COLOR, RECEIVED_COLOR, draw_loss_map
-from splatwire.scene import Anchors
 
 
-def _one_anchor_at(position):
-    anchors = tiny_scene(num_anchors=1).anchors
-    fields = {**vars(anchors), "positions": torch.tensor([position])}
-    return Anchors(**fields)
+def _one_element_at(position):
+    return torch.tensor([position])
 
 
 def test_an_anchor_at_the_centre_of_the_view_is_drawn_there():
     cameras = tiny_cameras(2, 64, 48)
     picture = torch.ones(48, 64, 3)
     for known, color in ((True, RECEIVED_COLOR), (False, LOST_COLOR)):
-        pixels = draw_loss_map(_one_anchor_at([0.0, 0.0, 0.0]), torch.tensor([known]), cameras, 0, picture)
+        pixels = draw_loss_map(_one_element_at([0.0, 0.0, 0.0]), torch.tensor([known]), cameras, 0, picture)
         drawn = (pixels == color).all(axis=2).nonzero()
         assert drawn[0].min() in (23, 24)
         assert drawn[1].min() in (31, 32)
@@ -24,5 +21,5 @@ def test_an_anchor_at_the_centre_of_the_view_is_drawn_there():
 
 def test_anchors_behind_the_camera_are_not_drawn():
     cameras = tiny_cameras(2, 64, 48)
-    pixels = draw_loss_map(_one_anchor_at([0.0, 0.0, -30.0]), torch.tensor([False]), cameras, 0, torch.ones(48, 64, 3))
+    pixels = draw_loss_map(_one_element_at([0.0, 0.0, -30.0]), torch.tensor([False]), cameras, 0, torch.ones(48, 64, 3))
     assert (pixels == pixels[0, 0]).all()

@@ -9,7 +9,7 @@ from splatwire.exporters.fit import FitCounts, fit_sh, fit_splats, quaternions, 
 from splatwire.exporters.neural import slot_view, slots_of
 from splatwire.exporters.visibility import visible_areas
 from splatwire.metrics import psnr
-from splatwire.model import AnchorScene, GaussianHeads, Linear, Mlp, RenderHints
+from splatwire.model import AnchorScene, GaussianHeads, Linear, Mlp, RenderHints, SplatScene
 from splatwire.model.gaussian_heads import spawn_gaussians
 from splatwire.ops.spherical_harmonics import sh_basis
 from splatwire.render import render_scene
@@ -51,7 +51,7 @@ def test_a_scene_that_no_view_changes_is_exported_as_it_is() -> None:
     counts = FitCounts()
     splats = _gathered(scene, cameras, counts=counts)
     others = tiny_cameras(5, distance=2.7)
-    assert _mean_psnr(render_scene(splats, others), render_scene(scene, others)) > 50
+    assert _mean_psnr(render_scene(SplatScene(splats), others), render_scene(scene, others)) > 50
     assert counts.possible == counts.written + counts.unseen + counts.faint
     assert splats.num_gaussians == counts.written
 
@@ -59,7 +59,8 @@ def test_a_scene_that_no_view_changes_is_exported_as_it_is() -> None:
 def test_more_harmonics_follow_the_view_better() -> None:
     scene, cameras = tiny_scene(seed=4), tiny_cameras(24)
     pictures = render_scene(scene, cameras)
-    quality = [_mean_psnr(render_scene(_gathered(scene, cameras, degree), cameras), pictures) for degree in (0, 1, 3)]
+    exported = [SplatScene(_gathered(scene, cameras, degree)) for degree in (0, 1, 3)]
+    quality = [_mean_psnr(render_scene(each, cameras), pictures) for each in exported]
     assert quality[0] + 0.3 < quality[1] < quality[2]
 
 

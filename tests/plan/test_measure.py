@@ -17,7 +17,6 @@ from splatwire.plan.measure import (
     measure_damage,
     offer_of,
     packet_members,
-    without,
 )
 from splatwire.render import iterate_views
 from splatwire.render.cpu import render_cpu
@@ -43,7 +42,7 @@ def test_losing_more_of_what_matters_costs_more(complete: PartialScene) -> None:
 def test_what_is_lost_is_gone_and_the_rest_untouched(complete: PartialScene) -> None:
     num = complete.scene.anchors.num_anchors
     known = torch.arange(num) % 3 > 0
-    partial = without(complete, known)
+    partial = complete.without(known)
     assert torch.equal(partial.erasures.known, known)
     before, after = complete.scene.anchors, partial.scene.anchors
     for name in ("features", "scalings", "offsets", "mask"):
@@ -54,7 +53,7 @@ def test_what_is_lost_is_gone_and_the_rest_untouched(complete: PartialScene) -> 
 
 def test_damage_needs_a_complete_stream(complete: PartialScene) -> None:
     num = complete.scene.anchors.num_anchors
-    partial = without(complete, torch.arange(num) > 0)
+    partial = complete.without(torch.arange(num) > 0)
     with pytest.raises(InvalidValueError, match="1 anchors are lost"):
         LossyPictures(partial, tiny_cameras(), "drop")
 
@@ -66,7 +65,7 @@ def test_pictures_are_those_of_concealing_from_scratch(complete: PartialScene, c
     pictures = LossyPictures(complete, cameras, concealer, photos=photos)
     for step in (2, 3, 5):  # each starts from nothing, whatever was asked before
         known = torch.arange(num) % step > 0
-        images = iterate_views(conceal(without(complete, known), concealer), cameras)
+        images = iterate_views(conceal(complete.without(known), concealer), cameras)
         errors = [float((image - photo).double().square().mean()) for image, photo in zip(images, photos, strict=True)]
         assert pictures.errors(known) == pytest.approx(errors, rel=1e-4)
     assert pictures.psnr(torch.ones(num, dtype=torch.bool)) == pytest.approx(20.0, abs=1e-3)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.model.gaussian_heads import spawn_gaussians
-from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.render.importance import cameras_around, footprint_importance, surrounding_cameras
 from splatwire.scene import Anchors, Cameras
 from splatwire.scene.importance import Importance
 
@@ -83,7 +83,7 @@ def test_agrees_with_a_projection_by_automatic_differentiation() -> None:
 
 def test_surrounding_cameras_look_at_the_middle() -> None:
     scene = tiny_scene(num_anchors=300)
-    cameras = surrounding_cameras(scene.anchors, 12)
+    cameras = surrounding_cameras(scene, 12)
     rotation = cameras.viewmats[:, :3, :3]
     torch.testing.assert_close(rotation @ rotation.transpose(1, 2), torch.eye(3).expand(12, 3, 3), rtol=0, atol=1e-5)
     assert bool((torch.linalg.det(rotation) > 0.99).all())
@@ -97,4 +97,4 @@ def test_surrounding_cameras_look_at_the_middle() -> None:
 def test_no_anchors_no_views() -> None:
     empty = Anchors(*(part[:0] for part in vars(tiny_scene(num_anchors=2).anchors).values()))
     with pytest.raises(ValueError, match="show nothing"):
-        surrounding_cameras(empty)
+        cameras_around(empty.positions)

@@ -89,7 +89,7 @@ def test_what_arrives_is_shown_and_in_the_end_everything(stream, port):
     transfer.stop()
     assert "arrived" in status.note or "arrived" in source.note
     assert tasks["preparing the scene"] == 1.0
-    assert status.anchors_known == stream.manifest.num_anchors
+    assert status.known == stream.manifest.num_anchors
     truth = render_scene(decode_stream(stream).scene, CAMERA)[0]
     assert torch.equal(viewer.frame(Settings(), CAMERA).image, (truth * 255).round().to(torch.uint8))
 
@@ -156,7 +156,7 @@ def test_a_preview_is_shown_until_there_is_a_scene(stream):
     assert source.advance()
     assert source.preview is None
     wait_for(lambda: source.note == "everything has arrived")
-    assert viewer.frame(Settings(), CAMERA).status.anchors_known == stream.manifest.num_anchors
+    assert viewer.frame(Settings(), CAMERA).status.known == stream.manifest.num_anchors
     transfer.stop()
 
 

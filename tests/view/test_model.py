@@ -76,13 +76,13 @@ def test_pictures_are_those_of_decoding_and_concealing_what_arrived(stream, view
         quality = float(psnr(expected, truth)[0])
         assert frame.status.psnr == pytest.approx(quality, abs=1e-3) or math.isinf(quality)
         assert frame.status.packets_received == len(there.packets)
-        assert frame.status.anchors_known == sum(packet.num_anchors for packet in there.packets)
+        assert frame.status.known == sum(packet.num_anchors for packet in there.packets)
 
 
 def test_without_loss_the_picture_is_the_reference(viewer):
     frame = viewer.frame(Settings(loss=0.0), CAMERA)
     assert frame.status.psnr == math.inf
-    assert frame.status.anchors_known == frame.status.anchors_total
+    assert frame.status.known == frame.status.total
     reference = viewer.frame(Settings(loss=0.7, layer="lossless"), CAMERA)
     assert torch.equal(reference.image, frame.image)
     dark = viewer.frame(Settings(loss=0.0, layer="difference"), CAMERA)
@@ -101,8 +101,8 @@ def test_what_is_behind_a_scene_is_behind_its_lossless_picture():
 
 
 def test_heat_maps_show_damage(viewer):
-    hurt = viewer.frame(Settings(loss=0.9, layer="lost anchors"), CAMERA).image.float().mean()
-    whole = viewer.frame(Settings(loss=0.0, layer="lost anchors"), CAMERA).image.float().mean()
+    hurt = viewer.frame(Settings(loss=0.9, layer="losses"), CAMERA).image.float().mean()
+    whole = viewer.frame(Settings(loss=0.0, layer="losses"), CAMERA).image.float().mean()
     assert hurt > 1.5 * whole
     assert viewer.frame(Settings(loss=0.9, concealer="drop", layer="difference"), CAMERA).image.float().mean() > 0
 
@@ -112,7 +112,7 @@ def test_scores_are_left_out_while_moving(viewer):
 
 
 def test_what_makes_no_sense_is_refused(viewer):
-    with pytest.raises(InvalidValueError, match="lost anchors"):
+    with pytest.raises(InvalidValueError, match="losses"):
         viewer.frame(Settings(layer="depth"), CAMERA)
     with pytest.raises(UnknownNameError):
         viewer.frame(Settings(concealer="magic"), CAMERA)
@@ -126,7 +126,7 @@ def test_a_file_with_gaps_says_so(stream):
     viewer = Viewer(FileSource(stream.with_packets(stream.packets[3:])))
     status = viewer.frame(Settings(loss=0.0), CAMERA).status
     assert "lacks 3 packets" in status.note
-    assert status.anchors_known < status.anchors_total
+    assert status.known < status.total
 
 
 def test_settings_name_a_loss_model():
@@ -285,4 +285,4 @@ def test_the_overlay_names_bytes_and_quality():
     assert "PSNR" not in status_text(dataclasses.replace(status, psnr=None), live=True)
     assert "identical" in status_text(dataclasses.replace(status, psnr=math.inf))
     assert set(LIVE_LAYERS) < set(LAYERS)
-    assert set(LAYERS) == {"received", "lossless", "difference", "lost anchors"}
+    assert set(LAYERS) == {"received", "lossless", "difference", "losses"}

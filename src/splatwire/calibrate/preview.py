@@ -19,7 +19,7 @@ from splatwire.codec.preview import (
     write_preview,
 )
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene
+from splatwire.model.appearance import Scene
 from splatwire.ops.knn import nearest_neighbors
 from splatwire.render import iterate_views
 from splatwire.render.backends import create_training_renderer
@@ -95,7 +95,7 @@ class PreviewResult:
 
 
 def preview_for_scene(
-    scene: AnchorScene,
+    scene: Scene,
     views: CalibrationViews,
     config: PreviewConfig | None = None,
     *,
@@ -129,7 +129,7 @@ class _Fit:
     Their numbers are those of `PreviewFrame.values`, each over its learning rate, so that one rate does for all.
     """
 
-    def __init__(self, scene: AnchorScene, pictures: References, config: PreviewConfig) -> None:
+    def __init__(self, scene: Scene, pictures: References, config: PreviewConfig) -> None:
         self._pictures, self._config = pictures, config
         self._draw = create_training_renderer(torch.device("cpu"))
         self._generator = torch.Generator().manual_seed(config.seed)
@@ -168,14 +168,14 @@ class _Fit:
             red, green, blue = (self._behind * BACKGROUND_RATE * 255).round().int().tolist()
         return Preview(self.frame, (red, green, blue), levels)
 
-    def _first(self, scene: AnchorScene, count: int) -> tuple[PreviewFrame, Float[Tensor, "G 10"]]:
-        """Anchors drawn by their share of the pictures, as far apart as they are large."""
+    def _first(self, scene: Scene, count: int) -> tuple[PreviewFrame, Float[Tensor, "G 10"]]:
+        """Elements drawn by their share of the pictures, as far apart as they are large."""
         share = footprint_importance(scene, self._pictures.cameras).share
         shown = int((share > 0).sum())
         if not shown:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to preview")
         chosen = torch.multinomial(share, min(count, shown), generator=self._generator)
-        places = scene.anchors.positions[chosen]
+        places = scene.positions[chosen]
         middle = places.median(dim=0).values
         spread = 0.5 * float((self._pictures.cameras.centers - middle).norm(dim=1).median())
         frame = PreviewFrame.fitting(middle.tolist(), max(spread, 1e-3), (*_LOWEST[:3], -6.0), (*_HIGHEST[:3], 3.0))
@@ -249,7 +249,7 @@ class _Fit:
 
 
 @torch.no_grad()
-def _scores(scene: AnchorScene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
+def _scores(scene: Scene, section: bytes, pictures: References, show: Progress) -> dict[str, float]:
     """Mean PSNR of what a receiver of these bytes draws."""
     gaussians, background = preview_gaussians(section)
     draw, behind = create_training_renderer(torch.device("cpu")), torch.tensor(background)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -10,11 +11,13 @@ from torch import Tensor
 
 from splatwire.data import Dataset
 from splatwire.metrics import psnr
-from splatwire.model import AnchorScene
+from splatwire.model import AnchorScene, SplatScene
+from splatwire.model.appearance import Scene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
 
+AnyScene = TypeVar("AnyScene", AnchorScene, SplatScene, Scene)
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done, 0 to 1."""
 _MOST_DECIBELS = 100.0
@@ -59,7 +62,7 @@ class CalibrationViews:
             None if mask is None else lambda view: _resized_mask(mask(chosen[view]), size),
         )
 
-    def in_front(self, scene: AnchorScene) -> AnchorScene:
+    def in_front(self, scene: AnyScene) -> AnyScene:
         """The scene in front of the background of these views."""
         return scene if self.background is None else replace(scene, background=self.background)
 
@@ -79,7 +82,7 @@ class References:
     masks: list[Tensor | None]
 
     @staticmethod
-    def of(scene: AnchorScene, views: CalibrationViews) -> "References":
+    def of(scene: Scene, views: CalibrationViews) -> "References":
         """Photos where there are some, the complete scene's pictures elsewhere."""
         photo, mask, numbers = views.photo, views.mask, range(views.cameras.num_views)
         images = list(iterate_views(scene, views.cameras)) if photo is None else [photo(view) for view in numbers]

@@ -13,7 +13,7 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.calibrate.views import CalibrationViews
-    from splatwire.model import AnchorScene
+    from splatwire.model.appearance import Scene
     from splatwire.packets import SceneStream
     from splatwire.scene.background import Background
 
@@ -39,7 +39,7 @@ class LookFrom:
             raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
         chosen_background(self.background)
 
-    def views(self, scene: "AnchorScene") -> "tuple[CalibrationViews, str]":
+    def views(self, scene: "Scene") -> "tuple[CalibrationViews, str]":
         """Training photos, cameras, or a sphere of views; and which of them, in words."""
         from splatwire.calibrate.views import CalibrationViews
         from splatwire.data import load_cameras
@@ -51,10 +51,10 @@ class LookFrom:
         if self.cameras is not None:
             there = CalibrationViews(load_cameras(self.cameras), background=behind)
             return there, "against the complete scene in the cameras given"
-        around = CalibrationViews(surrounding_cameras(scene.anchors), background=behind)
+        around = CalibrationViews(surrounding_cameras(scene), background=behind)
         return around, "against the complete scene on a sphere of views"
 
-    def photos(self, split: str, scene: "AnchorScene") -> "CalibrationViews | None":
+    def photos(self, split: str, scene: "Scene") -> "CalibrationViews | None":
         """The photos of a split, `train` or `test`; None without photos."""
         from splatwire.calibrate.views import CalibrationViews
         from splatwire.data import open_dataset
@@ -63,7 +63,7 @@ class LookFrom:
             return None
         return CalibrationViews.of_photos(open_dataset(self.data, split=split, background=self._behind(scene)))
 
-    def _behind(self, scene: "AnchorScene") -> "Background":
+    def _behind(self, scene: "Scene") -> "Background":
         chosen = chosen_background(self.background)
         return scene.background if chosen is None else chosen
 
@@ -97,12 +97,16 @@ def stream_output(path: Path, what: str) -> Path:
 def complete_stream(source: Path, show: Reporter) -> "SceneStream":
     """The stream that a person named; a scene is encoded first."""
     from splatwire.codec import encode_scene
-    from splatwire.model.scene_file import load_scene
+    from splatwire.evaluate.scenes import complete_scene
     from splatwire.packets import PRESETS, read_stream
+    from splatwire.render.precision import classes_of
 
     if is_stream(source):
         return read_stream(source)[0]
-    return encode_scene(load_scene(source), PRESETS["paper"], progress=lambda share: show("encoding", share))
+    scene = complete_scene(source)
+    return encode_scene(
+        scene, PRESETS["paper"], classes=classes_of(scene), progress=lambda share: show("encoding", share)
+    )
 
 
 def write_with_section(bare: "SceneStream", name: str, section: bytes, path: Path) -> dict[str, int | float]:

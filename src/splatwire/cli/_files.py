@@ -6,15 +6,13 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.files.kinds import EMPTY, TEXT, UNKNOWN, kind_of_bytes
 
 if TYPE_CHECKING:
-    from splatwire.model import AnchorScene, PartialScene
-    from splatwire.packets import ReadReport, SceneStream
-    from splatwire.scene import Erasures
+    from splatwire.packets import ReadReport
 
 STANDARD = "-"
 STREAM_SUFFIX = ".swz"
@@ -127,24 +125,6 @@ def is_stream(path: Path) -> bool:
     from splatwire.packets import is_stream as found
 
     return found(path)
-
-
-SceneInput: TypeAlias = "AnchorScene | PartialScene"
-
-
-def read_any(path: Path) -> "tuple[SceneStream, ReadReport] | tuple[SceneInput, Erasures | None]":
-    """Reads a stream with its report, or a scene with what had been received of it.
-
-    Raises:
-        BitstreamError: If it is neither.
-    """
-    if is_stream(path):
-        from splatwire.packets import read_stream
-
-        return read_stream(path)
-    from splatwire.model.scene_file import load_scene_file
-
-    return load_scene_file(path)
 
 
 def read_report_json(report: "ReadReport") -> dict[str, object]:

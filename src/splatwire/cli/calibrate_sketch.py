@@ -20,7 +20,7 @@ class CalibrateSketch(StreamCalibration):
         """Runs the verb."""
         from splatwire.calibrate.pseudo_loss import calibration_data
         from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
-        from splatwire.codec import decode_stream, without_concealment
+        from splatwire.codec import decode_anchors, without_concealment
         from splatwire.conceal.sketch import SECTION
 
         output = stream_output(self.output, "sketch")
@@ -28,7 +28,7 @@ class CalibrateSketch(StreamCalibration):
         self.look.check()
         with progress_bars() as show:
             stream = complete_stream(self.source, show)
-            data = calibration_data(stream, decode_stream(stream, progress=lambda share: show("decoding", share)))
+            data = calibration_data(stream, decode_anchors(stream, progress=lambda share: show("decoding", share)))
             views, where = self.look.views(data.scene)
             bare = without_concealment(stream, SECTION)
             result = sketch_for_stream(data, views, bare.num_bytes, config, progress=show)

@@ -3,15 +3,12 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from splatwire.cli._files import input_path, output_path, read_report_json
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
-
-if TYPE_CHECKING:
-    from splatwire.packets import ReadReport, SceneStream
 
 
 @dataclass(frozen=True)
@@ -31,64 +28,35 @@ class Decode:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.codec import decode_stream
-        from splatwire.conceal import conceal, create_concealer
+        from splatwire.conceal import create_concealer
+        from splatwire.evaluate.scenes import save_decoded
+        from splatwire.model import AnchorScene
         from splatwire.model.scene_digest import scene_digest
-        from splatwire.model.scene_file import save_partial, save_scene
-        from splatwire.packets import GAUSSIANS, read_stream
+        from splatwire.packets import read_stream
 
         concealer = None if self.conceal is None else create_concealer(self.conceal)
         with input_path(self.stream) as source:
             stream, report = read_stream(source)
-        if stream.manifest.codec == GAUSSIANS:
-            self._decode_splats(stream, report)
-            return
+        elements = stream.manifest.elements
+        suffix = "" if elements == AnchorScene.ELEMENTS else Path(self.output).suffix
         started = time.perf_counter()
-        with progress_bars() as show, output_path(self.output, json=self.json) as path:
+        with progress_bars() as show, output_path(self.output, suffix=suffix, json=self.json) as path:
             partial = decode_stream(stream, progress=lambda share: show("decoding", share))
-            anchors, decoded = partial.scene.anchors, time.perf_counter()
-            if concealer is None:
-                save_partial(partial, path)
-            else:
-                scene = conceal(partial, concealer)
-                anchors = scene.anchors
-                save_scene(scene, path, erasures=partial.erasures)
-        num_lost = partial.erasures.num_lost
+            decoded = time.perf_counter()
+            written = save_decoded(partial, concealer, path)
+        count, num_lost = written.num_elements, partial.erasures.num_lost
         if self.json:
             print_json(
                 {
                     "output": self.output,
-                    "num_anchors": anchors.num_anchors,
+                    f"num_{elements.lower()}": count,
                     "num_lost": num_lost,
-                    "digest": scene_digest(anchors),
+                    "digest": scene_digest(written.elements),
                     "concealer": self.conceal,
                     "seconds": decoded - started,
                     "packets": read_report_json(report),
                 }
             )
         else:
-            text = f"{anchors.num_anchors - num_lost:,} of {anchors.num_anchors:,} anchors arrived"
-            print_summary(f"{text}, decoded in {decoded - started:.1f} s -> {self.output}", self.output)
-
-    def _decode_splats(self, stream: "SceneStream", report: "ReadReport") -> None:
-        """Explicit Gaussians, what was lost left out, into a file of whatever format the name says."""
-        from splatwire.codec.explicit import decode_explicit
-        from splatwire.conceal import conceal_splats
-        from splatwire.formats import write_splats
-
-        started = time.perf_counter()
-        with progress_bars() as show, output_path(self.output, suffix=Path(self.output).suffix, json=self.json) as path:
-            partial = decode_explicit(stream, progress=lambda share: show("decoding", share))
-            decoded = time.perf_counter()
-            drawn = conceal_splats(partial, self.conceal or "drop").drawn()
-            write_splats([drawn], path)
-        count, lost = partial.scene.splats.num_gaussians, partial.erasures.num_lost
-        if self.json:
-            print_json(
-                {
-                    "output": self.output, "num_gaussians": count, "num_lost": lost, "concealer": self.conceal,
-                    "seconds": decoded - started, "packets": read_report_json(report),
-                }
-            )  # fmt: skip
-        else:
-            text = f"{count - lost:,} of {count:,} Gaussians arrived"
+            text = f"{count - num_lost:,} of {count:,} {elements} arrived"
             print_summary(f"{text}, decoded in {decoded - started:.1f} s -> {self.output}", self.output)

@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.evaluate.study import Study
-    from splatwire.model import PartialScene
+    from splatwire.model.appearance import Partial
     from splatwire.packets import SceneStream
 
 _SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
@@ -83,12 +83,12 @@ class Demo:
         from splatwire.conceal import concealer_names
         from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
         from splatwire.packets import read_stream
-        from splatwire.packets.sections import split_sections
+        from splatwire.packets.sections import sections_of
 
         background = chosen_background(self.background)
         source, cameras = self._input(folder)
         stream, _ = read_stream(source)
-        concealers = concealer_names(split_sections(stream.side_info)[1])
+        concealers = concealer_names(sections_of(stream), stream.manifest.elements)
         contiguous = replace(stream.manifest.packetization, grouping="contiguous")
         loss = Loss(self.loss)
         return Study(
@@ -119,7 +119,7 @@ class Demo:
         return folder / _SCENE, assets / _CAMERAS
 
 
-def _decode(stream: "SceneStream") -> "PartialScene":
+def _decode(stream: "SceneStream") -> "Partial":
     """Decodes what arrived for the concealers in a fresh process; the other streams here, to save its start."""
     from splatwire.cli import _fresh
     from splatwire.codec import decode_stream

@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from splatwire.model import AnchorScene
+    from splatwire.model.appearance import Scene
     from splatwire.packets import Packetization, SceneStream
 
 
@@ -62,58 +62,38 @@ class Encode:
 
         config = RefineConfig(steps=self.refine, seed=self.seed)
         from splatwire.codec import encode_scene
-        from splatwire.formats import splats_kind
-        from splatwire.model.scene_file import load_scene
+        from splatwire.evaluate.scenes import complete_scene
+        from splatwire.model import AnchorScene
         from splatwire.packets import write_stream
+        from splatwire.render.precision import classes_of
 
         with input_path(self.scene) as source:
-            if splats_kind(source) is not None:
-                self._encode_splats(source, packetization)
-                return
-            if self.quality is not None:
-                raise InvalidValueError("--quality is for explicit Gaussians; anchors have steps of their own")
-            scene = load_scene(source)
+            scene = complete_scene(source)
+        if self.quality is not None and scene.ELEMENTS == AnchorScene.ELEMENTS:
+            raise InvalidValueError("--quality is for explicit Gaussians; anchors have steps of their own")
+        if config.steps and not isinstance(scene, AnchorScene):
+            raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
         scene = scene if background is None else replace(scene, background=background)
         tiers = self._tiers(scene)
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
-            if config.steps:
+            if config.steps and isinstance(scene, AnchorScene):
                 from splatwire.train.refine import refine_context
 
                 scene = refine_context(scene, config, progress=lambda share: report("fitting the context model", share))
             started = time.perf_counter()
-            stream = encode_scene(scene, packetization, tiers=tiers, progress=lambda share: report("encoding", share))
-            seconds = time.perf_counter() - started
-            write_stream(stream, path)
-        self._tell(stream, seconds)
-
-    def _encode_splats(self, source: Path, packetization: "Packetization") -> None:
-        """Explicit Gaussians: as precise, each, as pictures from around them ask for."""
-        if self.tiers or self.data is not None or self.refine:
-            raise InvalidValueError("--tiers, --data and --refine are for anchors, not for explicit Gaussians")
-        from splatwire.codec.explicit import encode_explicit
-        from splatwire.codec.schemas.gaussians.quality import quality_of
-        from splatwire.formats import read_splats
-        from splatwire.model import SplatScene
-        from splatwire.packets import write_stream
-        from splatwire.render.precision import precision_classes
-        from splatwire.scene.background import BLACK
-
-        quality = quality_of(self.quality or "default")
-        scene = SplatScene(read_splats(source), background=chosen_background(self.background) or BLACK)
-        with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
-            report("looking at the Gaussians", 0.0)
-            started = time.perf_counter()
-            classes = precision_classes(scene.splats)
-            report("looking at the Gaussians", 1.0)
-            stream = encode_explicit(
-                scene, packetization, quality=quality, classes=classes, progress=lambda done: report("encoding", done)
-            )
+            report("looking at the scene", 0.0)
+            classes = classes_of(scene)
+            report("looking at the scene", 1.0)
+            stream = encode_scene(
+                scene, packetization, tiers=tiers, quality=self.quality, classes=classes,
+                progress=lambda share: report("encoding", share),
+            )  # fmt: skip
             seconds = time.perf_counter() - started
             write_stream(stream, path)
         self._tell(stream, seconds)
 
     def _tell(self, stream: "SceneStream", seconds: float) -> None:
-        from splatwire.packets import GAUSSIANS, measure_sizes
+        from splatwire.packets import measure_sizes
 
         if self.json:
             print_json(
@@ -128,11 +108,10 @@ class Encode:
                 }
             )
         else:
-            elements = "Gaussians" if stream.manifest.codec == GAUSSIANS else "anchors"
-            text = f"{stream.manifest.num_anchors:,} {elements} in {len(stream.packets):,} packets"
+            text = f"{stream.manifest.num_anchors:,} {stream.manifest.elements} in {len(stream.packets):,} packets"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)
 
-    def _tiers(self, scene: "AnchorScene") -> "Tensor | None":
+    def _tiers(self, scene: "Scene") -> "Tensor | None":
         """Tier of every anchor; None if there is one."""
         if not self.tiers:
             if self.data is not None:
@@ -143,11 +122,8 @@ class Encode:
         from splatwire.data import open_dataset
         from splatwire.render.importance import footprint_importance, surrounding_cameras
 
-        if self.data is None:
-            cameras = surrounding_cameras(scene.anchors)
-        else:
-            cameras = open_dataset(self.data, split="train").cameras
-        return footprint_importance(scene, cameras).tiers(self.tiers, scene.anchors.mask.any(dim=1))
+        cameras = surrounding_cameras(scene) if self.data is None else open_dataset(self.data, split="train").cameras
+        return footprint_importance(scene, cameras).tiers(self.tiers, scene.drawable)
 
     def packetization(self) -> "Packetization":
         """The preset with what the user changed.

@@ -23,14 +23,14 @@ class Evaluate:
     """Score a stream or scene: lose packets, conceal, draw the test views and compare; or run a protocol file."""
 
     source: tyro.conf.Positional[str]
-    """Stream (complete or with losses) or scene file (as it is; with --loss it is encoded first), - for standard
-    input; or a protocol file (.toml), as in benchmarks/paper."""
+    """Stream (complete or with losses), scene file or explicit Gaussians (as they are; with --loss they are encoded
+    first), - for standard input; or a protocol file (.toml), as in benchmarks/paper."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder: its test photos are the references, inside their masks where they have some."""
     reference: Path | None = None
-    """Scene file, stream, 3DGS PLY or .splat file whose renders are the references, instead of photos."""
+    """Scene file, stream, or explicit Gaussians (PLY, SPZ, SOG, ...) whose renders are the references, not photos."""
     cameras: Path | None = None
-    """Cameras file for --reference; without it those of --data."""
+    """Cameras file for --reference; without it those of --data, or views around the reference."""
     loss: str | None = None
     """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak.
     Without it the source is scored as it is."""
@@ -117,8 +117,8 @@ class Evaluate:
                 if getattr(self, name):
                     raise InvalidValueError(f"--{name.replace('_', '-')} needs --loss: without it nothing is sent")
         if self.reference is None and (self.data is None or self.cameras is not None):
-            raise InvalidValueError("give --data FOLDER, or --reference SCENE with --cameras FILE or --data FOLDER")
-        if self.reference is not None and (self.cameras is None) == (self.data is None):
+            raise InvalidValueError("give --data FOLDER, or --reference SCENE (with --cameras FILE or --data FOLDER)")
+        if self.cameras is not None and self.data is not None:
             raise InvalidValueError("give either --cameras FILE or --data FOLDER")
         for concealer in self.conceal:
             create_concealer(concealer)
@@ -160,30 +160,30 @@ class Evaluate:
 
     def _rows(self, entry: "SceneEntry") -> "tuple[Row, ...]":
         from splatwire.conceal import concealer_names
+        from splatwire.evaluate.scenes import open_scene
         from splatwire.evaluate.study import Row, concealment_rows
+        from splatwire.model.appearance import scene_of
         from splatwire.packets import PRESETS, read_stream
 
         if entry.kind == "stream":
-            from splatwire.packets.sections import split_sections
+            from splatwire.packets.sections import sections_of
 
             stream, _ = read_stream(entry.source)
-            packed, sections = stream.manifest.packetization, tuple(split_sections(stream.side_info)[1])
-            complete = len(stream.packets) == stream.manifest.num_packets
-        elif self.loss is None:
-            from splatwire.model import PartialScene
-            from splatwire.model.scene_file import load_scene_file
-
-            scene, erasures = load_scene_file(entry.source)
+            manifest, packed = stream.manifest, stream.manifest.packetization
+            sections, elements = sections_of(stream), manifest.elements
+            complete = len(stream.packets) == manifest.num_packets
+        else:
+            loaded, erasures = open_scene(entry.source)
             complete = erasures is None or erasures.num_lost == 0
-            if not isinstance(scene, PartialScene):
+            if self.loss is None and scene_of(loaded) is loaded:
                 name = "no loss" if complete else "as it is"
                 return (Row(name, name, None, lossless=complete),)
-            sections = tuple(scene.concealment)
-        else:
-            packed, sections, complete = PRESETS["paper"], (), True
+            packed, elements = PRESETS["paper"], scene_of(loaded).ELEMENTS
+            sections = getattr(loaded, "concealment", {})
+        names = self.conceal or concealer_names(sections, elements)
         if self.loss is None:
-            return concealment_rows(() if complete else self.conceal or concealer_names(sections), complete=complete)
+            return concealment_rows(() if complete else names, complete=complete)
         contiguous = replace(packed, grouping="contiguous") if self.contiguous else None
-        own = None if entry.kind == "stream" else packed
-        names = self.conceal or concealer_names(sections)
-        return concealment_rows(names, own, complete=complete, contiguous=contiguous)
+        return concealment_rows(
+            names, None if entry.kind == "stream" else packed, complete=complete, contiguous=contiguous
+        )

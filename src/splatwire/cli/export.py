@@ -45,28 +45,30 @@ class Export:
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.cli._scenes import load_picturable
+        from splatwire.conceal import create_concealer
+        from splatwire.evaluate.scenes import drawable_scene
         from splatwire.exporters import FitCounts
+        from splatwire.model import AnchorScene
         from splatwire.ops.spherical_harmonics import num_functions
-        from splatwire.scene.splats import Splats
 
         num_functions(self.degree)
+        concealer = create_concealer(self.conceal)
         if str(self.output) == "-":
             raise InvalidValueError("an export is read back to be measured: give -o a file")
         prepared_output(self.output, suffix=f".{self.kind.removeprefix('compressed-')}")
         with input_path(self.scene) as source:
-            scene, num_lost = load_picturable(source, self.conceal)
+            scene, num_lost = drawable_scene(source, concealer)
         started, counts, measured = time.perf_counter(), FitCounts(), None
         with progress_bars() as show:
-            if isinstance(scene, Splats):
-                counts.possible = counts.written = self._write(iter([scene]))
-            else:
+            if isinstance(scene, AnchorScene):
                 measured = self._fit(scene, counts, show)
+            else:
+                counts.possible = counts.written = self._write(iter([scene.drawn()]))
         result = {
             "output": str(self.output),
             "num_gaussians": counts.written,
             "num_bytes": self.output.stat().st_size,
-            "degree": scene.degree if isinstance(scene, Splats) and self.kind != "splat" else self._degree,
+            "degree": self._degree if isinstance(scene, AnchorScene) else min(scene.splats.degree, self._degree),
             "left_out": {"unseen": counts.unseen, "faint": counts.faint},
             "num_lost": num_lost,
             "seconds": time.perf_counter() - started,
@@ -113,7 +115,7 @@ class Export:
             return cameras, cameras, None
         if self.views < 9:
             raise InvalidValueError(f"--views must be 9 or more, not {self.views}")
-        cameras = surrounding_cameras(scene.anchors, self.views)
+        cameras = surrounding_cameras(scene, self.views)
         held_out = [view for view in range(self.views) if view % 8 == 4]
         return cameras.select([v for v in range(self.views) if v not in held_out]), cameras.select(held_out), None
 
@@ -136,11 +138,13 @@ def measure(
     import torch
 
     from splatwire.metrics import psnr
+    from splatwire.model import SplatScene
     from splatwire.render import iterate_views
 
     background = torch.tensor(scene.background)
     rows = []
-    pairs = zip(*(iterate_views(what, cameras, background=background) for what in (scene, splats)), strict=True)
+    shown = (scene, SplatScene(splats))
+    pairs = zip(*(iterate_views(what, cameras, background=background) for what in shown), strict=True)
     for view, (neural, explicit) in enumerate(pairs):
         row = [float(psnr(explicit[None], neural[None])[0])]
         if photos is not None:

@@ -68,27 +68,33 @@ def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, A
 
 
 def _describe_scene(path: Path) -> dict[str, Any]:
-    from splatwire.model.anchor_scene import PartialScene
+    from splatwire.evaluate.scenes import open_scene
+    from splatwire.formats import splats_kind
+    from splatwire.model import AnchorScene
+    from splatwire.model.appearance import scene_of
     from splatwire.model.scene_digest import scene_digest
-    from splatwire.model.scene_file import load_scene_file
     from splatwire.model.tensor_file import tensor_bytes
 
-    loaded, erasures = load_scene_file(path)
-    scene = loaded.scene if isinstance(loaded, PartialScene) else loaded
-    anchors = scene.anchors
-    return {
-        "kind": "partial scene" if isinstance(loaded, PartialScene) else "scene",
-        "num_bytes": path.stat().st_size,
-        "parts": tensor_bytes(path),
+    loaded, erasures = open_scene(path)
+    scene = scene_of(loaded)
+    content: dict[str, Any] = {
+        "kind": "scene" if loaded is scene else "partial scene",
         "num_packets": None,
-        "num_anchors": anchors.num_anchors,
-        "num_gaussians": int(anchors.mask.sum()),
-        "digest": scene_digest(anchors),
+        "num_gaussians": scene.num_gaussians,
+        "digest": scene_digest(scene.elements),
         "num_lost": 0 if erasures is None else erasures.num_lost,
         "decoded": erasures is not None,
+    }
+    if not isinstance(scene, AnchorScene):
+        return content | {"kind": f"explicit Gaussians ({splats_kind(path)})", "degree": scene.splats.degree}
+    layout = scene.coding.config.layout
+    return content | {
+        "num_bytes": path.stat().st_size,
+        "parts": tensor_bytes(path),
+        "num_anchors": scene.num_elements,
         "voxel_size": scene.coding.voxel_size,
-        "feature_dim": scene.coding.config.layout.feature_dim,
-        "num_offsets": scene.coding.config.layout.num_offsets,
+        "feature_dim": layout.feature_dim,
+        "num_offsets": layout.num_offsets,
     }
 
 

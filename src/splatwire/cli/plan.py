@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from splatwire.channel import LossModel
-    from splatwire.model import PartialScene
+    from splatwire.model.appearance import Partial
     from splatwire.packets import SceneStream
     from splatwire.plan.damage import Offer
     from splatwire.plan.planner import Plan
@@ -85,7 +85,8 @@ class PlanCommand:
         if self.json:
             print_json(content)
         else:
-            _print_plan(plan, f"splatwire serve {path} --plan {self.output or 'FILE (-o FILE writes it)'}")
+            file = self.output or "FILE (-o FILE writes it)"
+            _print_plan(plan, stream.manifest.elements, f"splatwire serve {path} --plan {file}")
 
     def _plan(
         self, offers: "list[Offer]", loss: "LossModel", budget: float, progress: "Callable[[float], None]"
@@ -113,19 +114,22 @@ class PlanCommand:
     def _offer(self, stream: "SceneStream", progress: "Callable[[float], None]") -> "Offer":
         from splatwire.codec import decode_stream
         from splatwire.conceal.sketch import SECTION
-        from splatwire.packets.sections import split_sections
+        from splatwire.packets.sections import sections_of
         from splatwire.plan.measure import LossyPictures, offer_of
 
-        complete, sketch = decode_stream(stream), split_sections(stream.side_info)[1].get(SECTION, b"")
+        complete, sketch = (
+            decode_stream(stream),
+            sections_of(stream).get(SECTION, b""),
+        )
         pictures = LossyPictures(complete, self._cameras(complete), "sketch" if sketch else self.conceal)
         return offer_of(stream, pictures, concealment_bytes=len(sketch), seed=self.seed, progress=progress)
 
-    def _cameras(self, complete: "PartialScene") -> "Cameras":
+    def _cameras(self, complete: "Partial") -> "Cameras":
         from splatwire.evaluate.views import spread
         from splatwire.render.importance import surrounding_cameras
 
         if self.data is None:
-            cameras = surrounding_cameras(complete.scene.anchors)
+            cameras = surrounding_cameras(complete.scene)
         else:
             from splatwire.data import open_dataset
 
@@ -145,9 +149,9 @@ def _read(path: str) -> "SceneStream":
     return stream
 
 
-def _print_plan(plan: "Plan", how: str) -> None:
+def _print_plan(plan: "Plan", elements: str, how: str) -> None:
     lost = ", ".join(f"{share:.1%}" for share in plan.lost)
     print(f"expected {plan.psnr:.2f} dB; side information arrives in {plan.head_arrives:.1%} of transfers")
-    print(f"anchors lost, tier by tier: {lost}")
+    print(f"{elements} lost, tier by tier: {lost}")
     print(f"protection {plan.protection_share:.1%} of all bytes; {plan.sent_bytes:,} bytes sent within the budget")
     print(how)

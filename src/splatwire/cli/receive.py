@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from splatwire.transport import Event, Receiver, ReceiverOptions
     from splatwire.transport.address import Address
 
+EXPLICIT_SUFFIXES = (".ply", ".spz", ".sog", ".splat")
+"""Ends of the names of files of explicit Gaussians."""
+
 
 @dataclass(frozen=True)
 class Receive:
@@ -28,15 +31,16 @@ class Receive:
     url: tyro.conf.Positional[str]
     """udp://HOST[:PORT][/NAME] or quic://HOST[:PORT][/NAME]."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; with --conceal a scene. If
-    only the preview arrived, that is written beside it, as NAME.preview.ply."""
+    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise. With --conceal a scene; a
+    name that ends in .ply, .spz, .sog or .splat gets the explicit Gaussians. If only the preview arrived, that is
+    written beside it, as NAME.preview.ply."""
     deadline: str | None = None
     """Take what is there after this time, e.g. 2s or 500ms; without it, wait for everything. Ctrl-C takes what is
     there, too."""
     no_nack: bool = False
     """Do not ask for lost packets again."""
     conceal: str | None = None
-    """Decode, fill what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file."""
+    """Decode, hide what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file."""
     fingerprint: str | None = None
     """With quic://: SHA-256 of the server's certificate, as the server tells it; nothing else about it matters then."""
     authority: Path | None = None
@@ -69,10 +73,10 @@ class Receive:
                 lacking = receiver.lacking()
                 why = f"{reason}: {lacking}" if lacking else reason
                 raise MissingSideInfoError(f"{self.url}: no scene arrived ({why}){instead}")
-            if concealer is None:
+            if concealer is None and not self._explicit:
                 write_stream(stream, path)
             else:
-                _write_scene(stream, concealer, path)
+                self._write_scene(stream, concealer, path)
         self._tell(receiver, stream, reason, moments)
         if stopped:
             raise KeyboardInterrupt  # for the exit status; what arrived is written
@@ -106,26 +110,47 @@ class Receive:
 
     def _keep_preview(self, preview: bytes) -> str:
         """Writes the preview beside the output that there is not, as a PLY of 3DGS; says what became of it."""
-        from splatwire.codec.preview import preview_splats
+        from splatwire.codec.preview import preview_scene
         from splatwire.errors import BitstreamError
         from splatwire.formats.ply import write_ply
 
         if not preview:
             return ""
         try:
-            splats, background = preview_splats(preview)
+            shown = preview_scene(preview)
         except BitstreamError as error:
             return f", and what should have been its {error}"
         if self.output == STANDARD:
             return "; its preview did, but standard output is for the scene: name a file with -o to keep it"
         path = prepared_output(Path(self.output).resolve().with_suffix(".preview.ply"))
-        write_ply([splats], path)
-        behind = " ".join(f"{value:.3f}" for value in background)
-        return f"; its preview did: {splats.num_gaussians} Gaussians before {behind} (RGB) -> {path}"
+        write_ply([shown.splats], path)
+        behind = " ".join(f"{value:.3f}" for value in shown.background)
+        return f"; its preview did: {shown.num_elements} Gaussians before {behind} (RGB) -> {path}"
+
+    @property
+    def _explicit(self) -> bool:
+        """Whether the output's name is that of a file of explicit Gaussians."""
+        return Path(self.output).suffix.lower() in EXPLICIT_SUFFIXES
 
     def _output(self) -> contextlib.AbstractContextManager[Path]:
-        suffix = STREAM_SUFFIX if self.conceal is None else ""
+        suffix = Path(self.output).suffix if self._explicit else STREAM_SUFFIX if self.conceal is None else ""
         return output_path(self.output, suffix=suffix, json=self.json)
+
+    def _write_scene(self, stream: "SceneStream", concealer: Any, path: Path) -> None:
+        from splatwire.codec import decode_stream
+        from splatwire.errors import InvalidValueError
+        from splatwire.evaluate.scenes import save_decoded
+        from splatwire.model import AnchorScene
+        from splatwire.packets import write_stream
+
+        if self._explicit == (stream.manifest.elements == AnchorScene.ELEMENTS):
+            kept = Path(self.output).resolve().with_suffix(STREAM_SUFFIX)
+            write_stream(stream, prepared_output(kept))
+            raise InvalidValueError(
+                f"{self.url} sent {stream.manifest.elements}, which {self.output} is no name for; what arrived is in "
+                f"{kept}: `splatwire decode` or `splatwire export` take it from there"
+            )
+        save_decoded(decode_stream(stream), concealer, path)
 
     def _concealer(self) -> Any:
         if self.conceal is None:
@@ -216,12 +241,3 @@ def parse_seconds(text: str) -> float:
     if match is None:
         raise InvalidValueError(f"'{text}' is not a time such as 2s or 500ms")
     return float(match[1]) * (1e-3 if match[2] == "ms" else 1.0)
-
-
-def _write_scene(stream: "SceneStream", concealer: Any, path: Path) -> None:
-    from splatwire.codec import decode_stream
-    from splatwire.conceal import conceal
-    from splatwire.model.scene_file import save_scene
-
-    partial = decode_stream(stream)
-    save_scene(conceal(partial, concealer), path, erasures=partial.erasures)

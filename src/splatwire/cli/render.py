@@ -21,11 +21,11 @@ class Render:
     """Draw a scene from every camera and save the pictures as PNG files."""
 
     scene: tyro.conf.Positional[str]
-    """Scene file, decoded scene with gaps, stream, 3DGS PLY or .splat file; - for standard input."""
+    """Scene file, decoded scene with gaps, stream, or explicit Gaussians (PLY, SPZ, SOG, ...); - for standard input."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the pictures and a cameras.json."""
     cameras: Path | None = None
-    """Cameras file."""
+    """Cameras file; without it and --data, views around the scene."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder whose test views are drawn, instead of a cameras file."""
     scale: float = 1.0
@@ -44,18 +44,21 @@ class Render:
         cameras = find_cameras(self.cameras, self.data)
         if not 0 < self.scale <= 16:
             raise InvalidValueError(f"--scale must be above 0 and at most 16, not {self.scale:g}")
-        cameras = cameras if self.scale == 1 else cameras.scaled(self.scale)
         background = chosen_background(self.background)
-        from splatwire.cli._scenes import load_picturable
+        from splatwire.conceal import create_concealer
         from splatwire.data import save_cameras
         from splatwire.evaluate.pixels import png_bytes, to_pixels
+        from splatwire.evaluate.scenes import drawable_scene
         from splatwire.evaluate.views import views_of
         from splatwire.files.names import distinct_names
         from splatwire.files.whole import write_whole
-        from splatwire.scene.splats import Splats
+        from splatwire.render.importance import surrounding_cameras
 
+        concealer = create_concealer(self.conceal)
         with input_path(self.scene) as source:
-            scene, num_lost = load_picturable(source, self.conceal)
+            scene, num_lost = drawable_scene(source, concealer)
+        cameras = surrounding_cameras(scene, _AROUND, _AROUND_SIZE) if cameras is None else cameras
+        cameras = cameras if self.scale == 1 else cameras.scaled(self.scale)
         started, files = time.perf_counter(), [f"{name}.png" for name in distinct_names(cameras.names, "view")]
         with progress_bars() as show:
             for view, image in enumerate(views_of(scene, cameras, self.renderer, background)):
@@ -71,11 +74,7 @@ class Render:
                     "num_views": cameras.num_views,
                     "width": cameras.width,
                     "height": cameras.height,
-                    **(
-                        {"num_gaussians": scene.num_gaussians}
-                        if isinstance(scene, Splats)
-                        else {"num_anchors": scene.anchors.num_anchors}
-                    ),
+                    f"num_{scene.ELEMENTS.lower()}": scene.num_elements,
                     "num_lost": num_lost,
                     "seconds": seconds,
                 }
@@ -85,18 +84,21 @@ class Render:
             print_summary(f"{cameras.num_views} pictures of {size} in {seconds:.1f} s -> {self.output}")
 
 
-def find_cameras(cameras: Path | None, data: Path | None) -> "Cameras":
-    """Reads a cameras file, or the test cameras of a dataset.
+_AROUND, _AROUND_SIZE = 12, 512
+"""Views around a scene, and their width and height in pixels."""
+
+
+def find_cameras(cameras: Path | None, data: Path | None) -> "Cameras | None":
+    """Reads a cameras file, or the test cameras of a dataset; None if there is neither.
 
     Raises:
-        InvalidValueError: If not exactly one of the two is given.
+        InvalidValueError: If both are given.
         DatasetError: If it cannot be read.
     """
-    if (cameras is None) == (data is None):
+    if cameras is not None and data is not None:
         raise InvalidValueError("give either --cameras FILE or --data FOLDER")
     from splatwire.data import load_cameras, open_dataset
 
     if cameras is not None:
         return load_cameras(cameras)
-    assert data is not None
-    return open_dataset(data, split="test").cameras
+    return None if data is None else open_dataset(data, split="test").cameras

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import SceneStream
-from splatwire.packets.sections import split_sections
+from splatwire.packets.sections import sections_of
 from splatwire.scene.background import BLACK, Background, check_background
 
 SECTION = "background"
@@ -45,4 +45,4 @@ def background_of(stream: SceneStream) -> Background:
     Raises:
         BitstreamError: If its side information is damaged.
     """
-    return read_background(split_sections(stream.side_info, stream.manifest.codec)[1])
+    return read_background(sections_of(stream))

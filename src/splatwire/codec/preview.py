@@ -15,6 +15,7 @@ from torch import Tensor
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.model import SplatScene
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Gaussians
 from splatwire.scene.background import Background
@@ -156,15 +157,15 @@ class Preview:
         )  # fmt: skip
 
 
-def preview_splats(data: bytes) -> tuple[Splats, Background]:
-    """The same as explicit Gaussians of one colour from everywhere, as files and viewers have them.
+def preview_scene(data: bytes) -> SplatScene:
+    """What a preview shows, as the scene that every renderer draws and every writer writes.
 
     Raises:
         BitstreamError: If the bytes are no preview.
     """
     shown, background = preview_gaussians(data)
-    sh = (shown.colors[:, None, :] - 0.5) / DC
-    return Splats(shown.means, shown.quats, shown.scales, shown.opacities, sh), background
+    splats = Splats(shown.means, shown.quats, shown.scales, shown.opacities, (shown.colors[:, None, :] - 0.5) / DC)
+    return SplatScene(splats, background=background)
 
 
 def _sent(values: Sequence[float]) -> list[float]:

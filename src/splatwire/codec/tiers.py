@@ -7,7 +7,7 @@ import numpy as np
 from splatwire.entropy.coder import fresh_models
 from splatwire.errors import BitstreamError
 from splatwire.packets import Arrangement, Manifest, PacketGroups, SceneStream, arrange, tier_order
-from splatwire.packets.sections import split_sections
+from splatwire.packets.sections import sections_of
 
 SECTION = "tiers"
 """Name of the section."""
@@ -75,5 +75,5 @@ def arrange_stream(stream: SceneStream) -> Arrangement:
     groups, packets = arrange(stream.manifest.plan, stream.packets)
     if not stream.manifest.tiers:
         return Arrangement(groups, packets)
-    order = tier_order(read_tiers(split_sections(stream.side_info, stream.manifest.codec)[1], stream.manifest))
+    order = tier_order(read_tiers(sections_of(stream), stream.manifest))
     return Arrangement(PacketGroups(order[groups.ranks], groups.starts), packets)

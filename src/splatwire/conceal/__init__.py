@@ -2,7 +2,7 @@
 
 from splatwire.conceal.base import Concealed, Concealer, concealer_names, create_concealer, register_concealer
 from splatwire.conceal.cari import CARI_PRESETS, Cari
-from splatwire.conceal.conceal import conceal, conceal_splats
+from splatwire.conceal.conceal import conceal, concealed
 from splatwire.conceal.context import AnchorContext, context_of
 from splatwire.conceal.drop import Drop
 from splatwire.conceal.fill import MaskVote
@@ -34,7 +34,7 @@ __all__ = [
     "Sketch",
     "Zero",
     "conceal",
-    "conceal_splats",
+    "concealed",
     "concealer_names",
     "context_of",
     "create_concealer",

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from splatwire.conceal.context import AnchorContext, ElementContext
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.model import RenderHints
+from splatwire.model import AnchorScene, RenderHints
 from splatwire.scene import Anchors
 
 
@@ -112,17 +112,19 @@ def register_concealer(
     return register
 
 
-def concealer_names(sections: Iterable[str] = ()) -> tuple[str, ...]:
+def concealer_names(sections: Iterable[str] = (), elements: str = AnchorScene.ELEMENTS) -> tuple[str, ...]:
     """Names of all registered concealers that work as they are, in order of registration.
 
     Args:
         sections: Named sections that the stream has; concealers that read another one are not listed.
+        elements: What the stream's elements are called (`Scene.ELEMENTS`): many concealers fill attributes of anchors.
     """
     there = {None, *sections}
     return tuple(
         name
-        for name in _FACTORIES
+        for name, factory in _FACTORIES.items()
         if name not in _UNLISTED
+        and (elements == AnchorScene.ELEMENTS or hasattr(factory, ElementConcealer.hints.__name__))
         and _SECTIONS.get(name) in there
         and (name not in _NEEDS or name in _SECTIONS)  # a section does for the option
     )

@@ -5,14 +5,15 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, Concealer, ElementConcealer, create_concealer
+from splatwire.conceal.base import Concealed, Concealer, ElementConcealer, concealer_names, create_concealer
 from splatwire.conceal.context import AnchorContext, context_of, elements_of
 from splatwire.errors import InvalidValueError, check_kind
-from splatwire.model import AnchorScene, PartialScene, PartialSplats, RenderHints, SplatScene
+from splatwire.model import PartialScene, PartialSplats, RenderHints, SplatScene
+from splatwire.model.appearance import Partial, Scene
 from splatwire.scene import Anchors, Attribute
 
 
-def conceal(partial: PartialScene, concealer: Concealer | str) -> AnchorScene:
+def conceal(partial: Partial, concealer: Concealer | str) -> Scene:
     """Fills, or leaves out, what was lost.
 
     Whatever the concealer proposes, every attribute that was received stays bit for bit; filled offsets are zero where
@@ -23,15 +24,17 @@ def conceal(partial: PartialScene, concealer: Concealer | str) -> AnchorScene:
         concealer: A concealer or its name (`splatwire.conceal.create_concealer`).
 
     Returns:
-        The scene with filled anchors and render hints, on the device of the input.
+        The scene with filled elements and render hints, on the device of the input.
 
     Raises:
         UnknownNameError: No concealer has that name.
-        InvalidValueError: `partial` is none, or the concealer returned tensors of other sizes or hints that cannot be
-            drawn.
+        InvalidValueError: `partial` is none, it lacks what the concealer works with, or the concealer returned tensors
+            of other sizes or hints that cannot be drawn.
     """
-    check_kind(partial, PartialScene, "load_partial")
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
+    if isinstance(partial, PartialSplats):
+        return _with_hints(partial, method)
+    check_kind(partial, PartialScene, "load_partial")
     context = context_of(partial)
     if context.erasures.num_lost == 0:
         proposal = Concealed.filled(context.anchors.to("cpu"))
@@ -44,20 +47,16 @@ def conceal(partial: PartialScene, concealer: Concealer | str) -> AnchorScene:
     return dataclasses.replace(partial.scene, anchors=keep_received(context, proposal.anchors.to(device)), hints=hints)
 
 
-def conceal_splats(partial: PartialSplats, concealer: Concealer | str) -> SplatScene:
-    """Says how to draw what arrived of explicit Gaussians; nothing that was received changes.
+def concealed(loaded: Scene | Partial, concealer: Concealer | str) -> Scene:
+    """Conceals what has gaps; a scene that can be drawn stays as it is. See `conceal`."""
+    return conceal(loaded, concealer) if isinstance(loaded, PartialScene | PartialSplats) else loaded
 
-    Args:
-        partial: What a decoder returned.
-        concealer: A concealer or its name.
 
-    Raises:
-        UnknownNameError: No concealer has that name.
-        InvalidValueError: The concealer fills the attributes of anchors, which these are not.
-    """
-    method = create_concealer(concealer) if isinstance(concealer, str) else concealer
+def _with_hints(partial: PartialSplats, method: Concealer) -> SplatScene:
+    """Explicit Gaussians have no attributes that a prior expects: they are drawn differently, never filled."""
     if not isinstance(method, ElementConcealer):
-        raise InvalidValueError(f"concealer '{method.name}' works on anchors; explicit Gaussians take drop or grow")
+        able = ", ".join(concealer_names(partial.concealment, SplatScene.ELEMENTS))
+        raise InvalidValueError(f"concealer '{method.name}' works on anchors; explicit Gaussians take {able}")
     if partial.erasures.num_lost == 0:
         return partial.scene
     return dataclasses.replace(partial.scene, hints=method.hints(elements_of(partial)))

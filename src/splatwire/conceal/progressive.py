@@ -2,7 +2,6 @@
 
 import dataclasses
 from contextlib import nullcontext
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -17,6 +16,7 @@ from splatwire.conceal.fill import MaskVote
 from splatwire.conceal.grow import Grow
 from splatwire.conceal.idw import Idw, PriorMean, fill_from_neighbors, inverse_distance_weights
 from splatwire.model import AnchorScene, PartialScene, RenderHints
+from splatwire.model.appearance import Partial, Scene
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.ops.threads import one_torch_thread
 from splatwire.scene import Attribute
@@ -48,13 +48,13 @@ class ProgressiveConcealer:
         UnknownNameError: No concealer has that name.
     """
 
-    def __init__(self, partial: PartialScene, concealer: Concealer | str) -> None:
+    def __init__(self, partial: Partial, concealer: Concealer | str) -> None:
         self.concealer = create_concealer(concealer) if isinstance(concealer, str) else concealer
         self.recomputed = 0
         self._partial = partial
         self._pending: list[np.ndarray] = []
-        self._scene: AnchorScene | None = None
-        self._state = _state(context_of(partial), self.concealer)
+        self._scene: Scene | None = None
+        self._state = _state(partial, self.concealer)
         self.restart()
 
     @property
@@ -68,9 +68,16 @@ class ProgressiveConcealer:
         self._scene = None
         if self._state is not None:
             self._state.restart()
-            anchors, hints = self._state.anchors, self._state.hints
-            self._scene = dataclasses.replace(self._partial.scene, anchors=anchors, hints=hints)
+            self._scene = self._state.scene()
             self._pending.append(self._partial.erasures.known.nonzero()[:, 0].numpy())
+
+    def of(self, partial: Partial) -> Scene:
+        """The concealed scene of another state of the same scene; only good until the next call."""
+        if self._state is None:
+            return conceal(partial, self.concealer)
+        self._state.fill(partial)
+        self.restart()
+        return self.scene()
 
     def arrived(self, ranks: np.ndarray) -> None:
         """Notes anchors that are in the partial scene now; costs nothing yet.
@@ -81,7 +88,7 @@ class ProgressiveConcealer:
         if len(ranks):
             self._pending.append(ranks)
 
-    def scene(self) -> AnchorScene:
+    def scene(self) -> Scene:
         """The concealed scene as of now.
 
         Returns:
@@ -100,43 +107,41 @@ class ProgressiveConcealer:
         return self._scene
 
 
-@runtime_checkable  # the test run checks annotations
-class _Method(Protocol):
-    """What differs between concealers."""
-
-    def restart(self) -> None:
-        """Forgets all arrivals."""
-        ...
-
-    def take(self, arrivals: np.ndarray, state: "_State") -> int:
-        """Brings the state's tensors up to date after arrivals; returns how many rows it computed."""
-        ...
-
-
-def _state(context: AnchorContext, concealer: Concealer) -> "_State | None":
-    received = context.erasures.received
+def _state(partial: Partial, concealer: Concealer) -> "_State | None":
+    if not isinstance(partial, PartialScene):
+        return None  # where a lost Gaussian is, is known when it arrives: what follows from places changes all the time
+    context, received = context_of(partial), partial.erasures.received
     if not torch.equal(received.any(dim=1), received.all(dim=1)):
         return None  # separated packets: every attribute has gaps of its own
     match concealer:
         case Drop():
-            return _State(context, None, leave_out=True)
+            return _State(partial, None, leave_out=True)
         case Grow():
-            return _State(context, _Growing(context, concealer), leave_out=True)
+            return _State(partial, _Growing(context, concealer), leave_out=True)
         case PriorMean():
             votes = (Attribute.MASK,)
-            return _State(context, _Neighborly(context, concealer.neighbors, 1.0, votes, concealer.vote))
+            return _State(partial, _Neighborly(context, concealer.neighbors, 1.0, votes, concealer.vote))
         case Idw(metric="euclidean"):
             k, power = concealer.neighbors, concealer.power
-            return _State(context, _Neighborly(context, k, power, tuple(Attribute), concealer.vote))
+            return _State(partial, _Neighborly(context, k, power, tuple(Attribute), concealer.vote))
     return None
 
 
 class _State:
     """The concealed scene's tensors. Lost anchors hold the prior's mean unless a method knows better."""
 
-    def __init__(self, context: AnchorContext, method: _Method | None, *, leave_out: bool = False) -> None:
-        self.context, self._method, self._leave_out = context, method, leave_out
+    def __init__(self, partial: PartialScene, method: "_Method | None", *, leave_out: bool = False) -> None:
+        self._partial, self.context, self._method, self._leave_out = partial, context_of(partial), method, leave_out
         self.restart()
+
+    def fill(self, partial: Partial) -> None:
+        """Takes over another state of the scene; what is drawn follows from `restart` on."""
+        assert isinstance(partial, PartialScene)
+        self._partial.fill(slice(None), partial)
+
+    def scene(self) -> AnchorScene:
+        """What is drawn."""
+        return dataclasses.replace(self._partial.scene, anchors=self.anchors, hints=self.hints)
 
     def restart(self) -> None:
         """Nothing has arrived; tensors that were handed out stay as they are."""
@@ -285,3 +290,6 @@ class _Neighborly:
         used, place = index.unique(return_inverse=True)  # what the means touch, not the whole scene
         fill_from_neighbors(context.anchors.select(used), filled, self._attributes, rows, place, weight, self._vote)
         filled.offsets[rows] *= filled.mask[rows, :, None]
+
+
+_Method = _Growing | _Neighborly

@@ -1,11 +1,11 @@
-"""The loss map: where the anchors of a view fall on its picture, and which of them were lost."""
+"""The loss map: where the elements of a view fall on its picture, and which of them were lost."""
 
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.scene import Anchors, Cameras
+from splatwire.scene import Cameras
 
 LOST_COLOR = (226, 74, 51)
 RECEIVED_COLOR = (44, 104, 158)
@@ -15,12 +15,16 @@ _DOT = 2
 
 
 def draw_loss_map(
-    anchors: Anchors, known: Bool[Tensor, "N"], cameras: Cameras, view: int, picture: Float[Tensor, "H W 3"]
+    positions: Float[Tensor, "N 3"],
+    known: Bool[Tensor, "N"],
+    cameras: Cameras,
+    view: int,
+    picture: Float[Tensor, "H W 3"],
 ) -> np.ndarray:
-    """Draws every anchor as a dot on a dimmed grey picture: received ones blue, lost ones red and on top.
+    """Draws every element as a dot on a dimmed grey picture: received ones blue, lost ones red and on top.
 
     Args:
-        anchors: The anchors of the complete scene (or of the lossy one: positions are always known).
+        positions: Where the elements are, or are expected to be.
         known: Which of them were received.
         cameras: The cameras.
         view: Which of them.
@@ -32,7 +36,7 @@ def draw_loss_map(
     grey = (picture.mean(dim=2, keepdim=True).expand(-1, -1, 3) * 0.55 + 0.45) * 255
     canvas = grey.numpy().astype(np.uint8)
     pose, K = cameras.viewmats[view], cameras.Ks[view]
-    local = anchors.positions @ pose[:3, :3].T + pose[:3, 3]
+    local = positions @ pose[:3, :3].T + pose[:3, 3]
     x = torch.floor(local[:, 0] / local[:, 2] * K[0, 0] + K[0, 2])
     y = torch.floor(local[:, 1] / local[:, 2] * K[1, 1] + K[1, 2])
     inside = (local[:, 2] > NEAR_DEPTH) & (x >= 0) & (y >= 0) & (x < cameras.width) & (y < cameras.height)

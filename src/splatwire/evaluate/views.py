@@ -10,11 +10,10 @@ from torch import Tensor
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.metrics import black_outside, psnr, ssim
-from splatwire.model import AnchorScene
+from splatwire.model.appearance import Scene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
-from splatwire.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +108,7 @@ def photo_source(*, masked: bool) -> str:
 
 
 def views_of(
-    scene: AnchorScene | Splats,
+    scene: Scene,
     cameras: Cameras,
     renderer: str,
     background: Background | None = None,

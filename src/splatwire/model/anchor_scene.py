@@ -1,8 +1,10 @@
 """A whole scene: anchors, the networks that draw them, and the context model that codes them."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
+import torch
 from jaxtyping import Bool, Float, Int8
 from torch import Tensor
 
@@ -105,11 +107,38 @@ class AnchorScene:
         background: RGB behind everything, in front of which the scene was trained.
     """
 
+    ELEMENTS: ClassVar[str] = "anchors"
+    """What its elements are called."""
     anchors: Anchors
     heads: GaussianHeads
     coding: HacppCoding
     hints: RenderHints | None = None
     background: Background = BLACK
+
+    @property
+    def elements(self) -> Anchors:
+        """Its elements."""
+        return self.anchors
+
+    @property
+    def positions(self) -> Float[Tensor, "N 3"]:
+        """Where its elements are."""
+        return self.anchors.positions
+
+    @property
+    def num_elements(self) -> int:
+        """Number of its elements, N."""
+        return self.anchors.num_anchors
+
+    @property
+    def drawable(self) -> Bool[Tensor, "N"]:
+        """Elements that any view can draw: those that are worth a packet."""
+        return self.anchors.mask.any(dim=1)
+
+    @property
+    def num_gaussians(self) -> int:
+        """Gaussians that its elements can have in a view."""
+        return int(self.anchors.mask.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,3 +156,23 @@ class PartialScene:
     erasures: Erasures
     prior: Prior
     concealment: Mapping[str, bytes] = field(default_factory=dict)
+
+    def without(self, known: Bool[Tensor, "N"]) -> "PartialScene":
+        """The same scene when only some anchors are there, as if the packets of the others had not come."""
+
+        def gap(values: Tensor) -> Tensor:
+            return torch.where(known.view(-1, *[1] * (values.dim() - 1)), values, torch.zeros_like(values))
+
+        anchors = self.scene.anchors
+        there = replace(anchors, **{name: gap(getattr(anchors, name)) for name in DECODED_ATTRIBUTES})
+        return replace(self, scene=replace(self.scene, anchors=there), erasures=Erasures.of_anchors(known))
+
+    def fill(self, rows: Tensor | slice, source: "PartialScene | None") -> None:
+        """Copies rows of another state of the same scene into this one's tensors, in place; None takes them back."""
+        for name in DECODED_ATTRIBUTES:
+            getattr(self.scene.anchors, name)[rows] = 0 if source is None else getattr(source.scene.anchors, name)[rows]
+        self.erasures.received[rows] = False if source is None else source.erasures.received[rows]
+
+
+DECODED_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
+"""Fields of `Anchors` that packets bring; their places are side information."""

@@ -6,23 +6,24 @@ from dataclasses import fields
 import torch
 
 from splatwire.scene import Anchors
+from splatwire.scene.splats import Splats
 
 
-def scene_digest(anchors: Anchors) -> str:
-    """Computes the SHA-256 of all attribute tensors, in the order of `Anchors`' fields.
+def scene_digest(elements: Anchors | Splats) -> str:
+    """Computes the SHA-256 of all attribute tensors, in the order of their fields.
 
     Each tensor contributes its name, its shape and its values (float32 little-endian, masks as bytes 0 and 1). The
-    order of the anchors counts: a decoder's is that of the stream.
+    order of the elements counts: a decoder's is that of the stream.
 
     Args:
-        anchors: The anchors.
+        elements: The elements of a scene.
 
     Returns:
         64 hexadecimal digits.
     """
     digest = hashlib.sha256(b"splatwire/scene-digest/1\0")
-    for field in fields(Anchors):
-        tensor = getattr(anchors, field.name).detach().cpu()
+    for field in fields(elements):
+        tensor = getattr(elements, field.name).detach().cpu()
         plain = tensor.numpy().astype("u1" if tensor.dtype == torch.bool else "<f4", order="C")
         digest.update(f"{field.name}{tuple(tensor.shape)}\0".encode())
         digest.update(plain.data)

@@ -2,6 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
 
 from splatwire.model.anchor_scene import RenderHints
 from splatwire.scene import Erasures
@@ -19,9 +24,36 @@ class SplatScene:
         background: RGB behind everything.
     """
 
+    ELEMENTS: ClassVar[str] = "Gaussians"
+    """What its elements are called."""
     splats: Splats
     hints: RenderHints | None = None
     background: Background = BLACK
+
+    @property
+    def elements(self) -> Splats:
+        """Its elements."""
+        return self.splats
+
+    @property
+    def positions(self) -> Float[Tensor, "N 3"]:
+        """Where its elements are."""
+        return self.splats.means
+
+    @property
+    def num_elements(self) -> int:
+        """Number of its elements, N."""
+        return self.splats.num_gaussians
+
+    @property
+    def drawable(self) -> Bool[Tensor, "N"]:
+        """Elements that any view can draw: those that are worth a packet."""
+        return torch.ones(self.num_elements, dtype=torch.bool)
+
+    @property
+    def num_gaussians(self) -> int:
+        """Gaussians that its elements can have in a view: themselves."""
+        return self.splats.num_gaussians
 
     def drawn(self) -> Splats:
         """The Gaussians as the hints say: some left out, sizes and opacities times their gains."""
@@ -47,3 +79,9 @@ class PartialSplats:
     scene: SplatScene
     erasures: Erasures
     concealment: Mapping[str, bytes] = field(default_factory=dict)
+
+    def without(self, known: Bool[Tensor, "N"]) -> "PartialSplats":
+        """The same scene when only some Gaussians are there; the lost ones are expected where, and as, they were."""
+        splats = self.scene.splats
+        there = replace(splats, opacities=torch.where(known, splats.opacities, torch.zeros_like(splats.opacities)))
+        return replace(self, scene=replace(self.scene, splats=there), erasures=Erasures.of_anchors(known))

@@ -105,6 +105,11 @@ class Manifest:
         return _FORMATS[self.codec]
 
     @property
+    def elements(self) -> str:
+        """What the elements are called."""
+        return "Gaussians" if self.codec == GAUSSIANS else "anchors"
+
+    @property
     def plan(self) -> PacketPlan:
         """The mapping between anchors and packets."""
         groups = len(self.feature_groups) if self.packetization.separated else 0

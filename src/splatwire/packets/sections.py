@@ -84,6 +84,15 @@ def split_sections(side_info: bytes, codec: str = ANCHORS) -> tuple[bytes, dict[
     return side_info[: len(side_info) - len(rest)], read_sections(rest)
 
 
+def sections_of(stream: SceneStream) -> dict[str, bytes]:
+    """The named sections of a stream, content by name.
+
+    Raises:
+        BitstreamError: If its side information is damaged or missing.
+    """
+    return split_sections(stream.side_info, stream.manifest.codec)[1]
+
+
 def side_info_parts(data: bytes, codec: str = ANCHORS) -> dict[str, int]:
     """Bytes of each section of side information with its size (and name), without decoding it.
 

@@ -1,6 +1,5 @@
 """What losing each tier of importance does to the picture: the numbers that a planner splits a budget by."""
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Sequence
 
@@ -10,27 +9,25 @@ from jaxtyping import Bool, UInt8
 from torch import Tensor
 
 from splatwire.codec.preview import SECTION as PREVIEW
-from splatwire.codec.preview import preview_splats
+from splatwire.codec.preview import preview_scene
 from splatwire.codec.tiers import arrange_stream, read_tiers
-from splatwire.conceal import conceal
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, PartialScene
+from splatwire.model.appearance import Partial, Scene
 from splatwire.packets import SceneStream, send_sequence
-from splatwire.packets.sections import split_sections
+from splatwire.packets.sections import sections_of
 from splatwire.plan.damage import BLANK_PSNR, Damage, Offer
 from splatwire.plan.outline import StreamLoad
 from splatwire.render import iterate_views
-from splatwire.scene import Cameras, Erasures
+from splatwire.scene import Cameras
 
 SHARES = (0.0, 0.05, 0.15, 0.3, 0.6, 1.0)
 ASSUMED_BASE_MSE = 1e-3
 """Of a scene that shows its photos at 30 dB; taken where nobody has photos."""
-_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
 
 
 class LossyPictures:
-    """Pictures of a scene that lost some anchors, compared with the complete one or with photos.
+    """Pictures of a scene that lost some elements, compared with the complete one or with photos.
 
     What a concealer needs to know of positions alone (who is near whom) is found once, where it can be kept
     (`ProgressiveConcealer.incremental`).
@@ -49,7 +46,7 @@ class LossyPictures:
 
     def __init__(
         self,
-        complete: PartialScene,
+        complete: Partial,
         cameras: Cameras,
         concealer: str,
         *,
@@ -58,31 +55,24 @@ class LossyPictures:
     ) -> None:
         lost = complete.erasures.num_lost
         if lost:
-            raise InvalidValueError(f"damage needs a complete stream, and {lost} anchors are lost")
+            raise InvalidValueError(f"damage needs a complete stream, and {lost} {complete.scene.ELEMENTS} are lost")
         if photos and len(photos) != cameras.num_views:
             raise InvalidValueError(f"{len(photos)} photos of {cameras.num_views} views")
-        self.num_anchors = complete.scene.anchors.num_anchors
+        self.num_anchors = complete.scene.num_elements
         self._complete, self._cameras, self._name = complete, cameras, concealer
         self._references = list(photos) or list(iterate_views(complete.scene, cameras))
         self._base = 0.0 if photos else base_mse
-        self._partial = without(complete, torch.zeros(self.num_anchors, dtype=torch.bool))
-        self._concealed = ProgressiveConcealer(self._partial, concealer)
+        nothing = complete.without(torch.zeros(self.num_anchors, dtype=torch.bool))
+        self._concealed = ProgressiveConcealer(nothing, concealer)
 
-    def scene(self, known: Bool[Tensor, "N"]) -> AnchorScene:
+    def scene(self, known: Bool[Tensor, "N"]) -> Scene:
         """The concealed scene; it is only good until the next one is asked for."""
         if bool(known.all()):
             return self._complete.scene
-        if not self._concealed.incremental:
-            return conceal(without(self._complete, known), self._name)
-        there = without(self._complete, known)
-        for name in _ATTRIBUTES:
-            getattr(self._partial.scene.anchors, name).copy_(getattr(there.scene.anchors, name))
-        self._partial.erasures.received.copy_(there.erasures.received)
-        self._concealed.restart()
-        return self._concealed.scene()
+        return self._concealed.of(self._complete.without(known))
 
     def errors(self, known: Bool[Tensor, "N"]) -> np.ndarray:
-        """Mean squared error of each view for the anchors that are there, float64 (views)."""
+        """Mean squared error of each view for the elements that are there, float64 (views)."""
         pictures = iterate_views(self.scene(known), self._cameras)
         pairs = zip(pictures, self._references, strict=True)
         return self._base + np.array([float((image - truth).double().square().mean()) for image, truth in pairs])
@@ -97,8 +87,7 @@ class LossyPictures:
         Raises:
             BitstreamError: If the bytes are no preview.
         """
-        shown, background = preview_splats(preview)
-        pictures = iterate_views(shown, self._cameras, background=torch.tensor(background))
+        pictures = iterate_views(preview_scene(preview), self._cameras)
         errors = [float((a - b).double().square().mean()) for a, b in zip(pictures, self._references, strict=True)]
         return float((-10 * np.log10(self._base + np.array(errors))).mean())
 
@@ -115,7 +104,7 @@ def measure_damage(
 
     Args:
         pictures: Of the scene.
-        tiers: Tier of every anchor.
+        tiers: Tier of every element.
         shares: Lost shares that are tried, ascending from 0.
         seed: Which anchors are lost.
         progress: Called with the share of the work that is done.
@@ -156,7 +145,7 @@ def offer_of(
         seed: Of the losses that the damage is measured with.
         progress: Called with the share of the work that is done.
     """
-    sections = split_sections(stream.side_info, stream.manifest.codec)[1]
+    sections = sections_of(stream)
     tiers, preview = torch.from_numpy(read_tiers(sections, stream.manifest)), sections.get(PREVIEW, b"")
     damage = measure_damage(pictures, tiers, seed=seed, progress=progress)
     members = packet_members(stream)
@@ -170,7 +159,7 @@ def offer_of(
 
 
 def packet_members(stream: SceneStream) -> list[Tensor]:
-    """Anchors of each packet of a complete stream, by rank, in sending order."""
+    """Elements of each packet of a complete stream, by rank, in sending order."""
     groups, packets = arrange_stream(stream)
     cuts = [groups.ranks[a:b].copy() for a, b in itertools.pairwise(groups.starts)]
     ranks = {p.id: torch.from_numpy(cut) for p, cut in zip(packets, cuts, strict=True) if p is not None}
@@ -178,7 +167,7 @@ def packet_members(stream: SceneStream) -> list[Tensor]:
 
 
 def known_anchors(members: Sequence[Tensor], packets: np.ndarray, num_anchors: int) -> Bool[Tensor, "N"]:
-    """Anchors that are there if some packets are.
+    """Elements that are there if some packets are.
 
     Args:
         members: Of `packet_members`.
@@ -189,15 +178,3 @@ def known_anchors(members: Sequence[Tensor], packets: np.ndarray, num_anchors: i
     for place in np.flatnonzero(packets).tolist():
         known[members[place]] = True
     return known
-
-
-def without(complete: PartialScene, known: Bool[Tensor, "N"]) -> PartialScene:
-    """The same scene with anchors lost, as if their packets had not come."""
-    anchors = complete.scene.anchors
-
-    def gap(values: Tensor) -> Tensor:
-        return torch.where(known.view(-1, *[1] * (values.dim() - 1)), values, torch.zeros_like(values))
-
-    there = dataclasses.replace(anchors, **{name: gap(getattr(anchors, name)) for name in _ATTRIBUTES})
-    scene = dataclasses.replace(complete.scene, anchors=there)
-    return dataclasses.replace(complete, scene=scene, erasures=Erasures.of_anchors(known))

@@ -1,23 +1,23 @@
-"""Footprints of anchors in a set of views, and views to look from where there are no cameras."""
+"""Footprints of elements in a set of views, and views to look from where there are no cameras."""
 
 import math
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene
-from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
+from splatwire.model.appearance import Scene, explicit_gaussians, spawned_gaussians
 from splatwire.model.projection import project
 from splatwire.render.reference import rotation_matrices
-from splatwire.scene import Anchors, Cameras, Gaussians
+from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.importance import Importance
 
 
 @torch.no_grad()
-def footprint_importance(scene: AnchorScene, cameras: Cameras) -> Importance:
-    """Computes each anchor's share of the pictures: opacity times projected area of its Gaussians, over all views.
+def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
+    """Computes each element's share of the pictures: opacity times projected area of its Gaussians, over all views.
 
     The area is that of the ellipse of one standard deviation, at most that of the image. What hides behind something
     else counts as if it were seen: a receiver that loses the thing in front would see it.
@@ -26,14 +26,12 @@ def footprint_importance(scene: AnchorScene, cameras: Cameras) -> Importance:
         scene: The complete scene.
         cameras: Where it is looked at from; training cameras, or `surrounding_cameras`.
     """
-    footprint = torch.zeros(scene.anchors.num_anchors, dtype=torch.float64)
+    footprint = torch.zeros(scene.num_elements, dtype=torch.float64)
     for view in range(cameras.num_views):
-        visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
-        center = cameras.centers[view].to(scene.anchors.positions)
-        spawned = spawn_gaussians(scene.anchors, scene.heads, center, visible)
+        spawned = spawned_gaussians(scene, cameras, view)
         area = _footprints(spawned.gaussians, cameras, view)
         footprint.index_add_(0, spawned.anchor_index.cpu(), area.double().cpu())
-    return Importance.of_footprints(footprint.to(scene.anchors.positions))
+    return Importance.of_footprints(footprint.to(scene.positions))
 
 
 def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[Tensor, "G"]:
@@ -45,9 +43,52 @@ def _footprints(gaussians: Gaussians, cameras: Cameras, view: int) -> Float[Tens
     return gaussians.opacities * area.clamp(max=cameras.width * cameras.height) * seen
 
 
-def surrounding_cameras(anchors: Anchors, num_views: int = 16, size: int = 256) -> Cameras:
-    """Places cameras around the anchors of a scene; see `cameras_around`."""
-    return cameras_around(anchors.positions, num_views, size)
+def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
+    """Places cameras around a scene of which nobody says where it was seen from; see `cameras_around`.
+
+    Explicit Gaussians are looked at from two distances, so that details and far parts are both seen, and from the
+    nearer one outwards where the scene goes on all around.
+
+    Args:
+        scene: The scene.
+        num_views: Number of cameras.
+        size: Width and height of the images, pixels; the field of view is 60 degrees.
+
+    Raises:
+        InvalidValueError: If there is no view, no pixel or no element.
+    """
+    splats = explicit_gaussians(scene)
+    if splats is None:
+        return cameras_around(scene.positions, num_views, size)
+    near = cameras_around(splats.means, num_views, size)
+    far, outwards = _moved(near, splats.means, _FAR), _turned(near)
+    poses = near.viewmats.clone()
+    poses[1::2] = far.viewmats[1::2]
+    for view in range(2, num_views, 4):
+        if float(_footprints(splats.seen_from(near.centers[view]), outwards, view).sum()) > _FULL * size * size:
+            poses[view] = outwards.viewmats[view]
+    return replace(near, viewmats=poses)
+
+
+_FAR = 2.0
+"""Distance of far cameras over that of near ones: four times the median distance of the Gaussians from the middle."""
+_FULL = 1.0
+"""Footprints of a view, over the area of its picture, from which it shows more than nothing."""
+
+
+def _moved(cameras: Cameras, positions: Float[Tensor, "N 3"], factor: float) -> Cameras:
+    """The same cameras farther away from the middle of a scene."""
+    middle = positions.median(dim=0).values
+    poses = cameras.viewmats.clone()
+    places = middle + factor * (cameras.centers - middle)
+    poses[:, :3, 3] = -torch.einsum("vij,vj->vi", poses[:, :3, :3], places)
+    return replace(cameras, viewmats=poses)
+
+
+def _turned(cameras: Cameras) -> Cameras:
+    """The same cameras looking the other way."""
+    poses = torch.tensor([-1.0, 1.0, -1.0, 1.0])[:, None] * cameras.viewmats
+    return replace(cameras, viewmats=poses)
 
 
 def cameras_around(positions: Float[Tensor, "N 3"], num_views: int = 16, size: int = 256) -> Cameras:

@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float64
 from torch import Tensor
 
+from splatwire.model.appearance import Scene, explicit_gaussians
 from splatwire.render.backends import create_renderer
 from splatwire.render.importance import cameras_around
 from splatwire.scene import Cameras, Gaussians
@@ -37,6 +38,12 @@ _WEIGHTS = {
     "position": 3.0, "scale0": 1.0, "scale1": 1.0, "scale2": 1.0, "direction": 2.0, "spin": 0.7, "opacity": 1.0
 }  # fmt: skip
 """Numbers that each attribute has; colour has 3, and about 12 with harmonics."""
+
+
+def classes_of(scene: Scene) -> np.ndarray | None:
+    """Classes of precision of a scene's elements; None for anchors, whose steps the scene was trained with."""
+    splats = explicit_gaussians(scene)
+    return None if splats is None else precision_classes(splats)
 
 
 def precision_classes(

@@ -1,4 +1,4 @@
-"""From a scene to pictures: heads, then a renderer, view by view."""
+"""From a scene to pictures, view by view."""
 
 from collections.abc import Callable, Iterator
 
@@ -6,21 +6,18 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.model import AnchorScene
-from splatwire.model.compiled_heads import drawn_gaussians
+from splatwire.model.appearance import Scene, gaussians_of_view
 from splatwire.ops.threads import one_torch_thread
 from splatwire.render.backends import create_renderer
 from splatwire.render.base import Renderer
-from splatwire.scene import Cameras, Gaussians
-from splatwire.scene.background import BLACK
-from splatwire.scene.splats import Splats
+from splatwire.scene import Cameras
 
 Progress = Callable[[int, int], None]
 """Called with the number of views done and the number of views in all."""
 
 
 def iterate_views(
-    scene: AnchorScene | Splats,
+    scene: Scene,
     cameras: Cameras,
     *,
     renderer: str | Renderer = "cpu",
@@ -29,10 +26,10 @@ def iterate_views(
     """Draws one view after another, so that a caller need not hold all pictures.
 
     Args:
-        scene: What to draw: a scene, or explicit Gaussians.
+        scene: What to draw.
         cameras: Where from.
         renderer: A renderer or its name (`splatwire.render.backends.create_renderer`).
-        background: RGB behind everything; the scene's own where absent, black for explicit Gaussians.
+        background: RGB behind everything; the scene's own where absent.
 
     Yields:
         One picture per camera, RGB clamped to [0, 1]. No gradients: training calls the renderer itself.
@@ -42,34 +39,24 @@ def iterate_views(
         BackendUnavailableError: The renderer cannot run here.
     """
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
-    return _views(scene, cameras, draw, background_of(scene) if background is None else background)
-
-
-def background_of(scene: AnchorScene | Splats) -> Float[Tensor, "3"]:
-    """RGB behind a scene; black for explicit Gaussians, which do not say what they were trained in front of."""
-    return torch.tensor(BLACK if isinstance(scene, Splats) else scene.background)
+    behind = torch.tensor(scene.background) if background is None else background
+    return _views(scene, cameras, draw, behind)
 
 
 def _views(
-    scene: AnchorScene | Splats, cameras: Cameras, draw: Renderer, background: Float[Tensor, "3"]
+    scene: Scene, cameras: Cameras, draw: Renderer, background: Float[Tensor, "3"]
 ) -> Iterator[Float[Tensor, "H W 3"]]:
     for view in range(cameras.num_views):
         with torch.no_grad():  # inside the loop: a generator must not hold the mode while its caller works
-            gaussians = _gaussians(scene, cameras, view)
+            gaussians = gaussians_of_view(scene, cameras, view)
             image = draw(gaussians, cameras.select([view]), background=background.to(gaussians.means))[0]
             with one_torch_thread():  # its own threads would go on spinning while the next picture needs processors
                 image.clamp_(0, 1)
         yield image
 
 
-def _gaussians(scene: AnchorScene | Splats, cameras: Cameras, view: int) -> Gaussians:
-    if isinstance(scene, Splats):
-        return scene.seen_from(cameras.centers[view].to(scene.means))
-    return drawn_gaussians(scene, cameras, view)
-
-
 def render_scene(
-    scene: AnchorScene | Splats,
+    scene: Scene,
     cameras: Cameras,
     *,
     renderer: str | Renderer = "cpu",
@@ -82,7 +69,7 @@ def render_scene(
         scene: What to draw.
         cameras: Where from.
         renderer: A renderer or its name.
-        background: RGB behind everything; the scene's own where absent, black for explicit Gaussians.
+        background: RGB behind everything; the scene's own where absent.
         progress: Called after each view.
 
     Returns:

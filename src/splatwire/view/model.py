@@ -14,19 +14,18 @@ from splatwire.channel import Bernoulli, GilbertElliott, LossModel
 from splatwire.conceal.grow import lost_share
 from splatwire.errors import InvalidValueError
 from splatwire.metrics import psnr
-from splatwire.model import AnchorScene
-from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
+from splatwire.model import SplatScene
+from splatwire.model.appearance import Scene, spawned_gaussians
 from splatwire.render import render_scene
 from splatwire.render.backends import create_renderer
-from splatwire.scene import Anchors, Cameras
+from splatwire.scene import Cameras
 from splatwire.scene.background import Background
-from splatwire.scene.splats import Splats
 from splatwire.view.looks import heat
 from splatwire.view.progressive_scene import ProgressiveScene
 
-LAYERS = ("received", "lossless", "difference", "lost anchors")
-"""What can be shown: the concealed scene, the reference, the error of each pixel, the loss around each anchor."""
-LIVE_LAYERS = ("received", "lost anchors")
+LAYERS = ("received", "lossless", "difference", "losses")
+"""What can be shown: the concealed scene, the reference, the error of each pixel, the loss around each element."""
+LIVE_LAYERS = ("received", "losses")
 """Of these, what needs no reference."""
 ERROR_AT_FULL_HEAT = 0.1
 LOST_NEIGHBORS = 16
@@ -74,8 +73,8 @@ class Status:
         seconds: Since the beginning of the transfer.
         packets_received: Packets that are there.
         packets_total: Packets of the complete stream.
-        anchors_known: Anchors that are exact.
-        anchors_total: Anchors of the complete scene.
+        known: Elements that are exact.
+        total: Elements of the complete scene.
         psnr: Against the lossless render of the same view, dB; None where there is none or it was not asked for.
         draw_ms: Time for the picture.
         note: Something that a person should know, or nothing.
@@ -86,8 +85,8 @@ class Status:
     seconds: float
     packets_received: int
     packets_total: int
-    anchors_known: int
-    anchors_total: int
+    known: int
+    total: int
     psnr: float | None = None
     draw_ms: float = 0.0
     note: str = ""
@@ -101,19 +100,6 @@ class Frame:
     status: Status
 
 
-@dataclass(frozen=True, eq=False)
-class PreviewScene:
-    """Something to look at before there is a scene.
-
-    Attributes:
-        splats: What is drawn.
-        background: RGB behind it.
-    """
-
-    splats: Splats
-    background: Background
-
-
 @runtime_checkable
 class Source(Protocol):
     """Where the scene comes from: a file whose transfer is played, or a server that sends it now."""
@@ -124,10 +110,10 @@ class Source(Protocol):
 
     @property
     def positions(self) -> Float[Tensor, "N 3"]:
-        """Where the scene is: the places of its anchors, or of its preview's Gaussians."""
+        """Where the scene is: the places of its elements, or of its preview's Gaussians."""
 
     @property
-    def preview(self) -> PreviewScene | None:
+    def preview(self) -> SplatScene | None:
         """What there is to look at before there is a scene."""
 
     @property
@@ -137,10 +123,10 @@ class Source(Protocol):
     def advance(self) -> bool:
         """Goes over to the scene when it is time; says whether anything is to be drawn anew."""
 
-    def scene(self, settings: Settings) -> AnchorScene:
+    def scene(self, settings: Settings) -> Scene:
         """The concealed scene under these settings; tensors may be changed by the next call."""
 
-    def reference(self) -> AnchorScene | None:
+    def reference(self) -> Scene | None:
         """The scene without loss, once it is known."""
 
     def status(self) -> Status:
@@ -184,7 +170,7 @@ class Viewer:
         began = time.perf_counter()
         preview = self.source.preview
         if preview is not None:
-            image, quality = self._preview(preview, cameras), None
+            image, quality = self._picture(preview, cameras), None
         else:
             image, quality = self._draw(settings, self.source.scene(settings), cameras, score)
         seconds = time.perf_counter() - began
@@ -192,11 +178,11 @@ class Viewer:
         return Frame((image * 255).round().to(torch.uint8), status)
 
     def _draw(
-        self, settings: Settings, scene: AnchorScene, cameras: Cameras, score: bool
+        self, settings: Settings, scene: Scene, cameras: Cameras, score: bool
     ) -> tuple[Float[Tensor, "H W 3"], float | None]:
         lossless = self.source.reference()
-        if settings.layer == "lost anchors":
-            return self._lost_anchors(lossless or scene, scene, cameras), None
+        if settings.layer == "losses":
+            return self._losses(lossless or scene, scene, cameras), None
         if settings.layer == "lossless" and lossless is not None:
             return self._lossless(lossless, cameras), None
         picture = self._picture(scene, cameras)
@@ -208,34 +194,28 @@ class Viewer:
             picture = heat((picture - truth).abs().mean(dim=2) / ERROR_AT_FULL_HEAT)
         return picture, quality
 
-    def _preview(self, preview: PreviewScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
-        behind = torch.tensor(preview.background) if self._background is None else self._background
-        return render_scene(preview.splats, cameras, renderer=self._render, background=behind)[0]
-
-    def _damage(self, anchors: Anchors) -> Float[Tensor, "N"]:
-        """Share of lost anchors around each one, 1 for those that are lost; kept while nothing arrives."""
+    def _damage(self, positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
+        """Share of lost elements around each one, 1 for those that are lost; kept while nothing arrives."""
         assert self.source.progressive is not None
         known = self.source.progressive.known
         if self._shares is None or not torch.equal(self._shares[0], known):
-            share = lost_share(anchors.positions, known, LOST_NEIGHBORS)
+            share = lost_share(positions, known, LOST_NEIGHBORS)
             self._shares = (known.clone(), torch.where(known, share, 1.0))
         return self._shares[1]
 
-    def _lossless(self, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
+    def _lossless(self, scene: Scene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
         """The reference picture; the last one is kept, because settings change while the view stays."""
         if self._reference is None or not _same(self._reference[0], cameras):
             self._reference = (cameras, self._picture(scene, cameras))
         return self._reference[1]
 
-    def _picture(self, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
+    def _picture(self, scene: Scene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
         return render_scene(scene, cameras, renderer=self._render, background=self._background)[0]
 
     @torch.no_grad()
-    def _lost_anchors(self, shape: AnchorScene, scene: AnchorScene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
-        """The Gaussians of the reference in the colours of what was lost around their anchors."""
-        share, anchors = self._damage(scene.anchors), shape.anchors
-        visible = visible_anchors(anchors, cameras, 0) & anchors.mask.any(dim=1)
-        spawned = spawn_gaussians(anchors, shape.heads, cameras.centers[0], visible)
+    def _losses(self, shape: Scene, scene: Scene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
+        """The Gaussians of the reference in the colours of what was lost around their elements."""
+        share, spawned = self._damage(shape.positions), spawned_gaussians(shape, cameras, 0)
         colors = heat(0.1 + 0.9 * share)[spawned.anchor_index]
         gaussians = dataclasses.replace(spawned.gaussians, colors=colors)
         behind = torch.tensor(shape.background) if self._background is None else self._background

@@ -92,10 +92,10 @@ class Panel:
 def status_text(status: Status, *, live: bool = False) -> str:
     """The overlay, as Markdown; a live view has no lossless render and thus no PSNR."""
     total = "" if status.bytes_total is None else f" of {status.bytes_total / 1e3:,.0f}"
-    share = status.anchors_known / max(status.anchors_total, 1)
+    share = status.known / max(status.total, 1)
     lines = [
         f"**{status.bytes_sent / 1e3:,.0f}{total} kB**, {status.seconds:.2f} s",
-        f"{status.packets_received} of {status.packets_total} packets, {100 * share:.1f} % of the anchors",
+        f"{status.packets_received} of {status.packets_total} packets, {100 * share:.1f} % of the scene",
         *([] if live else [f"**PSNR {_decibels(status.psnr)}** against the lossless render"]),
         f"drawn in {status.draw_ms:.0f} ms",
     ]

@@ -2,20 +2,18 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.codec import ProgressiveDecoder
 from splatwire.conceal import Concealer
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import DesyncError
-from splatwire.model import AnchorScene, PartialScene
+from splatwire.model.appearance import Scene
 from splatwire.packets import Manifest, Packet, PacketIntake, SceneStream
-from splatwire.scene import Anchors, Erasures
 
 
 class ProgressiveScene:
@@ -49,9 +47,9 @@ class ProgressiveScene:
         self._concealer = ProgressiveConcealer(self._shown, concealer)
 
     @property
-    def anchors(self) -> Anchors:
-        """Any state of the anchors; positions are right."""
-        return self._shown.scene.anchors
+    def positions(self) -> Float[Tensor, "N 3"]:
+        """Where the elements are, or are expected to be."""
+        return self._shown.scene.positions
 
     @property
     def sections(self) -> tuple[str, ...]:
@@ -60,12 +58,12 @@ class ProgressiveScene:
 
     @property
     def known(self) -> Bool[Tensor, "N"]:
-        """Anchors that are exact."""
+        """Elements that are exact."""
         return self._shown.erasures.known
 
     @property
     def num_known(self) -> int:
-        """Anchors that are exact."""
+        """Elements that are exact."""
         return int(self.known.sum())
 
     @property
@@ -85,7 +83,7 @@ class ProgressiveScene:
 
     @property
     def recomputed(self) -> int:
-        """Concealed anchors that were computed so far."""
+        """Concealed elements that were computed so far."""
         return self._concealer.recomputed
 
     @property
@@ -94,7 +92,7 @@ class ProgressiveScene:
         return self._concealer.incremental
 
     def add(self, packets: Iterable[Packet]) -> int:
-        """Takes packets in any order; returns how many anchors are new.
+        """Takes packets in any order; returns how many elements are new.
 
         Raises:
             DesyncError: If now everything is there and the decoded integers are not those that were encoded.
@@ -131,39 +129,16 @@ class ProgressiveScene:
             wanted[decoder.members(packet)] = True
         with decoder.lock:
             if self._shown is decoder.partial:
-                self._shown = _emptied(decoder.partial)
+                self._shown = decoder.partial.without(torch.zeros(len(wanted), dtype=torch.bool))
                 self._concealer = ProgressiveConcealer(self._shown, self._concealer.concealer)
-            known = self.known.numpy()
-            old, new = np.flatnonzero(known & ~wanted), np.flatnonzero(wanted & ~known)
-            _fill(self._shown, new, decoder.partial)
+            old, new = decoder.show(self._shown, wanted)
             if len(old):
-                _fill(self._shown, old, None)
                 self._concealer.restart()
             else:
                 self._concealer.arrived(new)
 
     @contextmanager
-    def reading(self) -> Iterator[AnchorScene]:
+    def reading(self) -> Iterator[Scene]:
         """Gives the scene as of now; while it is read, arrivals wait. Keep nothing of it."""
         with self._decoder.lock:
             yield self._concealer.scene()
-
-
-_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
-
-
-def _emptied(partial: PartialScene) -> PartialScene:
-    """The same scene with nothing received."""
-    anchors = partial.scene.anchors
-    nothing = {name: torch.zeros_like(getattr(anchors, name)) for name in _ATTRIBUTES}
-    scene = replace(partial.scene, anchors=replace(anchors, **nothing))
-    return replace(partial, scene=scene, erasures=Erasures(torch.zeros_like(partial.erasures.received)))
-
-
-def _fill(partial: PartialScene, rows: np.ndarray, source: PartialScene | None) -> None:
-    """Copies rows of another scene, or takes them back."""
-    index = torch.from_numpy(rows)
-    for name in _ATTRIBUTES:
-        value = 0 if source is None else getattr(source.scene.anchors, name)[index]
-        getattr(partial.scene.anchors, name)[index] = value
-    partial.erasures.received[index] = source is not None

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.codec.preview import preview_splats
+from splatwire.codec.preview import preview_scene
 from splatwire.conceal import conceal
 from splatwire.errors import BitstreamError
-from splatwire.model import AnchorScene
+from splatwire.model import SplatScene
+from splatwire.model.appearance import Scene
 from splatwire.packets import Packet, SceneStream
 from splatwire.transport import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
-from splatwire.view.model import PreviewScene, Settings, Status
+from splatwire.view.model import Settings, Status
 from splatwire.view.progressive_scene import ProgressiveScene
 from splatwire.view.transfer import Playback, plan_transfer
 
@@ -57,7 +58,7 @@ class FileSource:
     @property
     def positions(self) -> Float[Tensor, "N 3"]:
         """See `Source`."""
-        return self.progressive.anchors.positions
+        return self.progressive.positions
 
     @property
     def transfer_seconds(self) -> float:
@@ -68,11 +69,11 @@ class FileSource:
         """See `Source`."""
         return False
 
-    def reference(self) -> AnchorScene | None:
+    def reference(self) -> Scene | None:
         """See `Source`."""
         return self._reference
 
-    def scene(self, settings: Settings) -> AnchorScene:
+    def scene(self, settings: Settings) -> Scene:
         """See `Source`."""
         playback = self._planned(settings)
         packets = playback.upto(settings.progress)
@@ -111,7 +112,7 @@ class LiveSource:
     live = True
 
     def __init__(self) -> None:
-        self.preview: PreviewScene | None = None
+        self.preview: SplatScene | None = None
         self.progressive: ProgressiveScene | None = None
         self._concealer = "drop"
         self._welcomed: Welcomed | None = None
@@ -128,9 +129,9 @@ class LiveSource:
     def positions(self) -> Float[Tensor, "N 3"]:
         """See `Source`; there is a preview or a scene."""
         if self.progressive is not None:
-            return self.progressive.anchors.positions
+            return self.progressive.positions
         assert self.preview is not None
-        return self.preview.splats.means
+        return self.preview.positions
 
     def take(self, event: Event, seconds: float) -> None:
         """Takes what happened; costs next to nothing.
@@ -158,7 +159,7 @@ class LiveSource:
     def _take_preview(self, preview: bytes) -> None:
         """Takes a preview, if it is one: the scene may be good all the same."""
         try:
-            self.preview, self.note = PreviewScene(*preview_splats(preview)), "a preview, until the scene is there"
+            self.preview, self.note = preview_scene(preview), "a preview, until the scene is there"
         except BitstreamError as error:
             self._damaged = f"; what should have been its {error}"
 
@@ -182,11 +183,11 @@ class LiveSource:
         self._bytes, self.preview = len(arrived.side_info), None
         return True
 
-    def reference(self) -> AnchorScene | None:
+    def reference(self) -> Scene | None:
         """See `Source`; there is none: once everything has arrived, it is the scene itself."""
         return None
 
-    def scene(self, settings: Settings) -> AnchorScene:
+    def scene(self, settings: Settings) -> Scene:
         """See `Source`; losses and progress are what they are."""
         assert self.progressive is not None
         packets = []

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
-from splatwire.evaluate.study.definition import Loss
+from splatwire.evaluate.study.definition import Loss, common_word
 from splatwire.evaluate.study.summary import Summary
 
 PALETTE = ("#3b6ea5", "#c4493d", "#4d8a57", "#8a63a8", "#c08a2e", "#3f9aa3", "#7a7a7a", "#b0567f", "#5a5ad0")
@@ -108,7 +108,7 @@ def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
                       color=PALETTE[i % len(PALETTE)], label=line[0].row.label)  # fmt: skip
     axes.axhline(0, color="#888", lw=0.8)
     axes.set_xscale("log")
-    axes.set_xlabel("anchors of the scene")
+    axes.set_xlabel(f"{common_word(s.elements for s in own)} of the scene")
     axes.set_ylabel("PSNR against the baseline (dB)")
     axes.grid(alpha=0.25)
     _legend_above(axes)

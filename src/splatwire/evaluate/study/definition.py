@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ class SceneEntry:
         source: A stream, a scene file, or a folder of the official HAC++ code (`kind` says which).
         kind: `stream`, `scene` or `model`.
         photos: Dataset folder whose test photos are the references; None to compare with renders.
-        cameras: Cameras file for renders; None to take the views of `photos`.
+        cameras: Cameras file for renders; None to take the views of `photos`, or views around the scene.
         reference: What is drawn from those views as references: a scene file, a stream or explicit Gaussians; None for
             the photos, or the scene itself where there are none.
         dataset: The group of scenes over which results are averaged.
@@ -69,8 +69,6 @@ class SceneEntry:
         _known("split", self.split, SPLITS)
         if self.test_views is not None:
             _known("choice of test views", self.test_views, TEST_VIEWS)
-        if self.photos is None and self.cameras is None:
-            raise InvalidValueError(f"scene '{self.name}' needs photos, or cameras to draw its own references")
 
 
 @dataclass(frozen=True)
@@ -274,3 +272,9 @@ def _unique(what: str, names: Sequence[str], *, least: int) -> None:
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise InvalidValueError(f"{what} {repeated[0]} is there {names.count(repeated[0])} times: once is right")
+
+
+def common_word(words: Iterable[str]) -> str:
+    """What the elements of several scenes are called: their word, if they share one."""
+    different = set(words)
+    return different.pop() if len(different) == 1 else "elements"

@@ -1,31 +1,38 @@
 """What an evaluation needs before its first unit: encoded streams, references and loss masks, each made once."""
 
+import dataclasses
+import functools
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 from splatwire.channel import LossMask, draw_mask
-from splatwire.codec import decode_stream, encode_scene, scene_in_order
+from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.background import SECTION as BACKGROUND
-from splatwire.codec.background import background_of
-from splatwire.conceal import conceal
 from splatwire.conceal.gnn.weights import load_weights
-from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.data import save_cameras
+from splatwire.errors import InvalidValueError
+from splatwire.evaluate.scenes import background_of_file, complete_scene, drawable_scene, open_scene
 from splatwire.evaluate.study.definition import AS_IT_IS, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
 from splatwire.evaluate.study.masks import anchor_bytes
-from splatwire.evaluate.study.parts import needed_stream, sections_of, stream_parts, without_sections
+from splatwire.evaluate.study.parts import needed_stream, stream_parts, without_sections
 from splatwire.evaluate.study.records import CODE
 from splatwire.evaluate.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluate.study.store import Store, read_json
-from splatwire.formats import read_splats, splats_kind
+from splatwire.formats import splats_kind
 from splatwire.importers.hacpp import import_hacpp
-from splatwire.model import AnchorScene, PartialScene
-from splatwire.model.scene_file import load_background, load_scene, load_scene_file
+from splatwire.model import AnchorScene
+from splatwire.model.appearance import Scene, scene_of
 from splatwire.model.tensor_file import tensor_bytes
-from splatwire.packets import SceneStream, is_stream, read_stream, stream_to_bytes
-from splatwire.scene.splats import Splats
+from splatwire.packets import SceneStream, read_stream, stream_to_bytes
+from splatwire.packets.sections import sections_of
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import classes_of
+
+AROUND_VIEWS, AROUND_SIZE = 12, 400
+"""Views of a scene that nobody has photos or cameras of, and their width and height in pixels."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +44,10 @@ class PreparedStream:
         digest: Digest of its content.
         parts: Bytes by part, side information in its own parts.
         num_packets: Packets of the complete stream; 0 for a scene that is scored as it is.
-        num_anchors: Anchors.
-        num_gaussians: Gaussians that its anchors have; None where nobody counted them.
+        num_anchors: Elements.
+        num_gaussians: Gaussians that these have; None where nobody counted them.
         seconds_encode: Seconds that encoding it took; None for what was encoded before.
+        elements: What its elements are called.
     """
 
     path: str
@@ -49,6 +57,7 @@ class PreparedStream:
     num_anchors: int
     num_gaussians: int | None = None
     seconds_encode: float | None = None
+    elements: str = AnchorScene.ELEMENTS
 
 
 @dataclass(frozen=True)
@@ -96,18 +105,19 @@ class Source:
         return None if path is None else read_stream(path)[0]
 
     @cached_property
-    def scene(self) -> AnchorScene:
+    def scene(self) -> Scene:
         """The complete scene.
 
         Raises:
             BitstreamError: If it is not complete.
         """
-        return read_scene(self.entry)
+        entry = self.entry
+        return import_hacpp(entry.source) if entry.kind == "model" else complete_scene(entry.source)
 
     @property
     def sections(self) -> Mapping[str, bytes]:
         """Its named sections, such as those that `splatwire calibrate` adds."""
-        return sections_of(self.stream)
+        return {} if self.stream is None else sections_of(self.stream)
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
@@ -130,18 +140,19 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
         load_weights(entry.weights)
     variant, first = next(iter(streams.items()))
 
-    def drawn() -> AnchorScene | Splats:
+    @functools.cache
+    def drawn() -> Scene:
         if entry.reference is not None:
-            return read_reference(entry.reference)
-        return source.scene if variant == AS_IT_IS else decode_stream(read_stream(store.root / first.path)[0]).scene
+            return drawable_scene(entry.reference, "drop")[0]
+        return source.scene if variant == AS_IT_IS else complete_scene(store.root / first.path)
 
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
-    path = store.root / first.path
-    own = background_of(read_stream(path)[0]) if first.num_packets else load_background(path)
+    own = background_of_file(store.root / first.path)
     background = own if entry.background is None else entry.background
+    looked_at = _looked_at(entry, drawn, stamp, store)
     return PreparedScene(
         entry=entry,
-        references=prepare_references(study, entry, background, drawn, stamp, store, progress),
+        references=prepare_references(study, looked_at, background, drawn, stamp, store, progress),
         streams=streams,
         parts={row.key: _parts(row, source, streams[row.variant]) for row in study.rows if row.variant in streams},
         masks=dict(_draw_masks(study, streams, store)),
@@ -164,42 +175,31 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
     return streams
 
 
-def read_scene(entry: SceneEntry) -> AnchorScene:
-    """Reads the scene of an entry, whatever kind it is of.
-
-    Raises:
-        BitstreamError: If it is not complete.
-    """
-    if entry.kind == "model":
-        return import_hacpp(entry.source)
-    if entry.kind == "scene":
-        return load_scene(entry.source)
-    stream, _ = read_stream(entry.source)
-    if len(stream.packets) != stream.manifest.num_packets:
-        raise BitstreamError(f"{entry.source} has lost packets: encoding it again needs a complete stream")
-    return decode_stream(stream).scene
-
-
-def read_reference(path: Path) -> AnchorScene | Splats:
-    """Reads what others are compared with: a scene file or stream, whose gaps stay gaps, or explicit Gaussians.
-
-    Raises:
-        SplatwireError: If the file is none of these.
-    """
-    if splats_kind(path) is not None:
-        return read_splats(path)
-    loaded = decode_stream(read_stream(path)[0]) if is_stream(path) else load_scene_file(path)[0]
-    return conceal(loaded, "drop") if isinstance(loaded, PartialScene) else loaded
+def _looked_at(entry: SceneEntry, drawn: Callable[[], Scene], stamp: str, store: Store) -> SceneEntry:
+    """The entry with cameras around its scene, if it has neither cameras nor photos."""
+    if entry.cameras is not None or entry.photos is not None:
+        return entry
+    name = f"inputs/around_{digest_of(stamp, CODE)}.json"
+    if not (store.root / name).is_file():
+        save_cameras(surrounding_cameras(drawn(), AROUND_VIEWS, AROUND_SIZE), store.root / name)
+    return dataclasses.replace(entry, cameras=store.root / name)
 
 
 def _as_it_is(source: Source, digest: str) -> PreparedStream:
-    entry, path = source.entry, str(source.entry.source)
+    entry, path = source.entry, str(source.entry.source.resolve())
     if (stream := source.stream) is not None:
         manifest = stream.manifest
-        return PreparedStream(path, digest, stream_parts(stream), manifest.num_packets, manifest.num_anchors)
-    loaded, _ = load_scene_file(entry.source)
-    anchors = (loaded.scene if isinstance(loaded, PartialScene) else loaded).anchors
-    return PreparedStream(path, digest, tensor_bytes(entry.source), 0, anchors.num_anchors, int(anchors.mask.sum()))
+        return PreparedStream(
+            path, digest, stream_parts(stream), manifest.num_packets, manifest.num_anchors, elements=manifest.elements
+        )
+    scene, kind = scene_of(open_scene(entry.source)[0]), splats_kind(entry.source)
+    parts = tensor_bytes(entry.source) if kind is None else {kind: _num_bytes(entry.source)}
+    return PreparedStream(path, digest, parts, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS)
+
+
+def _num_bytes(path: Path) -> int:
+    """Bytes of a file, or of all files of a folder."""
+    return sum(file.stat().st_size for file in ([path] if path.is_file() else path.rglob("*")) if file.is_file())
 
 
 def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progress: Progress) -> PreparedStream:
@@ -213,9 +213,10 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
     else:
         scene, what = source.scene, f"{source.entry.name}: encoding {row.variant}"
         started = time.perf_counter()
-        stream = encode_scene(scene, row.packetization, progress=lambda share: progress(what, share))
+        classes = classes_of(scene)
+        stream = encode_scene(scene, row.packetization, classes=classes, progress=lambda share: progress(what, share))
         seconds = time.perf_counter() - started
-    ordered = scene_in_order(source.scene, row.packetization.order)
+    ordered = decode_stream(stream).scene
     store.write(path, stream_to_bytes(stream))
     prepared = PreparedStream(
         path,
@@ -223,10 +224,11 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
         stream_parts(stream),
         len(stream.packets),
         stream.manifest.num_anchors,
-        int(ordered.anchors.mask.sum()),
+        ordered.num_gaussians,
         seconds,
+        stream.manifest.elements,
     )
-    store.write(f"{folder}/{row.variant}_anchors.npz", anchor_bytes(stream, ordered.anchors.positions.numpy()))
+    store.write(f"{folder}/{row.variant}_anchors.npz", anchor_bytes(stream, ordered.positions.numpy()))
     store.write(f"{folder}/{row.variant}.json", canonical(vars(prepared)).encode())  # last: it says that all is there
     return prepared
 

@@ -1,16 +1,9 @@
 """What of a stream a row needs, and its bytes by part: what a concealer does not read is not counted against it."""
 
-from collections.abc import Mapping
-
 from splatwire.codec import side_info_parts
 from splatwire.conceal.base import concealer_sections
 from splatwire.packets import SceneStream
-from splatwire.packets.sections import split_sections, without_concealment
-
-
-def sections_of(stream: SceneStream | None) -> Mapping[str, bytes]:
-    """The named sections of a stream."""
-    return {} if stream is None else split_sections(stream.side_info, stream.manifest.codec)[1]
+from splatwire.packets.sections import sections_of, without_concealment
 
 
 def without_sections(stream: SceneStream, sections: set[str]) -> SceneStream:
@@ -40,7 +33,7 @@ def stream_parts(stream: SceneStream) -> dict[str, int]:
     """Bytes of a stream by part, with the side information taken apart; they add up to the whole file."""
     parts = dict(stream.parts())
     whole = parts.pop("side_info")
-    inner = side_info_parts(stream.side_info)
+    inner = side_info_parts(stream.side_info, stream.manifest.codec)
     side = {f"side_{name}": size for name, size in inner.items()}
     rest = whole - sum(side.values())
     return {**side, **({"side_other": rest} if rest else {}), **parts}

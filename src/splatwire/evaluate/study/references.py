@@ -20,10 +20,9 @@ from splatwire.evaluate.study.definition import SceneEntry, Study, canonical
 from splatwire.evaluate.study.records import CODE
 from splatwire.evaluate.study.store import Store, read_json
 from splatwire.evaluate.views import ReferenceViews, photo_source, photo_views, spread, views_of
-from splatwire.model import AnchorScene
+from splatwire.model.appearance import Scene
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
-from splatwire.scene.splats import Splats
 
 Progress = Callable[[str, float], None]
 RENDERS = "renders of the complete scene"
@@ -71,7 +70,7 @@ class References:
 
 
 def prepare_references(
-    study: Study, entry: SceneEntry, background: Background, drawn: Callable[[], AnchorScene | Splats], stamp: str,
+    study: Study, entry: SceneEntry, background: Background, drawn: Callable[[], Scene], stamp: str,
     store: Store, progress: Progress,
 ) -> References:  # fmt: skip
     """Finds the photos, or draws pictures unless the store has them.
@@ -106,7 +105,7 @@ def prepare_references(
 
 
 def _draw(
-    study: Study, name: str, cameras: Cameras, background: Background, drawn: Callable[[], AnchorScene | Splats],
+    study: Study, name: str, cameras: Cameras, background: Background, drawn: Callable[[], Scene],
     store: Store, folder: str, progress: Progress,
 ) -> str:  # fmt: skip
     """Draws pictures into the store, unless they are there; returns the digest of cameras and pictures."""

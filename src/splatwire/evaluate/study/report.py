@@ -8,7 +8,7 @@ from typing import Any
 import splatwire
 from splatwire.evaluate.pixels import ERROR_GAIN, error_map, jpeg
 from splatwire.evaluate.study.charts import bytes_chart, losses_chart, scale_chart, seeds_chart, views_chart
-from splatwire.evaluate.study.definition import Study
+from splatwire.evaluate.study.definition import Study, common_word
 from splatwire.evaluate.study.pictures import Shot, ViewPictures
 from splatwire.evaluate.study.run import ABSENT, StudyResult
 from splatwire.evaluate.study.summary import INTERVALS, Summary, streams_of
@@ -68,9 +68,10 @@ def _subtitle(result: StudyResult) -> str:
     views = {len(result.records[cell.unit.key]) for cell in result.cells}
     references = ", ".join(sorted({scene.references.source for scene in result.scenes.values()}))
     seeds = ", ".join(map(str, study.seeds))
-    anchors = [f"{next(iter(scene.streams.values())).num_anchors:,}" for scene in result.scenes.values()]
+    streams = [next(iter(scene.streams.values())) for scene in result.scenes.values()]
+    sizes, elements = "/".join(f"{s.num_anchors:,}" for s in streams), common_word(s.elements for s in streams)
     return (
-        f"{', '.join(result.scenes)} · {'/'.join(anchors)} anchors · {'/'.join(map(str, sorted(views)))} views · "
+        f"{', '.join(result.scenes)} · {sizes} {elements} · {'/'.join(map(str, sorted(views)))} views · "
         f"seeds {seeds} · compared with {references} · {len(result.records)} units of work"
     )
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study.definition import Row, SceneEntry, Study
-from splatwire.evaluate.study.inputs import PreparedStream, Source, prepare_streams, read_scene
+from splatwire.evaluate.study.inputs import PreparedStream, Source, prepare_streams
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.tables import Table
+from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene, Mlp
 
 NATIVE = "HAC++ files"
@@ -111,7 +112,7 @@ def native_parts(entry: SceneEntry) -> dict[str, int] | None:
     parts = dict.fromkeys(_ORDER, 0)
     for file in sorted(folder.iterdir()):
         parts[_native_part(file)] += file.stat().st_size
-    parts[_NETWORKS] = _BYTES_OF_FLOAT32 * num_network_parameters(read_scene(entry))
+    parts[_NETWORKS] = _BYTES_OF_FLOAT32 * num_network_parameters(import_hacpp(entry.source))
     return parts
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from scipy.stats import t as student
 
-from splatwire.evaluate.study.definition import Loss, Row
+from splatwire.evaluate.study.definition import Loss, Row, common_word
 from splatwire.evaluate.study.records import Record
 from splatwire.evaluate.study.run import StudyResult
 
@@ -65,7 +65,8 @@ class Summary:
         num_bytes: Size of the stream and of the weights that travel with it.
         parts: Bytes by part.
         num_packets: Packets of the stream.
-        num_anchors: Anchors.
+        elements: What the elements of the scene are called.
+        num_anchors: Number of them.
         num_gaussians: Gaussians.
         lost_packets: Share of packets lost, mean over seeds.
         lost_anchors: Share of anchors that lost something, mean over seeds.
@@ -86,6 +87,7 @@ class Summary:
     num_bytes: int
     parts: Mapping[str, int]
     num_packets: int
+    elements: str
     num_anchors: int
     num_gaussians: int | None
     lost_packets: float
@@ -142,6 +144,7 @@ def _summary(
         num_bytes=sum(parts.values()),
         parts=parts,
         num_packets=stream.num_packets,
+        elements=stream.elements,
         num_anchors=stream.num_anchors,
         num_gaussians=stream.num_gaussians,
         lost_packets=_share(runs, "num_lost_packets", "num_packets") or 0.0,
@@ -190,6 +193,7 @@ def _mean_of(group: Sequence[Summary], name: str, summaries: Sequence[Summary], 
         num_bytes=round(statistics.fmean(s.num_bytes for s in group)),
         parts={},
         num_packets=round(statistics.fmean(s.num_packets for s in group)),
+        elements=common_word(s.elements for s in group),
         num_anchors=round(statistics.fmean(s.num_anchors for s in group)),
         num_gaussians=round(statistics.fmean(s.num_gaussians or 0 for s in group)),
         lost_packets=statistics.fmean(s.lost_packets for s in group),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from splatwire.evaluate.study.definition import Loss, Published
+from splatwire.evaluate.study.definition import Loss, Published, common_word
 from splatwire.evaluate.study.masks import Equivalence
 from splatwire.evaluate.study.run import StudyResult
 from splatwire.evaluate.study.summary import Estimate, Ordering, Summary
@@ -72,7 +72,12 @@ def _result_table(title: str, shown: Sequence[Summary], published: Sequence[Publ
     columns = ["row", *(_METRICS[m][0] for m in metrics)]
     if baseline:
         columns.append(f"PSNR against {baseline}")
-    columns += ["packets lost", "anchors hit", "bytes", *(f"paper: {name}" for name in datasets)]
+    columns += [
+        "packets lost",
+        f"{common_word(s.elements for s in shown)} hit",
+        "bytes",
+        *(f"paper: {name}" for name in datasets),
+    ]
     rows = []
     for s in shown:
         cells = [s.row.label, *(_figure(s, metric) for metric in metrics)]
@@ -175,7 +180,12 @@ def seconds_table(scene: str, summaries: Sequence[Summary]) -> Table:
         name = s.row.label if s.loss is None else f"{s.row.label}, {s.loss.label}"
         lost = (f"{s.lost_packets * s.num_packets:,.0f}", f"{s.lost_anchors * s.num_anchors:,.0f}")
         rows.append((name, *lost, *(f"{s.seconds[phase]:.2f}" if phase in s.seconds else "" for phase in phases)))
-    columns = ("row", "packets lost", "anchors lost", *(f"{phase} (s)" for phase in phases))
+    columns = (
+        "row",
+        "packets lost",
+        f"{common_word(s.elements for s in own)} lost",
+        *(f"{phase} (s)" for phase in phases),
+    )
     return Table(f"{scene}: losses and seconds", columns, tuple(rows))
 
 

@@ -16,18 +16,19 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.codec import decode_stream
-from splatwire.conceal import conceal, create_concealer
-from splatwire.errors import SplatwireError
+from splatwire.conceal import concealed, create_concealer
+from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluate.lossmap import draw_loss_map
 from splatwire.evaluate.pixels import png_bytes, to_pixels
+from splatwire.evaluate.scenes import open_scene
 from splatwire.evaluate.study.definition import canonical
 from splatwire.evaluate.study.records import CODE, Record, hardest
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
 from splatwire.evaluate.views import Compared, ReferenceViews, spread, views_of
 from splatwire.metrics import Lpips, find_lpips
-from splatwire.model import AnchorScene, PartialScene
-from splatwire.model.scene_file import load_scene_file
+from splatwire.model import PartialScene
+from splatwire.model.appearance import Partial, Scene, scene_of
 from splatwire.packets import SceneStream, read_stream
 from splatwire.scene import Attribute, Erasures
 
@@ -36,7 +37,7 @@ _MAX_FEATURE_BYTES = 1 << 30
 _STREAMS, _SCENES, _VIEWS = 4, 2, 4
 """Streams, decoded scenes and sets of references that a worker keeps."""
 Value = TypeVar("Value")
-Decode = Callable[[SceneStream], PartialScene]
+Decode = Callable[[SceneStream], Partial]
 Progress = Callable[[str, float], None]
 
 
@@ -86,20 +87,20 @@ class Arrived:
         seconds: Seconds that decoding took.
     """
 
-    scene: AnchorScene | PartialScene
+    scene: Scene | Partial
     erasures: Erasures | None
     num_packets: int
     num_bytes: int
     seconds: float
 
     @property
-    def complete(self) -> AnchorScene:
-        """The scene without its gaps being known."""
-        return self.scene.scene if isinstance(self.scene, PartialScene) else self.scene
+    def positions(self) -> Float[Tensor, "N 3"]:
+        """Where the elements are, or are expected to be."""
+        return scene_of(self.scene).positions
 
     @property
     def num_lost(self) -> int:
-        """Anchors that lost something."""
+        """Elements that lost something."""
         return 0 if self.erasures is None else self.erasures.num_lost
 
 
@@ -126,7 +127,7 @@ class Workshop:
         """Conceals, draws and scores; writes the pictures that are asked for, and then the records."""
         arrived = self.arrived(unit)
         started = time.perf_counter()
-        scene = concealed(arrived.scene, unit)
+        scene = concealed(arrived.scene, create_concealer(unit.concealer, **unit.options))
         common = self._common(unit, arrived) | {"seconds_conceal": time.perf_counter() - started}
         views = self._keep(self._views, unit.references.digest, _VIEWS, lambda: unit.references.open(self.store.root))
         wanted = spread(views.cameras.num_views, unit.lpips_views) if unit.lpips_digest else []
@@ -152,8 +153,8 @@ class Workshop:
         if hard is None or erasures is None or unit.erode is not None or not (unit.loss or erasures.num_lost):
             return
         if not (self.store.root / unit.loss_map(hard)).is_file():
-            anchors, reference = arrived.complete.anchors, views.reference(hard)
-            losses = draw_loss_map(anchors, erasures.known, views.cameras, hard, reference)
+            reference = views.reference(hard)
+            losses = draw_loss_map(arrived.positions, erasures.known, views.cameras, hard, reference)
             self.store.write(unit.loss_map(hard), png_bytes(losses))
 
     def arrived(self, unit: Unit) -> Arrived:
@@ -163,7 +164,8 @@ class Workshop:
         arrived = self._decoded(unit, unit.mask_digest, sent)
         if unit.erode is not None and unit.mask is not None and arrived.erasures is not None:
             whole = self._decoded(unit, "", stream).scene
-            assert isinstance(whole, PartialScene)
+            if not isinstance(whole, PartialScene):
+                raise InvalidValueError("only anchors lose one attribute alone: explicit Gaussians do not")
             eroded = erode(whole, ~arrived.erasures.known, Attribute[unit.erode.upper()])
             arrived = dataclasses.replace(arrived, scene=eroded, erasures=eroded.erasures)
         return arrived
@@ -178,7 +180,7 @@ class Workshop:
     def _decoded(self, unit: Unit, mask: str, sent: SceneStream | None) -> Arrived:
         def decode() -> Arrived:
             if sent is None:
-                scene, erasures = load_scene_file(self.store.root / unit.stream.path)
+                scene, erasures = open_scene(self.store.root / unit.stream.path)
                 return Arrived(scene, erasures, 0, sum(unit.stream.parts.values()), 0.0)
             started = time.perf_counter()
             partial = self.decode(sent)
@@ -203,7 +205,7 @@ class Workshop:
             "erode": unit.erode,
             "renderer": unit.renderer,
             "code": CODE,
-            "num_anchors": arrived.complete.anchors.num_anchors,
+            "num_anchors": len(arrived.positions),
             "num_lost_anchors": arrived.num_lost,
             "num_packets": unit.stream.num_packets,
             "num_lost_packets": unit.stream.num_packets - arrived.num_packets,
@@ -249,13 +251,6 @@ class Workshop:
             cache[key] = make()
         cache.move_to_end(key)
         return cache[key]
-
-
-def concealed(scene: AnchorScene | PartialScene, unit: Unit) -> AnchorScene:
-    """Conceals what a unit lost; a scene that can be drawn stays as it is."""
-    if not isinstance(scene, PartialScene):
-        return scene
-    return conceal(scene, create_concealer(unit.concealer, **unit.options))
 
 
 def erode(whole: PartialScene, anchors: Bool[Tensor, "N"], attribute: Attribute) -> PartialScene:

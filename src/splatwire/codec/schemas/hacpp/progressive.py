@@ -146,6 +146,22 @@ class ProgressiveDecoder:
         scene = replace(live.scene, anchors=replace(live.scene.anchors, **filled))
         return replace(live, scene=scene, erasures=erasures)
 
+    def show(self, shown: PartialScene, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Brings another state of the scene to the one in which exactly some of what arrived is there.
+
+        Args:
+            shown: The other state, in tensors of its own (`PartialScene.without`).
+            wanted: Which anchors are to be there, bool (N).
+
+        Returns:
+            Anchors that were taken back and those that are new, int64.
+        """
+        known = shown.erasures.known.numpy()
+        old, new = np.flatnonzero(known & ~wanted), np.flatnonzero(wanted & ~known)
+        shown.fill(torch.from_numpy(new), self._partial)
+        shown.fill(torch.from_numpy(old), None)
+        return old, new
+
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
         """Decodes packets; several at once cost less than one by one.
 
