@@ -8,7 +8,7 @@ from typing import Any
 
 from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
 from splatwire.packets.packet_id import PARTS
-from splatwire.packets.packetization import MAX_ANCHORS, MAX_GROUPS, Packetization
+from splatwire.packets.packetization import MAX_ANCHORS, MAX_BLOCK_SIZE, MAX_GROUPS, Packetization
 from splatwire.packets.plan import PacketPlan
 from splatwire.packets.tiers import MAX_TIERS, TierShape
 
@@ -25,9 +25,9 @@ MAX_OFFSETS = 1024
 MAX_SIDE_INFO_BYTES = (1 << 32) - 1
 MAX_WRITER_LENGTH = 80
 FREE_ANCHORS = 1 << 16
-ANCHORS_PER_BYTE = 1024
-"""More anchors than `FREE_ANCHORS` need a byte of side information for every `ANCHORS_PER_BYTE` of them: far less than
-positions cost, yet enough that a few lying bytes cannot announce gigabytes."""
+ELEMENTS_PER_BYTE = {ANCHORS: 1024, GAUSSIANS: MAX_BLOCK_SIZE // 7}
+"""More elements than `FREE_ANCHORS` need a byte of side information for every so many of them: far less than positions
+of anchors cost, and than the box of a block of Gaussians, yet enough that few lying bytes cannot announce gigabytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ class Manifest:
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
         ):
             _check_integer(name, getattr(self, name), low, high)
-        if self.num_anchors > FREE_ANCHORS + ANCHORS_PER_BYTE * self.side_info_bytes:
+        if self.num_anchors > FREE_ANCHORS + ELEMENTS_PER_BYTE[self.codec] * self.side_info_bytes:
             raise InvalidValueError(
                 f"{self.side_info_bytes} bytes of side information cannot place {self.num_anchors} anchors"
             )

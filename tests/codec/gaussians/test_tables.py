@@ -18,11 +18,3 @@ def test_thinness_inverts_companding() -> None:
     ratio = -np.log2(1 - t / 4096 * np.log(2))
     assert np.abs(tables.thinness_table() - ratio * 4096).max() <= 1
     assert (np.diff(tables.thinness_table()) >= 0).all()
-
-
-def test_near_neighbours_weigh_more() -> None:
-    weights = tables.neighbour_weights()
-    assert weights[0] == 4096
-    assert weights[1] == 2048
-    assert (np.diff(weights) <= 0).all()
-    assert weights[-1] > 0

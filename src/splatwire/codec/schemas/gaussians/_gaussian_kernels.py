@@ -11,8 +11,10 @@ from splatwire.codec.schemas.gaussians.layout import (
     CLASS,
     COEFFICIENTS,
     DIRECTION_BITS,
+    FAR,
     FIRST_CLASS,
     FIRST_HARMONIC,
+    FIRST_MAGNITUDE,
     LUMA,
     MAX_CLASSES,
     MAX_COLOUR,
@@ -38,7 +40,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     STEP_BITS,
     WINDOW,
 )
-from splatwire.codec.schemas.gaussians.tables import NUM_WEIGHTS
 from splatwire.ops.compiled import njit
 
 UNIT = 1 << DIRECTION_BITS
@@ -48,13 +49,13 @@ RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
 
 @njit(error_model="numpy")
 @no_type_check
-def find_neighbours(cells, i, weights, who, weight):
-    """The nearest of the Gaussians just before i, nearest first, and their weights; returns how many."""
+def find_neighbours(cells, i, who, weight):
+    """The nearest of the Gaussians just before i, nearest first, weighed by inverse squares; returns how many."""
     far = np.empty(NUM_NEIGHBOURS, np.int64)
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
         x, y, z = cells[i, 0] - cells[j, 0], cells[i, 1] - cells[j, 1], cells[i, 2] - cells[j, 2]
-        d = x * x + y * y + z * z
+        d = min(x * x + y * y + z * z, FAR)
         if count == NUM_NEIGHBOURS and d >= far[count - 1]:
             continue
         at = count if count < NUM_NEIGHBOURS else count - 1
@@ -64,7 +65,7 @@ def find_neighbours(cells, i, weights, who, weight):
         far[at], who[at] = d, j
         count = min(count + 1, NUM_NEIGHBOURS)
     for m in range(count):
-        weight[m] = weights[min(far[m], NUM_WEIGHTS - 1)]
+        weight[m] = ((far[0] + 1) << 12) // (far[m] + 1)
     return count
 
 
@@ -100,6 +101,23 @@ def spread_context(count, deviation, shift):
 
 @njit(error_model="numpy")
 @no_type_check
+def follow(running, residual, shift):
+    """Running magnitude of a Gaussian's residuals in sixteenths of a step, after one more."""
+    return (running + (min(abs(residual) >> shift, 1 << 14) << 4)) >> 1
+
+
+@njit(error_model="numpy")
+@no_type_check
+def octave_of(running):
+    """Context of a residual: how large those before it in the same Gaussian were, in octaves."""
+    octave = 0
+    while running >> octave and octave < SECONDS - 1:
+        octave += 1
+    return octave
+
+
+@njit(error_model="numpy")
+@no_type_check
 def exponent(bases, which, level, area, long, thin, opacity):
     """`-log2` of a step, rounded: finer with the class, and as `COEFFICIENTS` says."""
     c = COEFFICIENTS[which]
@@ -130,19 +148,22 @@ def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight
     mean, deviation = predict(rows, OPACITY, defaults[0], count, who, weight)
     shift = min(max(BITS - exponent(bases, S_OPACITY, level, 0, 0, 0, 0), 0), BITS)
     spread = spread_context(count, deviation, shift)
-    opacity = mean + code_residual(coder, 0, spread, shift, source[0] - mean, shift)
+    residual = code_residual(coder, 0, spread, shift, source[0] - mean, shift)
+    running, opacity = follow(np.int64(16), residual, shift), mean + residual
     opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
     mean, deviation = predict(rows, SCALE0, defaults[1], count, who, weight)
     area = 2 * mean - (2 << BITS)
     shift = min(max(BITS - exponent(bases, S_SCALE0, level, area, 0, 0, opacity), 0), BITS - 1)
     spread = spread_context(count, deviation, shift)
-    s0 = mean + code_residual(coder, 1, spread, shift, source[1] - mean, shift)
+    residual = code_residual(coder, 1, spread, shift, source[1] - mean, shift)
+    running, s0 = follow(running, residual, shift), mean + residual
     s0 = min(max(s0, -MAX_LOG), MAX_LOG)
     mean, deviation = predict(rows, SCALE1, defaults[2], count, who, weight)
     area = 2 * s0 - (2 << BITS)
     shift = min(max(BITS - exponent(bases, S_SCALE1, level, area, 0, 0, opacity), 0), BITS - 1)
     spread = spread_context(count, deviation, shift)
-    long = mean + code_residual(coder, 2, spread, shift, s0 - source[2] - mean, shift)
+    residual = code_residual(coder, 2, spread, octave_of(running), s0 - source[2] - mean, shift)
+    running, long = follow(running, residual, shift), mean + residual
     long = min(max(long, 0), MAX_LOG)
     mean, deviation = predict(rows, SCALE2, defaults[3], count, who, weight)
     shift = min(max(BITS - exponent(bases, S_SCALE2, level, 2 * s0 - long, long, 0, opacity), 0), BITS - 1)
@@ -151,10 +172,11 @@ def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight
     if not coder.decoding:
         ratio = max(s0 - long - source[3], 0) / (1 << BITS)
         target = np.int64(np.rint((1 - 2.0**-ratio) / np.log(2.0) * (1 << BITS)))
-    thin = mean + code_residual(coder, 3, spread, shift, target - mean, shift)
+    residual = code_residual(coder, 3, spread, octave_of(running), target - mean, shift)
+    running, thin = follow(running, residual, shift), mean + residual
     thin = min(max(thin, 0), MAX_THIN)
     rows[i, OPACITY], rows[i, SCALE0], rows[i, SCALE1], rows[i, SCALE2] = opacity, s0, long, thin
-    return s0, long, thinness[thin], opacity
+    return s0, long, thinness[thin], opacity, running
 
 
 @njit(error_model="numpy")
@@ -193,7 +215,7 @@ def predict_axis(rows, primary, count, who, weight, axis):
 
 @njit(error_model="numpy")
 @no_type_check
-def code_axis(coder, rows, i, primary, source, shift, count, who, weight):
+def code_axis(coder, rows, i, primary, source, shift, count, who, weight, running):
     """Codes an axis on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis."""
     axis = np.empty(3, np.int64)
     deviation, same = predict_axis(rows, primary, count, who, weight, axis)
@@ -214,33 +236,33 @@ def code_axis(coder, rows, i, primary, source, shift, count, who, weight):
         target0 = np.int64(np.rint((source[first] + source[second]) * sign))
         target1 = np.int64(np.rint((source[first] - source[second]) * sign))
     spread = spread_context(same, deviation, shift)
-    e0 = mean0 + code_residual(coder, 4, spread, min(shift, SECONDS - 1), target0 - mean0, shift)
-    e1 = mean1 + code_residual(coder, 4, spread, min(shift, SECONDS - 1), target1 - mean1, shift)
-    e0, e1 = min(max(e0, -UNIT), UNIT), min(max(e1, -UNIT), UNIT)
+    residual = code_residual(coder, 4, spread, octave_of(running), target0 - mean0, shift)
+    running, e0 = follow(running, residual, shift), min(max(mean0 + residual, -UNIT), UNIT)
+    residual = code_residual(coder, 4, spread, octave_of(running), target1 - mean1, shift)
+    running, e1 = follow(running, residual, shift), min(max(mean1 + residual, -UNIT), UNIT)
     x, y = (e0 + e1) >> 1, (e0 - e1) >> 1
     rows[i, AXIS + first], rows[i, AXIS + second] = x, y
     rows[i, AXIS + pole] = max(UNIT - abs(x) - abs(y), 0)
+    return running
 
 
 @njit(error_model="numpy")
 @no_type_check
-def code_colour(coder, rows, i, source, bases, defaults, level, count, who, weight):
+def code_colour(coder, rows, i, source, bases, defaults, level, count, who, weight, running):
     """Codes luma and chroma; the magnitude of the component before is a context."""
     shift = min(max(BITS - exponent(bases, S_COLOUR, level, 0, 0, 0, 0), 0), BITS - 2)
-    before = shift
     for c in range(3):
         mean, deviation = predict(rows, LUMA + c, defaults[4 + c], count, who, weight)
         spread = spread_context(count, deviation, shift)
-        residual = code_residual(coder, 5 + c, spread, before, source[c] - mean, shift)
+        residual = code_residual(coder, 5 + c, spread, octave_of(running), source[c] - mean, shift)
         rows[i, LUMA + c] = min(max(mean + residual, -MAX_COLOUR), MAX_COLOUR)
-        before = min(abs(residual) >> shift, 3) * 4 + min(shift >> 1, 3)
+        running = follow(running, residual, shift)
 
 
 @njit(error_model="numpy")
 @no_type_check
 def code_harmonics(coder, values, i, source, bases, level):
-    """Codes harmonics, a channel after another; most are 0, and what came before in the Gaussian is the context."""
-    number = values.shape[1] // 3
+    """Codes harmonics, Y Co Cg of one after another; most are 0, and those before in the Gaussian are the context."""
     shift = min(max(BITS - exponent(bases, S_HARMONICS, level, 0, 0, 0, 0), 0), BITS - 2)
     half = (1 << shift) >> 1
     some = 0
@@ -248,18 +270,18 @@ def code_harmonics(coder, values, i, source, bases, level):
         for j in range(values.shape[1]):
             values[i, j] = (source[i, j] + half) >> shift
             some |= values[i, j] != 0
-    some = code_bit(coder, FIRST_HARMONIC + min(level & 7, 7), np.int64(some))
+    some = code_bit(coder, FIRST_HARMONIC + level, np.int64(some))
     running = np.int64(0)
     for j in range(values.shape[1]):
         magnitude = np.int64(0)
         if some:
-            band, chroma = j % number, 1 if j >= number else 0
             context = 0
             while context < 7 and running >= RUNNING[context + 1]:
                 context += 1
-            degree = 0 if band < 3 else 1 if band < 8 else 2
+            group = 0 if j < 3 else 1 if j < 9 else 2 if j < 21 else 3
             value = np.int64(values[i, j]) if not coder.decoding else np.int64(0)
-            value = _code_level(coder, value, FIRST_HARMONIC + 8 + (context * 3 + degree) * 2 + chroma, context)
+            zero = FIRST_HARMONIC + MAX_CLASSES + (context * 4 + group) * 2 + (1 if j % 3 else 0)
+            value = _code_level(coder, value, zero, context)
             magnitude = abs(value)
             values[i, j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
         else:
@@ -273,7 +295,7 @@ def _code_level(coder, value, zero_context, context):
     if not code_bit(coder, zero_context, 1 if value != 0 else 0):
         return np.int64(0)
     negative = code_raw(coder, 1 if value < 0 else 0, 1)
-    magnitude, base = abs(value), FIRST_HARMONIC + 56 + context * 3
+    magnitude, base = abs(value), FIRST_MAGNITUDE + context * 3
     found = np.int64(1)
     while found < 15:
         if not code_bit(coder, base + min(found - 1, 2), 1 if magnitude > found else 0):

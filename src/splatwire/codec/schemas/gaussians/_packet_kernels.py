@@ -5,7 +5,7 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.codec.schemas.gaussians._cell_kernels import code_cells
-from splatwire.codec.schemas.gaussians._coder_kernels import Coder, code_raw
+from splatwire.codec.schemas.gaussians._coder_kernels import Coder, code_below, code_raw
 from splatwire.codec.schemas.gaussians._gaussian_kernels import (
     code_axis,
     code_class,
@@ -27,10 +27,11 @@ from splatwire.codec.schemas.gaussians.layout import (
     S_DIRECTION,
     S_POSITION,
     S_SPIN,
+    SLOT_BITS,
     SPIN,
     SPIN_BITS,
 )
-from splatwire.entropy.range_kernels import decoder_start, encoder_finish, encoder_start
+from splatwire.entropy.range_kernels import ZERO, decoder_start, encoder_finish, encoder_start
 from splatwire.ops.compiled import njit
 
 SLACK = 64
@@ -50,18 +51,32 @@ def _spread_cells(codes, cells, bits):
 
 @njit(error_model="numpy")
 @no_type_check
-def _cell_shift(places, box_bits):
-    """The encoder's choice of cells: about two to a side for each Gaussian on a surface through the packet's box."""
-    extent = np.int64(0)
-    for a in range(3):
-        extent = max(extent, places[:, a].max() - places[:, a].min())
-    bits = 0
-    while extent >> bits:
-        bits += 1
-    depth = 1
-    while len(places) >> (2 * depth - 2):
-        depth += 1
-    return max(bits - depth, box_bits - MAX_CELL_BITS, 0)
+def slot_of(code, bits):
+    """The lowest bits of a code in reverse order: cells whose slots are close are far apart, and evenly spread."""
+    slot = np.int64(0)
+    for bit in range(bits):
+        slot |= ((code >> bit) & 1) << (bits - 1 - bit)
+    return slot
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _code_codes(coder, codes, bits, spread):
+    """Codes Morton codes of `bits` bits, of a spread packet all but their slots as a tree, then its run of slots."""
+    spread = code_raw(coder, spread, 1)
+    size = min(bits, SLOT_BITS) if spread else 0
+    first, last = np.int64(1 << size), np.int64(0)
+    if not coder.decoding:
+        for i in range(len(codes)):
+            slot = slot_of(codes[i], size)
+            first, last = min(first, slot), max(last, slot)
+    first = code_raw(coder, first, size)
+    count = code_raw(coder, last - first, size) + 1
+    upper = codes >> size
+    code_cells(coder, upper, bits - size)
+    for i in range(len(codes)):
+        slot = code_below(coder, slot_of(codes[i], size) - first, count) if spread else 0
+        codes[i] = (upper[i] << size) | slot_of((first + slot) & ((1 << size) - 1), size)
 
 
 @njit(error_model="numpy")
@@ -103,26 +118,24 @@ def _turn(row, axes, primary):
 @no_type_check
 def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics):
     """Codes one packet; `source` is (codes, places, classes, logs, axes, colours, harmonics) of an encoder."""
-    bases, unit, weights, thinness = stream
-    codes, places, classes, logs, axes, colours, levels = source
-    n, at = len(rows), np.int64(0)
-    if not coder.decoding:
-        at = _cell_shift(places, box_bits)
-    at = code_raw(coder, at, 6)
+    bases, unit, thinness = stream
+    cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
+    n = len(rows)
+    at = code_raw(coder, cells_at, 6)
     at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
     cells, packed = np.empty((n, 3), np.int64), np.zeros(n, np.int64)
     if not coder.decoding:
         for i in range(n):
             packed[i] = codes[i] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
-    code_cells(coder, packed, 3 * (box_bits - at))
+    _code_codes(coder, packed, 3 * (box_bits - at), spread)
     _spread_cells(packed, cells, box_bits - at)
     who, weight = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     for i in range(n):
         j = 0 if coder.decoding else i
-        count = find_neighbours(cells, i, weights, who, weight)
+        count = find_neighbours(cells, i, who, weight)
         level = code_class(coder, rows, i, classes[j], count, who, weight)
         rows[i, CLASS] = level
-        s0, long, thin, opacity = code_logs(
+        s0, long, thin, opacity, running = code_logs(
             coder, rows, i, logs[j], bases, defaults, level, count, who, weight, thinness
         )
         area = 2 * s0 - long
@@ -131,10 +144,10 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics):
         rows[i, PRIMARY] = primary = 2 if thin >= long else 0
         e = exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
-        code_axis(coder, rows, i, primary, axes[j, :, primary], shift, count, who, weight)
+        running = code_axis(coder, rows, i, primary, axes[j, :, primary], shift, count, who, weight, running)
         e = exponent(bases, S_SPIN, level, area, long, thin, opacity)
         _code_spin(coder, rows[i], axes[j], primary, min(max(e, 0), DIRECTION_BITS))
-        code_colour(coder, rows, i, colours[j], bases, defaults, level, count, who, weight)
+        code_colour(coder, rows, i, colours[j], bases, defaults, level, count, who, weight, running)
         if harmonics.shape[1]:
             code_harmonics(coder, harmonics, i, levels, bases, level)
 
@@ -156,9 +169,19 @@ def _encode_packet(tables, stream, models, statistics, box_bits, defaults, sourc
 @no_type_check
 def _part(source, begin, n):
     """Sources of a packet, sorted by their codes."""
-    order = begin + np.argsort(source[0][begin : begin + n], kind="mergesort")
-    codes, places, classes, logs, axes, colours, levels = source
-    return (codes[order], places[order], classes[order], logs[order], axes[order], colours[order], levels[order])
+    order = begin + np.argsort(source[2][begin : begin + n], kind="mergesort")
+    cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
+    return (
+        cells_at,
+        spread,
+        codes[order],
+        places[order],
+        classes[order],
+        logs[order],
+        axes[order],
+        colours[order],
+        levels[order],
+    )
 
 
 @njit(nogil=True, error_model="numpy")
@@ -227,7 +250,7 @@ def decode_packets(tables, stream, models, data, ends, starts, box_bits, default
     none = np.zeros((1, 2), np.int64)
     counts = np.zeros((1, 1, 1, 2), np.int64)
     one, three, four = np.zeros(1, np.int64), np.zeros((1, 3), np.int64), np.zeros((1, 4), np.int64)
-    source = (one, three, one, four, np.zeros((1, 3, 3)), three, three)
+    source = (ZERO, ZERO, one, three, one, four, np.zeros((1, 3, 3)), three, three)
     for p in range(len(starts) - 1):
         decoder_start(data, ends[p], ends[p + 1], state)
         coder = Coder(True, data, ends[p + 1], state, models.copy(), none, scales, counts, inverses, widths, normal)

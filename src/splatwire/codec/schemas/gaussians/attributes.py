@@ -25,6 +25,7 @@ from splatwire.codec.schemas.gaussians.layout import (
     SCALE2,
     SPIN,
     SPIN_BITS,
+    TRANSFORM_UNIT,
 )
 from splatwire.codec.schemas.gaussians.tables import power_of_two, thinness_table
 from splatwire.errors import InvalidValueError
@@ -43,7 +44,7 @@ class Sources:
         logs: int64 (N, 4), opacity and the three scales, logarithms to base 2; scales are relative to the scene's.
         axes: float64 (N, 3, 3), the axes in columns.
         colours: int64 (N, 3), Y Co Cg.
-        harmonics: int64 (N, M), channel after channel, Y Co Cg.
+        harmonics: int64 (N, K, 3), Y Co Cg of each.
     """
 
     logs: np.ndarray
@@ -92,14 +93,45 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
     axes = np.take_along_axis(_matrices(splats.quats.numpy().astype(np.float64)), order[:, None, :], axis=2)
     logs = np.take_along_axis(_fixed(logs, -MAX_LOG, MAX_LOG), order, axis=1)
     opacity = _fixed(np.log2(splats.opacities.numpy().astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
-    sh = np.einsum("nbc,dc->ndb", splats.sh.numpy().astype(np.float64), _LUMA_CHROMA)
+    sh = splats.sh.numpy().astype(np.float64) @ _LUMA_CHROMA.T
     grey = _LUMA_CHROMA.sum(axis=1) / 2
-    colours = _fixed(grey + DC * sh[:, :, 0], -MAX_COLOUR, MAX_COLOUR)
-    harmonics = _fixed(sh[:, :, 1:].reshape(len(sh), 3 * (sh.shape[2] - 1)), -MAX_COLOUR, MAX_COLOUR)
+    colours = _fixed(grey + DC * sh[:, 0], -MAX_COLOUR, MAX_COLOUR)
+    harmonics = _fixed(sh[:, 1:], -MAX_COLOUR, MAX_COLOUR)
     return Sources(np.concatenate([opacity[:, None], logs], axis=1), axes, colours, harmonics)
 
 
-def to_splats(rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int, size_log: int) -> Splats:
+def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Axes of harmonics by falling variance, alike for all channels (Karhunen-Loeve), out of `TRANSFORM_UNIT`.
+
+    Args:
+        harmonics: (n, K, 3).
+        weights: (n), how much an error of each counts.
+
+    Returns:
+        int64 (K, K), an axis to a row.
+    """
+    values = harmonics * weights[:, None, None]
+    covariance = np.einsum("njc,nkc->jk", values, values)
+    axes = np.linalg.eigh(covariance + 1e-9 * np.eye(len(covariance)))[1].T[::-1]
+    # The sign of an axis is free: positive where it is largest, so that machines agree.
+    axes = axes * np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)])[:, None]
+    return np.rint(axes * TRANSFORM_UNIT).astype(np.int64)
+
+
+def transformed(harmonics: np.ndarray, transform: np.ndarray) -> np.ndarray:
+    """Numbers that packets hold of harmonics, int64 (n, 3 K), Y Co Cg of the first axis, then of the next.
+
+    Args:
+        harmonics: int64 (n, K, 3).
+        transform: See `fit_transform`.
+    """
+    inverse = np.linalg.inv(transform / TRANSFORM_UNIT)
+    return np.rint(np.einsum("nbc,bk->nkc", harmonics, inverse)).astype(np.int64).reshape(len(harmonics), -1)
+
+
+def to_splats(
+    rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit: int, size_log: int, transform: np.ndarray
+) -> Splats:
     """Turns decoded integers into Gaussians.
 
     Args:
@@ -108,6 +140,7 @@ def to_splats(rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit
         origins: int64 (n, 3), in lattice units.
         unit: `-log2` of the lattice's unit, relative to the scene's size.
         size_log: log2 of the scene's size.
+        transform: int64 (K, K), of the harmonics, out of `TRANSFORM_UNIT`.
     """
     means = np.ldexp((2 * origins + rows[:, LATTICE : LATTICE + 3]).astype(np.float64), size_log - unit - 1)
     s0 = rows[:, SCALE0] + (size_log << BITS)
@@ -116,8 +149,8 @@ def to_splats(rows: np.ndarray, harmonics: np.ndarray, origins: np.ndarray, unit
     sh = np.empty((len(rows), 1 + harmonics.shape[1] // 3, 3))
     grey = _LUMA_CHROMA.sum(axis=1) / 2
     sh[:, 0] = ((rows[:, LUMA : LUMA + 3] * 2.0**-BITS - grey) / DC) @ _LUMA_CHROMA
-    levels = harmonics.reshape(len(rows), 3, -1) * 2.0**-BITS
-    sh[:, 1:] = np.einsum("ndb,dc->nbc", levels, _LUMA_CHROMA)
+    levels = harmonics.reshape(len(rows), -1, 3) * (2.0**-BITS / TRANSFORM_UNIT)
+    sh[:, 1:] = np.einsum("nkd,kb->nbd", levels, transform) @ _LUMA_CHROMA
     return Splats(
         torch.from_numpy(means.astype(np.float32)),
         torch.from_numpy(_quaternions(_frames(rows)).astype(np.float32)),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS
+from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS, SLOT_BITS
 from splatwire.errors import InvalidValueError
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
 from splatwire.packets import PacketPlan
@@ -61,13 +61,34 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
     return np.array([plan.block_anchors(block) for block in range(plan.num_blocks)], dtype=np.int64)
 
 
-def arrange_block(codes: np.ndarray) -> np.ndarray:
+def cell_shift(places: np.ndarray, bits: int) -> int:
+    """How large cells are, as log2 in lattice units: some sixteen to a side for each Gaussian on a surface.
+
+    Args:
+        places: int64 (n, 3), within the block's box.
+        bits: Bits of the box.
+    """
+    extent = int(np.ptp(places, axis=0).max()).bit_length()
+    depth = 4 + (len(places).bit_length() + 1) // 2
+    return max(extent - depth, bits - MAX_CELL_BITS, 0)
+
+
+def arrange_block(codes: np.ndarray, spread_over: int) -> np.ndarray:
     """Which Gaussian of a block lies where: indices in the order in which packets are filled.
 
     Args:
-        codes: int64 (n), Morton codes of the block's Gaussians within its box.
+        codes: int64 (n), Morton codes of the cells that the block's Gaussians are in.
+        spread_over: A packet holds Gaussians that are evenly spread over about so many that lie together, so that its
+            loss leaves small holes everywhere instead of one large one; 0 for packets of those that lie together.
     """
-    return np.argsort(codes, kind="stable")
+    order = np.argsort(codes, kind="stable")
+    if not spread_over:
+        return order
+    codes, slots = codes[order], np.zeros(len(codes), dtype=np.int64)
+    for bit in range(SLOT_BITS):
+        slots |= ((codes >> bit) & 1) << (SLOT_BITS - 1 - bit)
+    groups = np.arange(len(codes)) * max(round(len(codes) / spread_over), 1) // len(codes)
+    return order[np.lexsort((codes, slots, groups))]
 
 
 def make_boxes(places: np.ndarray, sizes: np.ndarray) -> Boxes:

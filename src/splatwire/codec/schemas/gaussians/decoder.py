@@ -62,7 +62,7 @@ def decode_splats(
         here = slice(first_group[block], first_group[block + 1])
         rows, harmonics, received = decode_block(info, block, sizes[here], packets[here])
         places = groups.ranks[edges[block] : edges[block + 1]]
-        _store(splats, places, rows, harmonics, received, info, block)
+        store_block(splats, places, rows, harmonics, received, info, block)
         known[places] = received
         return rows, harmonics
 
@@ -131,7 +131,7 @@ def _blank(count: int, degree: int) -> Splats:
     )  # fmt: skip
 
 
-def _store(
+def store_block(
     splats: Splats,
     places: np.ndarray,
     rows: np.ndarray,
@@ -140,13 +140,23 @@ def _store(
     info: SideInfo,
     block: int,
 ) -> None:
-    """Writes a block's Gaussians, those that were lost as they are expected."""
+    """Writes a block's Gaussians into `splats`, those that were lost as they are expected.
+
+    Args:
+        splats: All Gaussians of the scene.
+        places: int64 (n), where those of the block lie in it.
+        rows: int64 (n, COLUMNS); what was not received is ignored.
+        harmonics: int32 (n, M), 0 where nothing was received.
+        received: bool (n).
+        info: The stream's side information.
+        block: The block.
+    """
     lost = np.flatnonzero(~received)
     filled = rows.copy() if len(lost) else rows
     if len(lost):
         filled[lost] = _expected(info, block, rows[received][:, LATTICE : LATTICE + 3], lost)
     origins = np.broadcast_to(info.boxes.corners[block], (len(rows), 3))
-    decoded = to_splats(filled, harmonics, origins, info.unit, info.size_log)
+    decoded = to_splats(filled, harmonics, origins, info.unit, info.size_log, info.transform)
     index = torch.from_numpy(places)
     for name, values in vars(decoded).items():
         getattr(splats, name)[index] = values

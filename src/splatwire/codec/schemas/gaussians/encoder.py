@@ -4,6 +4,7 @@ import hashlib
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,13 +14,16 @@ from splatwire.codec.schemas.gaussians.attributes import (
     Sources,
     check_finite,
     empty_rows,
+    fit_transform,
     scene_log,
     to_sources,
+    transformed,
 )
 from splatwire.codec.schemas.gaussians.blocks import (
     arrange_block,
     block_codes,
     block_sizes,
+    cell_shift,
     gaussian_order,
     make_boxes,
     to_lattice,
@@ -29,6 +33,7 @@ from splatwire.codec.schemas.gaussians.fit import empty_statistics, first_scales
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     COEFFICIENTS,
+    MAX_CELL_BITS,
     MAX_LATTICE_BITS,
     NUM_CONTEXTS,
     S_POSITION,
@@ -59,6 +64,8 @@ FITTED_BLOCKS = 48
 """Tables are fitted to at most so many blocks, spread over the scene."""
 FITTED_PACKET = 150
 """Gaussians of a packet while tables are fitted."""
+SPREAD_OVER = 3000
+"""A packet is spread over about so many Gaussians."""
 BYTES_PER_GAUSSIAN = 160
 BYTES_PER_HARMONIC = 12
 
@@ -126,6 +133,7 @@ class _Scene:
     size_log: int
     unit: int
     bases: np.ndarray
+    contiguous: bool
 
     @staticmethod
     def of(
@@ -140,26 +148,48 @@ class _Scene:
         unit = _lattice_unit(splats, levels, bases, size_log)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return _Scene(
-            splats, order, edges, to_lattice(means[order], unit, size_log), levels[order], size_log, unit, bases
+            splats,
+            order,
+            edges,
+            to_lattice(means[order], unit, size_log),
+            levels[order],
+            size_log,
+            unit,
+            bases,
+            plan.packetization.grouping == "contiguous",
         )
 
     @property
     def num_blocks(self) -> int:
         return len(self.edges) - 1
 
+    def some_blocks(self) -> list[int]:
+        """Blocks that tables are fitted to."""
+        return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
+
     def sources(self, block: int) -> Sources:
         """What a block's Gaussians are quantised from, as they come in `order`."""
         index = self.order[self.edges[block] : self.edges[block + 1]]
         return to_sources(self.splats.select(torch.from_numpy(index)), self.size_log)
 
-    def arranged(self, block: int, corner: np.ndarray, bits: int) -> tuple[np.ndarray, ...]:
+    def arranged(self, block: int, info: SideInfo) -> tuple[Any, ...]:
         """What the kernels encode of a block, in the order in which packets are filled."""
-        here = slice(self.edges[block], self.edges[block + 1])
-        places = self.places[here] - corner
-        codes = block_codes(places, bits)
-        by = arrange_block(codes)
+        here, bits = slice(self.edges[block], self.edges[block + 1]), int(info.boxes.bits[block])
+        places = self.places[here] - info.boxes.corners[block]
+        codes, at = block_codes(places, bits), cell_shift(places, bits)
+        by = arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), 0 if self.contiguous else SPREAD_OVER)
         s = self.sources(block).select(by)
-        return codes[by], places[by], self.classes[here][by], s.logs, s.axes, s.colours, s.harmonics
+        return (
+            np.int64(at),
+            np.int64(not self.contiguous),
+            codes[by],
+            places[by],
+            self.classes[here][by],
+            s.logs,
+            s.axes,
+            s.colours,
+            transformed(s.harmonics, info.transform),
+        )
 
 
 def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
@@ -187,7 +217,8 @@ def _fit(scene: _Scene, sections: Mapping[str, bytes], threads: int | None) -> S
     boxes = make_boxes(scene.places, np.diff(scene.edges))
     means = list(ordered_map(lambda block: _defaults(scene.sources(block)), range(scene.num_blocks), threads))
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
-    fields = (scene.splats.degree, scene.size_log, scene.unit, scene.bases, boxes, np.clip(means, -511, 511))
+    transform = _transform(scene)
+    fields = (scene.splats.degree, scene.size_log, scene.unit, scene.bases, transform, boxes, np.clip(means, -511, 511))
     first, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
     def count(block: int) -> tuple[np.ndarray, np.ndarray]:
@@ -196,11 +227,19 @@ def _fit(scene: _Scene, sections: Mapping[str, bytes], threads: int | None) -> S
         sizes = np.diff(np.arange(parts + 1) * size // parts)
         return _encode_block(scene, first, block, sizes, 0).statistics
 
-    chosen = np.unique(np.linspace(0, scene.num_blocks - 1, min(scene.num_blocks, FITTED_BLOCKS)).astype(np.int64))
-    for some_bits, some_residuals in ordered_map(count, chosen.tolist(), threads):
+    for some_bits, some_residuals in ordered_map(count, scene.some_blocks(), threads):
         bits += some_bits
         residuals += some_residuals
     return SideInfo(*fields, fit_bits(bits), fit_scales(residuals), sections)
+
+
+def _transform(scene: _Scene) -> np.ndarray:
+    """Transform of the harmonics, fitted to a part of the scene in units of steps."""
+    if not scene.splats.degree:
+        return np.zeros((0, 0), dtype=np.int64)
+    blocks = scene.some_blocks()
+    weights = np.concatenate([2.0 ** scene.classes[scene.edges[b] : scene.edges[b + 1]] for b in blocks])
+    return fit_transform(np.concatenate([scene.sources(b).harmonics for b in blocks]), weights)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +258,8 @@ def _encode_block(scene: _Scene, info: SideInfo, block: int, sizes: np.ndarray, 
     from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
 
     bits = int(info.boxes.bits[block])
-    source = scene.arranged(block, info.boxes.corners[block], bits)
-    count, width = len(source[0]), info.num_harmonics
+    source = scene.arranged(block, info)
+    count, width = len(source[2]), info.num_harmonics
     rows, harmonics = empty_rows(count, width)
     buffer = np.zeros(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
     statistics, defaults = empty_statistics(), info.block_defaults()[block]

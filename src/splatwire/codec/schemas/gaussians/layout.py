@@ -30,7 +30,7 @@ scale and of its ratio to the second, companded ratio of the second to the third
 STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
 """Streams of residuals, each with tables of its own."""
 SPREADS, SECONDS = 12, 16
-"""Contexts of a residual: how much its neighbours differ, and log2 of its step (or the residual before)."""
+"""Contexts of a residual: how much its neighbours differ, and log2 of its step, or of the residuals before it."""
 
 STEPS = ("opacity", "scale0", "scale1", "scale2", "position", "direction", "spin", "colour", "harmonics")
 """What has a step of its own, in the order of the side information."""
@@ -56,21 +56,26 @@ COEFFICIENTS = np.array(
 MAX_CLASSES = 8
 POSITION_CONTEXTS = 32
 CLASS_CONTEXTS = 18 * MAX_CLASSES
-HARMONIC_CONTEXTS = 8 + 48 + 24
+HARMONIC_CONTEXTS = MAX_CLASSES + 64 + 24
 FIRST_CLASS = POSITION_CONTEXTS
 FIRST_HARMONIC = FIRST_CLASS + CLASS_CONTEXTS
+FIRST_MAGNITUDE = FIRST_HARMONIC + MAX_CLASSES + 64
 NUM_CONTEXTS = FIRST_HARMONIC + HARMONIC_CONTEXTS
 """Adaptive models of bits: splits of cells, classes, harmonics."""
 
 NUM_NEIGHBOURS = 6
 WINDOW = 64
 """Neighbours are the nearest of so many Gaussians before."""
+FAR = 1 << 40
+"""Squared distances of neighbours end here: they times 2**12 are exact in a float64, too."""
 
 MAX_LOG = 40 << BITS
 MAX_OPACITY = -1
 MIN_OPACITY = -(10 << BITS)
 MAX_COLOUR = 1 << (BITS + 8)
 MAX_HARMONIC = 1 << 24
+TRANSFORM_UNIT = 127
+"""Entries of the transform of harmonics are out of this."""
 MAX_RESIDUAL = 1 << 24
 MAX_THIN = 5903
 """Largest value of a companded ratio of scales, `(1 - 2**-r) / ln 2`: a ratio of 2**10."""
@@ -82,6 +87,8 @@ NARROW_WEIGHT = 45875
 SCALE_UNIT = 4
 """Scales are sent in units of so many entries of the scale table."""
 
+SLOT_BITS = 8
+"""Lowest bits of a cell's Morton code: Gaussians whose codes agree in them are evenly spread over a block."""
 MAX_LATTICE_BITS = 40
 MAX_CELL_BITS = 21
 """Cells of a packet's first grid are at most so many to a side of its block's box."""

@@ -7,9 +7,12 @@ from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     COEFFICIENTS,
     DIRECTION_BITS,
+    FAR,
     FIRST_CLASS,
     FIRST_HARMONIC,
+    FIRST_MAGNITUDE,
     MAX_CELL_BITS,
+    MAX_CLASSES,
     MAX_COLOUR,
     MAX_HARMONIC,
     MAX_LOG,
@@ -29,12 +32,14 @@ from splatwire.codec.schemas.gaussians.layout import (
     S_SCALE2,
     S_SPIN,
     SCALE_UNIT,
+    SECONDS,
+    SLOT_BITS,
     STEP_BITS,
     WIDE,
     WINDOW,
 )
 from splatwire.codec.schemas.gaussians.side_info import SideInfo
-from splatwire.codec.schemas.gaussians.tables import neighbour_weights, thinness_table
+from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.entropy.reference import ReferenceDecoder, ReferenceMixture, decode_mixture
 from splatwire.entropy.tables import NUM_SCALES
 
@@ -73,30 +78,43 @@ class ReferencePacket:
     def __init__(self, info: SideInfo, block: int, payload: bytes, count: int) -> None:
         self.coder, self.info, self.count = ReferenceDecoder(payload), info, count
         self.models = [[int(z) << 8] * 2 for z in info.bit_zero]
+        self.running = 0
         self.box_bits = int(info.boxes.bits[block])
         self.defaults = [int(v) for v in info.block_defaults()[block]]
-        self.weights, self.thinness = neighbour_weights().tolist(), thinness_table().tolist()
+        self.thinness = thinness_table().tolist()
 
     def decode(self) -> list[Gaussian]:
         """All Gaussians in order."""
         at = min(max(self.raw(6), self.box_bits - MAX_CELL_BITS), self.box_bits)
         depth = self.box_bits - at
-        codes = self.split(self.count, 3 * depth - 1, 0, 0)
+        codes = self.codes(3 * depth)
         cells = [tuple(sum((c >> (3 * b + a) & 1) << b for b in range(depth)) for a in range(3)) for c in codes]
         found: list[Gaussian] = []
         for i, cell in enumerate(cells):
             near = sorted(
-                (sum((p - q) ** 2 for p, q in zip(cell, cells[j], strict=True)), i - j)
+                (min(sum((p - q) ** 2 for p, q in zip(cell, cells[j], strict=True)), FAR), i - j)
                 for j in range(max(i - WINDOW, 0), i)
             )[:NUM_NEIGHBOURS]
-            neighbours = [(found[i - back], self.weights[min(d, len(self.weights) - 1)]) for d, back in near]
+            neighbours = [(found[i - back], ((near[0][0] + 1) << 12) // (d + 1)) for d, back in near]
             found.append(self.gaussian(cell, at, neighbours))
         return found
+
+    def codes(self, bits: int) -> list[int]:
+        """Morton codes of all cells: a sorted tree, and of spread packets slots one after another."""
+        spread = self.raw(1)
+        size = min(bits, SLOT_BITS) if spread else 0
+        first, count = self.raw(size), self.raw(size) + 1
+        upper = self.split(self.count, bits - size - 1, 0, 0)
+        if not spread:
+            return upper
+        slots = [(first + self.below(count)) % 2**size for _ in upper]
+        reverse = [sum((slot >> b & 1) << (size - 1 - b) for b in range(size)) for slot in slots]
+        return [u << size | r for u, r in zip(upper, reverse, strict=True)]
 
     def gaussian(self, cell: tuple[int, ...], at: int, near: list[tuple[Gaussian, int]]) -> Gaussian:
         """One Gaussian, given its cell and its neighbours."""
         g = Gaussian()
-        g.level = self.level(near)
+        g.level, self.running = self.level(near), 16
         opacity = self.value(0, S_OPACITY, near, g.level, lambda n: n.logs[0], (0, 0, 0, 0), 0, BITS)
         opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
         mean = self.mean(near, lambda n: n.logs[1], self.defaults[1])[0]
@@ -165,33 +183,30 @@ class ReferencePacket:
     def colour(self, g: Gaussian, near: list[tuple[Gaussian, int]]) -> None:
         """Luma and chroma."""
         shift = min(max(BITS - self.exponent(S_COLOUR, g.level, (0, 0, 0, 0)), 0), BITS - 2)
-        second = shift
         for c in range(3):
             mean, deviation = self.mean(near, lambda n, c=c: n.colour[c], self.defaults[4 + c])  # type: ignore[misc]
-            q = self.residual(5 + c, spread(len(near), deviation, shift), second)
+            q = self.residual(5 + c, spread(len(near), deviation, shift), shift)
             g.colour.append(min(max(mean + (q << shift), -MAX_COLOUR), MAX_COLOUR))
-            second = 4 * min(abs(q), 3) + min(shift >> 1, 3)
 
     def harmonics(self, g: Gaussian) -> None:
-        """Harmonics, channel after channel."""
-        count = self.info.num_harmonics
+        """Harmonics, the three channels of one after another."""
         shift = min(max(BITS - self.exponent(S_HARMONICS, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         some, running = self.bit(FIRST_HARMONIC + g.level), 0
-        for j in range(count):
-            band, chroma, value = j % (count // 3), int(j >= count // 3), 0
+        for j in range(self.info.num_harmonics):
+            value = 0
             if some:
                 context = sum(running >= least for least in RUNNING)
-                degree = (band >= 3) + (band >= 8)
-                value = self.coefficient(context, (context * 3 + degree) * 2 + chroma)
+                group = (j >= 3) + (j >= 9) + (j >= 21)
+                value = self.coefficient(context, (context * 4 + group) * 2 + (j % 3 > 0))
             g.harmonics.append(min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC))
             running = (running * 13 >> 4) + (min(abs(value), 1 << 16) << 4)
 
     def coefficient(self, context: int, zero: int) -> int:
         """One harmonic in steps."""
-        if not self.bit(FIRST_HARMONIC + 8 + zero):
+        if not self.bit(FIRST_HARMONIC + MAX_CLASSES + zero):
             return 0
         sign, size = (-1 if self.raw(1) else 1), 1
-        while size < 15 and self.bit(FIRST_HARMONIC + 56 + context * 3 + min(size - 1, 2)):
+        while size < 15 and self.bit(FIRST_MAGNITUDE + context * 3 + min(size - 1, 2)):
             size += 1
         if size == 15:
             size += min(self.gamma(), 1 << 20)
@@ -229,11 +244,14 @@ class ReferencePacket:
         sums += (int(self.info.bases[which]) + level * 2**STEP_BITS) * 2**BITS
         return (sums + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS)
 
-    def residual(self, stream: int, context: int, second: int) -> int:
-        """A residual in steps."""
+    def residual(self, stream: int, context: int, shift: int) -> int:
+        """A residual in steps; a context of all but the first two is how large those before were."""
+        second = shift if stream < 2 else min(self.running.bit_length(), SECONDS - 1)
         scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
         mixture = ReferenceMixture(0, scale, 0, min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT)
-        return min(max(decode_mixture(self.coder, mixture), -MAX_RESIDUAL), MAX_RESIDUAL)
+        q = min(max(decode_mixture(self.coder, mixture), -MAX_RESIDUAL), MAX_RESIDUAL)
+        self.running = (self.running + 16 * min(abs(q), 1 << 14)) >> 1
+        return q
 
     def bit(self, context: int) -> int:
         """A bit of an adaptive model."""

@@ -19,14 +19,14 @@ from splatwire.codec.schemas.gaussians.layout import (
     STEPS,
     STREAMS,
 )
-from splatwire.codec.schemas.gaussians.tables import neighbour_weights, thinness_table
+from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tables
 from splatwire.entropy.integers import read_integers, write_integers
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.packets.sections import GAUSSIAN_SECTIONS, read_sections, write_sections
 
-VERSION = 1
+VERSION = 2
 NUM_DEFAULTS = 7
 DEFAULT_SHIFT = BITS - 4
 """Means of a block are in sixteenths."""
@@ -44,6 +44,8 @@ class SideInfo:
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice's unit, relative to the scene's size.
         bases: int64, by `STEPS`: `-log2` of steps of class 0, out of 2**STEP_BITS.
+        transform: int64 (K, K), out of `TRANSFORM_UNIT`: row k says what the k-th number of a channel that a packet
+            holds adds to its K harmonics.
         boxes: Boxes of the B blocks.
         defaults: int64 (B, 7), means of opacity, scales and colour of each block, in sixteenths.
         bit_zero: int64 (contexts), initial P(0) of the adaptive models, out of 2**8.
@@ -55,6 +57,7 @@ class SideInfo:
     size_log: int
     unit: int
     bases: np.ndarray
+    transform: np.ndarray
     boxes: Boxes
     defaults: np.ndarray
     bit_zero: np.ndarray
@@ -70,9 +73,9 @@ class SideInfo:
         """Scales of residuals and tables of the range coder, as the kernels take them."""
         return (self.scales * SCALE_UNIT, *tables())
 
-    def kernel_stream(self) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
+    def kernel_stream(self) -> tuple[np.ndarray, int, np.ndarray]:
         """What else is the same for all packets, as the kernels take it."""
-        return self.bases, self.unit, neighbour_weights(), thinness_table()
+        return self.bases, self.unit, thinness_table()
 
     def models(self) -> np.ndarray:
         """Initial adaptive models of every packet, int64 (contexts, 2)."""
@@ -105,9 +108,11 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
     reader = ByteReader(data, "side information")
     header, blocks, contexts = (reader.blob() for _ in GAUSSIAN_SECTIONS)
     sections = read_sections(reader.rest())
-    degree, size_log, unit, bases = _read_header(header)
+    degree, size_log, unit, bases, transform = _read_header(header)
     boxes, defaults = _read_blocks(blocks, num_blocks)
-    return SideInfo(degree, size_log, unit, bases, boxes, defaults, *_read_contexts(contexts, degree), sections)
+    return SideInfo(
+        degree, size_log, unit, bases, transform, boxes, defaults, *_read_contexts(contexts, degree), sections
+    )
 
 
 def _header(info: SideInfo) -> bytes:
@@ -118,22 +123,24 @@ def _header(info: SideInfo) -> bytes:
     writer.signed(info.unit)
     for base in info.bases.tolist():
         writer.signed(base)
-    return writer.bytes()
+    return writer.bytes() + info.transform.astype(np.int8).tobytes()
 
 
-def _read_header(data: bytes) -> tuple[int, int, int, np.ndarray]:
+def _read_header(data: bytes) -> tuple[int, int, int, np.ndarray, np.ndarray]:
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:
         raise UnsupportedVersionError(f"side information has version {version}, this release reads version {VERSION}")
     degree, size_log, unit = reader.u8(), reader.signed(), reader.signed()
-    bases = np.array([reader.signed() for _ in STEPS], dtype=np.int64)
-    reader.finish()
+    bases, transform = np.array([reader.signed() for _ in STEPS], dtype=np.int64), reader.rest()
     if degree > MAX_DEGREE or abs(size_log) > MAX_SIZE_LOG or not 0 <= unit <= MAX_LATTICE_BITS:
         raise BitstreamError(f"side information: degree {degree}, size {size_log} or unit {unit} are impossible")
     if np.abs(bases).max() > 64 << STEP_BITS:
         raise BitstreamError(f"side information: impossible steps {bases.tolist()}")
-    return degree, size_log, unit, bases
+    side = (degree + 1) ** 2 - 1
+    if len(transform) != side * side:
+        raise BitstreamError(f"side information: a transform of {len(transform)} entries, not {side * side}")
+    return degree, size_log, unit, bases, np.frombuffer(transform, np.int8).astype(np.int64).reshape(side, side)
 
 
 def _blocks(info: SideInfo) -> bytes:

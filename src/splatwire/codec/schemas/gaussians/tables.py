@@ -11,14 +11,6 @@ _POWER_BITS = 120
 _LN2 = 818323753292969962226
 """ln 2 times 2**`_LN2_BITS`, checked by a test."""
 _LN2_BITS = 70
-NUM_WEIGHTS = 1024
-
-
-@functools.cache
-def neighbour_weights() -> np.ndarray:
-    """Weight of a neighbour by its squared distance in cells, `4096 / (distance + 1)`; the last for all beyond."""
-    weights = [(4096 << 8) // (math.isqrt(d << 16) + (1 << 8)) for d in range(NUM_WEIGHTS)]
-    return _frozen(weights)
 
 
 @functools.cache

@@ -1,0 +1,108 @@
+"""Pinned streams of explicit Gaussians and their decoded integers, for every decoder of format 2 in any language.
+
+`gaussians.json` holds whole files in base64 and what is in them; running this file as a program makes it.
+"""
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.codec.schemas.gaussians.decoder import decode_block, decode_splats, open_side_info
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.packet_reference import ReferencePacket
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.packets import PRESETS, Packetization, arrange, stream_from_bytes, stream_to_bytes
+from splatwire.scene.splats import Splats
+
+FILE = Path(__file__).with_name("gaussians.json")
+DATAGRAM = Packetization(block_size=60, lanes=1, grouping="hashed", packet_bytes=500)
+CASES = {
+    "spread": (90, 0, DATAGRAM, Quality(8.0)),
+    "together": (40, 1, Packetization(block_size=40, lanes=2, grouping="contiguous"), Quality(9.5, position=1.0)),
+    "lanes": (50, 2, Packetization(block_size=30, lanes=3), Quality(7.0, classes=4)),
+    "one": (1, 3, PRESETS["datagram"], Quality(12.0)),
+}
+
+
+def make(name: str) -> dict:
+    count, degree, packetization, quality = CASES[name]
+    rng = np.random.default_rng(len(name))
+    means = rng.normal(size=(count, 3)) * [1, 1, 0.1] + 2
+    arrays = (
+        means,
+        rng.normal(size=(count, 4)),
+        np.exp(rng.normal(size=(count, 3)) - 4),
+        rng.uniform(0.05, 0.99, count),
+        rng.normal(size=(count, (degree + 1) ** 2, 3)) * 0.2,
+    )
+    splats = Splats(*(torch.from_numpy(a.astype(np.float32)) for a in arrays))
+    stream = encode_splats(splats, packetization, classes=rng.integers(-5, 1, count), quality=quality)
+    rows, harmonics = integers(stream)
+    decoded = decode_splats(stream)[0]
+    return {
+        "swz": base64.b64encode(stream_to_bytes(stream)).decode(),
+        "num_gaussians": count,
+        "degree": degree,
+        "packets": [[p.id.block, p.id.lane, p.num_anchors] for p in stream.packets],
+        "rows": rows.tolist(),
+        "harmonics": harmonics.tolist(),
+        "decoded": {key: np.round(values.double().numpy(), 6).tolist() for key, values in vars(decoded).items()},
+    }
+
+
+def integers(stream):
+    """Rows and harmonics of all Gaussians, block by block in the order of the packets."""
+    info = open_side_info(stream.manifest, stream.side_info)
+    groups, packets = arrange(stream.manifest.plan, stream.packets)
+    found = []
+    for block in range(stream.manifest.plan.num_blocks):
+        here = [i for i, packet in enumerate(packets) if packet.id.block == block]
+        sizes = np.diff(groups.starts)[here]
+        found.append(decode_block(info, block, sizes, tuple(packets[i] for i in here))[:2])
+    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
+
+
+@pytest.fixture(scope="module")
+def pinned():
+    return json.loads(FILE.read_text())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_pinned_bytes_decode_to_pinned_integers(name, pinned):
+    case = pinned[name]
+    stream = stream_from_bytes(base64.b64decode(case["swz"]))[0]
+    rows, harmonics = integers(stream)
+    assert rows.tolist() == case["rows"]
+    assert harmonics.tolist() == case["harmonics"]
+    decoded, known, _ = decode_splats(stream)
+    assert known.all()
+    for key, values in vars(decoded).items():
+        np.testing.assert_allclose(values.numpy(), case["decoded"][key], rtol=1e-5, atol=2e-6)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_plain_python_decodes_the_pinned_bytes(name, pinned):
+    case = pinned[name]
+    stream = stream_from_bytes(base64.b64decode(case["swz"]))[0]
+    info, at = open_side_info(stream.manifest, stream.side_info), 0
+    for packet in stream.packets:
+        found = ReferencePacket(info, packet.id.block, packet.payload, packet.num_anchors).decode()
+        assert [g.row() for g in found] == case["rows"][at : at + len(found)]
+        assert [g.harmonics for g in found] == case["harmonics"][at : at + len(found)]
+        at += len(found)
+    assert at == case["num_gaussians"]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_encoder_writes_the_pinned_bytes(name, pinned):
+    ours, theirs = (stream_from_bytes(base64.b64decode(case["swz"]))[0] for case in (make(name), pinned[name]))
+    assert ours.side_info == theirs.side_info
+    assert ours.packets == theirs.packets
+
+
+if __name__ == "__main__":
+    FILE.write_text(json.dumps({name: make(name) for name in CASES}, separators=(",", ":")) + "\n")
