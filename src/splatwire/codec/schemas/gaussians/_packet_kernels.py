@@ -10,11 +10,11 @@ from splatwire.codec.schemas.gaussians._gaussian_kernels import (
     code_axis,
     code_class,
     code_colour,
-    code_harmonics,
     code_logs,
     exponent,
     find_neighbours,
 )
+from splatwire.codec.schemas.gaussians._harmonic_kernels import code_harmonics
 from splatwire.codec.schemas.gaussians.layout import (
     AXIS,
     BITS,

@@ -73,22 +73,20 @@ def cell_shift(places: np.ndarray, bits: int) -> int:
     return max(extent - depth, bits - MAX_CELL_BITS, 0)
 
 
-def arrange_block(codes: np.ndarray, spread_over: int) -> np.ndarray:
+def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
     """Which Gaussian of a block lies where: indices in the order in which packets are filled.
 
     Args:
         codes: int64 (n), Morton codes of the cells that the block's Gaussians are in.
-        spread_over: A packet holds Gaussians that are evenly spread over about so many that lie together, so that its
-            loss leaves small holes everywhere instead of one large one; 0 for packets of those that lie together.
+        contiguous: Whether packets hold Gaussians that lie together. Otherwise each is spread evenly over the block, so
+            that its loss leaves small holes everywhere instead of one large one.
     """
-    order = np.argsort(codes, kind="stable")
-    if not spread_over:
-        return order
-    codes, slots = codes[order], np.zeros(len(codes), dtype=np.int64)
+    if contiguous:
+        return np.argsort(codes, kind="stable")
+    slots = np.zeros_like(codes)
     for bit in range(SLOT_BITS):
         slots |= ((codes >> bit) & 1) << (SLOT_BITS - 1 - bit)
-    groups = np.arange(len(codes)) * max(round(len(codes) / spread_over), 1) // len(codes)
-    return order[np.lexsort((codes, slots, groups))]
+    return np.lexsort((codes, slots))
 
 
 def make_boxes(places: np.ndarray, sizes: np.ndarray) -> Boxes:

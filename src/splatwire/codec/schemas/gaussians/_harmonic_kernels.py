@@ -1,0 +1,66 @@
+"""Numba kernels that code the harmonics of one Gaussian in either direction."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_escape, code_raw
+from splatwire.codec.schemas.gaussians._gaussian_kernels import exponent
+from splatwire.codec.schemas.gaussians.layout import (
+    BITS,
+    FIRST_HARMONIC,
+    FIRST_MAGNITUDE,
+    MAX_CLASSES,
+    MAX_HARMONIC,
+    S_HARMONICS,
+)
+from splatwire.ops.compiled import njit
+
+RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
+"""Least running magnitude, in sixteenths, of each context of a harmonic."""
+
+
+@njit(error_model="numpy")
+@no_type_check
+def code_harmonics(coder, values, i, source, bases, level):
+    """Codes harmonics, Y Co Cg of one after another; most are 0, and those before in the Gaussian are the context."""
+    shift = min(max(BITS - exponent(bases, S_HARMONICS, level, 0, 0, 0, 0), 0), BITS - 2)
+    half = (1 << shift) >> 1
+    some = 0
+    if not coder.decoding:
+        for j in range(values.shape[1]):
+            values[i, j] = (source[i, j] + half) >> shift
+            some |= values[i, j] != 0
+    some = code_bit(coder, FIRST_HARMONIC + level, np.int64(some))
+    running = np.int64(0)
+    for j in range(values.shape[1]):
+        magnitude = np.int64(0)
+        if some:
+            context = 0
+            while context < 7 and running >= RUNNING[context + 1]:
+                context += 1
+            group = 0 if j < 3 else 1 if j < 9 else 2 if j < 21 else 3
+            value = np.int64(values[i, j]) if not coder.decoding else np.int64(0)
+            zero = FIRST_HARMONIC + MAX_CLASSES + (context * 4 + group) * 2 + (1 if j % 3 else 0)
+            value = _code_level(coder, value, zero, context)
+            magnitude = abs(value)
+            values[i, j] = min(max(value << shift, -MAX_HARMONIC), MAX_HARMONIC)
+        else:
+            values[i, j] = 0
+        running = ((running * 13) >> 4) + (min(magnitude, 1 << 16) << 4)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _code_level(coder, value, zero_context, context):
+    if not code_bit(coder, zero_context, 1 if value != 0 else 0):
+        return np.int64(0)
+    negative = code_raw(coder, 1 if value < 0 else 0, 1)
+    magnitude, base = abs(value), FIRST_MAGNITUDE + context * 3
+    found = np.int64(1)
+    while found < 15:
+        if not code_bit(coder, base + min(found - 1, 2), 1 if magnitude > found else 0):
+            return -found if negative else found
+        found += 1
+    found += min(code_escape(coder, magnitude - found), 1 << 20)
+    return -found if negative else found

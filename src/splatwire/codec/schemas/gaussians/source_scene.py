@@ -1,0 +1,131 @@
+"""What an encoder makes packets of: Gaussians sorted into blocks, their places on the lattice, their classes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from splatwire.codec.schemas.gaussians.attributes import (
+    Sources,
+    scene_log,
+    to_sources,
+    transformed,
+)
+from splatwire.codec.schemas.gaussians.blocks import (
+    arrange_block,
+    block_codes,
+    block_sizes,
+    cell_shift,
+    gaussian_order,
+    to_lattice,
+)
+from splatwire.codec.schemas.gaussians.layout import (
+    BITS,
+    COEFFICIENTS,
+    MAX_CELL_BITS,
+    MAX_LATTICE_BITS,
+    S_POSITION,
+    STEP_BITS,
+)
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.codec.schemas.gaussians.side_info import DEFAULT_SHIFT, SideInfo
+from splatwire.errors import InvalidValueError
+from splatwire.packets import (
+    PacketPlan,
+)
+from splatwire.scene.splats import Splats
+
+FITTED_BLOCKS = 48
+"""Tables are fitted to at most so many blocks, spread over the scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class SourceScene:
+    """Gaussians sorted into blocks; a block's integers are made when they are needed."""
+
+    splats: Splats
+    order: np.ndarray
+    edges: np.ndarray
+    places: np.ndarray
+    classes: np.ndarray
+    size_log: int
+    unit: int
+    bases: np.ndarray
+    contiguous: bool
+
+    @staticmethod
+    def of(
+        splats: Splats, plan: PacketPlan, classes: np.ndarray | None, tiers: np.ndarray | None, quality: Quality
+    ) -> "SourceScene":
+        means, size_log = splats.means.numpy().astype(np.float64), scene_log(splats)
+        order, bases = gaussian_order(means, tiers), quality.bases(splats.degree)
+        found = np.zeros(len(order), np.int64) if classes is None else np.asarray(classes).astype(np.int64)
+        if found.shape != order.shape:
+            raise InvalidValueError(f"{found.shape} classes of precision for {len(order)} Gaussians")
+        levels = np.clip(found + quality.classes - 1, 0, quality.classes - 1)
+        unit = _lattice_unit(splats, levels, bases, size_log)
+        edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
+        return SourceScene(
+            splats,
+            order,
+            edges,
+            to_lattice(means[order], unit, size_log),
+            levels[order],
+            size_log,
+            unit,
+            bases,
+            plan.packetization.grouping == "contiguous",
+        )
+
+    @property
+    def num_blocks(self) -> int:
+        return len(self.edges) - 1
+
+    def some_blocks(self) -> list[int]:
+        """Blocks that tables are fitted to."""
+        return np.unique(np.linspace(0, self.num_blocks - 1, min(self.num_blocks, FITTED_BLOCKS)).astype(int)).tolist()
+
+    def sources(self, block: int) -> Sources:
+        """What a block's Gaussians are quantised from, as they come in `order`."""
+        index = self.order[self.edges[block] : self.edges[block + 1]]
+        return to_sources(self.splats.select(torch.from_numpy(index)), self.size_log)
+
+    def arranged(self, block: int, info: SideInfo) -> tuple[Any, ...]:
+        """What the kernels encode of a block, in the order in which packets are filled."""
+        here, bits = slice(self.edges[block], self.edges[block + 1]), int(info.boxes.bits[block])
+        places = self.places[here] - info.boxes.corners[block]
+        codes, at = block_codes(places, bits), cell_shift(places, bits)
+        by = arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
+        s = self.sources(block).select(by)
+        return (
+            np.int64(at),
+            np.int64(not self.contiguous),
+            codes[by],
+            places[by],
+            self.classes[here][by],
+            s.logs,
+            s.axes,
+            s.colours,
+            transformed(s.harmonics, info.transform),
+        )
+
+
+def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
+    """A lattice as fine as the finest step of a place."""
+    logs = np.sort(np.log2(splats.scales.numpy().astype(np.float64)), axis=1) - size_log
+    c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
+    finest = octaves + levels + c[0] * (logs[:, 2] + logs[:, 1]) + c[1] * (logs[:, 2] - logs[:, 1])
+    finest = np.maximum(finest, 1 - logs[:, 1])
+    far = np.log2(np.abs(splats.means.numpy().astype(np.float64)).max() + 1e-30) - size_log
+    return int(np.clip(np.ceil(finest.max()), 0, max(min(MAX_LATTICE_BITS - 2 - np.ceil(far), 38), 0)))
+
+
+def block_means(sources: Sources) -> np.ndarray:
+    """Means of opacity, scales as they are sent, and colour, in sixteenths."""
+    logs = sources.logs.astype(np.float64)
+    ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
+    thin = (1 - 2.0**-ratio) / np.log(2) * (1 << BITS)
+    values = np.stack([logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin], axis=1)
+    means = np.concatenate([values.mean(axis=0), sources.colours.mean(axis=0)])
+    return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
