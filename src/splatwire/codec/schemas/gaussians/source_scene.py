@@ -6,12 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from splatwire.codec.schemas.gaussians.attributes import (
-    Sources,
-    scene_log,
-    to_sources,
-    transformed,
-)
+from splatwire.codec.schemas.gaussians.attributes import Sources, scene_log, to_sources, transformed
 from splatwire.codec.schemas.gaussians.blocks import (
     arrange_block,
     block_codes,
@@ -31,9 +26,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.gaussians.side_info import DEFAULT_SHIFT, SideInfo
 from splatwire.errors import InvalidValueError
-from splatwire.packets import (
-    PacketPlan,
-)
+from splatwire.packets import PacketPlan
 from splatwire.scene.splats import Splats
 
 FITTED_BLOCKS = 48
@@ -42,7 +35,19 @@ FITTED_BLOCKS = 48
 
 @dataclass(frozen=True, eq=False)
 class SourceScene:
-    """Gaussians sorted into blocks; a block's integers are made when they are needed."""
+    """Gaussians sorted into blocks; a block's integers are made when they are needed.
+
+    Attributes:
+        splats: The Gaussians as they came.
+        order: int64 (N), the Gaussians block by block.
+        edges: int64 (B + 1), where blocks begin in `order`.
+        places: int64 (N, 3), lattice coordinates, in `order`.
+        classes: int64 (N), classes of precision, 0 for the least, in `order`.
+        size_log: log2 of the scene's size.
+        unit: `-log2` of the lattice's unit, relative to it.
+        bases: int64, by `STEPS`, see `SideInfo`.
+        contiguous: Whether packets hold Gaussians that lie together.
+    """
 
     splats: Splats
     order: np.ndarray
@@ -58,6 +63,7 @@ class SourceScene:
     def of(
         splats: Splats, plan: PacketPlan, classes: np.ndarray | None, tiers: np.ndarray | None, quality: Quality
     ) -> "SourceScene":
+        """Sorts Gaussians into the blocks of a plan; `classes` and `tiers` as in `encode_splats`."""
         means, size_log = splats.means.numpy().astype(np.float64), scene_log(splats)
         order, bases = gaussian_order(means, tiers), quality.bases(splats.degree)
         found = np.zeros(len(order), np.int64) if classes is None else np.asarray(classes).astype(np.int64)
@@ -80,6 +86,7 @@ class SourceScene:
 
     @property
     def num_blocks(self) -> int:
+        """Blocks, B."""
         return len(self.edges) - 1
 
     def some_blocks(self) -> list[int]:
