@@ -11,17 +11,19 @@ import torch
 from splatwire.channel import draw_mask, parse_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.geometry import anchor_order
-from splatwire.conceal import Grow, context_of
+from splatwire.conceal import Grow, Idw, context_of
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.prior_field import evaluate_prior
 from splatwire.packets import Packetization, PacketPlan
+from splatwire.scene import Anchors
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import LossTraining, TrainConfig
 from splatwire.train.context import AnchorCache
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED
+from splatwire.train.loss_concealment import Filled, Grown
 from splatwire.train.losses import prepare_photo
 from splatwire.train.packet_loss import PacketLosses, packet_of_rank
 from splatwire.train.presets import create_config
@@ -31,8 +33,8 @@ from splatwire.train.step import TrainingStep
 PACKETS = Packetization(block_size=50, lanes=4)
 
 
-def _lossy(config: TrainConfig, *models: str, share: float = 0.5) -> TrainConfig:
-    return dataclasses.replace(config, losses=LossTraining(models, share=share))
+def _lossy(config: TrainConfig, *models: str, share: float = 0.5, concealer: str = "idw") -> TrainConfig:
+    return dataclasses.replace(config, losses=LossTraining(models, share=share, concealer=concealer))
 
 
 def _losses(config: TrainConfig) -> PacketLosses:
@@ -71,12 +73,42 @@ def test_what_is_lost_and_how_the_rest_grows_is_as_at_a_receiver(
     context = context_of(received)  # but for its rounded weights
     exact = evaluate_prior(scene.coding.context, context.anchors.positions, scene.coding.config)
     expected = Grow()(dataclasses.replace(context, prior=exact))
-    found = _losses(_lossy(config, model)).lose(state, PACKETS, loss_model, 7, 1)
-    assert found is not None
     order = anchor_order(state.voxels.numpy(), "morton")
-    assert torch.equal(found.known[order], ~expected.left_out)
+    grown = _losses(_lossy(config, model, concealer="grow")).lose(state, PACKETS, loss_model, 7, 1)
+    assert isinstance(grown, Grown)
+    assert torch.equal(grown.known[order], ~expected.left_out)
     assert 0.1 < float(expected.left_out.float().mean()) < 0.9
-    assert float((found.size_gain[order] - expected.size_gain).abs().max()) < 1e-4
+    assert float((grown.size_gain[order] - expected.size_gain).abs().max()) < 1e-4
+
+
+@pytest.mark.parametrize("rate", ["0.2", "0.4"])
+def test_what_is_lost_is_drawn_as_a_receiver_draws_it(rate: str, state: TrainState, config: TrainConfig) -> None:
+    model, order = parse_loss(f"bernoulli:{rate}"), anchor_order(state.voxels.numpy(), "morton")
+    scene = export_scene(state, config)
+    stream = encode_scene(scene, PACKETS)
+    context = context_of(decode_stream(draw_mask(stream, model, seed=3).apply(stream)))
+    by_rank, known = scene.anchors.select(torch.from_numpy(order)), context.erasures.known
+    expected = Idw()(dataclasses.replace(context, anchors=_gaps(by_rank, known))).anchors
+    lost = _losses(_lossy(config, "bernoulli:0.2")).lose(state, PACKETS, model, 3, 1)
+    assert isinstance(lost, Filled)
+    rows = torch.from_numpy(order)
+    anchors = dataclasses.replace(by_rank, features=torch.zeros_like(by_rank.features))  # as the rounded ones are
+    weight = by_rank.mask.float()
+    found, weight = lost.filled(state, rows, anchors, weight, config.mask_threshold)
+    for name in ("features", "scalings", "offsets"):
+        value, right = getattr(found, name)[~known], getattr(expected, name)[~known]
+        right = right * expected.mask[~known][:, :, None] if name == "offsets" else right
+        assert torch.allclose(value, right, rtol=1e-4, atol=1e-5), name
+        assert torch.equal(getattr(found, name)[known], getattr(anchors, name)[known])
+    assert torch.equal(found.mask[~known], expected.mask[~known])
+    assert torch.equal(weight, found.mask.float())
+
+
+def _gaps(anchors: Anchors, known: torch.Tensor) -> Anchors:
+    holes = {name: getattr(anchors, name).clone() for name in ("features", "scalings", "offsets", "mask")}
+    for value in holes.values():
+        value[~known] = 0
+    return dataclasses.replace(anchors, **holes)
 
 
 @pytest.mark.parametrize(("block_size", "packet_anchors"), [(40, 7), (40, 64), (1000, 7), (1000, 64)])
@@ -93,11 +125,11 @@ def test_datagrams_are_runs_of_the_hash_order_of_a_block(block_size: int, packet
     assert packet.max() + 1 == len(runs)
 
 
-def test_without_losses_nothing_is_drawn(state: TrainState, config: TrainConfig) -> None:
+def test_without_losses_nothing_is_drawn(dataset: Dataset, state: TrainState, config: TrainConfig) -> None:
     """Not even from the generator: every later number of the run depends on it."""
     losses = _losses(config)
     luck, voxels = state.generator.get_state(), state.voxels
-    losses.begin(state)
+    losses.begin(state, dataset.cameras)
     assert losses.draw(state, None) is None
     assert torch.equal(state.generator.get_state(), luck)
     assert state.voxels is voxels
@@ -111,20 +143,26 @@ def test_losses_come_after_growth_in_their_share_of_the_iterations(state: TrainS
     assert not any(losses.draw(state, None) for _ in range(40))
 
 
-def test_anchors_that_draw_nothing_leave_before_packets_are_lost(state: TrainState, config: TrainConfig) -> None:
+def test_anchors_that_draw_nothing_leave_before_packets_are_lost(
+    dataset: Dataset, state: TrainState, config: TrainConfig
+) -> None:
     losses = _losses(_lossy(config, "bernoulli:0.4"))
     number = state.num_anchors
     with torch.no_grad():
         state.parameters["mask_logits"][::3] = -20
-    losses.begin(state)
+    losses.begin(state, dataset.cameras)
     assert state.num_anchors == number - len(range(0, number, 3))
     assert export_scene(state, config).anchors.num_anchors == state.num_anchors
 
 
-def test_lost_anchors_learn_nothing_from_the_picture(dataset: Dataset, state: TrainState, config: TrainConfig) -> None:
+@pytest.mark.parametrize("concealer", ["grow", "idw"])
+def test_lost_anchors_learn_nothing_from_the_picture(
+    concealer: str, dataset: Dataset, state: TrainState, config: TrainConfig
+) -> None:
     """Where only the picture pulls: without a rate."""
     config = dataclasses.replace(config, marks=dataclasses.replace(config.marks, context_start=100))
-    losses = _losses(_lossy(config, "bernoulli:0.5", share=1.0))
+    config = _lossy(config, "bernoulli:0.5", share=1.0, concealer=concealer)
+    losses = _losses(config)
     luck = state.generator.get_state()
     loss = losses.draw(state, None)
     state.generator.set_state(luck)
@@ -132,7 +170,7 @@ def test_lost_anchors_learn_nothing_from_the_picture(dataset: Dataset, state: Tr
     gradients: list[torch.Tensor] = []
     state.parameters["features"].register_hook(gradients.append)
     state.iteration -= 1
-    TrainingStep(_lossy(config, "bernoulli:0.5", share=1.0), dataset.cameras)(state, 0, prepare_photo(dataset.image(0)))
+    TrainingStep(config, dataset.cameras)(state, 0, prepare_photo(dataset.image(0)))
     assert not bool(gradients[0][~loss.known].any())
     assert bool(gradients[0][loss.known].any())
 
@@ -147,5 +185,12 @@ def test_what_losses_are_trained_for_is_text() -> None:
         create_config(losses=("bernouli:0.2",))
     with pytest.raises(InvalidValueError, match="share"):
         create_config(losses=("bernoulli:2",))
+    mixed = create_config(losses=("first:0.5", "bernoulli:0.1", "first:0.25")).losses
+    assert (mixed.models, mixed.first) == (("bernoulli:0.1",), (0.5, 0.25))
+    for wrong in ("first", "first:", "first:0", "first:1", "first:nan", "first:half"):
+        with pytest.raises(InvalidValueError, match="first:SHARE"):
+            create_config(losses=(wrong,))
     with pytest.raises(InvalidValueError, match="share of lossy"):
         LossTraining(share=1.5)
+    with pytest.raises(UnknownNameError, match="kriging"):
+        LossTraining(concealer="kriging")

@@ -38,6 +38,7 @@ def _trained(dataset: Dataset, config: TrainConfig, iterations: int) -> TrainSta
 
 PICTURE = [("heads.color.output.bias", i) for i in (10, 25, 40)] + [("heads.color.hidden.weight", 40)]
 LOSSY = ("heads.color.output.bias", 52)
+"""Of anchors that stand in for lost ones, too."""
 RATE = [(name, 40) for name in ("features", "log_scalings", "offsets", "prior.hidden.weight", "channel.1.output.bias")]
 
 

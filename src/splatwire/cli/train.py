@@ -53,8 +53,9 @@ class Train:
     """Steps in which the context model is fitted again at the end, which saves some percent of the bytes; 0 for none.
     A quarter of the iterations, and at most 600, if absent."""
     loss: tuple[str, ...] = ()
-    """Losses of packets that the scene is trained for, as transmit has them (bernoulli:0.2, gilbert:0.2,20; several are
-    taken in turn); none for none."""
+    """Losses of packets that the scene is trained for, as transmit has them (bernoulli:0.2, gilbert:0.2,20), or
+    first:SHARE, where nothing but the most important share of the anchors arrives. Of several, chance takes one each
+    time."""
     images: str | None = None
     """Image folder instead of images (images_4, for example)."""
     max_width: int = 1600

@@ -3,7 +3,7 @@
 import dataclasses
 from dataclasses import dataclass, field
 
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model import ModelConfig
 
 FULL_ITERATIONS = 30_000
@@ -166,23 +166,34 @@ class RefineConfig:
             )
 
 
+TRAINED_CONCEALERS = ("idw", "grow")
+"""Concealers that a scene can be trained with (`splatwire.train.loss_concealment`)."""
+
+
 @dataclass(frozen=True)
 class LossTraining:
     """Packets that are lost in training, so that the scene learns to do without any of them (`train.packet_loss`).
 
     Attributes:
         models: Loss models as `splatwire.channel.parse_loss` reads them; a lossy iteration draws one. None: no losses.
+        first: Shares of the anchors, most important first, of which nothing else arrives: what a receiver has of tiers
+            that it gets one after another. A lossy iteration draws one of these or of the models.
         packets: Packetizations (`splatwire.packets.PRESETS`) of the stream; a lossy iteration draws one.
         share: Share of the iterations, once the number of anchors stays, that are lossy.
+        concealer: What is drawn instead of what is lost: `idw` or `grow`.
     """
 
     models: tuple[str, ...] = ()
+    first: tuple[float, ...] = ()
     packets: tuple[str, ...] = ("paper", "datagram")
     share: float = 0.5
+    concealer: str = "idw"
 
     def __post_init__(self) -> None:
-        if not 0 <= self.share <= 1 or not self.packets:
-            raise InvalidValueError(f"a share of lossy iterations is from 0 to 1, not {self.share}, in some packets")
+        if not 0 <= self.share <= 1:
+            raise InvalidValueError(f"the share of lossy iterations must be from 0 to 1, not {self.share}")
+        if self.concealer not in TRAINED_CONCEALERS:
+            raise UnknownNameError("concealer to train with", self.concealer, TRAINED_CONCEALERS)
 
 
 @dataclass(frozen=True)

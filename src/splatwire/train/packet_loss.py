@@ -1,14 +1,12 @@
 """What the network will lose, in training: anchors leave an iteration packet by packet, and what stays is concealed.
 
 Packets are those of the stream that the anchors would be encoded into at that moment, their fate is drawn by the
-channel's own models, and received anchors grow exactly as the concealer `grow` has them grow at a receiver.
+channel's own models, and a concealer fills the gaps as it does at a receiver.
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int64
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.channel import LossModel, parse_loss
@@ -20,9 +18,12 @@ from splatwire.conceal.grow import lost_share_among
 from splatwire.model import Linear, Mlp
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, PacketPlan
+from splatwire.scene import Cameras
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import AnchorCache, SampleRate, Steps, grid_features
+from splatwire.train.context import AnchorCache, SampleRate, grid_features
+from splatwire.train.importance import importance_of, order_anchors
 from splatwire.train.kernels import Kernels
+from splatwire.train.loss_concealment import Filled, Grown, Loss
 from splatwire.train.state import TrainState, keep_anchors
 
 _GROW = Grow()
@@ -30,28 +31,6 @@ _TIDY_INTERVAL = 100
 """Iterations between removals of anchors that draw nothing: a stream does not have them, nor has its plan."""
 _MASK_BYTES = 0.8
 """About what the mask of an anchor takes; the rate estimate leaves masks out."""
-
-
-@dataclass(frozen=True, eq=False)
-class Loss:
-    """What an iteration lost.
-
-    Attributes:
-        known: True for anchors that arrived.
-        size_gain: How much larger the concealer draws each of them, 1 for lost anchors.
-    """
-
-    known: Bool[Tensor, "N"]
-    size_gain: Float[Tensor, "N"]
-
-    def arrived(
-        self, visible: Int64[Tensor, "M"], steps: Steps | None
-    ) -> tuple[Int64[Tensor, "m"], Steps | None, Float[Tensor, "m"]]:
-        """Returns those of the visible anchors that arrived, their quantisation steps and their gains."""
-        kept = self.known[visible]
-        if steps is not None:
-            steps = [step[kept] if isinstance(step, Tensor) else step for step in steps]
-        return visible[kept], steps, self.size_gain[visible[kept]]
 
 
 class PacketLosses:
@@ -68,18 +47,32 @@ class PacketLosses:
         self._models = tuple(parse_loss(text) for text in config.losses.models)
         self._voxels: Tensor | None = None
         self._neighbors = torch.empty(0, 0, dtype=torch.int64)
+        self._rows_around = torch.empty(0, 0, dtype=torch.int64)
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
         """Whether this iteration may lose packets: once the number of anchors stays."""
-        return bool(self._models) and state.iteration > self._config.marks.growth_end
+        return bool(self._choices) and state.iteration > self._config.marks.growth_end
 
-    def begin(self, state: TrainState) -> None:
-        """Removes anchors that draw nothing, now and then."""
-        if self.active(state) and (state.iteration - self._config.marks.growth_end) % _TIDY_INTERVAL == 1:
-            alive = state.masks(self._config.mask_threshold).any(dim=1)
-            if bool(alive.any()) and not bool(alive.all()):
-                keep_anchors(state, alive)
+    @property
+    def _choices(self) -> tuple[LossModel | float, ...]:
+        return (*self._models, *self._config.losses.first)
+
+    def begin(self, state: TrainState, cameras: Cameras) -> None:
+        """Gets anchors ready before the first lossy iteration, and removes those that draw nothing now and then.
+
+        Args:
+            state: Changed in place.
+            cameras: The training cameras, which say what is important.
+        """
+        since = state.iteration - self._config.marks.growth_end
+        if not self.active(state) or since % _TIDY_INTERVAL != 1:
+            return
+        alive = state.masks(self._config.mask_threshold).any(dim=1)
+        if bool(alive.any()) and not bool(alive.all()):
+            keep_anchors(state, alive)
+        if since == 1 and self._config.losses.first:
+            order_anchors(state, importance_of(state, self._config, cameras))
 
     @torch.no_grad()
     def draw(self, state: TrainState, rate: SampleRate | None) -> Loss | None:
@@ -91,11 +84,19 @@ class PacketLosses:
         """
         if not self.active(state) or float(torch.rand((), generator=state.generator)) >= self._config.losses.share:
             return None
-        model = self._models[int(torch.randint(len(self._models), (), generator=state.generator))]
+        choice = self._choices[int(torch.randint(len(self._choices), (), generator=state.generator))]
         names = self._config.losses.packets
         packetization = PRESETS[names[int(torch.randint(len(names), (), generator=state.generator))]]
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
-        return self.lose(state, packetization, model, seed, _anchors_of(packetization, rate))
+        if isinstance(choice, float):
+            return self.keep_first(state, choice)
+        return self.lose(state, packetization, choice, seed, _anchors_of(packetization, rate))
+
+    @torch.no_grad()
+    def keep_first(self, state: TrainState, share: float) -> Loss | None:
+        """Lets the first rows of the state arrive, the most important share of the anchors, and conceals the rest."""
+        self._arrange(state)
+        return self._concealed(state, self._order < round(share * state.num_anchors))
 
     @torch.no_grad()
     def lose(
@@ -113,17 +114,24 @@ class PacketLosses:
         self._arrange(state)
         packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
         received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
-        if received.all() or not received.any():
+        return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
+
+    def _concealed(self, state: TrainState, known: Bool[Tensor, "N"]) -> Loss | None:
+        """What arrived, by rank, with what the concealer makes of it, by row."""
+        if bool(known.all()) or not bool(known.any()):
             return None
-        known = torch.from_numpy(received[packet]).to(state.device)  # by rank, as neighbours and sizes are
+        arrived = torch.empty_like(known)
+        arrived[self._order] = known
+        if self._config.losses.concealer == "idw":
+            return Filled(arrived, self._rows_around, self._cache.positions(state))
         gain = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
             size = mean_log_size(self._predicted_scalings(state)).double().exp()
             share = lost_share_among(self._neighbors[known], size * ~known, size)
             gain[known] = _GROW.gain(1 - share.float(), known)
-        arrived, gain_of = torch.empty_like(known), torch.empty_like(gain)
-        arrived[self._order], gain_of[self._order] = known, gain
-        return Loss(arrived, gain_of)
+        gain_of = torch.empty_like(gain)
+        gain_of[self._order] = gain
+        return Grown(arrived, gain_of)
 
     def _arrange(self, state: TrainState) -> None:
         """The anchors by rank, and the neighbours of each rank; computed again only when the anchors change."""
@@ -134,6 +142,8 @@ class PacketLosses:
         positions = self._cache.positions(state)[self._order]
         own = torch.arange(state.num_anchors, device=state.device)
         self._neighbors, _ = nearest_others(NeighborTree(positions), positions, own, _GROW.neighbors)
+        self._rows_around = torch.empty_like(self._neighbors)
+        self._rows_around[self._order] = self._order[self._neighbors]
         self._voxels = state.voxels
 
     def _predicted_scalings(self, state: TrainState) -> Float[Tensor, "N 6"]:

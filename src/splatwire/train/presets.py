@@ -75,8 +75,7 @@ def create_config(
         growth_interval: Iterations between two changes of the anchors; in proportion, and at least 50, where absent.
         refine_steps: Steps in which the context model is fitted again at the end; where absent a quarter of the
             iterations, and at most those of `RefineConfig`.
-        losses: Loss models that the scene is trained for, as `splatwire.channel.parse_loss` reads them; `none` or
-            nothing for none.
+        losses: What the scene is trained for, as `loss_training` reads it; nothing for none.
         background: RGB behind the scene.
         seed: Of everything random.
 
@@ -122,15 +121,33 @@ def _marks(iterations: int, growth_interval: int | None) -> Marks:
     return dataclasses.replace(marks, growth_interval=growth_interval)
 
 
-def loss_training(models: tuple[str, ...]) -> LossTraining:
+def loss_training(losses: tuple[str, ...]) -> LossTraining:
     """Returns how a scene is trained for some losses.
 
     Args:
-        models: Texts that `splatwire.channel.parse_loss` reads; `none` and nothing at all are no losses.
+        losses: Texts that `splatwire.channel.parse_loss` reads, and `first:SHARE` for the most important share of the
+            anchors alone; `none` and nothing at all are no losses.
 
     Raises:
         UnknownNameError: If there is no such loss model.
         InvalidValueError: If one does not make sense.
         DatasetError: If one is a trace that cannot be read.
     """
-    return LossTraining(tuple(text for text in models if not isinstance(parse_loss(text), Nothing)))
+    models, first = [], []
+    for text in losses:
+        kind, _, share = text.partition(":")
+        if kind == "first":
+            first.append(_share(text, share))
+        elif not isinstance(parse_loss(text), Nothing):
+            models.append(text)
+    return LossTraining(tuple(models), tuple(first))
+
+
+def _share(text: str, share: str) -> float:
+    try:
+        value = float(share)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < 1:
+        raise InvalidValueError(f"'{text}' should look like first:SHARE, with a share between 0 and 1")
+    return value

@@ -176,8 +176,8 @@ def group_of(name: str) -> str:
     return parts[1] if parts[0] == "heads" else parts[0]
 
 
-def keep_anchors(state: TrainState, keep: Bool[Tensor, "N"]) -> None:
-    """Removes the anchors where `keep` is False, from everything that has a row per anchor."""
+def keep_anchors(state: TrainState, keep: Bool[Tensor, "N"] | Int64[Tensor, "M"]) -> None:
+    """Removes the anchors where `keep` is False, or all but those it lists, from everything with a row per anchor."""
     _map_rows(state, lambda _, rows: rows[keep])
     state.voxels = state.voxels[keep]
 

@@ -75,13 +75,15 @@ class TrainingStep:
         config = self._config
         state.iteration += 1
         self._context.begin(state)
-        self._losses.begin(state)
+        self._losses.begin(state, self._cameras)
         visible = self._visible(state, view)
         steps, rate = self._context.quantise(state, visible)
         size_gain = None
         if (lost := self._losses.draw(state, rate)) is not None:
-            visible, steps, size_gain = lost.arrived(visible, steps)
+            visible, steps, size_gain = lost.drawn(visible, steps)
         anchors, weight = self._seen(state, visible, steps)
+        if lost is not None:
+            anchors, weight = lost.filled(state, visible, anchors, weight, config.mask_threshold)
         watched = gathers_statistics(config.marks, state.iteration)
         spawned = self._spawn(state, anchors, weight, view, size_gain)
         drawing = self._draw(spawned.gaussians, view, watched)

@@ -1,0 +1,159 @@
+"""Trains a scene for lost packets, or goes on with a finished one, and prints what it brings as one line of JSON.
+
+Figures are of the decoded stream on the test photos: PSNR without loss, and means over masks of `.pak` packets for each
+concealer; `--cuts` adds the most important share of the bytes alone (tiers in order of importance, nothing lost).
+A run is added to the table with `--output`; `--init` goes on with a scene file for a tenth of the iterations.
+
+    python benchmarks/train_loss.py lego_small                                              # as without --loss
+    python benchmarks/train_loss.py lego_small --loss bernoulli:0.2 --share 1
+    python benchmarks/train_loss.py snowmiku_small --init official.scene --loss bernoulli:0.2 --iterations 240
+"""
+
+import argparse
+import dataclasses
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numba
+import torch
+
+from splatwire.channel import draw_mask, parse_loss
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.conceal import conceal
+from splatwire.data import Dataset, open_dataset
+from splatwire.model import AnchorScene
+from splatwire.model.scene_file import load_scene, save_scene
+from splatwire.packets import send_sequence
+from splatwire.render.importance import footprint_importance
+from splatwire.train import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
+from splatwire.train.config import TRAINED_CONCEALERS
+from splatwire.train.finetune import fine_tuning, state_of_scene
+from splatwire.train.initial import initial_state
+from splatwire.train.quality import assess_scene
+
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
+    "lego_small": ("nerf_synthetic_lego_small", {"preset": "synthetic_nerf"}),
+    "snowmiku_small": ("snowmiku_small", {"voxel_size": 0.01}),
+    "snowmiku": ("snowmiku", {}),
+}
+CONCEALERS = ("drop", "grow", "idw", "scene_free")
+TIERS = (0.05, 0.08, 0.12, 0.12, 0.13, 0.15, 0.15)
+"""Shares of the anchors, most important first; the last tier has the rest."""
+
+
+def under_loss(scene: AnchorScene, test: Dataset, losses: list[str], seeds: int, views: int) -> dict[str, Any]:
+    """PSNR without loss and under each loss with each concealer, means over masks."""
+    stream = encode_scene(scene)
+    found: dict[str, Any] = {"bytes": stream.num_bytes, "anchors": stream.manifest.num_anchors}
+    found["clean"] = round(assess_scene(decode_stream(stream).scene, test, views, 0).psnr, 3)
+    for loss in losses:
+        sums = dict.fromkeys(CONCEALERS, 0.0)
+        for seed in range(seeds):
+            received = decode_stream(draw_mask(stream, parse_loss(loss), seed=seed).apply(stream))
+            for name in CONCEALERS:
+                sums[name] += assess_scene(conceal(received, name), test, views, 0).psnr / seeds
+        found[loss] = {name: round(value, 3) for name, value in sums.items()}
+    return found
+
+
+def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float], views: int) -> dict[str, float]:
+    """PSNR of the first share of the bytes, side information included, concealed by `grow`."""
+    importance = footprint_importance(scene, train.cameras)
+    stream = encode_scene(scene, tiers=importance.tiers(TIERS, scene.anchors.mask.any(dim=1)))
+    parts, found = stream.parts(), {}
+    for cut in cuts:
+        left, kept = cut * stream.num_bytes - parts["manifest"] - parts["side_info"], set()
+        for packet in send_sequence(stream, "tiers"):
+            left -= packet.num_bytes
+            if left < 0:
+                break
+            kept.add(packet.id)
+        received = decode_stream(stream.with_packets([packet for packet in stream.packets if packet.id in kept]))
+        found[f"{cut:g}"] = round(assess_scene(conceal(received, "grow"), test, views, 0).psnr, 3)
+    return found
+
+
+def trained(arguments: argparse.Namespace, train: Dataset, config: TrainConfig) -> tuple[AnchorScene, TrainConfig]:
+    """The scene, trained from the photos, from a scene or from a checkpoint (of a run whose anchors have grown)."""
+    if arguments.init:
+        start = load_scene(arguments.init)
+        config = dataclasses.replace(fine_tuning(config, start), background=start.background)
+        state = state_of_scene(start, train, config)
+    elif arguments.checkpoint and arguments.checkpoint.exists():
+        state, _ = load_checkpoint(arguments.checkpoint)
+    else:
+        state = initial_state(train, config)
+        growing = dataclasses.replace(config, losses=create_config().losses)
+        now = [0]
+        listener = Listener(
+            lambda progress: now.__setitem__(0, progress.iteration),
+            should_stop=lambda: now[0] >= config.marks.growth_end,
+        )
+        options = RunOptions(arguments.checkpoint, test_interval=0)
+        state = train_scene(train, None, growing, state=state, options=options, listener=listener).state
+    result = train_scene(train, None, config, state=state, options=RunOptions(test_interval=0))
+    return result.scene, config
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", choices=SCENES)
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("SPLATWIRE_DATA", "../shared/data")))
+    parser.add_argument("--name", default="", help="name of the row")
+    parser.add_argument("--init", type=Path, help="a scene to go on with")
+    parser.add_argument("--checkpoint", type=Path, help="where the grown half is kept: variants share it")
+    parser.add_argument("--iterations", type=int)
+    parser.add_argument("--refine", type=int, default=0)
+    parser.add_argument("--lmbda", type=float)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--loss", nargs="*", default=[])
+    parser.add_argument("--share", type=float)
+    parser.add_argument("--concealer", choices=TRAINED_CONCEALERS)
+    parser.add_argument("--losses", nargs="*", default=["bernoulli:0.2"], help="what the result is tested under")
+    parser.add_argument("--cuts", nargs="*", type=float, default=[])
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--views", type=int, default=1000)
+    parser.add_argument("--only-test", action="store_true", help="of --init, without training")
+    parser.add_argument("--save", type=Path)
+    parser.add_argument("--output", type=Path)
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    numba.set_num_threads(1)
+    folder, recipe = SCENES[arguments.scene]
+    iterations = arguments.iterations or (240 if arguments.init else 2400)
+    config = create_config(
+        **recipe, iterations=iterations, refine_steps=arguments.refine, lmbda=arguments.lmbda,
+        losses=tuple(arguments.loss), seed=arguments.seed,
+    )  # fmt: skip
+    changed = {name: value for name in ("share", "concealer") if (value := getattr(arguments, name)) is not None}
+    losses = dataclasses.replace(config.losses, **changed)
+    config = dataclasses.replace(config, losses=losses)
+    train, test = (
+        open_dataset(arguments.data / "scenes" / folder, split=split, test_views=config.test_views)
+        for split in ("train", "test")
+    )
+    started = time.process_time()
+    scene = load_scene(arguments.init) if arguments.only_test else trained(arguments, train, config)[0]
+    row: dict[str, Any] = {"name": arguments.name, "scene": arguments.scene, "init": bool(arguments.init)}
+    row |= {
+        "iterations": 0 if arguments.only_test else iterations,
+        "seed": arguments.seed,
+        "lambda": config.weights.rate,
+    }
+    row |= dataclasses.asdict(losses) | {"seconds": round(time.process_time() - started, 1)}
+    if arguments.save:
+        save_scene(scene, arguments.save)
+    row |= under_loss(scene, test, arguments.losses, arguments.seeds, arguments.views)
+    if arguments.cuts:
+        row["cuts"] = cut_off(scene, train, test, arguments.cuts, arguments.views)
+    print(json.dumps(row), flush=True)
+    if arguments.output:
+        rows = json.loads(arguments.output.read_text()) if arguments.output.exists() else []
+        arguments.output.write_text("[\n" + ",\n".join(json.dumps(r) for r in [*rows, row]) + "\n]\n")
+
+
+if __name__ == "__main__":
+    main()

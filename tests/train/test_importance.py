@@ -1,0 +1,59 @@
+"""The most important anchors come first, and may arrive alone."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+import torch
+
+from splatwire.data import Dataset
+from splatwire.scene.importance import Importance
+from splatwire.train.config import LossTraining, TrainConfig
+from splatwire.train.context import AnchorCache
+from splatwire.train.importance import importance_of, order_anchors
+from splatwire.train.initial import initial_state
+from splatwire.train.kernels import COMPILED
+from splatwire.train.loss_concealment import Grown
+from splatwire.train.losses import prepare_photo
+from splatwire.train.packet_loss import PacketLosses
+from splatwire.train.state import TrainState
+from splatwire.train.step import TrainingStep
+
+
+@pytest.fixture
+def state(dataset: Dataset, config: TrainConfig, tmp_path: Path) -> TrainState:
+    """A state of which every anchor draws something, and some offsets do not exist."""
+    state, step = initial_state(dataset, config), TrainingStep(config, dataset.cameras)
+    for view in range(6):
+        step(state, view, prepare_photo(dataset.image(view)))
+    with torch.no_grad():
+        logits = state.parameters["mask_logits"]
+        logits[torch.rand(logits.shape, generator=torch.Generator().manual_seed(0)) < 0.3] = -20
+        logits[:, 0] = 1
+    return state
+
+
+def test_anchors_are_ordered_with_all_that_belongs_to_them(state: TrainState, config: TrainConfig) -> None:
+    share = torch.rand(state.num_anchors, generator=torch.Generator().manual_seed(1))
+    rows = {tuple(v): (f.tolist(), float(s)) for v, f, s in zip(
+        state.voxels.tolist(), state.parameters["features"].detach(), share, strict=True)}  # fmt: skip
+    order_anchors(state, Importance.of_footprints(share))
+    found = [rows[tuple(v)] for v in state.voxels.tolist()]
+    assert [f for f, _ in found] == state.parameters["features"].tolist()
+    assert [s for _, s in found] == sorted((s for _, s in found), reverse=True)
+
+
+def test_the_first_share_arrives(state: TrainState, dataset: Dataset, config: TrainConfig) -> None:
+    losses = LossTraining(first=(0.25,), share=1.0, concealer="grow")
+    config = dataclasses.replace(config, losses=losses, marks=dataclasses.replace(config.marks, growth_end=5))
+    channel = PacketLosses(config, COMPILED, AnchorCache(config.model))
+    assert state.iteration == config.marks.growth_end + 1
+    channel.begin(state, dataset.cameras)
+    importance = importance_of(state, config, dataset.cameras).share
+    assert bool((importance[:-1] >= importance[1:]).all())
+    loss = channel.draw(state, None)
+    assert isinstance(loss, Grown)
+    count = round(0.25 * state.num_anchors)
+    assert loss.known.tolist() == [True] * count + [False] * (state.num_anchors - count)
+    assert bool((loss.size_gain[:count] > 1).any())
+    assert bool((loss.size_gain[count:] == 1).all())
