@@ -138,12 +138,10 @@ def main() -> None:
     started = time.process_time()
     scene = load_scene(arguments.init) if arguments.only_test else trained(arguments, train, config)[0]
     row: dict[str, Any] = {"name": arguments.name, "scene": arguments.scene, "init": bool(arguments.init)}
-    row |= {
-        "iterations": 0 if arguments.only_test else iterations,
-        "seed": arguments.seed,
-        "lambda": config.weights.rate,
-    }
-    row |= dataclasses.asdict(losses) | {"seconds": round(time.process_time() - started, 1)}
+    if not arguments.only_test:
+        row |= {"iterations": iterations, "seed": arguments.seed, "lambda": config.weights.rate}
+        row |= dataclasses.asdict(losses) | {"seconds": round(time.process_time() - started, 1)}
+    row |= {"test_views": min(arguments.views, test.num_views), "masks": arguments.seeds}
     if arguments.save:
         save_scene(scene, arguments.save)
     row |= under_loss(scene, test, arguments.losses, arguments.seeds, arguments.views)
