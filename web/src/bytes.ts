@@ -1,0 +1,70 @@
+// Little-endian bytes, bounds checked: the twin of `splatwire.byte_io`.
+
+/** Bytes that cannot be what the format promises. */
+export class BitstreamError extends Error {}
+
+export class ByteReader {
+  #at = 0;
+  readonly #view: DataView;
+
+  /** `what` is named in errors. */
+  constructor(readonly bytes: Uint8Array, readonly what: string) {
+    this.#view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  }
+
+  get left(): number {
+    return this.bytes.length - this.#at;
+  }
+
+  take(size: number): Uint8Array {
+    return this.bytes.subarray(this.#advance(size), this.#at);
+  }
+
+  u8(): number {
+    return this.#view.getUint8(this.#advance(1));
+  }
+
+  f32(): number {
+    return this.#view.getFloat32(this.#advance(4), true);
+  }
+
+  /** 7 bits a byte, low bits first; at most 2^53 - 1, beyond which a number is not exact. */
+  unsigned(): number {
+    let value = 0;
+    for (let scale = 1; scale < 2 ** 63; scale *= 128) {
+      const byte = this.u8();
+      value += (byte & 127) * scale;
+      if (byte < 128) {
+        if (value > Number.MAX_SAFE_INTEGER) throw new BitstreamError(`${this.what}: a number is too large`);
+        return value;
+      }
+    }
+    throw new BitstreamError(`${this.what}: a number does not end`);
+  }
+
+  /** Zigzag. */
+  signed(): number {
+    const value = this.unsigned();
+    return value % 2 === 0 ? value / 2 : -(value + 1) / 2;
+  }
+
+  blob(): Uint8Array {
+    return this.take(this.unsigned());
+  }
+
+  rest(): Uint8Array {
+    return this.take(this.left);
+  }
+
+  finish(): void {
+    if (this.left) throw new BitstreamError(`${this.what}: ${this.left} unexpected bytes at the end`);
+  }
+
+  #advance(size: number): number {
+    if (size > this.left) throw new BitstreamError(`${this.what}: ${size} bytes expected, ${this.left} left`);
+    this.#at += size;
+    return this.#at - size;
+  }
+}
+
+export const hex = (bytes: Uint8Array): string => Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");

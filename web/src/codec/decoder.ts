@@ -1,0 +1,61 @@
+// From a stream's head and packets to Gaussians.
+
+import { BitstreamError, ByteReader } from "../bytes.ts";
+import type { Head } from "../packets/container.ts";
+import type { Packet } from "../packets/packet.ts";
+import { Intake, Plan } from "../packets/plan.ts";
+import { symbolsDigest } from "./gaussians/digest.ts";
+import { PacketDecoder, type Decoded } from "./gaussians/packet.ts";
+import { readSideInfo, type SideInfo } from "./gaussians/side_info.ts";
+import { toSplats } from "./gaussians/to_splats.ts";
+import type { Splats } from "./splats.ts";
+
+/** Said where a stream holds anchors: their networks are evaluated in Python. */
+export const ANCHORS = "This stream carries anchors with neural heads (format 1), which this page cannot draw. " +
+  "Use `splatwire view`, or send explicit Gaussians: `splatwire export ply`, then `splatwire encode` and `splatwire serve`.";
+
+/** Gaussians of one packet, as they were received. */
+export interface Part {
+  readonly block: number;
+  readonly splats: Splats;
+}
+
+export class StreamDecoder {
+  readonly info: SideInfo;
+  readonly intake: Intake;
+  readonly #packets: PacketDecoder;
+
+  constructor(readonly head: Head) {
+    if (head.manifest.codec !== "gaussians") throw new BitstreamError(ANCHORS);
+    const plan = new Plan(head.manifest);
+    this.info = readSideInfo(head.sideInfo, plan.numBlocks);
+    this.intake = new Intake(plan);
+    this.#packets = new PacketDecoder(this.info);
+  }
+
+  /** RGB behind the scene. */
+  get background(): [number, number, number] {
+    const section = this.info.sections.get("background");
+    if (!section) return [0, 0, 0];
+    const reader = new ByteReader(section, "section 'background'"), color: [number, number, number] = [reader.f32(), reader.f32(), reader.f32()];
+    reader.finish();
+    if (!color.every((value) => value >= 0 && value <= 1)) throw new BitstreamError("side information: an impossible background");
+    return color;
+  }
+
+  /** Gaussians of a packet that is new and fits; null for anything else, which is counted. */
+  take(bytes: Uint8Array): Part | null {
+    const packet = this.intake.offer(bytes);
+    return packet && { block: packet.block, splats: toSplats(this.integers(packet), this.info, packet.block) };
+  }
+
+  integers(packet: Packet): Decoded {
+    return this.#packets.decode(packet.payload, packet.block, packet.count);
+  }
+
+  /** The digest of everything, decoded once more; equals the manifest's where nothing was lost. */
+  digest(): string {
+    const blocks = Array.from({ length: this.intake.plan.numBlocks }, (_, block) => this.intake.blocks.get(block) ?? []);
+    return symbolsDigest(blocks.map((packets) => packets.map((packet) => this.integers(packet))));
+  }
+}

@@ -1,0 +1,29 @@
+// The digest of all decoded integers, which proves that both ends coded with the same tables.
+
+import { sha256 } from "@noble/hashes/sha2.js";
+
+import { hex } from "../../bytes.ts";
+import type { Decoded } from "./packet.ts";
+
+/** Rows as 64-bit integers, then harmonics as 32-bit ones, block by block; `blocks` has the packets of each, in order. */
+export function symbolsDigest(blocks: readonly (readonly Decoded[])[]): string {
+  const digest = sha256.create();
+  for (const packets of blocks) {
+    for (const { rows } of packets) digest.update(integers64(rows));
+    for (const { harmonics } of packets) {
+      const bytes = new DataView(new ArrayBuffer(4 * harmonics.length));
+      harmonics.forEach((value, i) => bytes.setInt32(4 * i, value, true));
+      digest.update(new Uint8Array(bytes.buffer));
+    }
+  }
+  return hex(digest.digest());
+}
+
+function integers64(values: Float64Array): Uint8Array {
+  const bytes = new DataView(new ArrayBuffer(8 * values.length));
+  values.forEach((value, i) => {
+    bytes.setUint32(8 * i, value - Math.floor(value / 2 ** 32) * 2 ** 32, true);
+    bytes.setInt32(8 * i + 4, Math.floor(value / 2 ** 32), true);
+  });
+  return new Uint8Array(bytes.buffer);
+}

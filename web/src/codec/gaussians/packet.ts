@@ -1,0 +1,179 @@
+// Decoding of one packet. Any bytes decode to something: a hostile packet gives wrong Gaussians, never anything else.
+
+import { RangeDecoder } from "../../entropy/decoder.ts";
+import { Mixture } from "../../entropy/mixture.ts";
+import { NUM_SCALES } from "../../entropy/tables.ts";
+import { decodeCells } from "./cells.ts";
+import { decodeHarmonics } from "./harmonics.ts";
+import {
+  AXIS, BITS, CLASS, COEFFICIENTS, COLUMNS, DIRECTION_BITS, FIRST_CLASS, LATTICE, LUMA, MAX_CELL_BITS, MAX_COLOUR, MAX_LOG,
+  MAX_OPACITY, MAX_RESIDUAL, MAX_THIN, MIN_OPACITY, NARROW_WEIGHT, ONE, OPACITY, PRIMARY, SCALE0, SCALE1, SCALE2, SECONDS, SPIN,
+  SPIN_BITS, SPREADS, STEP_BITS, S_COLOUR, S_DIRECTION, S_HARMONICS, S_OPACITY, S_POSITION, S_SCALE0, S_SCALE1, S_SCALE2, S_SPIN, WIDE,
+} from "./layout.ts";
+import { Neighbours, spreadContext } from "./neighbours.ts";
+import type { SideInfo } from "./side_info.ts";
+import { THINNESS } from "./tables.ts";
+
+/** Decoded integers: `COLUMNS` of each Gaussian, and its harmonics. */
+export interface Decoded {
+  readonly rows: Float64Array;
+  readonly harmonics: Int32Array;
+}
+
+const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
+
+/** Decodes packets of one stream, one after another. */
+export class PacketDecoder {
+  readonly #mixtures: Mixture[];
+  readonly #near = new Neighbours();
+  readonly #models: Int32Array;
+  #coder = new RangeDecoder(new Uint8Array());
+  #rows = new Float64Array();
+
+  constructor(readonly info: SideInfo) {
+    const byScale = new Map<number, Mixture>();
+    this.#mixtures = Array.from(info.scales, (scale) => {
+      const known = byScale.get(scale) ?? new Mixture(0, scale, Math.min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT);
+      byScale.set(scale, known);
+      return known;
+    });
+    this.#models = new Int32Array(info.models.length);
+  }
+
+  decode(payload: Uint8Array, block: number, count: number): Decoded {
+    const { info } = this, coder = (this.#coder = new RangeDecoder(payload)), boxBits = info.boxes.bits[block];
+    const rows = (this.#rows = new Float64Array(count * COLUMNS)), harmonics = new Int32Array(count * info.numHarmonics);
+    this.#models.set(info.models);
+    const at = Math.min(Math.max(coder.raw(6), boxBits - MAX_CELL_BITS), boxBits);
+    const cells = new Int32Array(3 * count), defaults = info.defaults.subarray(7 * block, 7 * block + 7);
+    decodeCells(coder, this.#models, cells, boxBits - at);
+    for (let i = 0; i < count; i++) {
+      this.#near.find(cells, i);
+      this.#gaussian(i * COLUMNS, defaults, cells.subarray(3 * i, 3 * i + 3), at, boxBits);
+      if (info.numHarmonics) {
+        const level = rows[i * COLUMNS + CLASS], shift = clip(BITS - this.#exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
+        decodeHarmonics(coder, this.#models, harmonics.subarray(i * info.numHarmonics, (i + 1) * info.numHarmonics), level, shift);
+      }
+    }
+    return { rows, harmonics };
+  }
+
+  #gaussian(row: number, defaults: Int32Array, cell: Int32Array, at: number, boxBits: number): void {
+    const rows = this.#rows, { unit } = this.info, level = (rows[row + CLASS] = this.#class());
+    const opacity = clip(this.#value(0, S_OPACITY, row + OPACITY, defaults[0], level, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
+    rows[row + OPACITY] = opacity;
+    const mean = this.#near.predict(rows, COLUMNS, SCALE0, defaults[1]);
+    const s0 = clip(this.#value(1, S_SCALE0, row + SCALE0, defaults[1], level, 2 * mean - (2 << BITS), 0, opacity, BITS - 1), -MAX_LOG, MAX_LOG);
+    rows[row + SCALE0] = s0;
+    const long = clip(this.#value(2, S_SCALE1, row + SCALE1, defaults[2], level, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1), 0, MAX_LOG);
+    rows[row + SCALE1] = long;
+    const area = 2 * s0 - long;
+    const companded = clip(this.#value(3, S_SCALE2, row + SCALE2, defaults[3], level, area, long, opacity, BITS - 1), 0, MAX_THIN);
+    rows[row + SCALE2] = companded;
+    const thin = THINNESS[companded];
+    const finest = Math.max(this.#exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS));
+    this.#place(row, cell, at, Math.min(Math.max(unit - finest, 0), boxBits));
+    const primary = (rows[row + PRIMARY] = thin >= long ? 2 : 0);
+    const shift = clip(DIRECTION_BITS - this.#exponent(S_DIRECTION, level, area, long, thin, opacity), 0, DIRECTION_BITS - 2);
+    this.#axis(row, primary, shift);
+    const bits = clip(this.#exponent(S_SPIN, level, area, long, thin, opacity), 0, DIRECTION_BITS);
+    rows[row + SPIN_BITS] = bits;
+    rows[row + SPIN] = this.#coder.raw(bits);
+    this.#colour(row, defaults, level);
+  }
+
+  #class(): number {
+    const { count, who, weight } = this.#near;
+    let total = 0, sums = 0, node = 1;
+    for (let m = 0; m < count; m++) {
+      total += weight[m];
+      sums += weight[m] * this.#rows[who[m] * COLUMNS + CLASS];
+    }
+    const base = FIRST_CLASS + 8 * (count ? 1 + Math.floor((4 * sums + total) / (2 * total)) : 0);
+    for (let bit = 0; bit < 3; bit++) node = 2 * node + this.#coder.bit(this.#models, base + node);
+    return node - 8;
+  }
+
+  /** A value that is predicted by the neighbours' mean of its column. */
+  #value(stream: number, step: number, at: number, otherwise: number, level: number, area: number, long: number, opacity: number, most: number): number {
+    const near = this.#near, mean = near.predict(this.#rows, COLUMNS, at % COLUMNS, otherwise);
+    const shift = clip(BITS - this.#exponent(step, level, area, long, 0, opacity), 0, most);
+    return mean + this.#residual(stream, spreadContext(near.count, near.deviation, shift), shift) * 2 ** shift;
+  }
+
+  #residual(stream: number, spread: number, second: number): number {
+    const found = this.#mixtures[(stream * SPREADS + spread) * SECONDS + second].decode(this.#coder);
+    return clip(found, -MAX_RESIDUAL, MAX_RESIDUAL);
+  }
+
+  /** `-log2` of a step, rounded. */
+  #exponent(which: number, level: number, area: number, long: number, thin: number, opacity: number): number {
+    const c = COEFFICIENTS[which], base = (this.info.bases[which] + level * 2 ** STEP_BITS) * 2 ** BITS;
+    return (c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity + base + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS);
+  }
+
+  /** The bits of a place between cell and step; coordinates are in half lattice units. */
+  #place(row: number, cell: Int32Array, at: number, shift: number): void {
+    const low = Math.min(at, shift);
+    for (let a = 0; a < 3; a++) {
+      const place = cell[a] * 2 ** (at - low) + this.#coder.raw(at - low);
+      this.#rows[row + LATTICE + a] = place * 2 ** (low + 1) + 2 ** low;
+    }
+  }
+
+  /** The primary axis, on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis. */
+  #axis(row: number, primary: number, shift: number): void {
+    const rows = this.#rows, mean = [0, 0, ONE], [same, deviation] = this.#meanAxis(primary, mean);
+    let pole = 0;
+    for (let a = 1; a < 3; a++) if (Math.abs(mean[a]) > Math.abs(mean[pole])) pole = a;
+    const side = mean[pole] < 0 ? -1 : 1, first = (pole + 1) % 3, second = (pole + 2) % 3;
+    const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]), p = side * mean[first], q = side * mean[second];
+    const spread = spreadContext(same, deviation, shift), step = 2 ** shift, context = Math.min(shift, SECONDS - 1);
+    const e0 = clip(Math.floor(((p + q) * ONE) / norm) + this.#residual(4, spread, context) * step, -ONE, ONE);
+    const e1 = clip(Math.floor(((p - q) * ONE) / norm) + this.#residual(4, spread, context) * step, -ONE, ONE);
+    const x = (e0 + e1) >> 1, y = (e0 - e1) >> 1;
+    rows[row + AXIS + first] = x;
+    rows[row + AXIS + second] = y;
+    rows[row + AXIS + pole] = Math.max(ONE - Math.abs(x) - Math.abs(y), 0);
+  }
+
+  /** Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; how many, and their mean deviation. */
+  #meanAxis(primary: number, mean: number[]): [number, number] {
+    const rows = this.#rows, { count, who, weight } = this.#near, sums = [0, 0, 0];
+    let nearest = -1, total = 0, same = 0, deviations = 0;
+    for (let m = 0; m < count; m++) {
+      const u = who[m] * COLUMNS + AXIS;
+      if (rows[who[m] * COLUMNS + PRIMARY] !== primary) continue;
+      if (nearest < 0) nearest = u;
+      const dot = rows[u] * rows[nearest] + rows[u + 1] * rows[nearest + 1] + rows[u + 2] * rows[nearest + 2];
+      for (let a = 0; a < 3; a++) sums[a] += (dot >= 0 ? weight[m] : -weight[m]) * rows[u + a];
+      total += weight[m];
+    }
+    if (nearest < 0 || !(sums[0] || sums[1] || sums[2])) return [0, 0];
+    const middle = sums.map((sum) => Math.floor(sum / total));
+    for (let m = 0; m < count; m++) {
+      const u = who[m] * COLUMNS + AXIS;
+      if (rows[who[m] * COLUMNS + PRIMARY] !== primary) continue;
+      let near = 0, opposite = 0;
+      for (let a = 0; a < 3; a++) {
+        near += Math.abs(rows[u + a] - middle[a]);
+        opposite += Math.abs(rows[u + a] + middle[a]);
+      }
+      deviations += weight[m] * Math.min(near, opposite);
+      same++;
+    }
+    for (let a = 0; a < 3; a++) mean[a] = sums[a];
+    return [same, Math.floor(deviations / total)];
+  }
+
+  /** Luma and chroma; the magnitude of the component before is a context. */
+  #colour(row: number, defaults: Int32Array, level: number): void {
+    const near = this.#near, shift = clip(BITS - this.#exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
+    for (let c = 0, before = shift; c < 3; c++) {
+      const mean = near.predict(this.#rows, COLUMNS, LUMA + c, defaults[4 + c]);
+      const q = this.#residual(5 + c, spreadContext(near.count, near.deviation, shift), before);
+      this.#rows[row + LUMA + c] = clip(mean + q * 2 ** shift, -MAX_COLOUR, MAX_COLOUR);
+      before = Math.min(Math.abs(q), 3) * 4 + Math.min(shift >> 1, 3);
+    }
+  }
+}

@@ -1,0 +1,100 @@
+// Side information of a stream of explicit Gaussians.
+
+import { BitstreamError, ByteReader } from "../../bytes.ts";
+import { RangeDecoder } from "../../entropy/decoder.ts";
+import { readIntegers } from "../../entropy/integers.ts";
+import { NUM_SCALES } from "../../entropy/tables.ts";
+import { readSections } from "../../packets/sections.ts";
+import {
+  BITS, BOX_BITS, FIRST_HARMONIC, MAX_LATTICE_BITS, NUM_CONTEXTS, SCALE_UNIT, SECONDS, SPREADS, STEPS, STEP_BITS, STREAMS,
+} from "./layout.ts";
+
+const VERSION = 1, DEFAULTS = 7;
+
+export interface SideInfo {
+  readonly degree: number;
+  /** Coefficients of all channels but those of degree 0. */
+  readonly numHarmonics: number;
+  readonly sizeLog: number;
+  readonly unit: number;
+  readonly bases: Int32Array;
+  readonly boxes: Boxes;
+  /** Means of each block in fixed point, 7 each: opacity, three of scales, Y Co Cg. */
+  readonly defaults: Int32Array;
+  /** Initial adaptive models of every packet, two each. */
+  readonly models: Int32Array;
+  /** Narrow scale of each residual, an entry of the scale table: streams, spreads, seconds. */
+  readonly scales: Int32Array;
+  readonly sections: Map<string, Uint8Array>;
+}
+
+export interface Boxes {
+  readonly shifts: Int32Array;
+  /** Lower corners in lattice units, 3 each. */
+  readonly corners: Float64Array;
+  /** Sides in units of `2^shift`, less one, 3 each. */
+  readonly extents: Uint8Array;
+  /** Bits of a coordinate within each box. */
+  readonly bits: Int32Array;
+}
+
+const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
+
+export function readSideInfo(bytes: Uint8Array, numBlocks: number): SideInfo {
+  const reader = new ByteReader(bytes, "side information");
+  const header = reader.blob(), blocks = reader.blob(), contexts = reader.blob();
+  const sections = readSections(reader.rest());
+  const { degree, sizeLog, unit, bases } = readHeader(header);
+  const { boxes, defaults } = readBlocks(blocks, numBlocks);
+  return { degree, numHarmonics: 3 * ((degree + 1) ** 2 - 1), sizeLog, unit, bases, boxes, defaults, ...readContexts(contexts, degree), sections };
+}
+
+function readHeader(bytes: Uint8Array): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases"> {
+  const reader = new ByteReader(bytes, "side information header"), version = reader.u8();
+  if (version !== VERSION) throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
+  const degree = reader.u8(), sizeLog = reader.signed(), unit = reader.signed();
+  const bases = Array.from({ length: STEPS }, () => reader.signed());
+  reader.finish();
+  if (degree > 3 || Math.abs(sizeLog) > 32 || unit < 0 || unit > MAX_LATTICE_BITS || bases.some((base) => Math.abs(base) > 64 << STEP_BITS)) {
+    throw new BitstreamError("side information: its header is impossible");
+  }
+  return { degree, sizeLog, unit, bases: Int32Array.from(bases) };
+}
+
+function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "defaults"> {
+  const reader = new ByteReader(bytes, "side information blocks");
+  if (numBlocks * 7 > bytes.length) throw new BitstreamError(`side information: ${bytes.length} bytes cannot hold ${numBlocks} boxes`);
+  const shifts = new Int32Array(numBlocks), corners = new Float64Array(3 * numBlocks), extents = new Uint8Array(3 * numBlocks);
+  const bits = new Int32Array(numBlocks), defaults = new Int32Array(DEFAULTS * numBlocks);
+  for (let block = 0; block < numBlocks; block++) {
+    const shift = (shifts[block] = reader.u8()), unit = 2 ** shift;
+    for (let a = 0; a < 3; a++) corners[3 * block + a] = reader.signed() * unit;
+    for (let a = 0; a < 3; a++) extents[3 * block + a] = reader.u8();
+    const far = corners.subarray(3 * block, 3 * block + 3).some((corner) => Math.abs(corner) > 2 ** MAX_LATTICE_BITS);
+    if (shift > MAX_LATTICE_BITS - BOX_BITS || far) throw new BitstreamError("side information: a block's box is impossible");
+    bits[block] = shift + 32 - Math.clz32(Math.max(...extents.subarray(3 * block, 3 * block + 3)));
+  }
+  for (let c = 0; c < DEFAULTS; c++) {
+    readIntegers(reader, numBlocks).forEach((value, block) => (defaults[DEFAULTS * block + c] = clip(value, -512, 512) * 2 ** (BITS - 4)));
+  }
+  reader.finish();
+  return { boxes: { shifts, corners, extents, bits }, defaults };
+}
+
+function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models" | "scales"> {
+  const reader = new ByteReader(bytes, "side information contexts"), zero = reader.blob();
+  const expected = degree ? NUM_CONTEXTS : FIRST_HARMONIC;
+  if (zero.length !== expected) throw new BitstreamError(`side information: ${zero.length} models of bits, not ${expected}`);
+  const models = Int32Array.from({ length: 2 * NUM_CONTEXTS }, (_, i) => (i >> 1 < zero.length ? clip(zero[i >> 1], 1, 255) : 128) * 256);
+  const coder = new RangeDecoder(reader.blob()), fresh = new Int32Array(4).fill(32768);
+  const changed = Uint8Array.from({ length: STREAMS * SPREADS * SECONDS }, (_, i) => coder.bit(fresh, i % SECONDS ? 0 : 1));
+  const steps = readIntegers(reader, changed.reduce((sum, bit) => sum + bit, 0));
+  reader.finish();
+  let next = 0, sum = 0;
+  const scales = Int32Array.from(changed, (bit, i) => {
+    if (i % SECONDS === 0) sum = 0;
+    if (bit) sum += steps[next++];
+    return clip(sum, 0, NUM_SCALES / SCALE_UNIT - 1) * SCALE_UNIT;
+  });
+  return { models, scales };
+}

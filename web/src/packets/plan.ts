@@ -1,0 +1,118 @@
+// Which packets a stream has, and what is done with bytes that claim to be one of them.
+
+import { BitstreamError } from "../bytes.ts";
+import type { Manifest } from "./manifest.ts";
+import { readPacket, type Packet } from "./packet.ts";
+import { splitmixModulo } from "./splitmix64.ts";
+
+const MAX_BLOCKS = 1 << 24;
+
+interface Span {
+  readonly first: number;
+  readonly count: number;
+  readonly blockSize: number;
+  readonly lanes: number;
+  readonly firstBlock: number;
+  readonly numBlocks: number;
+}
+
+/** Arithmetic on a manifest: blocks, and how many Gaussians a packet may hold. */
+export class Plan {
+  readonly numBlocks: number;
+  readonly #spans: Span[] = [];
+  readonly #lanes = new Map<number, Int32Array>();
+
+  constructor(readonly manifest: Manifest) {
+    const { blockSize, lanes } = manifest.packetization;
+    const shapes = manifest.tiers.length ? manifest.tiers : [{ count: manifest.count, lanes }];
+    let first = 0, firstBlock = 0;
+    for (const shape of shapes) {
+      const numBlocks = Math.ceil(shape.count / blockSize);
+      const size = manifest.tiers.length ? Math.ceil(shape.count / numBlocks) : blockSize;
+      this.#spans.push({ first, count: shape.count, blockSize: size, lanes: shape.lanes, firstBlock, numBlocks });
+      first += shape.count;
+      firstBlock += numBlocks;
+    }
+    this.numBlocks = firstBlock;
+    if (firstBlock > MAX_BLOCKS) throw new BitstreamError("the stream has too many blocks");
+  }
+
+  blockCount(block: number): number {
+    const span = this.#span(block);
+    return Math.min(span.blockSize, span.count - (block - span.firstBlock) * span.blockSize);
+  }
+
+  /** The most Gaussians that the packet of this name can hold; with fixed grouping exactly these, 0 if there is none. */
+  capacity(block: number, lane: number): number {
+    if (block >= this.numBlocks) return 0;
+    if (this.manifest.packetization.grouping === "hashed") return Math.max(0, this.blockCount(block) - lane);
+    return lane < this.#span(block).lanes ? this.#laneCounts(block)[lane] : 0;
+  }
+
+  #span(block: number): Span {
+    for (let s = this.#spans.length - 1; s >= 0; s--) if (block >= this.#spans[s].firstBlock) return this.#spans[s];
+    throw new BitstreamError(`there is no block ${block}`);
+  }
+
+  #laneCounts(block: number): Int32Array {
+    const known = this.#lanes.get(block);
+    if (known) return known;
+    const span = this.#span(block), size = this.blockCount(block), counts = new Int32Array(span.lanes);
+    if (this.manifest.packetization.grouping === "contiguous") {
+      for (let lane = 0; lane < span.lanes; lane++) {
+        counts[lane] = Math.floor(size / span.lanes) + (lane < size % span.lanes ? 1 : 0);
+      }
+    } else {
+      const [low, high] = this.manifest.packetization.seed, start = span.first + (block - span.firstBlock) * span.blockSize;
+      for (let rank = start; rank < start + size; rank++) counts[splitmixModulo((rank ^ low) >>> 0, high, span.lanes)]++;
+    }
+    this.#lanes.set(block, counts);
+    return counts;
+  }
+}
+
+/** Keeps the good packets of one stream; whatever else comes is counted. */
+export class Intake {
+  readonly counts = { corrupt: 0, duplicate: 0 };
+  /** Packets of each block, by lane. */
+  readonly blocks = new Map<number, Packet[]>();
+  size = 0;
+
+  constructor(readonly plan: Plan) {}
+
+  get complete(): boolean {
+    return this.size === this.plan.manifest.numPackets;
+  }
+
+  /** The packet if it is new and fits the plan. */
+  offer(bytes: Uint8Array): Packet | null {
+    const { manifest } = this.plan, packet = readPacket(bytes, manifest.streamId);
+    if (!packet || !this.#fits(packet)) {
+      this.counts.corrupt++;
+      return null;
+    }
+    let list = this.blocks.get(packet.block);
+    if (!list) this.blocks.set(packet.block, (list = []));
+    let at = list.length;
+    while (at > 0 && list[at - 1].lane >= packet.lane) at--;
+    if (at < list.length && list[at].lane === packet.lane) {
+      this.counts[list[at].count === packet.count ? "duplicate" : "corrupt"]++;
+      return null;
+    }
+    const hashed = manifest.packetization.grouping === "hashed";
+    const overlaps = (at > 0 && list[at - 1].lane + list[at - 1].count > packet.lane) ||
+      (at < list.length && packet.lane + packet.count > list[at].lane);
+    if ((hashed && overlaps) || this.size >= manifest.numPackets) {
+      this.counts.corrupt++;
+      return null;
+    }
+    list.splice(at, 0, packet);
+    this.size++;
+    return packet;
+  }
+
+  #fits(packet: Packet): boolean {
+    const { grouping, packetBytes } = this.plan.manifest.packetization, room = this.plan.capacity(packet.block, packet.lane);
+    return (grouping === "hashed" ? packet.count <= room : packet.count === room) && packet.bytes.length <= packetBytes;
+  }
+}

@@ -1,0 +1,20 @@
+// Named sections behind the fixed part of side information.
+
+import { BitstreamError, ByteReader } from "../bytes.ts";
+
+const MAX_SECTIONS = 16, MAX_SECTION_BYTES = 1 << 26;
+
+/** Content by name; sections that nobody here knows are kept. */
+export function readSections(bytes: Uint8Array): Map<string, Uint8Array> {
+  const reader = new ByteReader(bytes, "side information sections"), sections = new Map<string, Uint8Array>();
+  let last = "";
+  while (reader.left) {
+    const name = String.fromCharCode(...reader.take(Math.min(reader.unsigned(), 33)));
+    if (!/^[a-z][a-z0-9_]{0,31}$/.test(name) || name <= last) throw new BitstreamError("side information: a section's name is impossible");
+    const content = reader.blob();
+    sections.set(name, content);
+    last = name;
+    if (sections.size > MAX_SECTIONS || content.length > MAX_SECTION_BYTES) throw new BitstreamError("side information: too many or too large sections");
+  }
+  return sections;
+}
