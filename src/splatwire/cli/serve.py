@@ -44,7 +44,7 @@ class Serve:
     key: Path | None = None
     """Private key of the certificate (PEM, not encrypted)."""
     page: int | None = None
-    """With --quic: serve a page that receives in a browser on this TCP port of 127.0.0.1; 0 lets the system choose."""
+    """Serve a page that receives and draws in a browser, on this TCP port; 0 lets the system choose. Implies --quic."""
     origins: tuple[str, ...] = ()
     """With --quic: web pages that may open sessions, e.g. https://example.org; none named lets all."""
     idle: float = 5.0
@@ -69,12 +69,16 @@ class Serve:
 
         if not 0 <= self.port < 1 << 16:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.port} is not")
-        if not self.quic and (self.certificate or self.key or self.page is not None or self.origins):
-            raise InvalidValueError("--certificate, --key, --page and --origins are for --quic")
+        if not self._over_quic and (self.certificate or self.key or self.origins):
+            raise InvalidValueError("--certificate, --key and --origins are for --quic")
         if self.page is not None and not 0 <= self.page < 1 << 16:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.page} is not")
         (protection, planned), _ = self.protection(), self.limits()  # mistakes are told before streams are read
         asyncio.run(self._serve(self._programs(protection, planned)))
+
+    @property
+    def _over_quic(self) -> bool:
+        return self.quic or self.page is not None
 
     def _programs(self, protection: "Protection", planned: int | None = None) -> "dict[str, Program]":
         """What is served, by name.
@@ -167,7 +171,7 @@ class Serve:
                 for name, parts in sizes.items():
                     print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
                           f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
-                print(f"serving on {'quic' if self.quic else 'udp'}://{self.host}:{server.port}")
+                print(f"serving on {'quic' if self._over_quic else 'udp'}://{self.host}:{server.port}")
                 for name, value in facts.items():
                     print(f"{name}: {value}")
             sys.stdout.flush()
@@ -178,7 +182,7 @@ class Serve:
         self, programs: "dict[str, Program]", stack: contextlib.AsyncExitStack
     ) -> tuple[Any, dict[str, str]]:
         """A server, and what its clients have to know of it."""
-        if not self.quic:
+        if not self._over_quic:
             from splatwire.transport.udp import UdpServer
 
             plain = UdpServer(programs, self.host, self.port, limits=self.limits())
@@ -188,6 +192,7 @@ class Serve:
 
         need_aioquic()
         from splatwire.transport.page import PageServer
+        from splatwire.transport.page_content import Link, PageContent
         from splatwire.transport.quic_server import QuicServer
 
         identity = self.identity()
@@ -199,10 +204,10 @@ class Serve:
         await server.start()
         facts = {"fingerprint": identity.fingerprint}
         if self.page is not None:
-            page = await stack.enter_async_context(PageServer(self.page))
-            host = "127.0.0.1" if self.host in ("0.0.0.0", "::") else self.host
-            session = f"https://{f'[{host}]' if ':' in host else host}:{server.port}{WEBTRANSPORT_PATH}"
-            facts["page"] = page.url(url=session, fingerprint=identity.fingerprint)
+            link = Link(server.port, WEBTRANSPORT_PATH, None if self.certificate else identity.fingerprint)
+            content = PageContent(programs, link, self.host, self.origins or None)
+            page = await stack.enter_async_context(PageServer(content, self.page))
+            facts["page"] = page.url
         return server, facts
 
 

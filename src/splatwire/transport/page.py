@@ -1,38 +1,44 @@
-"""The page of the receiver in a browser, served over plain HTTP on loopback: a few files and nothing else."""
+"""The page of the receiver in a browser, served over plain HTTP: a few files and the streams, nothing else."""
 
 import asyncio
-from importlib.resources import files
 from types import TracebackType
-from urllib.parse import urlencode
 
 from splatwire.transport.address import cannot_listen
+from splatwire.transport.page_content import PageContent
 
-FILES = {"/": ("index.html", "text/html"), "/receiver.js": ("receiver.js", "text/javascript")}
 MOST_HEAD_BYTES = 8192
+MOST_AT_ONCE = 256
 PATIENCE_S = 5.0
+SLOWEST_BYTES_S = 4096
+"""A client that takes fewer bytes a second is not waited for."""
 
 
 class PageServer:
     """Serves the page until it is closed; use it as an asynchronous context.
 
-    Only to this machine: browsers let pages from elsewhere open a session only if they came over HTTPS.
+    A browser lets a page open WebTransport sessions only if it came from this machine or over HTTPS; to a page from
+    elsewhere the stream comes by HTTP.
 
     Args:
+        content: What is served.
         port: TCP port; 0 lets the system choose.
 
     Raises:
         InvalidValueError: If it is taken.
     """
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, content: PageContent, port: int = 0) -> None:
+        self._content = content
         self._wanted = port
         self._server: asyncio.Server | None = None
+        self._at_once = 0
 
     async def __aenter__(self) -> "PageServer":
+        host = self._content.host
         try:
-            self._server = await asyncio.start_server(_answer, "127.0.0.1", self._wanted, limit=MOST_HEAD_BYTES)
+            self._server = await asyncio.start_server(self._serve, host, self._wanted, limit=MOST_HEAD_BYTES)
         except OSError as error:
-            raise cannot_listen("TCP", "127.0.0.1", self._wanted, error) from error
+            raise cannot_listen("TCP", host, self._wanted, error) from error
         return self
 
     async def __aexit__(
@@ -47,41 +53,22 @@ class PageServer:
         assert self._server is not None
         return int(self._server.sockets[0].getsockname()[1])
 
-    def url(self, **fields: str) -> str:
-        """Address of the page with its form filled in; with `go="1"` it begins at once."""
-        return f"http://127.0.0.1:{self.port}/#{urlencode(fields)}"
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self._content.host, self._content.host)
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
-
-def response(head: bytes) -> bytes:
-    """What a request gets for an answer."""
-    words = head.split(b"\r\n", 1)[0].split(b" ")
-    if len(words) != 3 or not words[2].startswith(b"HTTP/1."):
-        return _response("400 Bad Request")
-    if words[0] not in (b"GET", b"HEAD"):
-        return _response("405 Method Not Allowed")
-    found = FILES.get(words[1].split(b"?")[0].decode("ascii", "replace"))
-    if found is None:
-        return _response("404 Not Found")
-    name, kind = found
-    body = files("splatwire.transport").joinpath("web").joinpath(name).read_bytes()
-    return _response("200 OK", kind, body, bodiless=words[0] == b"HEAD")
-
-
-def _response(status: str, kind: str = "text/plain", body: bytes = b"", bodiless: bool = False) -> bytes:
-    body = body or f"{status}\n".encode()
-    head = (
-        f"HTTP/1.1 {status}\r\nContent-Type: {kind}; charset=utf-8\r\nContent-Length: {len(body)}\r\n"
-        "X-Content-Type-Options: nosniff\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
-    )
-    return head.encode() + (b"" if bodiless else body)
-
-
-async def _answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    try:
-        head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), PATIENCE_S)
-        writer.write(response(head))
-        await asyncio.wait_for(writer.drain(), PATIENCE_S)
-    except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, OSError):
-        pass  # whoever it was wanted no page
-    finally:
-        writer.close()
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._at_once += 1
+        try:
+            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), PATIENCE_S)
+            if self._at_once <= MOST_AT_ONCE:
+                answer = self._content.answer(head)
+                writer.write(answer)
+                await asyncio.wait_for(writer.drain(), PATIENCE_S + len(answer) / SLOWEST_BYTES_S)
+        except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, OSError):
+            pass  # whoever it was wanted no page
+        finally:
+            self._at_once -= 1
+            writer.close()

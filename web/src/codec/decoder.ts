@@ -16,7 +16,7 @@ export const ANCHORS = "This stream carries anchors with neural heads (format 1)
 
 /** Gaussians of one packet, as they were received. */
 export interface Part {
-  readonly block: number;
+  readonly packet: Packet;
   readonly splats: Splats;
 }
 
@@ -46,7 +46,7 @@ export class StreamDecoder {
   /** Gaussians of a packet that is new and fits; null for anything else, which is counted. */
   take(bytes: Uint8Array): Part | null {
     const packet = this.intake.offer(bytes);
-    return packet && { block: packet.block, splats: toSplats(this.integers(packet), this.info, packet.block) };
+    return packet && { packet, splats: toSplats(this.integers(packet), this.info, packet.block) };
   }
 
   integers(packet: Packet): Decoded {

@@ -1,0 +1,161 @@
+"""What the page server answers: bytes in, bytes out, no socket."""
+
+import html
+import ipaddress
+import json
+import re
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import NamedTuple
+from urllib.parse import quote, unquote
+
+from splatwire.packets.manifest import manifest_to_bytes
+from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION, RECORD_PREFIX
+from splatwire.transport.layout import Segments, split_head_object
+from splatwire.transport.program import Program
+
+FILES = {"/splatwire.js": ("splatwire.js", "text/javascript"), "/page.css": ("page.css", "text/css")}
+STREAMS = "/streams/"
+_SHARED = "Access-Control-Allow-Origin: *\r\n"
+"""Scripts and streams may be used by pages of other sites, into which the scene is embedded."""
+
+
+class Link(NamedTuple):
+    """Where a browser opens WebTransport sessions.
+
+    Attributes:
+        port: UDP port.
+        path: Path of the session.
+        fingerprint: SHA-256 of a certificate that was made on the spot; None for one that browsers know.
+    """
+
+    port: int
+    path: str
+    fingerprint: str | None
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """Everything that is served.
+
+    Attributes:
+        programs: Streams by name; the page shows the first one, or that of its query `stream`.
+        link: Where datagrams are to be had; None where there are none.
+        host: The address that the server was told to listen on, by which it may be called.
+        origins: Web pages that may use the streams; None lets all.
+    """
+
+    programs: Mapping[str, Program]
+    link: Link | None = None
+    host: str = "127.0.0.1"
+    origins: tuple[str, ...] | None = None
+    _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
+
+    def answer(self, head: bytes) -> bytes:
+        """What a request gets.
+
+        Args:
+            head: The request up to the empty line.
+        """
+        lines = head.decode("latin-1").split("\r\n")
+        words = lines[0].split(" ")
+        if len(words) != 3 or not words[2].startswith("HTTP/1."):
+            return _response("400 Bad Request")
+        if words[0] not in ("GET", "HEAD"):
+            return _response("405 Method Not Allowed")
+        headers = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines[1:])}
+        called = _hostname(headers.get("host", ""))
+        if not self._is_ours(called):
+            return _response("403 Forbidden", body=b"open this page by the IP address of its server, or start it with --host NAME\n")
+        target, _, query = words[1].partition("?")
+        found = self._find(target, query, called, headers.get("origin"))
+        return _response(*found, bodiless=words[0] == "HEAD") if found else _response("404 Not Found")
+
+    def _find(self, target: str, query: str, called: str, origin: str | None) -> tuple[str, str, bytes, str] | None:
+        """Status, kind, body and further headers of a target."""
+        if target == "/":
+            return "200 OK", "text/html; charset=utf-8", self._page(query, called).encode(), self._policy(called)
+        shared = _SHARED if self.origins is None else self._shared(origin)
+        if target in FILES:
+            name, kind = FILES[target]
+            body = files("splatwire.transport").joinpath("web").joinpath(name).read_bytes()
+            return "200 OK", f"{kind}; charset=utf-8", body, shared
+        if target == "/streams.json":
+            return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
+        name = unquote(target.removeprefix(STREAMS).removesuffix(".swz"))
+        if target == stream_path(name) and name in self.programs:
+            return "200 OK", "application/octet-stream", self._file(name), shared
+        return None
+
+    def _page(self, query: str, called: str) -> str:
+        wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
+        name = unquote(wanted[1]) if wanted else next(iter(self.programs))
+        attributes = {"src": stream_path(name)}
+        if self.link:
+            attributes["session"] = f"https://{called}:{self.link.port}{self.link.path}"
+            attributes["fingerprint"] = self.link.fingerprint or ""
+        text = files("splatwire.transport").joinpath("web").joinpath("index.html").read_text(encoding="utf-8")
+        words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
+        return text.replace("$attributes", words)
+
+    def _policy(self, called: str) -> str:
+        session = f" https://{called}:{self.link.port}" if self.link else ""
+        return (
+            "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; worker-src blob:; "
+            f"connect-src 'self'{session}; base-uri 'none'; form-action 'none'; frame-ancestors *\r\n"
+        )
+
+    def _described(self) -> dict[str, object]:
+        link = self.link._asdict() if self.link else {}
+        return {"streams": [stream_path(name) for name in self.programs], **link}
+
+    def _shared(self, origin: str | None) -> str:
+        return f"Access-Control-Allow-Origin: {origin}\r\nVary: Origin\r\n" if origin in (self.origins or ()) else ""
+
+    def _file(self, name: str) -> bytes:
+        if name not in self._files:
+            self._files[name] = program_file(self.programs[name])
+        return self._files[name]
+
+    def _is_ours(self, name: str) -> bool:
+        """Whether a name cannot be one that somebody else had point here (DNS rebinding); a number is nobody's name."""
+        try:
+            ipaddress.ip_address(name.strip("[]"))
+        except ValueError:
+            return name.lower() in ("localhost", self.host.lower(), socket.gethostname().lower())
+        return True
+
+
+def stream_path(name: str) -> str:
+    """Where a stream is found on the page's server."""
+    return f"{STREAMS}{quote(name, safe='')}.swz"
+
+
+def program_file(program: Program) -> bytes:
+    """A stream as one file (docs/format.md), its packets in the order in which they are sent."""
+    segments = Segments(program.head_bytes, program.symbol_bytes)
+    symbols = (symbol for number, segment in enumerate(program.head) for symbol in segment[: segments.size(number)])
+    manifest, side_info, _ = split_head_object(b"".join(symbols)[: program.head_bytes])
+    text = manifest_to_bytes(manifest)
+    pieces = [FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(text)), text, side_info]
+    for packet in program.packets:
+        pieces += [RECORD_PREFIX.pack(len(packet)), packet]
+    return b"".join(pieces)
+
+
+def _hostname(asked: str) -> str:
+    """The host of `HOST[:PORT]`; an IPv6 address keeps its brackets."""
+    return asked.partition("]")[0] + "]" if asked.startswith("[") else asked.partition(":")[0]
+
+
+def _response(
+    status: str, kind: str = "text/plain; charset=utf-8", body: bytes = b"", headers: str = "", *, bodiless: bool = False
+) -> bytes:
+    body = body or f"{status}\n".encode()
+    head = (
+        f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n{headers}"
+        "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
+    )
+    return head.encode("latin-1") + (b"" if bodiless else body)

@@ -1,0 +1,28 @@
+// How the bundle is made: the worker first, whose text is then a part of it.
+
+import { readFileSync } from "node:fs";
+import { fileURLToPath } from "node:url";
+
+import { build } from "esbuild";
+
+const root = fileURLToPath(new URL("..", import.meta.url));
+const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"));
+const common = { bundle: true, minify: true, charset: "utf8", target: "es2022", absWorkingDir: root, write: false, legalComments: "none" };
+
+const worker = {
+  name: "worker",
+  setup(setup) {
+    setup.onResolve({ filter: /^worker:/ }, ({ path }) => ({ path, namespace: "worker" }));
+    setup.onLoad({ filter: /.*/, namespace: "worker" }, async () => {
+      const made = await build({ ...common, entryPoints: ["src/worker.ts"], format: "iife" });
+      return { contents: made.outputFiles[0].text, loader: "text" };
+    });
+  },
+};
+
+/** The bundle's text, the same for the same sources and the packages of the lock file. */
+export async function bundle() {
+  const banner = { js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) and @noble/hashes (MIT) */` };
+  const made = await build({ ...common, entryPoints: ["src/main.ts"], format: "esm", plugins: [worker], banner, logLevel: "error" });
+  return made.outputFiles[0].text;
+}

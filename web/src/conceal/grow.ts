@@ -1,0 +1,27 @@
+// Nothing is invented: what arrived grows over the holes. The twin of `splatwire.conceal.grow`.
+
+import type { Elements, Pause } from "./conceal.ts";
+import { KdTree } from "./kd_tree.ts";
+
+const NEIGHBOURS = 64, EXPONENT = 0.5, AT_A_TIME = 256, MAX_EXCESS = 1.08, MAX_GAIN = 4, SMALLEST = 1e-9;
+
+/** Gains `(1 - rho) ** -1/2`, rho = share lost among the nearest 64, by size; limited by what the loss of all would give. */
+export async function grow({ positions, sizes, known }: Elements, pause: Pause): Promise<Float32Array | null> {
+  const count = known.length, gains = new Float32Array(count).fill(1);
+  const received = known.reduce((sum, there) => sum + there, 0);
+  if (received === 0 || received === count) return gains;
+  const most = Math.min(MAX_GAIN, MAX_EXCESS * (received / count) ** -EXPONENT), least = most ** (-1 / EXPONENT);
+  const tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1));
+  for (let i = 0; i < count; i++) {
+    if (i % AT_A_TIME === 0 && !(await pause())) return null;
+    if (!known[i]) continue;
+    let all = 0, lost = 0;
+    for (const j of tree.nearestOthers(i)) {
+      const weight = Math.max(sizes[j], SMALLEST);
+      all += weight;
+      if (!known[j]) lost += weight;
+    }
+    if (all > 0) gains[i] = Math.max(1 - lost / all, least) ** -EXPONENT;
+  }
+  return gains;
+}

@@ -1,0 +1,5 @@
+// The bundle: defines the element.
+
+import { SplatWire } from "./page/element.ts";
+
+if (!customElements.get("splat-wire")) customElements.define("splat-wire", SplatWire);

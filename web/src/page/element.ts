@@ -1,0 +1,273 @@
+// <splat-wire src="https://host/streams/scene.swz">: a stream, received and drawn.
+
+import SOURCE from "worker:receiver";
+
+import type { FromWorker, ToWorker } from "../transport/messages.ts";
+import { View, type FixedCamera } from "../render/view.ts";
+import { resolveSource } from "./address.ts";
+import { drawDifference, pixelsOf } from "./difference.ts";
+import { Panel } from "./panel.ts";
+import { STYLE } from "./style.ts";
+
+const AGAIN_MS = 400, STILL_MS = 300;
+
+/** What tests and other pages read. */
+export interface Status {
+  finished: string | null;
+  failed: string | null;
+  complete: boolean;
+  gaussians: number;
+  packets: number;
+  way: string;
+  /** Milliseconds since navigation: preview, first Gaussians and half of the packets on the screen. */
+  times: Record<string, number>;
+}
+
+export class SplatWire extends HTMLElement {
+  readonly status: Status = { finished: null, failed: null, complete: false, gaussians: 0, packets: 0, way: "", times: {} };
+  #worker: Worker | null = null;
+  #view: View | null = null;
+  #panel!: Panel;
+  #over!: HTMLCanvasElement;
+  #expected = 0;
+  #size = 1;
+  #ask = 0;
+  #timer = 0;
+  #still = 0;
+  #gains: Float32Array | null = null;
+  #digest: ((same: boolean) => void) | null = null;
+
+  connectedCallback(): void {
+    if (this.shadowRoot) return;
+    const root = this.attachShadow({ mode: "open" }), style = new CSSStyleSheet();
+    style.replaceSync(STYLE);
+    root.adoptedStyleSheets = [style];
+    const canvas = document.createElement("canvas");
+    this.#over = document.createElement("canvas");
+    this.#over.className = "over";
+    canvas.tabIndex = 0;
+    this.#panel = new Panel(() => this.#settingsChanged(), () => this.#flip(), { "copy link": () => this.#link(), "copy embed code": () => this.#embed() });
+    root.append(canvas, this.#over, this.#panel.element);
+    if (this.getAttribute("panel") === "none") this.#panel.element.hidden = true;
+    this.#readAddress();
+    this.#draw(canvas);
+    this.#open().catch((error: unknown) => this.#fail((error as Error).message));
+  }
+
+  disconnectedCallback(): void {
+    this.#worker?.terminate();
+  }
+
+  get view(): View | null {
+    return this.#view;
+  }
+
+  get panel(): Panel {
+    return this.#panel;
+  }
+
+  /** Whether all integers that were decoded are those that were encoded. */
+  verify(): Promise<boolean> {
+    this.#send({ kind: "digest" });
+    return new Promise((resolve) => (this.#digest = resolve));
+  }
+
+  /** A PNG of the scene as a camera of splatwire sees it, in the camera's size. */
+  async picture(camera: FixedCamera): Promise<string> {
+    this.#view!.fix(camera);
+    await this.#view!.frame();
+    await this.#view!.sorted();
+    await this.#view!.frame();
+    return this.#view!.canvas.toDataURL("image/png");
+  }
+
+  #draw(canvas: HTMLCanvasElement): void {
+    try {
+      this.#view = new View(canvas);
+    } catch (error) {
+      return this.#fail(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
+    }
+    if (this.getAttribute("up") === "-y") this.#view.orbit.up = -1;
+    new ResizeObserver(() => this.#view?.resize()).observe(this);
+    canvas.addEventListener("webglcontextlost", () => this.#fail("The browser took the graphics card away; load the page again."));
+    this.addEventListener("keydown", (event) => this.#key(event));
+    canvas.addEventListener("pointermove", () => this.#moved());
+    canvas.addEventListener("wheel", () => this.#moved(), { passive: true });
+  }
+
+  async #open(): Promise<void> {
+    const inside = document.getElementById(this.getAttribute("data") ?? "");
+    this.#panel.say("Connecting ...");
+    this.#worker = new Worker(URL.createObjectURL(new Blob([SOURCE], { type: "text/javascript" })));
+    this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#heard(data));
+    this.#worker.addEventListener("error", (event) => this.#fail(event.message || "the worker could not be started"));
+    if (inside) {
+      const bytes = Uint8Array.from(atob(inside.textContent!.trim()), (c) => c.charCodeAt(0));
+      return this.#send({ kind: "open", session: null, name: "", file: "", bytes });
+    }
+    const src = this.getAttribute("src");
+    if (!src) throw new Error("<splat-wire> has no src");
+    const source = await resolveSource(src, this.getAttribute("session"), this.getAttribute("fingerprint"));
+    this.#send({ kind: "open", ...source, bytes: null });
+  }
+
+  #heard(message: FromWorker): void {
+    const view = this.#view, panel = this.#panel;
+    switch (message.kind) {
+      case "preview":
+        if (!view || this.#expected) return;
+        view.begin(1);
+        view.background(message.background);
+        view.add(message.splats);
+        this.#time("preview");
+        return panel.say("A preview; the scene is on its way.");
+      case "facts":
+        this.#expected = message.facts.packets;
+        this.#size = 2 ** message.facts.sizeLog;
+        view?.background(message.facts.background);
+        return;
+      case "splats":
+        return this.#add(message);
+      case "counts":
+        return this.#count(message);
+      case "gains":
+        if (message.ask !== this.#ask) return;
+        this.#gains = message.gains;
+        panel.tell("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
+        return this.#show();
+      case "note":
+        return panel.say(message.text);
+      case "finished":
+        this.status.finished = message.text;
+        this.status.complete = message.complete;
+        this.#conceal();
+        return panel.say(message.complete ? "Everything is there." : `It ended early: ${message.text}. What is missing is concealed.`);
+      case "failed":
+        return this.#fail(message.text);
+      case "digest":
+        this.#digest?.(message.found === message.expected);
+    }
+  }
+  #add({ splats }: FromWorker & { kind: "splats" }): void {
+    const view = this.#view;
+    if (!view) return;
+    if (this.status.gaussians === 0) view.begin(this.#size);
+    view.add(splats);
+    this.status.gaussians = view.count;
+    this.#time("first");
+    this.#concealSoon();
+  }
+
+  #count({ counts, decoded, corrupt }: FromWorker & { kind: "counts" }): void {
+    const { panel, status } = this, share = counts.expected ? counts.packets / counts.expected : 0;
+    status.packets = counts.packets;
+    status.way = counts.way;
+    panel.progress(share);
+    panel.tell("packets", `${counts.packets.toLocaleString()} of ${counts.expected.toLocaleString()}${corrupt ? `, ${corrupt} damaged` : ""}`);
+    panel.tell("Gaussians", decoded.toLocaleString());
+    panel.tell("received", `${(counts.bytes / 1e6).toFixed(2)} MB`);
+    panel.tell("rate", counts.seconds > 0 ? `${((counts.bytes * 8) / 1e6 / counts.seconds).toFixed(1)} Mbit/s` : "-");
+    panel.tell("lost on the way", counts.lost ? `${counts.lost} datagrams` : "none");
+    panel.tell("time", `${counts.seconds.toFixed(2)} s`);
+    panel.tell("way", counts.way);
+    if (share > 0 && !status.finished) panel.say("Receiving ...");
+    if (share >= 0.5) this.#time("half");
+  }
+
+  #fail(text: string): void {
+    this.status.failed = text;
+    this.#panel.say(text, true);
+  }
+
+  #settingsChanged(): void {
+    this.#concealSoon(0);
+  }
+
+  /** Asks for new gains, not too often while packets come. */
+  #concealSoon(delay = AGAIN_MS): void {
+    if (delay === 0) clearTimeout(this.#timer);
+    else if (this.#timer) return;
+    this.#timer = window.setTimeout(() => this.#conceal(), delay);
+  }
+
+  #conceal(): void {
+    const { concealer, dropped, seed } = this.#panel.settings;
+    clearTimeout(this.#timer);
+    this.#timer = 0;
+    this.#send({ kind: "conceal", concealer, dropped, seed, ask: ++this.#ask });
+  }
+
+  #show(): void {
+    const lossless = this.#panel.settings.show === "lossless";
+    this.#over.classList.remove("shown");
+    this.#view?.setGains(lossless ? null : this.#gains);
+    this.#moved();
+  }
+
+  /** Once the picture stands still, the difference is drawn over it, and PSNR told. */
+  #moved(): void {
+    clearTimeout(this.#still);
+    this.#over.classList.remove("shown");
+    if (this.#panel.settings.show === "lossless" || !this.#gains) return;
+    this.#still = window.setTimeout(() => this.#compare().catch(() => undefined), STILL_MS);
+  }
+
+  async #compare(): Promise<void> {
+    const view = this.#view!, gains = this.#gains, still = this.#still;
+    if (gains?.every((gain) => gain === 1)) return this.#panel.tell("PSNR", "no loss");
+    view.setGains(null);
+    await view.frame();
+    const lossless = pixelsOf(view.canvas);
+    view.setGains(gains);
+    await view.frame();
+    if (still !== this.#still) return;
+    const psnr = drawDifference(pixelsOf(view.canvas), lossless, this.#over);
+    this.#panel.tell("PSNR", psnr === Infinity ? "no loss" : `${psnr.toFixed(1)} dB`);
+    this.#over.classList.toggle("shown", this.#panel.settings.show === "difference");
+  }
+
+  #flip(): void {
+    const { orbit } = this.#view ?? {};
+    if (!orbit) return;
+    orbit.up = orbit.up > 0 ? -1 : 1;
+    orbit.moved();
+  }
+
+  #key(event: KeyboardEvent): void {
+    const origin = event.composedPath()[0];
+    if (event.ctrlKey || event.metaKey || event.altKey || origin instanceof HTMLInputElement || origin instanceof HTMLSelectElement) return;
+    if (event.key === "f") this.#flip();
+    else if (event.key === "h") this.#panel.element.hidden = !this.#panel.element.hidden;
+    else if (!this.#view?.orbit.key(event.key, event.shiftKey)) return;
+    this.#moved();
+    event.preventDefault();
+  }
+
+  /** Settings that a link carries. */
+  #readAddress(): void {
+    const fields = new URLSearchParams(location.hash.slice(1)), dropped = Number(fields.get("drop") ?? 0);
+    const concealer = fields.get("concealer");
+    this.#panel.set({ dropped: dropped > 0 && dropped < 1 ? dropped : 0, ...(concealer ? { concealer } : {}) });
+  }
+
+  #link(): string {
+    const { concealer, dropped } = this.#panel.settings, address = new URL(location.href);
+    address.hash = new URLSearchParams({ concealer, drop: String(dropped) }).toString();
+    return address.href;
+  }
+
+  #embed(): string {
+    const script = new URL("/splatwire.js", location.href).href, src = new URL(this.getAttribute("src") ?? "", document.baseURI).href;
+    return `<script type="module" src="${script}"></script>\n<splat-wire src="${src}" style="height: 30rem"></splat-wire>`;
+  }
+
+  #time(name: string): void {
+    if (name in this.status.times || !this.#view) return;
+    this.status.times[name] = NaN;
+    this.#view.sorted().then(() => (this.status.times[name] = performance.now()), () => undefined);
+  }
+
+  #send(message: ToWorker): void {
+    this.#worker?.postMessage(message);
+  }
+}

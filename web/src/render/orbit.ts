@@ -1,0 +1,100 @@
+// A camera that turns around a point: mouse, touch and keys.
+
+import { Quat, Vec3 } from "playcanvas";
+
+const TURN = 0.005, KEY_TURN = 0.08, KEY_ZOOM = 0.9, WHEEL = 0.0012, STEEPEST = 1.55;
+
+export interface Pose {
+  readonly position: Vec3;
+  readonly rotation: Quat;
+}
+
+export class Orbit {
+  target = new Vec3();
+  distance = 3;
+  yaw = 0.5;
+  pitch = -0.25;
+  /** 1: y points up; -1: y points down, as cameras of 3DGS have it. */
+  up: 1 | -1 = 1;
+  readonly #pointers = new Map<number, { x: number; y: number }>();
+
+  /** `moved` is called after every change. */
+  constructor(readonly canvas: HTMLElement, readonly moved: () => void) {
+    canvas.addEventListener("pointerdown", (event) => this.#down(event));
+    canvas.addEventListener("pointermove", (event) => this.#move(event));
+    for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
+      canvas.addEventListener(kind, (event) => this.#pointers.delete(event.pointerId));
+    }
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.#zoom(Math.exp(Math.min(Math.max(event.deltaY, -200), 200) * WHEEL));
+    }, { passive: false });
+  }
+
+  /** Looks at a scene from outside. */
+  frame(middle: readonly number[], radius: number): void {
+    this.target.set(middle[0], middle[1], middle[2]);
+    this.distance = radius * 2.6;
+  }
+
+  /** Units become so many times smaller. */
+  rescale(factor: number): void {
+    this.target.mulScalar(factor);
+    this.distance *= factor;
+  }
+
+  pose(): Pose {
+    const rotation = new Quat().setFromEulerAngles((this.pitch * 180) / Math.PI, (this.yaw * 180) / Math.PI, 0);
+    if (this.up < 0) rotation.mul2(new Quat().setFromEulerAngles(0, 0, 180), rotation);
+    const back = rotation.transformVector(new Vec3(0, 0, this.distance), new Vec3());
+    return { position: back.add(this.target), rotation };
+  }
+
+  /** Takes a key; whether it means something. */
+  key(key: string, shift: boolean): boolean {
+    const turns: Record<string, [number, number]> = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const turn = turns[key];
+    if (turn && shift) this.#pan(30 * turn[0], 30 * turn[1]);
+    else if (turn) this.#turn(-turn[0] * KEY_TURN, turn[1] * KEY_TURN);
+    else if (key === "+" || key === "=") this.#zoom(KEY_ZOOM);
+    else if (key === "-") this.#zoom(1 / KEY_ZOOM);
+    else return false;
+    return true;
+  }
+
+  #down(event: PointerEvent): void {
+    this.canvas.setPointerCapture(event.pointerId);
+    this.#pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+  }
+
+  #move(event: PointerEvent): void {
+    const before = this.#pointers.get(event.pointerId);
+    if (!before) return;
+    const dx = event.clientX - before.x, dy = event.clientY - before.y, others = [...this.#pointers.entries()].filter(([id]) => id !== event.pointerId);
+    if (others.length) {
+      const other = others[0][1], far = (x: number, y: number): number => Math.max(Math.hypot(x - other.x, y - other.y), 1);
+      this.#zoom(far(before.x, before.y) / far(event.clientX, event.clientY));
+      this.#pan(dx / 2, dy / 2);
+    } else if (event.buttons & 2 || event.shiftKey) this.#pan(dx, dy);
+    else this.#turn(-dx * TURN, -dy * TURN);
+    this.#pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+  }
+
+  #turn(yaw: number, pitch: number): void {
+    this.yaw += yaw * this.up;
+    this.pitch = Math.min(Math.max(this.pitch + pitch, -STEEPEST), STEEPEST);
+    this.moved();
+  }
+
+  #zoom(factor: number): void {
+    this.distance = Math.min(Math.max(this.distance * factor, 1e-3), 1e4);
+    this.moved();
+  }
+
+  #pan(dx: number, dy: number): void {
+    const { rotation } = this.pose(), step = (this.distance * 1.2) / Math.max(this.canvas.clientHeight, 1);
+    this.target.add(rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3()));
+    this.moved();
+  }
+}

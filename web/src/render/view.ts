@@ -1,0 +1,191 @@
+// The drawing: a canvas, a camera and Gaussians, drawn when something changed and not otherwise.
+
+import {
+  AppBase, AppOptions, CameraComponentSystem, Color, Entity, FILLMODE_NONE, GAMMA_SRGB, GSPLATDATA_LARGE, GSplatComponentSystem, Mat4, Quat,
+  RESOLUTION_FIXED, TONEMAP_NONE, WebglGraphicsDevice, WORKBUFFER_UPDATE_ONCE, type GSplatComponent,
+} from "playcanvas";
+
+import type { Splats } from "../codec/splats.ts";
+import { Gaussians } from "./container.ts";
+import { Orbit } from "./orbit.ts";
+import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
+
+const FIRST_ROOM = 4096, FIELD_OF_VIEW = 50;
+/** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
+const SORT_MS = 5000;
+
+/** A camera as `splatwire` writes it: world to camera, OpenCV axes; focal length in pixels of a picture of this height. */
+export interface FixedCamera {
+  readonly viewmat: readonly (readonly number[])[];
+  readonly focal: number;
+  readonly height: number;
+}
+
+export class View {
+  readonly orbit: Orbit;
+  readonly #app: AppBase;
+  readonly #camera: Entity;
+  readonly #scene: Entity;
+  #gaussians: Gaussians | null = null;
+  #all: Splats[] = [];
+  #size = 1;
+  #gains: Float32Array | null = null;
+  #fixed: FixedCamera | null = null;
+  #frame: (() => void)[] = [];
+  #sorted: (() => void)[] = [];
+  #framed = false;
+  #isSorted = false;
+
+  constructor(readonly canvas: HTMLCanvasElement) {
+    const device = new WebglGraphicsDevice(canvas, { antialias: false, alpha: false, powerPreference: "high-performance" });
+    const options = new AppOptions();
+    options.graphicsDevice = device;
+    options.componentSystems = [CameraComponentSystem, GSplatComponentSystem];
+    this.#app = new AppBase(canvas);
+    this.#app.init(options);
+    this.#app.setCanvasFillMode(FILLMODE_NONE);
+    this.#app.autoRender = false;
+    this.#camera = new Entity("camera", this.#app);
+    this.#scene = new Entity("scene", this.#app);
+    const gsplat = this.#app.scene.gsplat;
+    gsplat.dataFormat = GSPLATDATA_LARGE;
+    gsplat.colorUpdateAngle = 0.1;
+    const chunks = gsplat.material.getShaderChunks("glsl");
+    chunks.set("gsplatCornerVS", CORNER);
+    chunks.set("gsplatCommonVS", COMMON);
+    chunks.set("gsplatPS", FRAGMENT);
+    gsplat.material.update();
+    this.#camera.addComponent("camera", { nearClip: 0.01, farClip: 2000, fov: FIELD_OF_VIEW, toneMapping: TONEMAP_NONE, gammaCorrection: GAMMA_SRGB });
+    this.#app.root.addChild(this.#camera);
+    this.#app.root.addChild(this.#scene);
+    this.orbit = new Orbit(canvas, () => this.touch());
+    this.#app.on("update", () => this.#beforeFrame());
+    this.#app.systems.gsplat!.on("frame:request", () => this.touch());
+    this.#app.scene.on("gsplat:sorted", () => (this.#isSorted = true));
+    this.#app.on("postrender", () => this.#afterFrame());
+    this.resize();
+    this.#app.start();
+  }
+
+  get count(): number {
+    return this.#gaussians?.count ?? 0;
+  }
+
+  /** Draws a frame soon. */
+  touch(): void {
+    this.#app.renderNextFrame = true;
+  }
+
+  /** Takes the size of the element on the page. */
+  resize(ratio = Math.min(window.devicePixelRatio, 2)): void {
+    const width = Math.max(Math.round(this.canvas.clientWidth * ratio), 1), height = Math.max(Math.round(this.canvas.clientHeight * ratio), 1);
+    this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
+    this.touch();
+  }
+
+  background([red, green, blue]: readonly number[]): void {
+    this.#camera.camera!.clearColor = new Color(red, green, blue, 1);
+    this.touch();
+  }
+
+  /** Begins anew with Gaussians of a scene of this size (world units); the camera stays where it is. */
+  begin(size: number): void {
+    this.orbit.rescale(this.#size / size);
+    this.#all = [];
+    this.#gains = null;
+    this.#size = size;
+    if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
+    this.#gaussians?.destroy();
+    this.#gaussians = null;
+  }
+
+  add(splats: Splats): void {
+    this.#all.push(splats);
+    const count = this.#all.reduce((sum, part) => sum + part.count, 0);
+    if (!this.#gaussians || this.#gaussians.capacity < count) this.#enlarge(count, splats.degree);
+    else this.#gaussians.add(splats, this.#size);
+    if (!this.#framed && count >= 100) this.#lookAt();
+    this.#changed();
+  }
+
+  /** Gains of sizes by order of arrival; 0 hides, and those that came later are shown as they are. */
+  setGains(gains: Float32Array | null): void {
+    this.#gains = gains;
+    this.#gaussians?.setGains(gains ?? new Float32Array(this.count).fill(1));
+    this.#changed();
+  }
+
+  /** Looks through a camera of `splatwire`; null gives it back to the hand. */
+  fix(camera: FixedCamera | null): void {
+    this.#fixed = camera;
+    this.#camera.camera!.fov = camera ? (2 * Math.atan(camera.height / 2 / camera.focal) * 180) / Math.PI : FIELD_OF_VIEW;
+    this.touch();
+  }
+
+  /** Resolves in the task of the next frame, in which the canvas can be read. */
+  frame(): Promise<void> {
+    this.touch();
+    return new Promise((resolve) => this.#frame.push(resolve));
+  }
+
+  /** Resolves in the task of the next frame whose depths were sorted anew. */
+  sorted(): Promise<void> {
+    this.touch();
+    return new Promise((resolve) => {
+      this.#sorted.push(resolve);
+      setTimeout(resolve, SORT_MS);
+    });
+  }
+
+  #changed(): void {
+    (this.#scene.gsplat as GSplatComponent | undefined)!.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    this.touch();
+  }
+
+  #enlarge(count: number, degree: number): void {
+    const room = Math.max(FIRST_ROOM, 2 ** Math.ceil(Math.log2(count)));
+    const larger = new Gaussians(this.#app.graphicsDevice, room, degree);
+    for (const part of this.#all) larger.add(part, this.#size);
+    if (this.#gains) larger.setGains(this.#gains);
+    if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
+    this.#scene.addComponent("gsplat", { resource: larger });
+    this.#gaussians?.destroy();
+    this.#gaussians = larger;
+  }
+
+  /** Frames what is there: the middle, and nine tenths of the Gaussians around it. */
+  #lookAt(): void {
+    const means = this.#all.map((part) => part.means), middle = [0, 1, 2].map((a) => quantile(means.flatMap((m) => column(m, a)), 0.5) / this.#size);
+    const distances = means.flatMap((m) => column(m, 0).map((x, i) => Math.hypot(x / this.#size - middle[0], m[3 * i + 1] / this.#size - middle[1], m[3 * i + 2] / this.#size - middle[2])));
+    this.orbit.frame(middle, quantile(distances, 0.9));
+    this.#framed = true;
+  }
+
+  #beforeFrame(): void {
+    if (!this.#fixed) {
+      const { position, rotation } = this.orbit.pose();
+      this.#camera.setPosition(position);
+      this.#camera.setRotation(rotation);
+    } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
+  }
+
+  #afterFrame(): void {
+    for (const resolve of this.#frame.splice(0)) resolve();
+    if (!this.#isSorted) return;
+    this.#isSorted = false;
+    for (const resolve of this.#sorted.splice(0)) resolve();
+  }
+}
+
+const column = (means: Float32Array, axis: number): number[] => Array.from({ length: means.length / 3 }, (_, i) => means[3 * i + axis]);
+
+function quantile(values: number[], share: number): number {
+  return values.sort((a, b) => a - b)[Math.floor((values.length - 1) * share)];
+}
+
+function placeFixed(camera: Entity, [x, y, z]: readonly (readonly number[])[], size: number): void {
+  const eye = [0, 1, 2].map((a) => -(x[a] * x[3] + y[a] * y[3] + z[a] * z[3]) / size);
+  const axes = new Mat4().set([x[0], x[1], x[2], 0, -y[0], -y[1], -y[2], 0, -z[0], -z[1], -z[2], 0, 0, 0, 0, 1]);
+  camera.setPosition(eye[0], eye[1], eye[2]);
+  camera.setRotation(new Quat().setFromMat4(axes));
+}

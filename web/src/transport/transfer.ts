@@ -1,0 +1,167 @@
+// The receiving side of one transfer: bytes and time (milliseconds) in, bytes out; no socket, no clock.
+
+import { sha256 } from "@noble/hashes/sha2.js";
+
+import { hex } from "../bytes.ts";
+import { checkHead, type Head } from "../packets/container.ts";
+import { readManifest } from "../packets/manifest.ts";
+import { readPacket } from "../packets/packet.ts";
+import {
+  DATA, END, kindOf, readWelcome, REFUSE, SIDE, viewOf, WELCOME, writeBye, writeFeedback, writeRequest, type Welcome,
+} from "./frames.ts";
+
+const REFUSALS = ["", "no such stream", "the server is full", "the server stopped", "too many transfers from this network"];
+const AGAIN_MS = 120, REORDER = 48, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17, ENDS_IN_VAIN = 25;
+
+export class Transfer {
+  welcome: Welcome | null = null;
+  head: Head | null = null;
+  /** Packets that were not taken away yet. */
+  fresh: Uint8Array[] = [];
+  /** Why it is over. */
+  finished: string | null = null;
+  headMs: number | null = null;
+  numSymbols = 0;
+  headSymbols = 0;
+  readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
+  readonly #request: Uint8Array;
+  #object = new Uint8Array();
+  #segments = 0;
+  #seen = new Uint8Array();
+  #there = new Uint8Array();
+  readonly #asked = new Map<number, number>();
+  #largest = -1;
+  #largestAt: number;
+  #highest = -1;
+  #lowest = 0;
+  #ended = false;
+  #endsInVain = 0;
+
+  constructor(readonly name: string, readonly nonce: bigint, readonly began: number) {
+    this.#largestAt = began;
+    this.#request = writeRequest(nonce, name);
+  }
+
+  request(): Uint8Array {
+    return this.#request;
+  }
+
+  /** Datagrams that the server sent and that never came, as far as their numbers tell. */
+  get datagramsLost(): number {
+    return Math.max(this.#largest + 1 - this.counts.datagrams, 0);
+  }
+
+  /** SHA-256 of the head object, hexadecimal; empty as long as it is not there. */
+  get headDigest(): string {
+    return this.head ? hex(sha256(this.#object)) : "";
+  }
+
+  receive(bytes: Uint8Array, now: number): void {
+    if (this.finished) return;
+    const kind = kindOf(bytes);
+    this.counts.bytes += bytes.length;
+    if (kind === WELCOME && !this.welcome) return this.#welcomed(bytes);
+    if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
+    const known = kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
+    if (!this.welcome || !known || viewOf(bytes).getUint32(1, true) !== this.welcome.session) return void this.counts.rejected++;
+    if (kind === SIDE) return this.#side(bytes, now);
+    const sequence = viewOf(bytes).getUint32(5, true);
+    if (sequence > this.#largest + MOST_AHEAD) return void this.counts.rejected++;
+    this.counts.datagrams++;
+    if (sequence > this.#largest) [this.#largest, this.#largestAt] = [sequence, now];
+    if (kind === END) {
+      this.#ended = true;
+      this.#endsInVain++;
+    } else {
+      this.#endsInVain = 0;
+      const place = viewOf(bytes).getUint32(9, true);
+      this.#take(place, bytes.slice(13));
+      if (this.#there[place]) this.#highest = Math.max(this.#highest, place);
+    }
+    this.#look();
+  }
+
+  feedback(now: number): Uint8Array {
+    const { session, packets, carried } = this.welcome!, lost: number[] = [];
+    const stop = this.#ended ? packets : this.#highest + 1 - REORDER;
+    while (this.#lowest < packets && this.#there[this.#lowest]) this.#lowest++;
+    for (let place = this.head ? this.#lowest : Math.max(carried, this.#lowest); place < stop && lost.length < MOST_NACKS; place++) {
+      if (this.#there[place] || now - (this.#asked.get(place) ?? -1e9) < AGAIN_MS) continue;
+      this.#asked.set(place, now);
+      lost.push(place);
+    }
+    return writeFeedback({
+      session,
+      largest: Math.max(this.#largest, 0),
+      received: Math.min(this.counts.datagrams, this.#largest + 1),
+      clock: Math.round(this.#largestAt * 1000),
+      symbolsMissing: this.head ? 0 : this.numSymbols - this.headSymbols,
+      lost,
+    });
+  }
+
+  bye(): Uint8Array {
+    return writeBye(this.welcome!.session);
+  }
+
+  #welcomed(bytes: Uint8Array): void {
+    const welcome = readWelcome(bytes, this.nonce);
+    if (!welcome) return void (this.finished = "the server announces something impossible");
+    this.welcome = welcome;
+    this.numSymbols = Math.ceil(welcome.headBytes / welcome.symbolBytes);
+    this.#segments = Math.ceil(this.numSymbols / 2048);
+    this.#object = new Uint8Array(welcome.headBytes);
+    this.#seen = new Uint8Array(this.numSymbols);
+    this.#there = new Uint8Array(welcome.packets);
+  }
+
+  #side(bytes: Uint8Array, now: number): void {
+    const { symbolBytes, headBytes } = this.welcome!, numbers = viewOf(bytes);
+    const segment = numbers.getUint16(9, true), payload = bytes.subarray(15, bytes.length - 4);
+    const first = Math.floor((this.numSymbols * segment) / this.#segments), at = first + numbers.getUint32(11, true);
+    const next = Math.floor((this.numSymbols * (segment + 1)) / this.#segments);
+    if (segment >= this.#segments || at >= next || payload.length !== symbolBytes || this.#seen[at]) return void this.counts.rejected++;
+    this.#object.set(payload.subarray(0, Math.min(symbolBytes, headBytes - at * symbolBytes)), at * symbolBytes);
+    this.#seen[at] = 1;
+    if (++this.headSymbols < this.numSymbols) return;
+    this.headMs = now - this.began;
+    try {
+      this.#readHead();
+      this.#look();
+    } catch (error) {
+      this.finished = (error as Error).message;
+    }
+  }
+
+  /** Manifest, side information, and the packets that travel behind them. */
+  #readHead(): void {
+    const object = this.#object, numbers = viewOf(object);
+    if (hex(sha256(object)) !== hex(this.welcome!.digest)) throw new Error("the side information is damaged");
+    const manifestEnd = 4 + (object.length >= 4 ? numbers.getUint32(0, true) : 0);
+    const manifest = readManifest(object.subarray(4, manifestEnd));
+    let at = manifestEnd + manifest.sideInfoBytes, place = 0;
+    this.head = checkHead(manifest, object.subarray(manifestEnd, at));
+    for (; at + 2 <= object.length && place < this.welcome!.carried; place++) {
+      const size = numbers.getUint16(at, true);
+      this.#take(place, object.slice(at + 2, at + 2 + size));
+      at += 2 + size;
+    }
+    if (place !== this.welcome!.carried || at !== object.length) throw new Error("the side information is damaged");
+  }
+
+  #take(place: number, packet: Uint8Array): void {
+    const { packets, packetBytes, streamId } = this.welcome!;
+    if (place >= packets || packet.length > packetBytes || !readPacket(packet, streamId)) return void this.counts.rejected++;
+    if (this.#there[place]) return void this.counts.duplicates++;
+    this.#there[place] = 1;
+    this.fresh.push(packet);
+    this.counts.packets++;
+    this.counts.packetBytes += packet.length;
+  }
+
+  #look(): void {
+    if (!this.head) return;
+    if (this.counts.packets === this.welcome!.packets) this.finished = "complete";
+    else if (this.#endsInVain >= ENDS_IN_VAIN) this.finished = "sent";
+  }
+}

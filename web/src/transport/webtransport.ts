@@ -1,0 +1,113 @@
+// WebTransport: side information on a reliable stream, packets as datagrams; lost ones are asked for again.
+
+import type { Listener } from "./events.ts";
+import { FrameReader } from "./frames.ts";
+import { Transfer } from "./transfer.ts";
+
+const FEEDBACK_MS = 20, HANDSHAKES = 5, HANDSHAKE_PAUSE_MS = 100, PATIENCE_MS = 4000, SILENCE_MS = 10000;
+
+export interface Session {
+  readonly url: string;
+  /** SHA-256 of a self-signed certificate, hexadecimal; none for a certificate that the browser knows. */
+  readonly fingerprint?: string;
+}
+
+/** Receives a stream until it is complete; gives the words for how it ended. Throws where no session comes about. */
+export async function receiveDatagrams(session: Session, name: string, listener: Listener): Promise<string> {
+  if (typeof WebTransport === "undefined") throw new Error("this browser or page has no WebTransport");
+  const transport = await open(session), transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now());
+  const end = (error: unknown): void => void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
+  transport.closed.then(end, end);
+  const stream = await transport.createBidirectionalStream();
+  const onStream = stream.writable.getWriter(), datagrams = transport.datagrams.writable.getWriter(), request = transfer.request();
+  await onStream.write(Uint8Array.of(request.length & 255, request.length >> 8, ...request));
+  let heardAt = performance.now();
+  const frames = new FrameReader();
+  readAll(stream.readable, (chunk) => {
+    heardAt = performance.now();
+    for (const bytes of frames.feed(chunk)) transfer.receive(bytes, heardAt);
+  }).catch(end);
+  readAll(transport.datagrams.readable, (bytes) => {
+    heardAt = performance.now();
+    transfer.receive(bytes, heardAt);
+  }).catch(end);
+  const progress = new Progress(transfer, listener);
+  while (!transfer.finished) {
+    await new Promise((resolve) => setTimeout(resolve, FEEDBACK_MS));
+    const now = performance.now();
+    if (listener.stopped()) transfer.finished = "stopped";
+    else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
+    else if (transfer.welcome) datagrams.write(transfer.feedback(now)).catch(() => undefined);
+    progress.tell();
+  }
+  progress.tell();
+  if (transfer.welcome) for (let n = 0; n < 3; n++) await datagrams.write(transfer.bye()).catch(() => undefined);
+  transport.close();
+  if (!transfer.head && transfer.finished !== "stopped") throw new Error(transfer.finished);
+  return transfer.finished;
+}
+
+/** Tells what is new: the preview once, the head once, packets as they come. */
+class Progress {
+  #preview = false;
+  #head = false;
+
+  constructor(readonly transfer: Transfer, readonly listener: Listener) {}
+
+  tell(): void {
+    const { transfer, listener } = this;
+    if (transfer.welcome && !this.#preview) {
+      this.#preview = true;
+      if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
+    }
+    if (transfer.head && !this.#head) {
+      this.#head = true;
+      listener.head(transfer.head);
+    }
+    if (transfer.head && transfer.fresh.length) listener.packets(transfer.fresh.splice(0));
+    listener.counts({
+      way: "WebTransport datagrams",
+      bytes: transfer.counts.bytes,
+      packets: transfer.counts.packets,
+      expected: transfer.welcome?.packets ?? 0,
+      lost: transfer.datagramsLost,
+      rejected: transfer.counts.rejected,
+      seconds: (performance.now() - transfer.began) / 1000,
+    });
+  }
+}
+
+async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8Array) => void): Promise<void> {
+  const reader = readable.getReader();
+  for (;;) {
+    const { value, done } = await reader.read();
+    if (done) return;
+    take(value);
+  }
+}
+
+/**
+ * A session that is open. A first flight that loses its first datagram can make the server refuse the handshake, so it
+ * is tried again, each time after a longer pause; the last refusal is the error.
+ */
+async function open({ url, fingerprint }: Session): Promise<WebTransport> {
+  const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" };
+  if (fingerprint) {
+    const value = Uint8Array.from(fingerprint.match(/../g) ?? [], (digits) => parseInt(digits, 16));
+    options.serverCertificateHashes = [{ algorithm: "sha-256", value }];
+  }
+  const until = performance.now() + PATIENCE_MS;
+  for (let attempt = 1; ; attempt++) {
+    const transport = new WebTransport(url, options);
+    transport.closed.catch(() => undefined);
+    const late = new Promise<never>((_, refuse) => setTimeout(() => refuse(new Error("no answer")), Math.max(until - performance.now(), 0)));
+    try {
+      await Promise.race([transport.ready, late]);
+      return transport;
+    } catch (error) {
+      transport.close();
+      if (attempt === HANDSHAKES || performance.now() >= until) throw error;
+    }
+    await new Promise((resolve) => setTimeout(resolve, HANDSHAKE_PAUSE_MS * attempt));
+  }
+}

@@ -1,0 +1,125 @@
+// The worker: receives, decodes and conceals, so that the page never waits for it.
+
+import { readPreview } from "./codec/preview.ts";
+import { buffersOf } from "./codec/splats.ts";
+import type { Head } from "./packets/container.ts";
+import type { Counts, Listener } from "./transport/events.ts";
+import type { FromWorker, ToWorker } from "./transport/messages.ts";
+import { Received } from "./transport/received.ts";
+import { receiveBytes, receiveFile } from "./transport/reliable.ts";
+import { receiveDatagrams } from "./transport/webtransport.ts";
+
+const SHOW_MS = 100, SLICE_MS = 8;
+
+const say = (message: FromWorker, hand: ArrayBuffer[] = []): void => self.postMessage(message, { transfer: hand });
+
+class Reception implements Listener {
+  #received: Received | null = null;
+  #shownPackets = 0;
+  #shownAt = 0;
+  #decoded = 0;
+  #ask = 0;
+
+  /** One that is no preview is nothing to fail for. */
+  preview(bytes: Uint8Array): void {
+    try {
+      const { splats, background } = readPreview(bytes);
+      say({ kind: "preview", splats, background }, buffersOf(splats));
+    } catch (error) {
+      say({ kind: "note", text: (error as Error).message });
+    }
+  }
+
+  head(head: Head): void {
+    this.#received = new Received(head);
+    const { decoder } = this.#received, { manifest } = head, section = decoder.info.sections.get("preview");
+    if (section) this.preview(section);
+    const facts = {
+      gaussians: manifest.count,
+      packets: manifest.numPackets,
+      degree: decoder.info.degree,
+      sizeLog: decoder.info.sizeLog,
+      background: decoder.background,
+      sideInfoBytes: manifest.sideInfoBytes,
+    };
+    say({ kind: "facts", facts });
+  }
+
+  packets(packets: Uint8Array[]): void {
+    for (const bytes of packets) {
+      this.#decoded += this.#received!.take(bytes);
+      if (performance.now() - this.#shownAt > SHOW_MS) this.show();
+    }
+  }
+
+  counts(counts: Counts): void {
+    if (performance.now() - this.#shownAt > SHOW_MS) this.show();
+    say({ kind: "counts", counts, decoded: this.#decoded, corrupt: this.#received?.decoder.intake.counts.corrupt ?? 0 });
+  }
+
+  stopped(): boolean {
+    return false;
+  }
+
+  /** Hands over what was decoded since the last time. */
+  show(): void {
+    this.#shownAt = performance.now();
+    if (!this.#received || this.#received.numPackets === this.#shownPackets) return;
+    const splats = this.#received.since(this.#shownPackets);
+    this.#shownPackets = this.#received.numPackets;
+    say({ kind: "splats", splats }, buffersOf(splats));
+  }
+
+  async conceal({ concealer, dropped, seed, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
+    if (!this.#received) return;
+    this.#ask = ask;
+    this.show();
+    let since = performance.now();
+    const found = await this.#received.gains(concealer, dropped, seed, async () => {
+      if (performance.now() - since > SLICE_MS) {
+        await new Promise((resolve) => setTimeout(resolve));
+        since = performance.now();
+      }
+      return this.#ask === ask;
+    });
+    if (found) say({ kind: "gains", ...found, ask }, [found.gains.buffer as ArrayBuffer]);
+  }
+
+  digest(): void {
+    const decoder = this.#received?.decoder;
+    say({ kind: "digest", found: decoder?.digest() ?? "", expected: decoder?.head.manifest.symbolsDigest ?? "" });
+  }
+
+  get begun(): boolean {
+    return this.#received !== null;
+  }
+}
+
+const reception = new Reception();
+
+async function open({ session, name, file, bytes }: ToWorker & { kind: "open" }): Promise<string> {
+  if (bytes) return receiveBytes(bytes, reception);
+  if (!session) return receiveFile(file, reception);
+  try {
+    return await receiveDatagrams(session, name, reception);
+  } catch (error) {
+    if (reception.begun) throw error;
+    say({ kind: "note", text: `No datagrams (${(error as Error).message}): the stream comes by HTTP instead.` });
+    return receiveFile(file, reception);
+  }
+}
+
+self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
+  if (data.kind === "conceal") return void reception.conceal(data);
+  if (data.kind === "digest") return reception.digest();
+  open(data).then(
+    (text) => {
+      reception.show();
+      say({ kind: "finished", text, complete: text === "complete" });
+    },
+    (error: unknown) => {
+      reception.show();
+      say({ kind: "failed", text: (error as Error).message });
+    },
+  );
+});
