@@ -159,7 +159,7 @@ def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.
         (("serve", str(paper), "--port", "70000"), "a port is a number"),
         (("serve", str(paper), "--protect", "tier9=1"), "is not parity for a tier"),
         (("serve", str(paper), "--protect", "tier0=1", "tier0=1"), "is not parity for a tier"),
-        (("serve", str(paper), "--page", "0"), "are for --quic"),
+        (("serve", str(paper), "--origins", "https://x.org"), "are for --quic"),
         (("serve", str(paper), "--idle", "0"), "--idle is from"),
         (("receive", url, "-o", str(tmp_path / "a.swz"), "--insecure"), "are for quic://"),
         (("serve", str(paper), "--clients-per-address", "0"), "at least 1"),
@@ -195,7 +195,7 @@ def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: p
 
     from splatwire.transport.certificate import self_signed
 
-    with serving(str(stream_file), "--quic", "--page", "0") as facts:
+    with serving(str(stream_file), "--page", "0") as facts:
         url, target = f"quic://127.0.0.1:{facts['port']}/tiny", str(tmp_path / "got.swz")
         capture = tmp_path / "transfer.pcap"
         words = ("--fingerprint", facts["fingerprint"], "--pcap", str(capture), "--json")
@@ -205,9 +205,11 @@ def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: p
         assert capture.stat().st_size > stream_file.stat().st_size
         assert call("receive", url, "-o", target) == 2
         assert "self-signed certificate. --fingerprint takes what the server told" in capsys.readouterr().err
-        with urlopen(facts["page"].split("#")[0], timeout=10) as page:
+        with urlopen(facts["page"], timeout=10) as page:
             content = page.read()
-        assert b"splatwire receiver" in content
+        assert b'<splat-wire src="/streams/tiny.swz"' in content
+        with urlopen(facts["page"] + "streams/tiny.swz", timeout=10) as file:
+            assert sorted(file.read()) == sorted(stream_file.read_bytes()), "the same packets in another order"
         assert b'rel="icon" href="data:,"' in content, "else browsers ask for /favicon.ico, which is not there"
     identity = self_signed()
     certificate, key = tmp_path / "server.pem", tmp_path / "key.pem"

@@ -13,8 +13,9 @@ from collections.abc import Iterator
 from typing import Any
 
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
+    "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
+    "--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=800,600",
 )  # fmt: skip
 
 LAUNCH = """
@@ -45,6 +46,14 @@ class Browser:
         found = self._call("Runtime.evaluate", self._session, expression=expression, returnByValue=True)
         return found["result"].get("value")
 
+    def resolve(self, expression: str) -> Any:
+        """What a promise comes to."""
+        found = self._call(
+            "Runtime.evaluate", self._session, expression=expression, returnByValue=True, awaitPromise=True
+        )
+        assert "exceptionDetails" not in found, found["exceptionDetails"]
+        return found["result"].get("value")
+
     def wait_for(self, expression: str, seconds: float = 30.0) -> Any:
         """Polls until it is neither undefined nor null nor false."""
         end = time.monotonic() + seconds
@@ -73,7 +82,7 @@ class Browser:
 
     def _message(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
-            if not select.select([self._in], [], [], 30.0)[0]:
+            if not select.select([self._in], [], [], 60.0)[0]:
                 raise TimeoutError("the browser says nothing")
             chunk = os.read(self._in, 1 << 16)
             if not chunk:

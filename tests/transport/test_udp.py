@@ -12,6 +12,7 @@ from splatwire.packets import SceneStream
 from splatwire.transport import Event, PacketArrived, Protection, Receiver, ReceiverOptions, ServerLimits, make_program
 from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import PageContent
 from splatwire.transport.udp import UdpServer, receive_udp
 from transport.network import OopsError, bernoulli, bursts, datagram_stream, oops
 from transport.relay import Relay
@@ -137,9 +138,9 @@ def test_a_port_in_use_is_named():
                 UdpServer({}, "no-such-host.invalid", 1)
         finally:
             server.close()
-        async with PageServer() as page:
+        async with PageServer(PageContent({})) as page:
             with pytest.raises(InvalidValueError, match=f"TCP port {page.port} of 127.0.0.1: .*in use"):
-                await PageServer(page.port).__aenter__()
+                await PageServer(PageContent({}), page.port).__aenter__()
 
     run(work())
 

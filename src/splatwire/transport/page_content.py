@@ -65,10 +65,14 @@ class PageContent:
             return _response("400 Bad Request")
         if words[0] not in ("GET", "HEAD"):
             return _response("405 Method Not Allowed")
-        headers = {name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines[1:])}
+        headers = {
+            name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines[1:])
+        }
         called = _hostname(headers.get("host", ""))
         if not self._is_ours(called):
-            return _response("403 Forbidden", body=b"open this page by the IP address of its server, or start it with --host NAME\n")
+            return _response(
+                "403 Forbidden", body=b"open this page by the IP address of its server, or start it with --host NAME\n"
+            )
         target, _, query = words[1].partition("?")
         found = self._find(target, query, called, headers.get("origin"))
         return _response(*found, bodiless=words[0] == "HEAD") if found else _response("404 Not Found")
@@ -151,7 +155,12 @@ def _hostname(asked: str) -> str:
 
 
 def _response(
-    status: str, kind: str = "text/plain; charset=utf-8", body: bytes = b"", headers: str = "", *, bodiless: bool = False
+    status: str,
+    kind: str = "text/plain; charset=utf-8",
+    body: bytes = b"",
+    headers: str = "",
+    *,
+    bodiless: bool = False,
 ) -> bytes:
     body = body or f"{status}\n".encode()
     head = (

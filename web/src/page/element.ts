@@ -49,6 +49,7 @@ export class SplatWire extends HTMLElement {
     this.#panel = new Panel(() => this.#settingsChanged(), () => this.#flip(), { "copy link": () => this.#link(), "copy embed code": () => this.#embed() });
     root.append(canvas, this.#over, this.#panel.element);
     if (this.getAttribute("panel") === "none") this.#panel.element.hidden = true;
+    this.#panel.element.open = this.clientWidth > 560;
     this.#readAddress();
     this.#draw(canvas);
     this.#open().catch((error: unknown) => this.#fail((error as Error).message));
@@ -227,10 +228,8 @@ export class SplatWire extends HTMLElement {
   }
 
   #flip(): void {
-    const { orbit } = this.#view ?? {};
-    if (!orbit) return;
-    orbit.up = orbit.up > 0 ? -1 : 1;
-    orbit.moved();
+    this.#view?.orbit.flip();
+    this.#moved();
   }
 
   #key(event: KeyboardEvent): void {

@@ -16,10 +16,12 @@ export class Orbit {
   pitch = -0.25;
   /** 1: y points up; -1: y points down, as cameras of 3DGS have it. */
   up: 1 | -1 = 1;
+  /** Whether somebody moved it. */
+  touched = false;
   readonly #pointers = new Map<number, { x: number; y: number }>();
 
-  /** `moved` is called after every change. */
-  constructor(readonly canvas: HTMLElement, readonly moved: () => void) {
+  /** `changed` is called after every change by hand. */
+  constructor(readonly canvas: HTMLElement, readonly changed: () => void) {
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
@@ -44,6 +46,12 @@ export class Orbit {
     this.distance *= factor;
   }
 
+  /** Turns the scene upside down. */
+  flip(): void {
+    this.up = this.up > 0 ? -1 : 1;
+    this.changed();
+  }
+
   pose(): Pose {
     const rotation = new Quat().setFromEulerAngles((this.pitch * 180) / Math.PI, (this.yaw * 180) / Math.PI, 0);
     if (this.up < 0) rotation.mul2(new Quat().setFromEulerAngles(0, 0, 180), rotation);
@@ -61,6 +69,11 @@ export class Orbit {
     else if (key === "-") this.#zoom(1 / KEY_ZOOM);
     else return false;
     return true;
+  }
+
+  #moved(): void {
+    this.touched = true;
+    this.changed();
   }
 
   #down(event: PointerEvent): void {
@@ -84,17 +97,17 @@ export class Orbit {
   #turn(yaw: number, pitch: number): void {
     this.yaw += yaw * this.up;
     this.pitch = Math.min(Math.max(this.pitch + pitch, -STEEPEST), STEEPEST);
-    this.moved();
+    this.#moved();
   }
 
   #zoom(factor: number): void {
     this.distance = Math.min(Math.max(this.distance * factor, 1e-3), 1e4);
-    this.moved();
+    this.#moved();
   }
 
   #pan(dx: number, dy: number): void {
     const { rotation } = this.pose(), step = (this.distance * 1.2) / Math.max(this.canvas.clientHeight, 1);
     this.target.add(rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3()));
-    this.moved();
+    this.#moved();
   }
 }

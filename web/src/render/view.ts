@@ -10,7 +10,7 @@ import { Gaussians } from "./container.ts";
 import { Orbit } from "./orbit.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 
-const FIRST_ROOM = 4096, FIELD_OF_VIEW = 50;
+const FIRST_ROOM = 4096, SAMPLES = 4000, FIELD_OF_VIEW = 50;
 /** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
 const SORT_MS = 5000;
 
@@ -33,7 +33,8 @@ export class View {
   #fixed: FixedCamera | null = null;
   #frame: (() => void)[] = [];
   #sorted: (() => void)[] = [];
-  #framed = false;
+  /** How many Gaussians there were when the camera was pointed at them. */
+  #framed = 0;
   #isSorted = false;
 
   constructor(readonly canvas: HTMLCanvasElement) {
@@ -92,6 +93,7 @@ export class View {
   begin(size: number): void {
     this.orbit.rescale(this.#size / size);
     this.#all = [];
+    this.#framed = 0;
     this.#gains = null;
     this.#size = size;
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
@@ -104,7 +106,7 @@ export class View {
     const count = this.#all.reduce((sum, part) => sum + part.count, 0);
     if (!this.#gaussians || this.#gaussians.capacity < count) this.#enlarge(count, splats.degree);
     else this.#gaussians.add(splats, this.#size);
-    if (!this.#framed && count >= 100) this.#lookAt();
+    if (!this.orbit.touched && count >= 1.5 * this.#framed) this.#lookAt(count);
     this.#changed();
   }
 
@@ -153,12 +155,15 @@ export class View {
     this.#gaussians = larger;
   }
 
-  /** Frames what is there: the middle, and nine tenths of the Gaussians around it. */
-  #lookAt(): void {
-    const means = this.#all.map((part) => part.means), middle = [0, 1, 2].map((a) => quantile(means.flatMap((m) => column(m, a)), 0.5) / this.#size);
-    const distances = means.flatMap((m) => column(m, 0).map((x, i) => Math.hypot(x / this.#size - middle[0], m[3 * i + 1] / this.#size - middle[1], m[3 * i + 2] / this.#size - middle[2])));
-    this.orbit.frame(middle, quantile(distances, 0.9));
-    this.#framed = true;
+  /** Frames what is there: the middle, and nine tenths of the Gaussians around it, of which some thousand are looked at. */
+  #lookAt(count: number): void {
+    const step = Math.max(Math.floor(count / SAMPLES), 1), points: number[][] = [];
+    for (const { means } of this.#all) {
+      for (let i = 0; i < means.length; i += 3 * step) points.push([means[i] / this.#size, means[i + 1] / this.#size, means[i + 2] / this.#size]);
+    }
+    const middle = [0, 1, 2].map((a) => quantile(points.map((point) => point[a]), 0.5));
+    this.orbit.frame(middle, quantile(points.map((point) => Math.hypot(point[0] - middle[0], point[1] - middle[1], point[2] - middle[2])), 0.9));
+    this.#framed = count;
   }
 
   #beforeFrame(): void {
@@ -176,8 +181,6 @@ export class View {
     for (const resolve of this.#sorted.splice(0)) resolve();
   }
 }
-
-const column = (means: Float32Array, axis: number): number[] => Array.from({ length: means.length / 3 }, (_, i) => means[3 * i + axis]);
 
 function quantile(values: number[], share: number): number {
   return values.sort((a, b) => a - b)[Math.floor((values.length - 1) * share)];

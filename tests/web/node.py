@@ -1,0 +1,78 @@
+"""The workshop of the page: node, its packages, and answers of Python that its tests compare with."""
+
+import functools
+import hashlib
+import json
+import random
+import shutil
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.codec.preview import preview_gaussians
+from splatwire.codec.schemas.gaussians.decoder import decode_splats
+from splatwire.codec.schemas.gaussians.tables import neighbour_weights, thinness_table
+from splatwire.entropy.tables import half_width_table, inverse_scale_table, normal_table
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.packets import SceneStream
+from splatwire.packets.splitmix64 import splitmix64_reference
+from splatwire.packets.stream import write_stream
+from splatwire.transport.frames import Request, TierHead, Welcome
+from splatwire.transport.wire import encode
+
+WEB = Path(__file__).parents[2] / "web"
+
+
+@functools.cache
+def lacking() -> str:
+    """Why nothing can be built here; empty if it can."""
+    if shutil.which("node") is None or shutil.which("npm") is None:
+        return "node is not installed"
+    if (WEB / "node_modules").is_dir():
+        return ""
+    done = subprocess.run(
+        ["npm", "ci", "--no-audit", "--no-fund"], cwd=WEB, capture_output=True, text=True, timeout=300
+    )
+    return "" if done.returncode == 0 else f"npm cannot install the packages of web/: {done.stderr.strip()[-200:]}"
+
+
+def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
+    """What the tests in node compare with, as JSON."""
+    tables = {
+        "normal": normal_table(), "inverse": inverse_scale_table(), "widths": half_width_table(),
+        "weights": neighbour_weights(), "thinness": thinness_table(),
+    }  # fmt: skip
+    rng = random.Random(1)
+    lanes = []
+    for _ in range(50):
+        seed, rank, count = rng.getrandbits(64), rng.randrange(1 << 28), rng.randrange(1, 257)
+        lanes.append((str(seed), rank, count, splitmix64_reference(rank ^ seed) % count))
+    shown, _ = preview_gaussians(preview)
+    numbers = [*shown.means.ravel(), *shown.scales.ravel(), *shown.opacities, *shown.colors.ravel()]
+    return json.dumps({
+        "tables": {name: hashlib.sha256(",".join(map(str, t.tolist())).encode()).hexdigest() for name, t in tables.items()},
+        "lanes": lanes,
+        "request": encode(Request(7, bytes(16), "scène")).hex(),
+        "welcome": encode(Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (TierHead(1, 0, 0),) * 3, b"preview")).hex(),
+        "splats": {str(path): first_packet(stream) for path, stream in streams},
+        "preview": {"bytes": preview.hex(), "numbers": [float(n) for n in numbers]},
+    })  # fmt: skip
+
+
+def first_packet(stream: SceneStream) -> list[list[float]]:
+    """The Gaussians of a stream's first packet as rows: place, quaternion, scales, opacity, colour."""
+    splats, known, _ = decode_splats(stream.with_packets(stream.packets[:1]))
+    colours = 0.5 + DC * splats.sh[:, 0]
+    columns = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], colours)
+    plan, packet = stream.manifest.plan, stream.packets[0]
+    places = plan.members(packet.id, packet.num_anchors)
+    assert known[places].all()
+    return np.concatenate([column.numpy()[places] for column in columns], axis=1).astype(np.float64).tolist()
+
+
+def write(stream: SceneStream, path: Path) -> tuple[Path, SceneStream]:
+    """Writes a stream that the tests read."""
+    write_stream(stream, path)
+    return path, stream

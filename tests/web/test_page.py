@@ -1,0 +1,212 @@
+"""The page: what its server answers, and the receiver in a real browser, driven over the DevTools protocol."""
+
+import asyncio
+import base64
+import io
+import json
+import random
+from contextlib import AsyncExitStack
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from scenes import tiny_cameras, tiny_scene
+from splatwire.codec import encode_scene
+from splatwire.codec.schemas.gaussians.decoder import decode_splats
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.packets import PRESETS, Packetization, SceneStream, stream_from_bytes
+from splatwire.render import render_scene
+from splatwire.scene.splats import Splats
+from splatwire.transport import Program, make_program
+from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import Link, PageContent, program_file
+from transport.chromium import Browser, browser, executable
+from transport.network import bernoulli
+from transport.relay import Relay
+
+pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from splatwire.transport.certificate import self_signed
+from splatwire.transport.quic import WEBTRANSPORT_PATH
+from splatwire.transport.quic_server import QuicServer
+
+ELEMENT = "document.querySelector('splat-wire')"
+STATUS = f"{ELEMENT}?.status"
+SMALL = Packetization(block_size=600, lanes=1, grouping="hashed", packet_bytes=700)
+
+
+def ball(count: int = 1500, degree: int = 2) -> Splats:
+    rng = torch.Generator().manual_seed(4)
+    directions = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
+    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng) * 0.1
+    sh[:, 0] += directions
+    return Splats(
+        directions, torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1),
+        torch.exp(torch.randn(count, 3, generator=rng) * 0.4 - 3), torch.rand(count, generator=rng) * 0.9 + 0.05, sh,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    return encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0))
+
+
+@pytest.fixture(scope="module")
+def programs(stream: SceneStream) -> dict[str, Program]:
+    anchors = encode_scene(tiny_scene(seed=2, num_anchors=200), PRESETS["datagram"])
+    return {"ball": make_program(stream), "anchors": make_program(anchors)}
+
+
+def run(work: Any) -> None:
+    asyncio.run(asyncio.wait_for(work, 240))
+
+
+def status(page: Browser, key: str) -> Any:
+    return page.evaluate(f"{STATUS}.{key}")
+
+
+def opened(page: Browser, url: str) -> str:
+    """Opens an address; how the stream ended, or why it failed."""
+    page.open("about:blank")
+    page.open(url)
+    return str(page.wait_for(f"{STATUS} && ({STATUS}.finished || {STATUS}.failed)", 60))
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_a_browser_receives_decodes_and_draws(stream: SceneStream, programs: dict[str, Program]) -> None:
+    """Over a path that loses 20 %; by HTTP where no session comes about; and what it says of what it cannot draw."""
+    identity = self_signed()
+
+    async def work() -> None:
+        async with AsyncExitStack() as stack:
+            server = QuicServer(programs, "127.0.0.1", 0, identity=identity)
+            stack.callback(server.close)
+            await server.start()
+            rng = random.Random(5)
+            relay = Relay(server.port, bernoulli(0.2, rng), bernoulli(0.2, rng), delay_s=0.003)
+            stack.callback(relay.close)
+            lossy, broken = [
+                await stack.enter_async_context(
+                    PageServer(PageContent(programs, Link(relay.port, WEBTRANSPORT_PATH, digits)))
+                )
+                for digits in (identity.fingerprint, "0" * 64)
+            ]
+
+            def drive() -> None:
+                with browser() as page:
+                    assert opened(page, lossy.url) == "complete"
+                    check_stream(page, stream, "WebTransport datagrams")
+                    check_pictures(page, stream)
+                    check_settings(page)
+                    assert opened(page, broken.url) == "complete"
+                    check_stream(page, stream, "HTTP, in order and without loss")
+                    assert "this page cannot draw" in opened(page, f"{lossy.url}?stream=anchors")
+                    assert "no such stream" in opened(page, f"{lossy.url}?stream=none") or "404" in status(
+                        page, "failed"
+                    )
+
+            await asyncio.to_thread(drive)
+            assert relay.num_lost > 10
+            assert server.num_malformed == 0
+
+    run(work())
+
+
+def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
+    """Every integer in the browser is Python's."""
+    assert status(page, "packets") == len(stream.packets)
+    assert status(page, "way") == way
+    assert page.resolve(f"{ELEMENT}.verify()") is True
+    page.wait_for(f"{STATUS}.gaussians === {stream.manifest.num_anchors}")
+
+
+def check_pictures(page: Browser, stream: SceneStream) -> None:
+    """What the page draws is what the renderer draws, from the same cameras."""
+    splats, _, _ = decode_splats(stream)
+    cameras = tiny_cameras(2, 240, 180)
+    page.evaluate(
+        f"{ELEMENT}.style.cssText = 'position: fixed; inset: auto; left: 0; top: 0; width: 240px; height: 180px'"
+    )
+    for view, expected in enumerate(render_scene(splats, cameras, background=torch.tensor([0.2, 0.5, 0.8]))):
+        camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": 180}
+        picture = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
+        found = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0
+        error = ((found - expected.numpy()) ** 2).mean()
+        assert -10 * np.log10(error) > 40, f"view {view}: {-10 * np.log10(error):.1f} dB"
+    page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.removeAttribute('style')")
+
+
+def check_settings(page: Browser) -> None:
+    """Packets that are dropped on purpose cost picture, which the panel tells."""
+    panel = f"{ELEMENT}.shadowRoot.querySelector('.panel')"
+    page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'difference', concealer: 'drop'}})")
+    page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({panel}.innerText)")
+    assert page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.over').classList.contains('shown')")
+    assert not page.evaluate(f"/dropped on purpose\\s+0 packets/.test({panel}.innerText)")
+    picture = Image.open(io.BytesIO(base64.b64decode(page.screenshot())))
+    assert np.asarray(picture.convert("L")).std() > 5, "an empty page"
+
+
+def test_the_page_server_gives_its_files_and_the_streams_and_nothing_else(
+    programs: dict[str, Program], stream: SceneStream
+) -> None:
+    content = PageContent(programs, Link(4840, "/splatwire", "ab" * 32), host="scenes.local")
+    for request, code in (
+        ("GET / HTTP/1.1\r\nHost: 127.0.0.1:80", b"200"),
+        ("GET /?stream=other HTTP/1.1\r\nHost: localhost", b"200"),
+        ("GET / HTTP/1.1\r\nhost: scenes.local:80", b"200"),
+        ("GET / HTTP/1.1\r\nHost: [::1]:80", b"200"),
+        ("HEAD /splatwire.js HTTP/1.0\r\nHost: 10.0.0.1", b"200"),
+        ("GET /page.css?x HTTP/1.1\r\nHost: 10.0.0.1", b"200"),
+        ("GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1", b"200"),
+        ("GET /streams/none.swz HTTP/1.1\r\nHost: 10.0.0.1", b"404"),
+        ("GET /../page.py HTTP/1.1\r\nHost: 10.0.0.1", b"404"),
+        ("GET //etc/passwd HTTP/1.1\r\nHost: 10.0.0.1", b"404"),
+        ("POST / HTTP/1.1\r\nHost: 10.0.0.1", b"405"),
+        ("GET / HTTP/1.1\r\nHost: rebound.example", b"403"),
+        ("GET / HTTP/1.1\r\n", b"403"),
+        ("\xff\xfe", b"400"),
+        ("GET / HTTP/2\r\nHost: 10.0.0.1", b"400"),
+    ):
+        assert content.answer(request.encode("latin-1")).startswith(b"HTTP/1.1 " + code), request
+    file = content.answer(b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2]
+    assert file == program_file(programs["ball"])
+    assert stream_from_bytes(file)[0] == stream
+    page = content.answer(b"GET /?stream=%22%3E%3Cscript%3E HTTP/1.1\r\nHost: 10.0.0.1:80").decode()
+    assert "<script>" not in page
+    assert "connect-src 'self' https://10.0.0.1:4840;" in page
+    told = json.loads(content.answer(b"GET /streams.json HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2])
+    assert told["streams"] == ["/streams/ball.swz", "/streams/anchors.swz"]
+    assert told["port"] == 4840
+
+
+def test_other_sites_may_use_streams_as_far_as_origins_say(programs: dict[str, Program]) -> None:
+    request = b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1\r\nOrigin: https://a.org"
+    allowed = [
+        PageContent(programs, origins=origins).answer(request)
+        for origins in (None, ("https://a.org",), ("https://b.org",))
+    ]
+    heads = [answer.partition(b"\r\n\r\n")[0] for answer in allowed]
+    assert [b"Access-Control-Allow-Origin: *" in heads[0], b"Allow-Origin: https://a.org" in heads[1], b"Allow-Origin" in heads[2]] == [
+        True, True, False,
+    ]  # fmt: skip
+
+
+def test_noise_is_no_request(programs: dict[str, Program]) -> None:
+    async def work() -> None:
+        async with PageServer(PageContent(programs)) as page:
+            reader, writer = await asyncio.open_connection("127.0.0.1", page.port)
+            writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+            assert b"<splat-wire" in await reader.read()
+            writer.close()
+            for noise in (b"x" * 20_000, b""):
+                reader, writer = await asyncio.open_connection("127.0.0.1", page.port)
+                writer.write(noise)
+                writer.write_eof()
+                assert await reader.read() == b""
+                writer.close()
+
+    run(work())

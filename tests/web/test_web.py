@@ -1,0 +1,100 @@
+"""The page's own code: its tests run in node, and the bundle in the package is what its sources give."""
+
+import os
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import splatwire
+from splatwire.codec.preview import Preview, PreviewFrame, write_preview
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.packets import Packetization, SceneStream
+from splatwire.scene.splats import Splats
+from web.node import WEB, answers, lacking, write
+
+BUNDLE = Path(splatwire.__file__).parent / "transport" / "web" / "splatwire.js"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def workshop() -> None:
+    if reason := lacking():
+        pytest.skip(reason)
+
+
+def some_splats(count: int, degree: int, seed: int) -> Splats:
+    rng = torch.Generator().manual_seed(seed)
+    directions = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
+    sh = torch.randn(count, (degree + 1) ** 2, 3, generator=rng) * 0.15
+    sh[:, 0] += directions
+    return Splats(
+        40 * directions * (1 + 0.05 * torch.randn(count, 1, generator=rng)),
+        torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1),
+        torch.exp(torch.randn(count, 3, generator=rng) - 1),
+        torch.rand(count, generator=rng) * 0.98 + 0.01,
+        sh,
+    )
+
+
+def streams() -> dict[str, SceneStream]:
+    """One of each grouping, degree of harmonics and kind of arrangement."""
+    datagram = Packetization(block_size=700, lanes=1, grouping="hashed", packet_bytes=600)
+    fixed = Packetization(block_size=300, lanes=5, seed=(1 << 64) - 3)
+    made = {
+        "datagram0": encode_splats(some_splats(1500, 0, 1), datagram, quality=Quality(9.0)),
+        "datagram3": encode_splats(some_splats(900, 3, 2), datagram, quality=Quality(7.0)),
+        "fixed1": encode_splats(some_splats(700, 1, 3), fixed, quality=Quality(12.0)),
+        "contiguous2": encode_splats(
+            some_splats(400, 2, 4), replace(fixed, grouping="contiguous"), quality=Quality(8.0)
+        ),
+    }
+    tiers = (np.arange(1000) % 7 != 0).astype(np.int64)
+    made["tiers0"] = encode_splats(some_splats(1000, 0, 5), datagram, tiers=tiers, quality=Quality(9.0))
+    return made
+
+
+def preview() -> bytes:
+    frame = PreviewFrame.fitting((1.0, -2.0, 3.0), 0.7, (-1.0, -1.5, -2.0, -5.0), (1.0, 1.5, 2.0, 1.0))
+    rng = np.random.default_rng(0)
+    levels = np.stack([rng.integers(0, 1 << bits, 20) for bits in (8, 8, 8, 5, 5, 5, 5, 5, 5, 4)], axis=1)
+    return write_preview(Preview(frame, (10, 200, 30), levels.astype(np.int64)))
+
+
+def test_the_tests_in_node_pass(tmp_path: Path) -> None:
+    """Every integer, table and Gaussian of several streams against Python's, and what needs no Python."""
+    files = [write(stream, tmp_path / f"{name}.swz") for name, stream in streams().items()]
+    (tmp_path / "expected.json").write_text(answers(files, preview()))
+    told = {
+        "STREAMS": ":".join(str(path) for path, _ in files),
+        "EXPECTED": str(tmp_path / "expected.json"),
+        "CASES": "150",
+    }
+    done = subprocess.run(
+        ["npm", "--silent", "test"], cwd=WEB, env=os.environ | told, capture_output=True, text=True, timeout=240
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "ℹ fail 0" in done.stdout, done.stdout
+    assert "ℹ skipped 0" in done.stdout, done.stdout
+
+
+def test_types_are_right() -> None:
+    done = subprocess.run(["npm", "--silent", "run", "check"], cwd=WEB, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_bundle_in_the_package_is_what_its_sources_give(tmp_path: Path) -> None:
+    done = subprocess.run(
+        ["node", "scripts/build.mjs", str(tmp_path / "bundle.js")], cwd=WEB, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "bundle.js").read_bytes() == BUNDLE.read_bytes(), "run: npm run build, in web/"
+
+
+def test_the_bundle_is_not_too_large() -> None:
+    import gzip
+
+    assert len(gzip.compress(BUNDLE.read_bytes(), 9)) < 1_000_000

@@ -1,0 +1,72 @@
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { test } from "node:test";
+
+import { sha256 } from "@noble/hashes/sha2.js";
+
+import { hex } from "../src/bytes.ts";
+import { StreamDecoder } from "../src/codec/decoder.ts";
+import { exactThinness, NEIGHBOUR_WEIGHTS, THINNESS } from "../src/codec/gaussians/tables.ts";
+import { readPreview } from "../src/codec/preview.ts";
+import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../src/entropy/tables.ts";
+import { splitmixModulo } from "../src/packets/splitmix64.ts";
+import { readStream, STREAMS } from "./vectors.ts";
+
+/** Answers of Python, where it wrote some. */
+const expected = process.env["EXPECTED"] ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as Expected) : null;
+
+interface Expected {
+  tables: Record<string, string>;
+  lanes: [string, number, number, number][];
+  splats: Record<string, number[][]>;
+  preview: { bytes: string; numbers: number[] };
+}
+
+for (const path of STREAMS) {
+  test(`every integer of ${path.split("/").pop()} is Python's`, () => {
+    const { head, packets } = readStream(path), decoder = new StreamDecoder(head);
+    for (const bytes of packets) assert.ok(decoder.take(bytes));
+    assert.ok(decoder.intake.complete);
+    assert.equal(decoder.digest(), head.manifest.symbolsDigest);
+  });
+}
+
+test("no entry of the table of thinness is near to where doubles could round it otherwise", () => {
+  for (let t = 1; t < THINNESS.length; t++) {
+    const exact = exactThinness(t), nearest = Math.abs(exact - Math.round(exact));
+    assert.ok(nearest > 1e-6, `${t}: ${exact}`);
+  }
+});
+
+test("tables are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+  const digest = (values: Int32Array): string => hex(sha256(new TextEncoder().encode(values.join(","))));
+  const tables = { normal: NORMAL, inverse: INVERSE_SCALES, widths: HALF_WIDTHS, weights: NEIGHBOUR_WEIGHTS, thinness: THINNESS };
+  for (const [name, values] of Object.entries(tables)) assert.equal(digest(values), expected!.tables[name], name);
+});
+
+test("lanes are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+  for (const [seed, rank, lanes, lane] of expected!.lanes) {
+    const wide = BigInt(seed), low = Number(wide & 0xffffffffn), high = Number(wide >> 32n);
+    assert.equal(splitmixModulo((rank ^ low) >>> 0, high, lanes), lane);
+  }
+});
+
+test("Gaussians are Python's to six digits", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+  for (const path of STREAMS) {
+    const { head, packets } = readStream(path), decoder = new StreamDecoder(head), { splats } = decoder.take(packets[0])!;
+    const rows = expected!.splats[path];
+    rows.forEach((row, i) => {
+      const found = [
+        ...splats.means.subarray(3 * i, 3 * i + 3), ...splats.quats.subarray(4 * i, 4 * i + 4), ...splats.scales.subarray(3 * i, 3 * i + 3),
+        splats.opacities[i], ...splats.colours.subarray(3 * i, 3 * i + 3),
+      ];
+      found.forEach((value, n) => assert.ok(Math.abs(value - row[n]) <= 2e-6 * Math.max(Math.abs(row[n]), 1e-3) + (n < 7 ? 2e-6 : 0), `${i} ${n}: ${value} ${row[n]}`));
+    });
+  }
+});
+
+test("a preview is Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+  const { splats } = readPreview(Uint8Array.from(Buffer.from(expected!.preview.bytes, "hex")));
+  const found = [...splats.means, ...splats.scales, ...splats.opacities, ...splats.colours];
+  found.forEach((value, n) => assert.ok(Math.abs(value - expected!.preview.numbers[n]) <= 1e-5 * Math.max(Math.abs(value), 1)));
+});

@@ -1,0 +1,64 @@
+// Hostile bytes against the decoder, all with right checksums; run by hostile.test.ts and, at length, by fuzz.
+
+import assert from "node:assert/strict";
+
+import { BitstreamError } from "../src/bytes.ts";
+import { StreamDecoder } from "../src/codec/decoder.ts";
+import { readSideInfo } from "../src/codec/gaussians/side_info.ts";
+import { toSplats } from "../src/codec/gaussians/to_splats.ts";
+import { readPreview } from "../src/codec/preview.ts";
+import { crc32 } from "../src/packets/crc32.ts";
+import { ContainerReader, type Head } from "../src/packets/container.ts";
+import { Intake } from "../src/packets/plan.ts";
+import { random } from "./vectors.ts";
+
+type Random = () => number;
+
+const below = (next: Random, count: number): number => Math.floor(next() * count);
+
+/** Some bytes of a copy are changed, and it is cut or made longer now and then. */
+function spoiled(bytes: Uint8Array, next: Random, from = 0): Uint8Array {
+  const length = next() < 0.15 ? from + below(next, bytes.length - from + 1) : next() < 0.1 ? bytes.length + below(next, 40) : bytes.length;
+  const copy = new Uint8Array(length);
+  copy.set(bytes.subarray(0, length));
+  for (let n = 1 + below(next, 1 + 2 ** below(next, 7)); n > 0 && length > from; n--) copy[from + below(next, length - from)] = below(next, 256);
+  return copy;
+}
+
+/** A packet whose payload, and sometimes header, is something else; its checksum is right. */
+function hostilePacket(bytes: Uint8Array, next: Random): Uint8Array {
+  const packet = next() < 0.1 ? Uint8Array.from(bytes) : spoiled(bytes, next, 16), view = new DataView(packet.buffer);
+  if (next() < 0.3) view.setUint16(10, 1 + below(next, 65535), true);
+  if (next() < 0.2) packet[5 + below(next, 5)] = below(next, 256);
+  if (packet.length >= 16) view.setUint32(12, crc32(packet.subarray(16), crc32(packet.subarray(0, 12))), true);
+  return packet;
+}
+
+function decodePacket(decoder: StreamDecoder, bytes: Uint8Array): number {
+  const packet = new Intake(decoder.intake.plan).offer(bytes);
+  if (!packet) return 0;
+  const splats = toSplats(decoder.integers(packet), decoder.info, packet.block);
+  for (const values of [splats.means, splats.quats, splats.scales, splats.opacities, splats.colours, splats.harmonics]) {
+    assert.ok(values.every(Number.isFinite), "a number that is none");
+  }
+  assert.ok(splats.opacities.every((opacity) => opacity >= 0 && opacity <= 1) && splats.scales.every((scale) => scale >= 0));
+  return splats.count;
+}
+
+/** Runs that many cases; what may be thrown is a BitstreamError. How many packets decoded to something. */
+export function attack(head: Head, packets: Uint8Array[], cases: number, seed: number): number {
+  const next = random(seed), decoder = new StreamDecoder(head), preview = Uint8Array.from({ length: 62 }, () => below(next, 256));
+  let decoded = 0;
+  for (let n = 0; n < cases; n++) {
+    const kind = next();
+    try {
+      if (kind < 0.8) decoded += decodePacket(decoder, hostilePacket(packets[below(next, packets.length)], next)) ? 1 : 0;
+      else if (kind < 0.9) readSideInfo(spoiled(head.sideInfo, next), decoder.intake.plan.numBlocks);
+      else if (kind < 0.95) readPreview(spoiled(preview, next));
+      else new ContainerReader().feed(spoiled(packets[below(next, packets.length)], next));
+    } catch (error) {
+      assert.ok(error instanceof BitstreamError, `case ${n} of seed ${seed}: ${(error as Error).stack}`);
+    }
+  }
+  return decoded;
+}
