@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from typing import Any
 
 FLAGS = (
-    "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
+    "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--remote-debugging-pipe",
     "--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=800,600",
 )  # fmt: skip
 

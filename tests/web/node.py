@@ -51,11 +51,13 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
         lanes.append((str(seed), rank, count, splitmix64_reference(rank ^ seed) % count))
     shown, _ = preview_gaussians(preview)
     numbers = [*shown.means.ravel(), *shown.scales.ravel(), *shown.opacities, *shown.colors.ravel()]
+    digests = {name: hashlib.sha256(",".join(map(str, t.tolist())).encode()).hexdigest() for name, t in tables.items()}
+    welcome = Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (TierHead(1, 0, 0),) * 3, b"preview")
     return json.dumps({
-        "tables": {name: hashlib.sha256(",".join(map(str, t.tolist())).encode()).hexdigest() for name, t in tables.items()},
+        "tables": digests,
         "lanes": lanes,
         "request": encode(Request(7, bytes(16), "scène")).hex(),
-        "welcome": encode(Welcome(7, 2, 3, 400, bytes(32), 256, 12, 1150, 4, (TierHead(1, 0, 0),) * 3, b"preview")).hex(),
+        "welcome": encode(welcome).hex(),
         "splats": {str(path): first_packet(stream) for path, stream in streams},
         "preview": {"bytes": preview.hex(), "numbers": [float(n) for n in numbers]},
     })  # fmt: skip

@@ -6,6 +6,7 @@ import io
 import json
 import random
 from contextlib import AsyncExitStack
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,12 @@ from splatwire.codec import encode_scene
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.packets import PRESETS, Packetization, SceneStream, stream_from_bytes
+from splatwire.errors import InvalidValueError
+from splatwire.packets import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.render import render_scene
 from splatwire.scene.splats import Splats
 from splatwire.transport import Program, make_program
+from splatwire.transport.pack import pack_stream
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import Link, PageContent, program_file
 from transport.chromium import Browser, browser, executable
@@ -76,9 +79,12 @@ def opened(page: Browser, url: str) -> str:
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_a_browser_receives_decodes_and_draws(stream: SceneStream, programs: dict[str, Program]) -> None:
-    """Over a path that loses 20 %; by HTTP where no session comes about; and what it says of what it cannot draw."""
-    identity = self_signed()
+def test_a_browser_receives_decodes_and_draws(
+    stream: SceneStream, programs: dict[str, Program], tmp_path: Path
+) -> None:
+    """Over a path that loses 20 %; out of a packed file; by HTTP where no session comes about; and what it says of what it cannot draw."""
+    identity, packed = self_signed(), tmp_path / "packed.html"
+    packed.write_bytes(pack_stream(stream, "a <ball>"))
 
     async def work() -> None:
         async with AsyncExitStack() as stack:
@@ -101,6 +107,8 @@ def test_a_browser_receives_decodes_and_draws(stream: SceneStream, programs: dic
                     check_stream(page, stream, "WebTransport datagrams")
                     check_pictures(page, stream)
                     check_settings(page)
+                    assert opened(page, packed.as_uri()) == "complete"
+                    check_stream(page, stream, "in this file")
                     assert opened(page, broken.url) == "complete"
                     check_stream(page, stream, "HTTP, in order and without loss")
                     assert "this page cannot draw" in opened(page, f"{lossy.url}?stream=anchors")
@@ -190,9 +198,22 @@ def test_other_sites_may_use_streams_as_far_as_origins_say(programs: dict[str, P
         for origins in (None, ("https://a.org",), ("https://b.org",))
     ]
     heads = [answer.partition(b"\r\n\r\n")[0] for answer in allowed]
-    assert [b"Access-Control-Allow-Origin: *" in heads[0], b"Allow-Origin: https://a.org" in heads[1], b"Allow-Origin" in heads[2]] == [
-        True, True, False,
-    ]  # fmt: skip
+    said = (
+        b"Access-Control-Allow-Origin: *",
+        b"Access-Control-Allow-Origin: https://a.org",
+        b"Access-Control-Allow-Origin",
+    )
+    assert [words in head for words, head in zip(said, heads, strict=True)] == [True, True, False]
+
+
+def test_a_packed_page_holds_the_stream_and_allows_nothing_else(stream: SceneStream) -> None:
+    page = pack_stream(stream, "</title><script>").decode()
+    assert "</title><script>" not in page
+    held = page.partition('id="stream">')[2].partition("<")[0]
+    assert base64.b64decode(held) == stream_to_bytes(stream)
+    assert "default-src 'none'" in page
+    with pytest.raises(InvalidValueError, match="anchors with neural heads"):
+        pack_stream(encode_scene(tiny_scene(seed=2, num_anchors=100), Packetization()), "")
 
 
 def test_noise_is_no_request(programs: dict[str, Program]) -> None:

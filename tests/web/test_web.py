@@ -77,8 +77,8 @@ def test_the_tests_in_node_pass(tmp_path: Path) -> None:
         ["npm", "--silent", "test"], cwd=WEB, env=os.environ | told, capture_output=True, text=True, timeout=240
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "ℹ fail 0" in done.stdout, done.stdout
-    assert "ℹ skipped 0" in done.stdout, done.stdout
+    for count in ("fail 0", "skipped 0"):
+        assert count in done.stdout, done.stdout
 
 
 def test_types_are_right() -> None:

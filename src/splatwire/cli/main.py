@@ -28,6 +28,7 @@ VERBS = {
     "plan": "plan.PlanCommand",
     "serve": "serve.Serve",
     "receive": "receive.Receive",
+    "pack": "pack.Pack",
     "view": "view.View",
     "decode": "decode.Decode",
     "render": "render.Render",

@@ -107,8 +107,8 @@ class PageContent:
     def _policy(self, called: str) -> str:
         session = f" https://{called}:{self.link.port}" if self.link else ""
         return (
-            "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; worker-src blob:; "
-            f"connect-src 'self'{session}; base-uri 'none'; form-action 'none'; frame-ancestors *\r\n"
+            "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; "
+            f"worker-src blob:; connect-src 'self'{session}; base-uri 'none'; form-action 'none'; frame-ancestors *\r\n"
         )
 
     def _described(self) -> dict[str, object]:
@@ -165,6 +165,7 @@ def _response(
     body = body or f"{status}\n".encode()
     head = (
         f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n{headers}"
-        "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n"
+        "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n"
+        "Connection: close\r\n\r\n"
     )
     return head.encode("latin-1") + (b"" if bodiless else body)

@@ -1,6 +1,6 @@
 // Made by web/scripts/make_tables.py; do not edit.
 
-/** Standard normal distribution function from 0 to 6 in steps of 1/128, less 1/2, out of 2^24: three bytes each, low first. */
+/** Standard normal distribution function from 0 to 6 by 1/128, less 1/2, out of 2^24: three bytes each, low first. */
 export const UPPER_NORMAL =
   "AAAAQswAgJgBuGQC5zADCP0DGskEGZUFAWEG0CwHgvgHFcQIhI8JzVoK7SUL4fALpbsMNoYNklAOtRoPm+QPQ64QqXcRyUASoQkT" +
   "LtITbZoUWmIV8ykWNfEWHbgXp34Y0UQZmQoa+s8a85QbgFkcnx0dTOEdhqQeSGcfkSkgXusgrKwheG0ivy0jgO0jt6wkYmslfikm" +

@@ -1,0 +1,59 @@
+"""A stream and its receiver in one HTML file, to mail or to put on any web server."""
+
+import base64
+import hashlib
+import html
+from importlib.resources import files
+
+from splatwire.errors import InvalidValueError
+from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.packets.manifest import GAUSSIANS
+
+_PAGE = """\
+<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src '{script_hash}'; \
+style-src '{style_hash}'; img-src data:; worker-src blob:; base-uri 'none'; form-action 'none'">
+<title>{title}</title>
+<link rel="icon" href="data:,">
+<style>{style}</style>
+<splat-wire data="stream"></splat-wire>
+<noscript>This page draws with JavaScript.</noscript>
+<script type="application/octet-stream" id="stream">{stream}</script>
+<script type="module">{script}</script>
+</html>
+"""
+
+
+def pack_stream(stream: SceneStream, title: str) -> bytes:
+    """Writes a page that holds a stream.
+
+    Args:
+        stream: The stream, of explicit Gaussians; what was lost is concealed by the page.
+        title: What the page is called.
+
+    Raises:
+        InvalidValueError: If the stream holds anchors, which the page cannot draw.
+    """
+    if stream.manifest.codec != GAUSSIANS:
+        raise InvalidValueError(
+            "the stream carries anchors with neural heads, which a browser does not draw: make explicit Gaussians of "
+            "it (splatwire export ply, then splatwire encode)"
+        )
+    web = files("splatwire.transport").joinpath("web")
+    script, style = (web.joinpath(name).read_text(encoding="utf-8") for name in ("splatwire.js", "page.css"))
+    return _PAGE.format(
+        script_hash=_source_hash(script),
+        style_hash=_source_hash(style),
+        title=html.escape(title),
+        style=style,
+        stream=base64.b64encode(stream_to_bytes(stream)).decode(),
+        script=script,
+    ).encode()
+
+
+def _source_hash(text: str) -> str:
+    """How a content security policy names an inline script or style."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
