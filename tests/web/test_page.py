@@ -82,7 +82,7 @@ def opened(page: Browser, url: str) -> str:
 def test_a_browser_receives_decodes_and_draws(
     stream: SceneStream, programs: dict[str, Program], tmp_path: Path
 ) -> None:
-    """Over a path that loses 20 %; out of a packed file; by HTTP where no session comes about; and what it says of what it cannot draw."""
+    """Over a path that loses 20 %, out of a packed file, by HTTP where no session comes about; and what it refuses."""
     identity, packed = self_signed(), tmp_path / "packed.html"
     packed.write_bytes(pack_stream(stream, "a <ball>"))
 
