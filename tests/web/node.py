@@ -13,7 +13,7 @@ import numpy as np
 
 from splatwire.codec.preview import preview_gaussians
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
-from splatwire.codec.schemas.gaussians.tables import neighbour_weights, thinness_table
+from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.entropy.tables import half_width_table, inverse_scale_table, normal_table
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.packets import SceneStream
@@ -42,7 +42,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
     """What the tests in node compare with, as JSON."""
     tables = {
         "normal": normal_table(), "inverse": inverse_scale_table(), "widths": half_width_table(),
-        "weights": neighbour_weights(), "thinness": thinness_table(),
+        "thinness": thinness_table(),
     }  # fmt: skip
     rng = random.Random(1)
     lanes = []
@@ -64,10 +64,11 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
 
 
 def first_packet(stream: SceneStream) -> list[list[float]]:
-    """The Gaussians of a stream's first packet as rows: place, quaternion, scales, opacity, colour."""
+    """The Gaussians of a stream's first packet as rows: place, quaternion, scales, opacity, colour, harmonics."""
     splats, known, _ = decode_splats(stream.with_packets(stream.packets[:1]))
     colours = 0.5 + DC * splats.sh[:, 0]
-    columns = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], colours)
+    harmonics = splats.sh[:, 1:].flatten(1)
+    columns = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], colours, harmonics)
     plan, packet = stream.manifest.plan, stream.packets[0]
     places = plan.members(packet.id, packet.num_anchors)
     assert known[places].all()

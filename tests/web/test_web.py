@@ -1,5 +1,7 @@
 """The page's own code: its tests run in node, and the bundle in the package is what its sources give."""
 
+import base64
+import json
 import os
 import subprocess
 from dataclasses import replace
@@ -13,7 +15,7 @@ import splatwire
 from splatwire.codec.preview import Preview, PreviewFrame, write_preview
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.packets import Packetization, SceneStream
+from splatwire.packets import Packetization, SceneStream, stream_from_bytes
 from splatwire.scene.splats import Splats
 from web.node import WEB, answers, lacking, write
 
@@ -66,7 +68,9 @@ def preview() -> bytes:
 
 def test_the_tests_in_node_pass(tmp_path: Path) -> None:
     """Every integer, table and Gaussian of several streams against Python's, and what needs no Python."""
-    files = [write(stream, tmp_path / f"{name}.swz") for name, stream in streams().items()]
+    golden = json.loads((Path(__file__).parents[1] / "golden" / "gaussians.json").read_text())
+    vectors = {name: stream_from_bytes(base64.b64decode(vector["swz"]))[0] for name, vector in golden.items()}
+    files = [write(stream, tmp_path / f"{name}.swz") for name, stream in (streams() | vectors).items()]
     (tmp_path / "expected.json").write_text(answers(files, preview()))
     told = {
         "STREAMS": ":".join(str(path) for path, _ in files),

@@ -1,19 +1,35 @@
 // The first grid of a packet: in which cell each of its Gaussians lies, as the counts of a binary space partition.
 
 import type { RangeDecoder } from "../../entropy/decoder.ts";
+import { SLOT_BITS } from "./layout.ts";
 
 const RUNS = 4, FIELDS = 7, DEEPEST = 66;
 
-/** Fills `cells` (3 each) with places of `depth` bits to an axis, in the order of their Morton codes. */
+/**
+ * Fills `cells` (3 each) with places of `depth` bits to an axis. A spread packet holds cells that agree, but for a few bits, in the
+ * lowest bits of their Morton codes: these slots follow the tree of the other bits.
+ */
 export function decodeCells(coder: RangeDecoder, models: Int32Array, cells: Int32Array, depth: number): void {
+  const spread = coder.raw(1), size = spread ? Math.min(3 * depth, SLOT_BITS) : 0;
+  const first = coder.raw(size), count = coder.raw(size) + 1;
+  decodeTree(coder, models, cells, 3 * depth, size);
+  if (!spread) return;
+  for (let i = 0; i < cells.length; i += 3) {
+    const slot = first + coder.below(count);
+    for (let b = size - 1; b >= 0; b--) cells[i + (b % 3)] = cells[i + (b % 3)] * 2 + ((slot >> (size - 1 - b)) & 1);
+  }
+}
+
+/** All bits of the codes but the lowest, as the counts of a binary space partition. */
+function decodeTree(coder: RangeDecoder, models: Int32Array, cells: Int32Array, bits: number, lowest: number): void {
   const stack = new Int32Array(DEEPEST * FIELDS);
-  stack.set([0, cells.length / 3, 3 * depth - 1, 0, 0, 0, 0]);
+  stack.set([0, cells.length / 3, bits - 1, 0, 0, 0, 0]);
   for (let top = 0; top >= 0; top--) {
     const [begin, end, bit, run, x, y, z] = stack.subarray(top * FIELDS, (top + 1) * FIELDS);
     if (begin === end) continue;
     const prefix = [x, y, z];
-    if (bit < 0 || end - begin === 1) {
-      readBits(coder, prefix, bit);
+    if (bit < lowest || end - begin === 1) {
+      readBits(coder, prefix, bit, lowest);
       for (let i = begin; i < end; i++) for (let a = 0; a < 3; a++) cells[3 * i + a] = prefix[a];
       continue;
     }
@@ -29,10 +45,10 @@ export function decodeCells(coder: RangeDecoder, models: Int32Array, cells: Int3
   }
 }
 
-/** The rest of a lone Gaussian's code, as it is: at most 16 bits at a time, the high ones first. */
-function readBits(coder: RangeDecoder, prefix: number[], bit: number): void {
-  while (bit >= 0) {
-    const some = Math.min(bit + 1, 16), part = coder.raw(some);
+/** The rest of a lone Gaussian's bits, as they are: at most 16 at a time, the high ones first. */
+function readBits(coder: RangeDecoder, prefix: number[], bit: number, lowest: number): void {
+  while (bit >= lowest) {
+    const some = Math.min(bit - lowest + 1, 16), part = coder.raw(some);
     for (let i = some - 1; i >= 0; i--, bit--) prefix[bit % 3] = prefix[bit % 3] * 2 + ((part >> i) & 1);
   }
 }

@@ -26,9 +26,12 @@ export const COEFFICIENTS = [
   [0, 0, 0, 0],
 ];
 
-export const FIRST_CLASS = 32, FIRST_HARMONIC = FIRST_CLASS + 18 * 8, NUM_CONTEXTS = FIRST_HARMONIC + 8 + 48 + 24;
+export const FIRST_CLASS = 32, FIRST_HARMONIC = FIRST_CLASS + 18 * 8, FIRST_MAGNITUDE = FIRST_HARMONIC + 8 + 64;
+export const NUM_CONTEXTS = FIRST_MAGNITUDE + 24;
 export const NUM_NEIGHBOURS = 6, WINDOW = 64;
+/** Squared distances of neighbours end here: they times 2^12 are exact in a double, too. */
+export const FAR = 2 ** 40;
 export const MAX_LOG = 40 << BITS, MAX_OPACITY = -1, MIN_OPACITY = -(10 << BITS), MAX_COLOUR = 1 << (BITS + 8);
 export const MAX_HARMONIC = 1 << 24, MAX_RESIDUAL = 1 << 24, MAX_THIN = 5903;
 export const WIDE = 24, NARROW_WEIGHT = 45875, SCALE_UNIT = 4;
-export const MAX_LATTICE_BITS = 40, MAX_CELL_BITS = 21, BOX_BITS = 8;
+export const MAX_LATTICE_BITS = 40, MAX_CELL_BITS = 21, BOX_BITS = 8, SLOT_BITS = 8, TRANSFORM_UNIT = 127;

@@ -1,7 +1,6 @@
 // The nearest of the Gaussians just before one, and what they say of it.
 
-import { NUM_NEIGHBOURS, SPREADS, WINDOW } from "./layout.ts";
-import { NEIGHBOUR_WEIGHTS } from "./tables.ts";
+import { FAR, NUM_NEIGHBOURS, SPREADS, WINDOW } from "./layout.ts";
 
 export class Neighbours {
   count = 0;
@@ -16,7 +15,7 @@ export class Neighbours {
     const far = this.#far, who = this.who, cx = cells[3 * i], cy = cells[3 * i + 1], cz = cells[3 * i + 2];
     let count = 0;
     for (let j = i - 1, last = Math.max(i - WINDOW, 0); j >= last; j--) {
-      const x = cx - cells[3 * j], y = cy - cells[3 * j + 1], z = cz - cells[3 * j + 2], d = x * x + y * y + z * z;
+      const x = cx - cells[3 * j], y = cy - cells[3 * j + 1], z = cz - cells[3 * j + 2], d = Math.min(x * x + y * y + z * z, FAR);
       if (count === NUM_NEIGHBOURS && d >= far[count - 1]) continue;
       let at = count < NUM_NEIGHBOURS ? count++ : count - 1;
       for (; at > 0 && far[at - 1] > d; at--) {
@@ -26,7 +25,7 @@ export class Neighbours {
       far[at] = d;
       who[at] = j;
     }
-    for (let m = 0; m < count; m++) this.weight[m] = NEIGHBOUR_WEIGHTS[Math.min(far[m], NEIGHBOUR_WEIGHTS.length - 1)];
+    for (let m = 0; m < count; m++) this.weight[m] = Math.floor(((far[0] + 1) * 4096) / (far[m] + 1));
     this.count = count;
   }
 

@@ -29,6 +29,8 @@ export class PacketDecoder {
   readonly #models: Int32Array;
   #coder = new RangeDecoder(new Uint8Array());
   #rows = new Float64Array();
+  /** How large the residuals of a Gaussian were so far, in sixteenths. */
+  #running = 16;
 
   constructor(readonly info: SideInfo) {
     const byScale = new Map<number, Mixture>();
@@ -59,6 +61,7 @@ export class PacketDecoder {
   }
 
   #gaussian(row: number, defaults: Int32Array, cell: Int32Array, at: number, boxBits: number): void {
+    this.#running = 16;
     const rows = this.#rows, { unit } = this.info, level = (rows[row + CLASS] = this.#class());
     const opacity = clip(this.#value(0, S_OPACITY, row + OPACITY, defaults[0], level, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
     rows[row + OPACITY] = opacity;
@@ -101,9 +104,12 @@ export class PacketDecoder {
     return mean + this.#residual(stream, spreadContext(near.count, near.deviation, shift), shift) * 2 ** shift;
   }
 
-  #residual(stream: number, spread: number, second: number): number {
-    const found = this.#mixtures[(stream * SPREADS + spread) * SECONDS + second].decode(this.#coder);
-    return clip(found, -MAX_RESIDUAL, MAX_RESIDUAL);
+  /** A residual in steps; a context of all but the first two streams is how large those before were. */
+  #residual(stream: number, spread: number, shift: number): number {
+    const second = stream < 2 ? shift : Math.min(32 - Math.clz32(this.#running), SECONDS - 1);
+    const q = clip(this.#mixtures[(stream * SPREADS + spread) * SECONDS + second].decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
+    this.#running = (this.#running + 16 * Math.min(Math.abs(q), 1 << 14)) >> 1;
+    return q;
   }
 
   /** `-log2` of a step, rounded. */
@@ -128,9 +134,9 @@ export class PacketDecoder {
     for (let a = 1; a < 3; a++) if (Math.abs(mean[a]) > Math.abs(mean[pole])) pole = a;
     const side = mean[pole] < 0 ? -1 : 1, first = (pole + 1) % 3, second = (pole + 2) % 3;
     const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]), p = side * mean[first], q = side * mean[second];
-    const spread = spreadContext(same, deviation, shift), step = 2 ** shift, context = Math.min(shift, SECONDS - 1);
-    const e0 = clip(Math.floor(((p + q) * ONE) / norm) + this.#residual(4, spread, context) * step, -ONE, ONE);
-    const e1 = clip(Math.floor(((p - q) * ONE) / norm) + this.#residual(4, spread, context) * step, -ONE, ONE);
+    const spread = spreadContext(same, deviation, shift), step = 2 ** shift;
+    const e0 = clip(Math.floor(((p + q) * ONE) / norm) + this.#residual(4, spread, shift) * step, -ONE, ONE);
+    const e1 = clip(Math.floor(((p - q) * ONE) / norm) + this.#residual(4, spread, shift) * step, -ONE, ONE);
     const x = (e0 + e1) >> 1, y = (e0 - e1) >> 1;
     rows[row + AXIS + first] = x;
     rows[row + AXIS + second] = y;
@@ -166,14 +172,13 @@ export class PacketDecoder {
     return [same, Math.floor(deviations / total)];
   }
 
-  /** Luma and chroma; the magnitude of the component before is a context. */
+  /** Luma and chroma. */
   #colour(row: number, defaults: Int32Array, level: number): void {
     const near = this.#near, shift = clip(BITS - this.#exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
-    for (let c = 0, before = shift; c < 3; c++) {
+    for (let c = 0; c < 3; c++) {
       const mean = near.predict(this.#rows, COLUMNS, LUMA + c, defaults[4 + c]);
-      const q = this.#residual(5 + c, spreadContext(near.count, near.deviation, shift), before);
+      const q = this.#residual(5 + c, spreadContext(near.count, near.deviation, shift), shift);
       this.#rows[row + LUMA + c] = clip(mean + q * 2 ** shift, -MAX_COLOUR, MAX_COLOUR);
-      before = Math.min(Math.abs(q), 3) * 4 + Math.min(shift >> 1, 3);
     }
   }
 }

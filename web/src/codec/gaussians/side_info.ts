@@ -9,7 +9,7 @@ import {
   BITS, BOX_BITS, FIRST_HARMONIC, MAX_LATTICE_BITS, NUM_CONTEXTS, SCALE_UNIT, SECONDS, SPREADS, STEPS, STEP_BITS, STREAMS,
 } from "./layout.ts";
 
-const VERSION = 1, DEFAULTS = 7;
+const VERSION = 2, DEFAULTS = 7;
 
 export interface SideInfo {
   readonly degree: number;
@@ -18,6 +18,8 @@ export interface SideInfo {
   readonly sizeLog: number;
   readonly unit: number;
   readonly bases: Int32Array;
+  /** K x K, out of `TRANSFORM_UNIT`: row k says what the k-th number of a channel adds to its K harmonics. */
+  readonly transform: Int8Array;
   readonly boxes: Boxes;
   /** Means of each block in fixed point, 7 each: opacity, three of scales, Y Co Cg. */
   readonly defaults: Int32Array;
@@ -44,21 +46,23 @@ export function readSideInfo(bytes: Uint8Array, numBlocks: number): SideInfo {
   const reader = new ByteReader(bytes, "side information");
   const header = reader.blob(), blocks = reader.blob(), contexts = reader.blob();
   const sections = readSections(reader.rest());
-  const { degree, sizeLog, unit, bases } = readHeader(header);
+  const { degree, sizeLog, unit, bases, transform } = readHeader(header);
   const { boxes, defaults } = readBlocks(blocks, numBlocks);
-  return { degree, numHarmonics: 3 * ((degree + 1) ** 2 - 1), sizeLog, unit, bases, boxes, defaults, ...readContexts(contexts, degree), sections };
+  const numHarmonics = 3 * ((degree + 1) ** 2 - 1);
+  return { degree, numHarmonics, sizeLog, unit, bases, transform, boxes, defaults, ...readContexts(contexts, degree), sections };
 }
 
-function readHeader(bytes: Uint8Array): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases"> {
+function readHeader(bytes: Uint8Array): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases" | "transform"> {
   const reader = new ByteReader(bytes, "side information header"), version = reader.u8();
   if (version !== VERSION) throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
   const degree = reader.u8(), sizeLog = reader.signed(), unit = reader.signed();
   const bases = Array.from({ length: STEPS }, () => reader.signed());
-  reader.finish();
+  const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24), side = (degree + 1) ** 2 - 1;
   if (degree > 3 || Math.abs(sizeLog) > 32 || unit < 0 || unit > MAX_LATTICE_BITS || bases.some((base) => Math.abs(base) > 64 << STEP_BITS)) {
     throw new BitstreamError("side information: its header is impossible");
   }
-  return { degree, sizeLog, unit, bases: Int32Array.from(bases) };
+  if (transform.length !== side * side) throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
+  return { degree, sizeLog, unit, bases: Int32Array.from(bases), transform };
 }
 
 function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "defaults"> {

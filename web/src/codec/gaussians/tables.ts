@@ -2,9 +2,6 @@
 
 import { BITS, MAX_THIN } from "./layout.ts";
 
-/** Weight of a neighbour by its squared distance in cells, 4096 / (distance + 1); the last for all beyond. */
-export const NEIGHBOUR_WEIGHTS = Int32Array.from({ length: 1024 }, (_, d) => Math.floor((4096 * 256) / (Math.floor(Math.sqrt(d * 65536)) + 256)));
-
 /**
  * Logarithm r of a ratio of scales for companded values t = (1 - 2^-r) / ln 2. No entry but the first lies nearer than
  * 1e-5 to where rounding up changes (a test says so), a billion times the error of a double.

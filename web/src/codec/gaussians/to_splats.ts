@@ -1,12 +1,12 @@
 // Decoded integers as Gaussians: the only floats of the codec, at its very end.
 
 import { DC, emptySplats, type Splats } from "../splats.ts";
-import { AXIS, BITS, COLUMNS, LATTICE, LUMA, OPACITY, PRIMARY, SCALE0, SCALE1, SCALE2, SPIN, SPIN_BITS } from "./layout.ts";
+import { AXIS, BITS, COLUMNS, LATTICE, LUMA, OPACITY, PRIMARY, SCALE0, SCALE1, SCALE2, SPIN, SPIN_BITS, TRANSFORM_UNIT } from "./layout.ts";
 import type { Decoded } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
 import { THINNESS } from "./tables.ts";
 
-const R2 = Math.sqrt(2), R3 = Math.sqrt(3), R6 = Math.sqrt(6), UNIT = 2 ** BITS;
+const R2 = Math.sqrt(2), R3 = Math.sqrt(3), R6 = Math.sqrt(6), UNIT = 2 ** BITS, SUMS = UNIT * TRANSFORM_UNIT;
 
 /** Orthonormal Y Co Cg as red, green, blue. */
 function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): void {
@@ -18,7 +18,7 @@ function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): 
 export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: number): Splats {
   const count = rows.length / COLUMNS, splats = emptySplats(count, info.degree);
   const corner = info.boxes.corners.subarray(3 * block, 3 * block + 3), number = info.numHarmonics / 3;
-  const half = 2 ** (info.sizeLog - info.unit - 1), size = 2 ** info.sizeLog;
+  const half = 2 ** (info.sizeLog - info.unit - 1), size = 2 ** info.sizeLog, sum = [0, 0, 0];
   for (let i = 0; i < count; i++) {
     const row = rows.subarray(i * COLUMNS, (i + 1) * COLUMNS);
     for (let a = 0; a < 3; a++) splats.means[3 * i + a] = (2 * corner[a] + row[LATTICE + a]) * half;
@@ -28,8 +28,11 @@ export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: nu
     rgb(row[LUMA] / UNIT, row[LUMA + 1] / UNIT, row[LUMA + 2] / UNIT, splats.colours, 3 * i);
     quaternion(row, splats.quats, 4 * i);
     for (let b = 0; b < number; b++) {
-      const at = i * info.numHarmonics + b;
-      rgb(harmonics[at] / UNIT, harmonics[at + number] / UNIT, harmonics[at + 2 * number] / UNIT, splats.harmonics, 3 * (i * number + b));
+      sum.fill(0);
+      for (let k = 0, at = i * info.numHarmonics; k < number; k++) {
+        for (let c = 0; c < 3; c++, at++) sum[c] += harmonics[at] * info.transform[k * number + b];
+      }
+      rgb(sum[0] / SUMS, sum[1] / SUMS, sum[2] / SUMS, splats.harmonics, 3 * (i * number + b));
     }
   }
   return splats;
