@@ -15,8 +15,7 @@ import torch
 from PIL import Image
 
 from scenes import tiny_cameras, tiny_scene
-from splatwire.codec import encode_scene
-from splatwire.codec.schemas.gaussians.decoder import decode_splats
+from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError
@@ -133,12 +132,11 @@ def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
 
 def check_pictures(page: Browser, stream: SceneStream) -> None:
     """What the page draws is what the renderer draws, from the same cameras."""
-    splats, _, _ = decode_splats(stream)
     cameras = tiny_cameras(2, 240, 180)
     page.evaluate(
         f"{ELEMENT}.style.cssText = 'position: fixed; inset: auto; left: 0; top: 0; width: 240px; height: 180px'"
     )
-    for view, expected in enumerate(render_scene(splats, cameras, background=torch.tensor([0.2, 0.5, 0.8]))):
+    for view, expected in enumerate(render_scene(decode_stream(stream).scene, cameras)):
         camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": 180}
         picture = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
         found = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0
