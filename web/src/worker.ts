@@ -19,6 +19,9 @@ class Reception implements Listener {
   #shownAt = 0;
   #decoded = 0;
   #ask = 0;
+  #decodeMs = 0;
+  #waiting: Uint8Array[] = [];
+  #working: Promise<void> | null = null;
 
   /** One that is no preview is nothing to fail for. */
   preview(bytes: Uint8Array): void {
@@ -30,7 +33,9 @@ class Reception implements Listener {
     }
   }
 
+  /** A second way brings the head once more: what is there stays. */
   head(head: Head): void {
+    if (this.#received?.decoder.head.manifest.streamId === head.manifest.streamId) return;
     this.#received = new Received(head);
     const { decoder } = this.#received, { manifest } = head, section = decoder.info.sections.get("preview");
     if (section) this.preview(section);
@@ -46,15 +51,32 @@ class Reception implements Listener {
   }
 
   packets(packets: Uint8Array[]): void {
-    for (const bytes of packets) {
-      this.#decoded += this.#received!.take(bytes);
-      if (performance.now() - this.#shownAt > SHOW_MS) this.show();
-    }
+    for (const bytes of packets) this.#waiting.push(bytes);
+    this.#working ??= this.#decode();
   }
 
   counts(counts: Counts): void {
-    if (performance.now() - this.#shownAt > SHOW_MS) this.show();
-    say({ kind: "counts", counts, decoded: this.#decoded, corrupt: this.#received?.decoder.intake.counts.corrupt ?? 0 });
+    const intake = this.#received?.decoder.intake, packets = Math.max(counts.packets, intake?.size ?? 0);
+    say({ kind: "counts", counts: { ...counts, packets }, decoded: this.#decoded, decodeMs: this.#decodeMs, corrupt: intake?.counts.corrupt ?? 0 });
+  }
+
+  /** Resolves when everything that came is decoded and handed over. */
+  async settled(): Promise<void> {
+    await this.#working;
+    this.show();
+  }
+
+  /** Decodes what waits, a little at a time: the session must be served meanwhile. */
+  async #decode(): Promise<void> {
+    for (let next = 0; next < this.#waiting.length; ) {
+      const began = performance.now();
+      while (next < this.#waiting.length && performance.now() - began < SLICE_MS) this.#decoded += this.#received!.take(this.#waiting[next++]);
+      this.#decodeMs += performance.now() - began;
+      if (performance.now() - this.#shownAt > SHOW_MS) this.show();
+      await new Promise((resolve) => setTimeout(resolve));
+    }
+    this.#waiting = [];
+    this.#working = null;
   }
 
   stopped(): boolean {
@@ -100,25 +122,27 @@ const reception = new Reception();
 async function open({ session, name, file, bytes }: ToWorker & { kind: "open" }): Promise<string> {
   if (bytes) return receiveBytes(bytes, reception);
   if (!session) return receiveFile(file, reception);
+  let ended: string;
   try {
-    return await receiveDatagrams(session, name, reception);
+    ended = await receiveDatagrams(session, name, reception);
+    if (["complete", "sent", "stopped"].includes(ended)) return ended;
   } catch (error) {
-    if (reception.begun) throw error;
-    say({ kind: "note", text: `No datagrams (${(error as Error).message}): the stream comes by HTTP instead.` });
-    return receiveFile(file, reception);
+    ended = (error as Error).message;
   }
+  say({ kind: "note", text: `${reception.begun ? "The rest comes" : "The stream comes"} by HTTP: ${ended}.` });
+  return receiveFile(file, reception);
 }
 
 self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
   if (data.kind === "conceal") return void reception.conceal(data);
   if (data.kind === "digest") return reception.digest();
   open(data).then(
-    (text) => {
-      reception.show();
+    async (text) => {
+      await reception.settled();
       say({ kind: "finished", text, complete: text === "complete" });
     },
-    (error: unknown) => {
-      reception.show();
+    async (error: unknown) => {
+      await reception.settled();
       say({ kind: "failed", text: (error as Error).message });
     },
   );

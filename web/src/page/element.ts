@@ -19,12 +19,14 @@ export interface Status {
   gaussians: number;
   packets: number;
   way: string;
+  /** Time that the worker spent on decoding. */
+  decodeMs: number;
   /** Milliseconds since navigation: preview, first Gaussians and half of the packets on the screen. */
   times: Record<string, number>;
 }
 
 export class SplatWire extends HTMLElement {
-  readonly status: Status = { finished: null, failed: null, complete: false, gaussians: 0, packets: 0, way: "", times: {} };
+  readonly status: Status = { finished: null, failed: null, complete: false, gaussians: 0, packets: 0, way: "", decodeMs: 0, times: {} };
   #worker: Worker | null = null;
   #view: View | null = null;
   #panel!: Panel;
@@ -159,10 +161,11 @@ export class SplatWire extends HTMLElement {
     this.#concealSoon();
   }
 
-  #count({ counts, decoded, corrupt }: FromWorker & { kind: "counts" }): void {
+  #count({ counts, decoded, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
     const { panel, status } = this, share = counts.expected ? counts.packets / counts.expected : 0;
     status.packets = counts.packets;
     status.way = counts.way;
+    status.decodeMs = decodeMs;
     panel.progress(share);
     panel.tell("packets", `${counts.packets.toLocaleString()} of ${counts.expected.toLocaleString()}${corrupt ? `, ${corrupt} damaged` : ""}`);
     panel.tell("Gaussians", decoded.toLocaleString());
@@ -170,6 +173,7 @@ export class SplatWire extends HTMLElement {
     panel.tell("rate", counts.seconds > 0 ? `${((counts.bytes * 8) / 1e6 / counts.seconds).toFixed(1)} Mbit/s` : "-");
     panel.tell("lost on the way", counts.lost ? `${counts.lost} datagrams` : "none");
     panel.tell("time", `${counts.seconds.toFixed(2)} s`);
+    panel.tell("decoding", `${(decodeMs / 1000).toFixed(2)} s`);
     panel.tell("way", counts.way);
     if (share > 0 && !status.finished) panel.say("Receiving ...");
     if (share >= 0.5) this.#time("half");

@@ -21,7 +21,7 @@ function make<K extends keyof HTMLElementTagNameMap>(tag: K, fields: Record<stri
   return element;
 }
 
-const ROWS = ["packets", "Gaussians", "received", "rate", "lost on the way", "dropped on purpose", "time", "way"] as const;
+const ROWS = ["packets", "Gaussians", "received", "rate", "lost on the way", "dropped on purpose", "time", "decoding", "way"] as const;
 export type Row = (typeof ROWS)[number] | "PSNR";
 const HELP = "Drag turns, right button or two fingers move, wheel or pinch zooms; arrows, + and - do, too. F turns the scene upside down, H hides this.";
 

@@ -1,0 +1,188 @@
+"""The receiver in a browser, measured in headless Chromium; prints one JSON object.
+
+    splatwire encode scene.ply -o scene.swz --preset datagram
+    python benchmarks/browser.py scene.swz [--pages 20] [--rate 4] > benchmarks/results/browser.json
+
+* `bundle`: bytes of the page's one script, and compressed with gzip -9.
+* `decode`: time of the page's worker for each Gaussian, against `decode_splats` on one thread of Python, in turns.
+* `pictures`: PSNR of the page's pictures against `splatwire render`, three views around the scene.
+* `lossy`: a relay loses 20 %, 20 ms each way; milliseconds from navigation to what is on the screen.
+* `pages`: so many pages of one browser at once: how many got every packet, and how many datagrams the path lost.
+
+Software WebGL on two cores: what draws here would not wait on a graphics card.
+"""
+
+import argparse
+import asyncio
+import base64
+import gzip
+import io
+import json
+import math
+import random
+import statistics
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image
+
+import splatwire
+from splatwire.codec import decode_stream
+from splatwire.codec.schemas.gaussians.decoder import decode_splats
+from splatwire.packets import SceneStream, read_stream
+from splatwire.render import render_scene
+from splatwire.scene import Cameras
+from splatwire.transport import ServerLimits, make_program
+from splatwire.transport.certificate import self_signed
+from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import Link, PageContent
+from splatwire.transport.preview import stream_preview
+from splatwire.transport.quic import WEBTRANSPORT_PATH
+from splatwire.transport.quic_server import QuicServer
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from transport.chromium import Browser, browser
+from transport.network import bernoulli
+from transport.relay import Relay
+
+IDENTITY = self_signed()
+ELEMENT = "document.querySelector('splat-wire')"
+OVER = f"{ELEMENT}?.status && ({ELEMENT}.status.finished || {ELEMENT}.status.failed)"
+SIZE = 400
+
+
+def around(means: np.ndarray) -> Cameras:
+    """Three cameras around a scene."""
+    middle = np.median(means, axis=0)
+    radius = float(np.quantile(np.linalg.norm(means - middle, axis=1), 0.9))
+    views = []
+    for degrees in (20, 140, 260):
+        angle = math.radians(degrees)
+        back = np.array([0.9 * math.sin(angle), -0.35, 0.9 * math.cos(angle)])
+        back /= np.linalg.norm(back)
+        z = -back
+        x = np.cross([0.0, 1.0, 0.0], z)
+        x /= np.linalg.norm(x)
+        turn = np.stack([x, np.cross(z, x), z])
+        view = np.eye(4)
+        view[:3, :3], view[:3, 3] = turn, -turn @ (middle + back * radius * 2.6)
+        views.append(view)
+    focal = SIZE / 2 / math.tan(math.radians(25))
+    lens = torch.tensor([[focal, 0, SIZE / 2], [0, focal, SIZE / 2], [0, 0, 1.0]]).repeat(3, 1, 1)
+    return Cameras(torch.tensor(np.stack(views), dtype=torch.float32), lens, SIZE, SIZE, ("a", "b", "c"))
+
+
+def opened(page: Browser, url: str) -> dict[str, Any]:
+    page.open("about:blank")
+    page.open(url)
+    page.wait_for(OVER, 300)
+    return json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status)"))
+
+
+def decode_times(page: Browser, url: str, stream: SceneStream, rounds: int = 3) -> dict[str, float]:
+    count, theirs, ours = stream.manifest.num_anchors, [], []
+    decode_splats(stream, threads=1)
+    for _ in range(rounds):
+        began = time.process_time()
+        decode_splats(stream, threads=1)
+        ours.append(time.process_time() - began)
+        theirs.append(opened(page, url)["decodeMs"] / 1000)
+    python, chromium = min(ours), min(theirs)
+    return {
+        "python_us": round(1e6 * python / count, 2), "chromium_us": round(1e6 * chromium / count, 2),
+        "ratio": round(chromium / python, 2),
+    }  # fmt: skip
+
+
+def pictures(page: Browser, stream: SceneStream) -> list[float]:
+    scene = decode_stream(stream).scene
+    cameras = around(scene.splats.means.numpy())
+    style = f"position: fixed; inset: auto; left: 0; top: 0; width: {SIZE}px; height: {SIZE}px"
+    page.evaluate(f"{ELEMENT}.style.cssText = '{style}'")
+    page.evaluate(f"{ELEMENT}.panel.set({{concealer: 'drop'}})")
+    found = []
+    for view, expected in enumerate(render_scene(scene, cameras)):
+        camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": SIZE}
+        data = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
+        picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")) / 255.0
+        found.append(round(float(-10 * np.log10(((picture - expected.numpy()) ** 2).mean())), 2))
+    return found
+
+
+def lossy(page: Browser, url: str, rounds: int = 5) -> dict[str, float]:
+    times: dict[str, list[float]] = {}
+    for _ in range(rounds):
+        opened(page, url)
+        page.wait_for(f"{ELEMENT}.status.times.half > 0")
+        for name, value in json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status.times)")).items():
+            times.setdefault(f"{name}_ms", []).append(value)
+    return {name: round(statistics.median(values)) for name, values in times.items()}
+
+
+def many(url: str, count: int) -> dict[str, Any]:
+    with browser() as first:
+        pages = [first, *(Browser(first._out, first._in) for _ in range(count - 1))]
+        for page in pages:
+            page.open(url)
+        for page in pages:
+            page.wait_for(OVER, 300)
+        found = [json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status)")) for page in pages]
+    return {
+        "pages": count, "complete": sum(status["complete"] for status in found),
+        "by_datagrams": sum("datagrams" in status["way"] for status in found),
+    }  # fmt: skip
+
+
+async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any]:
+    program = make_program(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
+
+    def server(limits: ServerLimits) -> QuicServer:
+        return QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY, limits=limits)
+
+    plain = server(ServerLimits(64, 64))
+    slow = server(ServerLimits(64, 64, fixed_rate=rate * 1e6 / 8))
+    for each in (plain, slow):
+        await each.start()
+    rng = random.Random(3)
+    relay = Relay(slow.port, bernoulli(0.2, rng), bernoulli(0.2, rng), delay_s=0.02, jitter=0.1)
+
+    def content(port: int) -> PageContent:
+        return PageContent({"scene": program}, Link(port, WEBTRANSPORT_PATH, IDENTITY.fingerprint))
+
+    async with PageServer(content(plain.port)) as clean, PageServer(content(relay.port)) as rough:
+
+        def drive() -> dict[str, Any]:
+            with browser() as page:
+                found: dict[str, Any] = {"decode": decode_times(page, clean.url, stream)}
+                found["digest_equal"] = page.resolve(f"{ELEMENT}.verify()")
+                found["pictures_db"] = pictures(page, stream)
+                found["lossy"] = {"rate_mbit": rate, "preview": bool(program.preview), **lossy(page, rough.url)}
+            return found | {"pages": many(clean.url, count)}
+
+        found = await asyncio.to_thread(drive)
+    relay.close()
+    plain.close()
+    slow.close()
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("stream", type=Path)
+    parser.add_argument("--pages", type=int, default=20)
+    parser.add_argument("--rate", type=float, default=4.0)
+    options = parser.parse_args()
+    stream, _ = read_stream(options.stream)
+    script = (Path(splatwire.__file__).parent / "transport" / "web" / "splatwire.js").read_bytes()
+    found = asyncio.run(measure(stream, options.rate, options.pages))
+    bundle = {"bytes": len(script), "gzip": len(gzip.compress(script, 9))}
+    scene = {"gaussians": stream.manifest.num_anchors, "bytes": stream.num_bytes}
+    print(json.dumps({"scene": {"name": options.stream.stem, **scene}, "bundle": bundle, **found}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
