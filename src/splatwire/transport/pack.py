@@ -3,11 +3,11 @@
 import base64
 import hashlib
 import html
-from importlib.resources import files
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream, stream_to_bytes
 from splatwire.packets.manifest import GAUSSIANS
+from splatwire.transport.page_content import web_file
 
 _PAGE = """\
 <!doctype html>
@@ -42,8 +42,7 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
             "the stream carries anchors with neural heads, which a browser does not draw: make explicit Gaussians of "
             "it (splatwire export ply, then splatwire encode)"
         )
-    web = files("splatwire.transport").joinpath("web")
-    script, style = (web.joinpath(name).read_text(encoding="utf-8") for name in ("splatwire.js", "page.css"))
+    script, style = web_file("splatwire.js"), web_file("page.css")
     return _PAGE.format(
         script_hash=_source_hash(script),
         style_hash=_source_hash(style),

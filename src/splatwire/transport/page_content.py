@@ -84,7 +84,7 @@ class PageContent:
         shared = _SHARED if self.origins is None else self._shared(origin)
         if target in FILES:
             name, kind = FILES[target]
-            body = files("splatwire.transport").joinpath("web").joinpath(name).read_bytes()
+            body = web_file(name).encode()
             return "200 OK", f"{kind}; charset=utf-8", body, shared
         if target == "/streams.json":
             return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
@@ -100,9 +100,8 @@ class PageContent:
         if self.link:
             attributes["session"] = f"https://{called}:{self.link.port}{self.link.path}"
             attributes["fingerprint"] = self.link.fingerprint or ""
-        text = files("splatwire.transport").joinpath("web").joinpath("index.html").read_text(encoding="utf-8")
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
-        return text.replace("$attributes", words)
+        return web_file("index.html").replace("$attributes", words)
 
     def _policy(self, called: str) -> str:
         session = f" https://{called}:{self.link.port}" if self.link else ""
@@ -130,6 +129,11 @@ class PageContent:
         except ValueError:
             return name.lower() in ("localhost", self.host.lower(), socket.gethostname().lower())
         return True
+
+
+def web_file(name: str) -> str:
+    """The text of a file of the page."""
+    return files("splatwire.transport").joinpath("web").joinpath(name).read_bytes().decode()
 
 
 def stream_path(name: str) -> str:

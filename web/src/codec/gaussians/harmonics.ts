@@ -4,18 +4,18 @@ import type { RangeDecoder } from "../../entropy/decoder.ts";
 import { FIRST_HARMONIC, FIRST_MAGNITUDE, MAX_HARMONIC, MAX_RESIDUAL } from "./layout.ts";
 
 /** Least running magnitude, in sixteenths, of each context but the first. */
-const RUNNING = [2, 6, 13, 24, 42, 74, 135];
+const RUNNING = Int32Array.of(2, 6, 13, 24, 42, 74, 135);
 
-export function decodeHarmonics(coder: RangeDecoder, models: Int32Array, values: Int32Array, level: number, shift: number): void {
+export function decodeHarmonics(coder: RangeDecoder, models: Int32Array, values: Int32Array, first: number, count: number, level: number, shift: number): void {
   if (!coder.bit(models, FIRST_HARMONIC + Math.min(level & 7, 7))) return;
   const step = 2 ** shift;
   let running = 0;
-  for (let j = 0; j < values.length; j++) {
+  for (let j = 0; j < count; j++) {
     const group = j < 3 ? 0 : j < 9 ? 1 : j < 21 ? 2 : 3;
     let context = 0;
     while (context < 7 && running >= RUNNING[context]) context++;
     const value = coefficient(coder, models, FIRST_HARMONIC + 8 + (context * 4 + group) * 2 + (j % 3 ? 1 : 0), context);
-    values[j] = Math.min(Math.max(value * step, -MAX_HARMONIC), MAX_HARMONIC);
+    values[first + j] = Math.min(Math.max(value * step, -MAX_HARMONIC), MAX_HARMONIC);
     running = ((running * 13) >> 4) + Math.min(Math.abs(value), 65536) * 16;
   }
 }

@@ -20,11 +20,20 @@ export interface Decoded {
   readonly harmonics: Int32Array;
 }
 
+const C = Int32Array.from(COEFFICIENTS.flat());
+/** Powers of two, for shifts of numbers that may have more than 32 bits. */
+const POWER = Float64Array.from({ length: 64 }, (_, bits) => 2 ** bits);
+
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
 /** Decodes packets of one stream, one after another. */
 export class PacketDecoder {
   readonly #mixtures: Mixture[];
+  /** Of each step and class, with what rounds. */
+  readonly #bases: Int32Array;
+  /** What the neighbours' mean axis is made of: the mean of each coordinate, and their mean deviation. */
+  readonly #mean = new Float64Array(3);
+  #deviation = 0;
   readonly #near = new Neighbours();
   readonly #models: Int32Array;
   #coder = new RangeDecoder(new Uint8Array());
@@ -40,6 +49,9 @@ export class PacketDecoder {
       return known;
     });
     this.#models = new Int32Array(info.models.length);
+    this.#bases = Int32Array.from({ length: 8 * info.bases.length }, (_, i) => {
+      return (info.bases[i >> 3] + (i & 7) * 2 ** STEP_BITS) * 2 ** BITS + 2 ** (BITS + STEP_BITS - 1);
+    });
   }
 
   decode(payload: Uint8Array, block: number, count: number): Decoded {
@@ -51,31 +63,31 @@ export class PacketDecoder {
     decodeCells(coder, this.#models, cells, boxBits - at);
     for (let i = 0; i < count; i++) {
       this.#near.find(cells, i);
-      this.#gaussian(i * COLUMNS, defaults, cells.subarray(3 * i, 3 * i + 3), at, boxBits);
+      this.#gaussian(i * COLUMNS, defaults, cells, 3 * i, at, boxBits);
       if (info.numHarmonics) {
         const level = rows[i * COLUMNS + CLASS], shift = clip(BITS - this.#exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
-        decodeHarmonics(coder, this.#models, harmonics.subarray(i * info.numHarmonics, (i + 1) * info.numHarmonics), level, shift);
+        decodeHarmonics(coder, this.#models, harmonics, i * info.numHarmonics, info.numHarmonics, level, shift);
       }
     }
     return { rows, harmonics };
   }
 
-  #gaussian(row: number, defaults: Int32Array, cell: Int32Array, at: number, boxBits: number): void {
+  #gaussian(row: number, defaults: Int32Array, cells: Int32Array, cell: number, at: number, boxBits: number): void {
     this.#running = 16;
     const rows = this.#rows, { unit } = this.info, level = (rows[row + CLASS] = this.#class());
-    const opacity = clip(this.#value(0, S_OPACITY, row + OPACITY, defaults[0], level, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
+    const opacity = clip(this.#value(0, S_OPACITY, OPACITY, defaults[0], level, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
     rows[row + OPACITY] = opacity;
     const mean = this.#near.predict(rows, COLUMNS, SCALE0, defaults[1]);
-    const s0 = clip(this.#value(1, S_SCALE0, row + SCALE0, defaults[1], level, 2 * mean - (2 << BITS), 0, opacity, BITS - 1), -MAX_LOG, MAX_LOG);
+    const s0 = clip(this.#value(1, S_SCALE0, SCALE0, defaults[1], level, 2 * mean - (2 << BITS), 0, opacity, BITS - 1), -MAX_LOG, MAX_LOG);
     rows[row + SCALE0] = s0;
-    const long = clip(this.#value(2, S_SCALE1, row + SCALE1, defaults[2], level, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1), 0, MAX_LOG);
+    const long = clip(this.#value(2, S_SCALE1, SCALE1, defaults[2], level, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1), 0, MAX_LOG);
     rows[row + SCALE1] = long;
     const area = 2 * s0 - long;
-    const companded = clip(this.#value(3, S_SCALE2, row + SCALE2, defaults[3], level, area, long, opacity, BITS - 1), 0, MAX_THIN);
+    const companded = clip(this.#value(3, S_SCALE2, SCALE2, defaults[3], level, area, long, opacity, BITS - 1), 0, MAX_THIN);
     rows[row + SCALE2] = companded;
     const thin = THINNESS[companded];
     const finest = Math.max(this.#exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS));
-    this.#place(row, cell, at, Math.min(Math.max(unit - finest, 0), boxBits));
+    this.#place(row, cells, cell, at, Math.min(Math.max(unit - finest, 0), boxBits));
     const primary = (rows[row + PRIMARY] = thin >= long ? 2 : 0);
     const shift = clip(DIRECTION_BITS - this.#exponent(S_DIRECTION, level, area, long, thin, opacity), 0, DIRECTION_BITS - 2);
     this.#axis(row, primary, shift);
@@ -98,10 +110,10 @@ export class PacketDecoder {
   }
 
   /** A value that is predicted by the neighbours' mean of its column. */
-  #value(stream: number, step: number, at: number, otherwise: number, level: number, area: number, long: number, opacity: number, most: number): number {
-    const near = this.#near, mean = near.predict(this.#rows, COLUMNS, at % COLUMNS, otherwise);
+  #value(stream: number, step: number, column: number, otherwise: number, level: number, area: number, long: number, opacity: number, most: number): number {
+    const near = this.#near, mean = near.predict(this.#rows, COLUMNS, column, otherwise);
     const shift = clip(BITS - this.#exponent(step, level, area, long, 0, opacity), 0, most);
-    return mean + this.#residual(stream, spreadContext(near.count, near.deviation, shift), shift) * 2 ** shift;
+    return mean + this.#residual(stream, spreadContext(near.count, near.deviation, shift), shift) * POWER[shift];
   }
 
   /** A residual in steps; a context of all but the first two streams is how large those before were. */
@@ -114,27 +126,27 @@ export class PacketDecoder {
 
   /** `-log2` of a step, rounded. */
   #exponent(which: number, level: number, area: number, long: number, thin: number, opacity: number): number {
-    const c = COEFFICIENTS[which], base = (this.info.bases[which] + level * 2 ** STEP_BITS) * 2 ** BITS;
-    return (c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity + base + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS);
+    const c = 4 * which;
+    return (C[c] * area + C[c + 1] * long + C[c + 2] * thin + C[c + 3] * opacity + this.#bases[8 * which + level]) >> (BITS + STEP_BITS);
   }
 
   /** The bits of a place between cell and step; coordinates are in half lattice units. */
-  #place(row: number, cell: Int32Array, at: number, shift: number): void {
-    const low = Math.min(at, shift);
+  #place(row: number, cells: Int32Array, cell: number, at: number, shift: number): void {
+    const low = Math.min(at, shift), fine = at - low, unit = POWER[low + 1], half = POWER[low];
     for (let a = 0; a < 3; a++) {
-      const place = cell[a] * 2 ** (at - low) + this.#coder.raw(at - low);
-      this.#rows[row + LATTICE + a] = place * 2 ** (low + 1) + 2 ** low;
+      const place = fine ? cells[cell + a] * POWER[fine] + this.#coder.raw(fine) : cells[cell + a];
+      this.#rows[row + LATTICE + a] = place * unit + half;
     }
   }
 
   /** The primary axis, on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis. */
   #axis(row: number, primary: number, shift: number): void {
-    const rows = this.#rows, mean = [0, 0, ONE], [same, deviation] = this.#meanAxis(primary, mean);
+    const rows = this.#rows, mean = this.#mean, same = this.#meanAxis(primary);
     let pole = 0;
     for (let a = 1; a < 3; a++) if (Math.abs(mean[a]) > Math.abs(mean[pole])) pole = a;
     const side = mean[pole] < 0 ? -1 : 1, first = (pole + 1) % 3, second = (pole + 2) % 3;
     const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]), p = side * mean[first], q = side * mean[second];
-    const spread = spreadContext(same, deviation, shift), step = 2 ** shift;
+    const spread = spreadContext(same, this.#deviation, shift), step = POWER[shift];
     const e0 = clip(Math.floor(((p + q) * ONE) / norm) + this.#residual(4, spread, shift) * step, -ONE, ONE);
     const e1 = clip(Math.floor(((p - q) * ONE) / norm) + this.#residual(4, spread, shift) * step, -ONE, ONE);
     const x = (e0 + e1) >> 1, y = (e0 - e1) >> 1;
@@ -143,33 +155,38 @@ export class PacketDecoder {
     rows[row + AXIS + pole] = Math.max(ONE - Math.abs(x) - Math.abs(y), 0);
   }
 
-  /** Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; how many, and their mean deviation. */
-  #meanAxis(primary: number, mean: number[]): [number, number] {
-    const rows = this.#rows, { count, who, weight } = this.#near, sums = [0, 0, 0];
-    let nearest = -1, total = 0, same = 0, deviations = 0;
+  /** Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; gives how many, sets their mean deviation. */
+  #meanAxis(primary: number): number {
+    const rows = this.#rows, { count, who, weight } = this.#near, mean = this.#mean;
+    let nearest = -1, total = 0, same = 0, deviations = 0, x = 0, y = 0, z = 0;
     for (let m = 0; m < count; m++) {
-      const u = who[m] * COLUMNS + AXIS;
-      if (rows[who[m] * COLUMNS + PRIMARY] !== primary) continue;
+      const row = who[m] * COLUMNS, u = row + AXIS;
+      if (rows[row + PRIMARY] !== primary) continue;
       if (nearest < 0) nearest = u;
       const dot = rows[u] * rows[nearest] + rows[u + 1] * rows[nearest + 1] + rows[u + 2] * rows[nearest + 2];
-      for (let a = 0; a < 3; a++) sums[a] += (dot >= 0 ? weight[m] : -weight[m]) * rows[u + a];
+      const w = dot >= 0 ? weight[m] : -weight[m];
+      x += w * rows[u];
+      y += w * rows[u + 1];
+      z += w * rows[u + 2];
       total += weight[m];
-    }
-    if (nearest < 0 || !(sums[0] || sums[1] || sums[2])) return [0, 0];
-    const middle = sums.map((sum) => Math.floor(sum / total));
-    for (let m = 0; m < count; m++) {
-      const u = who[m] * COLUMNS + AXIS;
-      if (rows[who[m] * COLUMNS + PRIMARY] !== primary) continue;
-      let near = 0, opposite = 0;
-      for (let a = 0; a < 3; a++) {
-        near += Math.abs(rows[u + a] - middle[a]);
-        opposite += Math.abs(rows[u + a] + middle[a]);
-      }
-      deviations += weight[m] * Math.min(near, opposite);
       same++;
     }
-    for (let a = 0; a < 3; a++) mean[a] = sums[a];
-    return [same, Math.floor(deviations / total)];
+    this.#deviation = mean[0] = mean[1] = 0;
+    mean[2] = ONE;
+    if (nearest < 0 || !(x || y || z)) return 0;
+    const mx = Math.floor(x / total), my = Math.floor(y / total), mz = Math.floor(z / total);
+    for (let m = 0; m < count; m++) {
+      const row = who[m] * COLUMNS, u = row + AXIS;
+      if (rows[row + PRIMARY] !== primary) continue;
+      const near = Math.abs(rows[u] - mx) + Math.abs(rows[u + 1] - my) + Math.abs(rows[u + 2] - mz);
+      const opposite = Math.abs(rows[u] + mx) + Math.abs(rows[u + 1] + my) + Math.abs(rows[u + 2] + mz);
+      deviations += weight[m] * Math.min(near, opposite);
+    }
+    mean[0] = x;
+    mean[1] = y;
+    mean[2] = z;
+    this.#deviation = Math.floor(deviations / total);
+    return same;
   }
 
   /** Luma and chroma. */
@@ -178,7 +195,7 @@ export class PacketDecoder {
     for (let c = 0; c < 3; c++) {
       const mean = near.predict(this.#rows, COLUMNS, LUMA + c, defaults[4 + c]);
       const q = this.#residual(5 + c, spreadContext(near.count, near.deviation, shift), shift);
-      this.#rows[row + LUMA + c] = clip(mean + q * 2 ** shift, -MAX_COLOUR, MAX_COLOUR);
+      this.#rows[row + LUMA + c] = clip(mean + q * POWER[shift], -MAX_COLOUR, MAX_COLOUR);
     }
   }
 }

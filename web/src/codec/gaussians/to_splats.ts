@@ -20,13 +20,15 @@ export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: nu
   const corner = info.boxes.corners.subarray(3 * block, 3 * block + 3), number = info.numHarmonics / 3;
   const half = 2 ** (info.sizeLog - info.unit - 1), size = 2 ** info.sizeLog, sum = [0, 0, 0];
   for (let i = 0; i < count; i++) {
-    const row = rows.subarray(i * COLUMNS, (i + 1) * COLUMNS);
-    for (let a = 0; a < 3; a++) splats.means[3 * i + a] = (2 * corner[a] + row[LATTICE + a]) * half;
-    const s0 = row[SCALE0], s1 = s0 - row[SCALE1], s2 = s1 - THINNESS[row[SCALE2]];
-    splats.scales.set([size * 2 ** (s0 / UNIT), size * 2 ** (s1 / UNIT), size * 2 ** (s2 / UNIT)], 3 * i);
-    splats.opacities[i] = 2 ** (row[OPACITY] / UNIT);
-    rgb(row[LUMA] / UNIT, row[LUMA + 1] / UNIT, row[LUMA + 2] / UNIT, splats.colours, 3 * i);
-    quaternion(row, splats.quats, 4 * i);
+    const row = i * COLUMNS;
+    for (let a = 0; a < 3; a++) splats.means[3 * i + a] = (2 * corner[a] + rows[row + LATTICE + a]) * half;
+    const s0 = rows[row + SCALE0], s1 = s0 - rows[row + SCALE1], s2 = s1 - THINNESS[rows[row + SCALE2]];
+    splats.scales[3 * i] = size * 2 ** (s0 / UNIT);
+    splats.scales[3 * i + 1] = size * 2 ** (s1 / UNIT);
+    splats.scales[3 * i + 2] = size * 2 ** (s2 / UNIT);
+    splats.opacities[i] = 2 ** (rows[row + OPACITY] / UNIT);
+    rgb(rows[row + LUMA] / UNIT, rows[row + LUMA + 1] / UNIT, rows[row + LUMA + 2] / UNIT, splats.colours, 3 * i);
+    quaternion(rows, row, splats.quats, 4 * i);
     for (let b = 0; b < number; b++) {
       sum.fill(0);
       for (let k = 0, at = i * info.numHarmonics; k < number; k++) {
@@ -41,29 +43,47 @@ export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: nu
 /** Harmonic of degree 0 of a colour. */
 export const harmonicOf = (colour: number): number => (colour - 0.5) / DC;
 
-const cross = (a: readonly number[], b: readonly number[]): [number, number, number] => [
-  a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0],
-];
-
 /** Axes from the primary one and the turn about it, as a quaternion (Shepperd, 1978). */
-function quaternion(row: Float64Array, out: Float32Array, at: number): void {
-  const length = Math.hypot(row[AXIS], row[AXIS + 1], row[AXIS + 2]) || 1;
-  const u = [row[AXIS] / length, row[AXIS + 1] / length, row[AXIS + 2] / length];
+function quaternion(rows: Float64Array, row: number, out: Float32Array, at: number): void {
+  const ax = rows[row + AXIS], ay = rows[row + AXIS + 1], az = rows[row + AXIS + 2], length = Math.sqrt(ax * ax + ay * ay + az * az) || 1;
+  U[0] = ax / length;
+  U[1] = ay / length;
+  U[2] = az / length;
   let least = 0;
-  for (let a = 1; a < 3; a++) if (Math.abs(u[a]) < Math.abs(u[least])) least = a;
-  const t = u.map((value, a) => (a === least ? 1 : 0) - u[least] * value), norm = Math.hypot(t[0], t[1], t[2]);
-  const b = cross(u, t), angle = (row[SPIN] * Math.PI) / 2 ** row[SPIN_BITS];
-  const v = t.map((value, a) => (Math.cos(angle) * value + Math.sin(angle) * b[a]) / norm), w = cross(u, v);
-  const columns: (readonly number[])[] = [u, u, u], primary = row[PRIMARY];
-  columns[(primary + 1) % 3] = v;
-  columns[(primary + 2) % 3] = w;
-  const [[xx, yx, zx], [xy, yy, zy], [xz, yz, zz]] = columns;
-  const squares = [1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz];
-  const most = squares.indexOf(Math.max(...squares));
-  const x = zy - yz, y = xz - zx, z = yx - xy;
-  const found = [
-    [squares[0], x, y, z], [x, squares[1], xy + yx, xz + zx], [y, xy + yx, squares[2], yz + zy], [z, xz + zx, yz + zy, squares[3]],
-  ][most];
-  const size = Math.hypot(...found);
-  for (let a = 0; a < 4; a++) out[at + a] = found[a] / size;
+  for (let a = 1; a < 3; a++) if (Math.abs(U[a]) < Math.abs(U[least])) least = a;
+  const dot = U[least];
+  for (let a = 0; a < 3; a++) T[a] = (a === least ? 1 : 0) - dot * U[a];
+  cross(U, T, W);
+  const angle = (rows[row + SPIN] * Math.PI) / 2 ** rows[row + SPIN_BITS], norm = Math.sqrt(T[0] * T[0] + T[1] * T[1] + T[2] * T[2]);
+  const cos = Math.cos(angle) / norm, sin = Math.sin(angle) / norm;
+  for (let a = 0; a < 3; a++) V[a] = cos * T[a] + sin * W[a];
+  cross(U, V, W);
+  const primary = rows[row + PRIMARY], x = primary === 0 ? U : primary === 1 ? W : V, y = primary === 0 ? V : primary === 1 ? U : W;
+  const z = primary === 0 ? W : primary === 1 ? V : U;
+  fromAxes(x, y, z, out, at);
+}
+
+const U = new Float64Array(3), T = new Float64Array(3), V = new Float64Array(3), W = new Float64Array(3);
+
+function cross(a: Float64Array, b: Float64Array, out: Float64Array): void {
+  out[0] = a[1] * b[2] - a[2] * b[1];
+  out[1] = a[2] * b[0] - a[0] * b[2];
+  out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/** A rotation whose columns are x, y and z, from the largest of the four. */
+function fromAxes(x: Float64Array, y: Float64Array, z: Float64Array, out: Float32Array, at: number): void {
+  const trace = x[0] + y[1] + z[2];
+  let qw = 1 + trace, qx = y[2] - z[1], qy = z[0] - x[2], qz = x[1] - y[0];
+  if (trace < x[0] || trace < y[1] || trace < z[2]) {
+    const xy = x[1] + y[0], xz = z[0] + x[2], yz = y[2] + z[1];
+    if (x[0] >= y[1] && x[0] >= z[2]) [qw, qx, qy, qz] = [qx, 1 + 2 * x[0] - trace, xy, xz];
+    else if (y[1] >= z[2]) [qw, qx, qy, qz] = [qy, xy, 1 + 2 * y[1] - trace, yz];
+    else [qw, qx, qy, qz] = [qz, xz, yz, 1 + 2 * z[2] - trace];
+  }
+  const size = Math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz);
+  out[at] = qw / size;
+  out[at + 1] = qx / size;
+  out[at + 2] = qy / size;
+  out[at + 3] = qz / size;
 }
