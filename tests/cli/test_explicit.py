@@ -45,7 +45,7 @@ def test_what_arrives_whole_is_the_scene(run, ply, stream, tmp_path):
     assert float((source.opacities - back.opacities[nearest]).abs().mean()) < 0.05
 
 
-def test_lost_packets_leave_gaussians_out_and_grow_enlarges_the_others(run, stream, tmp_path):
+def test_lost_packets_leave_gaussians_out_and_grow_makes_the_others_more(run, stream, tmp_path):
     assert run("transmit", stream, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.4", "--seed", "1").status == 0
     sizes = {}
     for concealer in ("drop", "grow"):

@@ -5,6 +5,7 @@ import torch
 
 from conceal.gaps import random_context
 from splatwire.conceal import Drop, Grow
+from splatwire.conceal.context import ElementContext
 from splatwire.conceal.grow import lost_share
 from splatwire.errors import InvalidValueError
 from splatwire.scene import Erasures
@@ -79,3 +80,25 @@ def test_no_hole_makes_a_gain_far_above_that_of_the_whole_loss() -> None:
 def test_senseless_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         Grow(**options)
+
+
+def test_explicit_gaussians_become_as_opaque_as_those_that_they_stand_for() -> None:
+    rng = torch.Generator().manual_seed(3)
+    positions, opacities = torch.rand(400, 3, generator=rng), torch.rand(400, generator=rng) * 0.98 + 0.01
+    known = torch.arange(400) % 2 == 0
+    hints = Grow().hints(ElementContext(positions, torch.zeros(400), known, opacities))
+    assert torch.equal(hints.left_out, ~known)
+    seen = (opacities * hints.opacity_gain)[known]
+    through, alone = 1 - seen, 1 - opacities[known]
+    assert float((through.log() / alone.log()).median()) == pytest.approx(2**0.8, rel=0.1)
+    assert bool((seen < 1).all())
+    assert 1.0 < float(hints.size_gain[known].max()) < 1.15
+    assert bool((hints.size_gain[~known] == 1).all() and (hints.opacity_gain[~known] == 1).all())
+
+
+def test_gaussians_that_nothing_is_lost_around_stay_as_they_are() -> None:
+    known = torch.ones(50, dtype=torch.bool)
+    opacities = torch.linspace(0.1, 0.9, 50)
+    hints = Grow().hints(ElementContext(torch.rand(50, 3), torch.zeros(50), known, opacities))
+    torch.testing.assert_close(hints.opacity_gain, torch.ones(50))
+    torch.testing.assert_close(hints.size_gain, torch.ones(50))

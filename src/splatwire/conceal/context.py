@@ -22,11 +22,13 @@ class ElementContext:
         positions: Where each element is, or is expected to be.
         log_sizes: Logarithm of the size that is expected of it.
         known: Which of them arrived.
+        opacities: Opacity of each Gaussian that arrived; None for anchors, whose Gaussians a view makes.
     """
 
     positions: Float[Tensor, "N 3"]
     log_sizes: Float[Tensor, "N"]
     known: Bool[Tensor, "N"]
+    opacities: Float[Tensor, "N"] | None = None
 
     @property
     def sizes(self) -> Float[Tensor, "N"]:
@@ -92,7 +94,8 @@ def mean_log_size(scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N"]:
 def elements_of(partial: PartialSplats) -> ElementContext:
     """Takes from partial Gaussians what a concealer may see: the size of one is the geometric mean of its scales."""
     splats = partial.scene.splats
-    return ElementContext(splats.means, splats.scales.clamp(min=MIN_SIZE).log().mean(dim=1), partial.erasures.known)
+    log_sizes = splats.scales.clamp(min=MIN_SIZE).log().mean(dim=1)
+    return ElementContext(splats.means, log_sizes, partial.erasures.known, splats.opacities)
 
 
 def context_of(partial: PartialScene) -> AnchorContext:

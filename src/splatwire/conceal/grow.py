@@ -13,6 +13,10 @@ from splatwire.model import RenderHints
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 _CHUNK = 1 << 15
+_MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
+_SIZE_EXPONENT, _OPACITY_EXPONENT = 0.12, 0.8
+"""Explicit Gaussians overlap more than they cover: each is a little larger, and as opaque as so many of it. Measured at
+20 % loss of spread packets on luigi, tiger, truck, guitar and an export of the bundled scene."""
 
 
 @register_concealer("grow")
@@ -25,6 +29,9 @@ class Grow:
     that matters is there and only small ones are lost, as with a stream whose important anchors are protected, large
     anchors must not grow over what is small. With the last third to half of the packets of two scenes cut off, tiers in
     order of importance, this was worth 0.4 and 0.5 dB over counting heads; where all are lost alike, 0.01 to 0.05.
+
+    Of explicit Gaussians, the opacity o grows to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size much less: n in a row
+    let as much light through as those of them that arrived would have to.
 
     Attributes:
         neighbors: How many nearest anchors (received or lost, not counting the anchor itself) `rho` is taken over.
@@ -57,10 +64,14 @@ class Grow:
 
     def hints(self, elements: ElementContext) -> RenderHints:
         """See `ElementConcealer`."""
-        known = elements.known
+        known, opacities = elements.known, elements.opacities
         left = 1 - lost_share(elements.positions, known, self.neighbors, elements.sizes)
-        gain = self.gain(left, known)
-        return RenderHints(torch.where(known, gain, torch.ones_like(gain)), ~known)
+        if opacities is None:
+            return RenderHints(torch.where(known, self.gain(left, known), torch.ones_like(left)), ~known)
+        left = torch.where(known, self.limited(left, known), torch.ones_like(left))
+        opaque = 1 - (1 - opacities.clamp(max=_MOST_OPAQUE)) ** (left**-_OPACITY_EXPONENT)
+        gain = torch.where(known, opaque / opacities.clamp(min=_LEAST_OPAQUE), torch.ones_like(left)).clamp(min=1)
+        return RenderHints(left**-_SIZE_EXPONENT, ~known, gain)
 
     def gain(self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"]) -> Float[Tensor, "M"]:
         """Gains where some share of the neighbours is left.
@@ -69,11 +80,15 @@ class Grow:
             left: Share of the neighbours that were received.
             known: What was received of the whole scene, which limits the gain.
         """
+        return self.limited(left, known) ** -self.exponent
+
+    def limited(self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"]) -> Float[Tensor, "M"]:
+        """Shares that are left, kept so large that no gain is beyond its limit; arguments as of `gain`."""
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
         overall = max(float(known.double().mean()), 1e-9) if len(known) else 1.0
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
-        return left.clamp(min=least) ** -self.exponent
+        return left.clamp(min=least)
 
 
 def lost_share(
