@@ -55,8 +55,10 @@ def test_lost_packets_leave_gaussians_out_and_grow_makes_the_others_more(run, st
         assert done.status == 0
         seen = read_splats(tmp_path / f"{concealer}.ply")
         assert seen.num_gaussians == COUNT - done.json["num_lost"] < COUNT
-        sizes[concealer] = float(seen.scales.mean())
-    assert sizes["grow"] > 1.05 * sizes["drop"]
+        sizes[concealer] = float(seen.scales.mean()), float(seen.opacities.mean())
+    (small, thin), (large, opaque) = sizes["drop"], sizes["grow"]
+    assert large > 1.02 * small
+    assert opaque > 1.05 * thin
 
 
 @pytest.fixture(scope="module")

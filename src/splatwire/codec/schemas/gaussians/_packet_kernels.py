@@ -222,11 +222,11 @@ def encode_cut(
             tries, last = tries + 1, n
             if length <= most or n == 1:
                 low = n
-                if n == left or length * 64 >= most * 63 or tries > 6:
+                if n == left or length * 16 >= most * 15 or tries > 6:
                     break
             else:
                 high = n
-            aim = n * most // max(length, 1)
+            aim = n * (most - (most >> 6)) // max(length, 1)
             n = min(max(aim, low + 1), high - 1)
         if last != low:
             length = _encode_packet(
@@ -235,7 +235,7 @@ def encode_cut(
             )  # fmt: skip
         at += length
         sizes[packets], ends[packets] = low, at
-        guess = low
+        guess = max(low * (most - (most >> 6)) // max(length, 1), 1)
         begin += low
         packets += 1
     return packets

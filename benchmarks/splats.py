@@ -1,0 +1,216 @@
+"""Explicit Gaussians beside SOG and SPZ: bytes at equal pictures, what a loss costs, time, as JSON; and a plot of it.
+
+    python benchmarks/splats.py rates luigi.ply tiger.ply --others DIR --ready biker.spz -o splats.json
+    python benchmarks/splats.py plot splats.json -o splats.svg
+    python benchmarks/splats.py scale truck.splat --counts 100000 1000000 -o splats_scale.json
+
+DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm; what it lacks is written by
+our own `formats` and marked so. A file after --ready is its own source: bytes are compared with its own.
+"""
+
+import argparse
+import dataclasses
+import itertools
+import json
+import resource
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from figures import publish
+
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec.schemas.gaussians.decoder import decode_splats
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality
+from splatwire.codec.streams import decode_stream
+from splatwire.conceal import conceal
+from splatwire.data import load_cameras
+from splatwire.formats import read_splats, write_splats
+from splatwire.model import SplatScene
+from splatwire.packets import PRESETS, SceneStream
+from splatwire.render import iterate_views
+from splatwire.render.importance import cameras_around
+from splatwire.render.precision import precision_classes
+from splatwire.scene import Cameras
+from splatwire.scene.splats import Splats
+
+LEVELS = (5.0, 9.0, 11.0, 12.0)
+"""Besides those of the named qualities."""
+SEEDS = range(5)
+
+
+def mean_psnr(splats: Splats | SplatScene, cameras: Cameras, reference: list[torch.Tensor]) -> float:
+    scene = splats if isinstance(splats, SplatScene) else SplatScene(splats)
+    pictures = zip(iterate_views(scene, cameras), reference, strict=True)
+    errors = [max(float(((ours - theirs) ** 2).mean()), 1e-12) for ours, theirs in pictures]
+    return float(np.mean(-10 * np.log10(errors)))
+
+
+def coded(splats: Splats, classes: np.ndarray, quality: Quality, preset: str = "datagram") -> tuple[SceneStream, dict]:
+    started = time.process_time()
+    stream = encode_splats(splats, PRESETS[preset], classes=classes, quality=quality, threads=1)
+    encoded = time.process_time()
+    decoded = decode_splats(stream, threads=1)[0]
+    ended, count = time.process_time(), splats.num_gaussians
+    return stream, {
+        "bytes": stream.num_bytes,
+        "bits_per_gaussian": 8 * stream.num_bytes / count,
+        "encode_us_per_gaussian": (encoded - started) / count * 1e6,
+        "decode_us_per_gaussian": (ended - encoded) / count * 1e6,
+        "decoded": decoded,
+    }
+
+
+def bytes_at(rows: list[dict], wanted: float) -> float | None:
+    """Bytes at a PSNR, from the two rows around it, logarithms of bytes in a straight line."""
+    rows = sorted(rows, key=lambda row: row["psnr"])
+    for low, high in itertools.pairwise(rows):
+        if low["psnr"] <= wanted <= high["psnr"]:
+            share = (wanted - low["psnr"]) / max(high["psnr"] - low["psnr"], 1e-9)
+            return float(low["bytes"] * (high["bytes"] / low["bytes"]) ** share)
+    return None
+
+
+def others_of(path: Path, folder: Path, splats: Splats, cameras: Cameras, reference: list[torch.Tensor]) -> dict:
+    found = {}
+    for kind in ("sog", "spz"):
+        theirs = folder / f"{path.stem}.{kind}"
+        writer = "splat-transform" if theirs.exists() else "splatwire.formats"
+        with tempfile.TemporaryDirectory() as made:
+            if not theirs.exists():
+                theirs = Path(made) / f"own.{kind}"
+                write_splats([splats], theirs)
+            quality = mean_psnr(read_splats(theirs), cameras, reference)
+            found[kind] = {"bytes": theirs.stat().st_size, "psnr": quality, "writer": writer}
+    return found
+
+
+def one(path: Path, others: Path | None, cameras_file: Path | None) -> dict:
+    splats = read_splats(path)
+    cameras = load_cameras(cameras_file) if cameras_file else cameras_around(splats.means, 8, 320)
+    reference = list(iterate_views(SplatScene(splats), cameras))
+    started = time.process_time()
+    classes = precision_classes(splats)
+    looked = (time.process_time() - started) / splats.num_gaussians * 1e6
+    rows = []
+    levels = {str(level): dataclasses.replace(QUALITIES["default"], level=level) for level in LEVELS}
+    for name, quality in {**levels, **QUALITIES}.items():
+        stream, row = coded(splats, classes, quality)
+        row["psnr"] = mean_psnr(row.pop("decoded"), cameras, reference)
+        rows.append({"name": name, "level": quality.level, **row})
+        if name == "default":
+            default = stream
+    rows.sort(key=lambda row: row["level"])
+    result = {
+        "gaussians": splats.num_gaussians,
+        "degree": splats.degree,
+        "views": cameras.num_views,
+        "classes_us_per_gaussian": looked,
+        "rows": rows,
+        "pak_bytes": coded(splats, classes, QUALITIES["default"], "paper")[1]["bytes"],
+        "loss": losses(default, cameras, reference),
+    }
+    if others is None:
+        size = path.stat().st_size
+        result["file_bytes"], at = size, bytes_at(rows, 40.0)
+        result["share_of_file_at_40_dB"] = at / size if at else None
+        return result
+    result["others"] = others_of(path, others, splats, cameras, reference)
+    for theirs in result["others"].values():
+        at = bytes_at(rows, theirs["psnr"])
+        theirs["our_bytes_at_its_psnr"], theirs["share"] = at, at / theirs["bytes"] if at else None
+    return result
+
+
+def losses(stream: SceneStream, cameras: Cameras, reference: list[torch.Tensor]) -> dict:
+    """Mean PSNR over masks at 20 % lost datagrams."""
+    found: dict[str, list[float]] = {"drop": [], "grow": []}
+    for seed in SEEDS:
+        partial = decode_stream(transmit(stream, parse_loss("bernoulli:0.2"), seed=seed)[0])
+        for name, values in found.items():
+            values.append(mean_psnr(conceal(partial, name), cameras, reference))
+    return {name: statistics.mean(values) for name, values in found.items()}
+
+
+def tiled(splats: Splats, count: int) -> Splats:
+    """So many Gaussians: copies of a scene side by side."""
+    copies, size = (
+        -(-count // splats.num_gaussians),
+        float((splats.means.quantile(0.99, 0) - splats.means.quantile(0.01, 0)).max()),
+    )
+    side = int(np.ceil(np.sqrt(copies)))
+    many = {k: v.repeat(copies, *[1] * (v.dim() - 1))[:count] for k, v in vars(splats).items()}
+    cell = torch.arange(copies).repeat_interleave(splats.num_gaussians)[:count]
+    many["means"] += torch.stack([cell % side, cell // side, torch.zeros_like(cell)], dim=1) * size * 1.05
+    return Splats(**many)
+
+
+def scale(path: Path, counts: list[int]) -> dict:
+    """Time and memory of a codec call by the number of Gaussians; the most of a process, so counts should rise."""
+    splats, rows = read_splats(path), []
+    coded(splats, np.zeros(splats.num_gaussians, int), QUALITIES["default"])
+    for count in counts:
+        many = tiled(splats, count)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        row = coded(many, np.zeros(count, int), QUALITIES["default"])[1]
+        row.pop("decoded")
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        rows.append({"gaussians": count, **row, "input_mib": sum(v.nbytes for v in vars(many).values()) / 2**20,
+                     "peak_mib_before": before, "peak_mib": peak})  # fmt: skip
+        print(rows[-1], file=sys.stderr)
+    return {"source": path.name, "rows": rows}
+
+
+def plot(results: dict, output: Path) -> None:
+    import matplotlib.pyplot as plt
+
+    scenes = results["scenes"]
+    figure, axes = plt.subplots(1, len(scenes), figsize=(4 * len(scenes), 3.6), squeeze=False)
+    for axis, (name, scene) in zip(axes[0], scenes.items(), strict=True):
+        bits, quality = ([row[key] for row in scene["rows"]] for key in ("bits_per_gaussian", "psnr"))
+        axis.plot(bits, quality, "o-", label="splatwire, datagrams")
+        theirs = scene.get("others") or {"file": {"bytes": scene["file_bytes"], "psnr": None}}
+        for kind, other in theirs.items():
+            bits = 8 * other["bytes"] / scene["gaussians"]
+            if other["psnr"] is None:
+                axis.axvline(bits, color="gray", linestyle="--", label=Path(name).suffix)
+            else:
+                axis.plot([bits], [other["psnr"]], "s", label=f"{kind} ({other['writer']})")
+        axis.set(title=f"{name}, degree {scene['degree']}", xlabel="bits per Gaussian", ylabel="PSNR, dB")
+        axis.legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(output)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("rates", "plot", "scale"))
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--others", type=Path)
+    parser.add_argument("--ready", nargs="*", type=Path, default=[])
+    parser.add_argument("--cameras", nargs="*", default=[], metavar="NAME=FILE", help="cameras of a file, by its stem")
+    parser.add_argument("--counts", nargs="*", type=int, default=[100_000, 1_000_000])
+    parser.add_argument("-o", "--output", type=Path)
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    if args.what == "plot":
+        plot(json.loads(args.files[0].read_text()), args.output)
+        return
+    if args.what == "scale":
+        publish(scale(args.files[0], args.counts), args.output)
+        return
+    cameras = dict(pair.split("=", 1) for pair in args.cameras)
+    scenes = {}
+    for path, others in [*((f, args.others) for f in args.files), *((f, None) for f in args.ready)]:
+        told = cameras.get(path.stem)
+        scenes[path.name] = one(path, others, Path(told) if told else None)
+        publish({"scenes": scenes}, args.output)
+
+
+if __name__ == "__main__":
+    main()
