@@ -83,12 +83,30 @@ def test_pictures_from_around_need_no_cameras(run, ply, lossy, tmp_path):
 def test_a_stream_is_compared_with_its_source_under_the_same_losses_for_all(run, ply, stream, tmp_path):
     words = ("--reference", ply, "--loss", "bernoulli:0.3", "--seeds", "0", "1", "--views", "3", "--lpips-views", "1")
     rows = {row["method"]: row for row in run("evaluate", stream, *words, "--json").json["rows"]}
-    assert set(rows) == {"no loss", "drop", "grow"}
+    assert set(rows) == {"no loss", "drop", "grow", "scene_free"}
     assert rows["no loss"]["psnr"] > rows["drop"]["psnr"] + 3
     assert rows["drop"]["num_lost_packets"] == rows["grow"]["num_lost_packets"] > 0
     encoded = run("evaluate", ply, *words, "--conceal", "drop", "-o", tmp_path / "report", "--json")
     assert encoded.json["rows"][0]["psnr"] > 30
     assert "900 Gaussians" in (tmp_path / "report" / "report.html").read_text()
+
+
+def test_what_no_view_would_miss_is_left_out(run, ply, tmp_path):
+    done = run("encode", ply, "-o", tmp_path / "half.swz", "--keep", "0.5", "--tiers", "0.1", "--json")
+    assert done.json["num_anchors"] == COUNT // 2
+    assert 20 < done.json["kept_psnr"] < 100
+    assert [tier["num_anchors"] for tier in done.json["tiers"].values()] == [COUNT // 20, COUNT // 2 - COUNT // 20]
+    assert run("decode", tmp_path / "half.swz", "-o", tmp_path / "half.ply").status == 0
+    kept, all_of_them = read_splats(tmp_path / "half.ply"), read_splats(ply)
+    assert float(kept.opacities.mean()) > float(all_of_them.opacities.mean())
+    assert "--keep" in run("encode", ply, "-o", tmp_path / "a.swz", "--keep", "0").err
+
+
+def test_redundancy_is_planned(run, stream, tmp_path):
+    words = ("--views", "2", "--trials", "20", "--drawn", "1", "--conceal", "drop")
+    done = run("plan", stream, "-o", tmp_path / "plan.json", *words)
+    assert "Gaussians lost, tier by tier" in done.out
+    assert (tmp_path / "plan.json").is_file()
 
 
 def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):

@@ -54,7 +54,7 @@ def test_what_a_stream_carries_for_concealers_is_offered_and_used(viewer):
     bundled, _ = read_stream(assets / "snowmiku.swz")
     source, settings = FileSource(bundled), Settings(loss=0.5, concealer="sketch")
     assert "sketch" in concealer_names(source.progressive.sections)
-    assert "sketch" not in concealer_names(viewer.source.progressive.sections)
+    assert "sketch" not in viewer.source.progressive.concealers
     camera = load_cameras(assets / "snowmiku_cameras.json").select([0]).scaled(0.2)
     frame = Viewer(source).frame(settings, camera, score=False)
     partial = decode_stream(arrived(bundled, settings))
@@ -62,7 +62,7 @@ def test_what_a_stream_carries_for_concealers_is_offered_and_used(viewer):
     assert torch.equal(frame.image, (pictures[0] * 255).round().to(torch.uint8))
     assert not torch.equal(pictures[0], pictures[1])
     live = ProgressiveScene(bundled.manifest, bundled.side_info)
-    assert live.sections == source.progressive.sections
+    assert live.concealers == source.progressive.concealers
 
 
 def test_pictures_are_those_of_decoding_and_concealing_what_arrived(stream, viewer):

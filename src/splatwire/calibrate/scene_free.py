@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -11,13 +12,17 @@ from torch import Tensor
 from splatwire.calibrate.checks import check_settings
 from splatwire.calibrate.pseudo_loss import CalibrationData, without
 from splatwire.conceal.scene_free import GainNetwork
-from splatwire.conceal.scene_free.network import HIDDEN, gain_inputs
+from splatwire.conceal.scene_free.elements import ElementInputs, ElementNetwork
+from splatwire.conceal.scene_free.network import HIDDEN, GainInputs, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
-from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians, visible_anchors
+from splatwire.model.appearance import Scene, spawned_gaussians
+from splatwire.model.gaussian_heads import SpawnedGaussians
 from splatwire.render.backends import create_renderer
-from splatwire.scene import Gaussians
+from splatwire.scene import Cameras, Gaussians
 from splatwire.train.schedule import half_cosine
+
+Network = TypeVar("Network", GainNetwork, ElementNetwork)
 
 
 @dataclass(frozen=True)
@@ -68,13 +73,38 @@ def train_scene_free(
         InvalidValueError: If there is no scene, or one has no cameras.
         DivergedError: If the loss is not finite.
     """
-    if not scenes:
-        raise InvalidValueError("a concealer cannot be trained on no scene")
     seeds = np.random.SeedSequence(config.seed).spawn(len(scenes))
-    lessons = [_Lessons(scene, config, seed) for scene, seed in zip(scenes, seeds, strict=True)]
-    network = GainNetwork(config.hidden, seed=config.seed)
-    losses = [inputs for lesson in lessons for inputs in lesson.inputs]
-    network.standardise(torch.cat([inputs.signature for inputs in losses]))
+    lessons = [_lessons(scene, config, seed) for scene, seed in zip(scenes, seeds, strict=True)]
+    return train_on(lessons, GainNetwork(config.hidden, seed=config.seed), config, progress)
+
+
+def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> "Lessons":
+    if data.cameras is None:
+        raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
+    around = surroundings_of(data.context, torch.arange(data.scene.anchors.num_anchors))
+    with torch.no_grad():
+        inputs = [
+            gain_inputs(without(data.context, known), around.select(known))
+            for known in data.pseudo_losses(config.drop_rates, seeds)
+        ]
+    return Lessons(data.scene, data.cameras, inputs)
+
+
+def train_on(
+    lessons: "Sequence[Lessons]",
+    network: Network,
+    config: SceneFreeConfig,
+    progress: Callable[[int, float], None] | None = None,
+) -> Network:
+    """Trains a network on the losses of some scenes; see `train_scene_free`.
+
+    Raises:
+        InvalidValueError: If there is no scene.
+        DivergedError: If the loss is not finite.
+    """
+    if not lessons:
+        raise InvalidValueError("a concealer cannot be trained on no scene")
+    network.standardise(torch.cat([inputs.signature for lesson in lessons for inputs in lesson.inputs]))
     optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate, betas=(0.95, 0.99))
     rng = torch.Generator().manual_seed(config.seed)
     for step in range(config.steps):
@@ -94,23 +124,21 @@ def train_scene_free(
     return network.eval().requires_grad_(False)
 
 
-class _Lessons:
-    """Losses and views of one scene, with all that does not change while the network learns."""
+class Lessons:
+    """Losses and views of one scene, with all that does not change while a network learns.
 
-    def __init__(self, data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> None:
-        if data.cameras is None:
-            raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
-        self._scene, self._cameras = data.scene, data.cameras
-        around = surroundings_of(data.context, torch.arange(data.scene.anchors.num_anchors))
-        with torch.no_grad():
-            self.inputs = [
-                gain_inputs(without(data.context, known), around.select(known))
-                for known in data.pseudo_losses(config.drop_rates, seeds)
-            ]
+    Args:
+        scene: The complete scene.
+        cameras: Where pictures are compared.
+        inputs: What the network sees of each loss.
+    """
+
+    def __init__(self, scene: Scene, cameras: Cameras, inputs: Sequence[GainInputs] | Sequence[ElementInputs]) -> None:
+        self._scene, self._cameras, self.inputs = scene, cameras, inputs
         self._views: dict[int, tuple[SpawnedGaussians, Tensor]] = {}
         self._order: list[tuple[int, int]] = []
 
-    def error(self, network: GainNetwork, rng: torch.Generator) -> Float[Tensor, ""]:
+    def error(self, network: GainNetwork | ElementNetwork, rng: torch.Generator) -> Float[Tensor, ""]:
         """Mean squared error of the next picture; every loss meets every view before one comes again."""
         if not self._order:
             pairs = [(loss, view) for loss in range(len(self.inputs)) for view in range(self._cameras.num_views)]
@@ -118,7 +146,7 @@ class _Lessons:
         loss, view = self._order.pop()
         inputs = self.inputs[loss]
         spawned, reference = self._lossless(view)
-        place = torch.full((self._scene.anchors.num_anchors,), -1)
+        place = torch.full((self._scene.num_elements,), -1)
         place[inputs.rows] = torch.arange(len(inputs.rows))
         place = place[spawned.anchor_index]
         arrived = place >= 0
@@ -129,10 +157,7 @@ class _Lessons:
     @torch.no_grad()
     def _lossless(self, view: int) -> tuple[SpawnedGaussians, Tensor]:
         if view not in self._views:
-            cameras, scene = self._cameras, self._scene
-            visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
-            center = cameras.centers[view].to(scene.anchors.positions)
-            spawned = spawn_gaussians(scene.anchors, scene.heads, center, visible)
+            spawned = spawned_gaussians(self._scene, self._cameras, view)
             self._views[view] = spawned, self._draw(spawned.gaussians, view)
         return self._views[view]
 

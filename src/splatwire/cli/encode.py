@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from splatwire.model.appearance import Scene
     from splatwire.packets import Packetization, SceneStream
+    from splatwire.scene import Cameras
 
 
 @dataclass(frozen=True)
@@ -30,19 +31,23 @@ class Encode:
     preset: str = "paper"
     """Packetization to start from."""
     block_size: int | None = None
-    """Most anchors of a spatial block."""
+    """Most elements of a spatial block."""
     lanes: int | None = None
     """Packets that a block is split into."""
     lane_seed: int | None = None
     """Seed of the lane hash."""
     order: str | None = None
-    """Ranking of anchors: morton or raster."""
+    """Ranking of elements: morton or raster (anchors only)."""
     grouping: str | None = None
-    """Anchors of a lane: stratified (hashed) or contiguous."""
+    """Elements of a lane: stratified (hashed) or contiguous."""
     tiers: tuple[float, ...] = ()
-    """Shares of the anchors, most important first, that get packets of their own: 0.05, or 0.05 0.15."""
+    """Shares of the elements, most important first, that get packets of their own: 0.05, or 0.05 0.15."""
+    keep: float = 1.0
+    """Share of the elements that is kept: 0.6 leaves out the 40 % that no view would miss, and says what that costs."""
     data: Path | None = None
-    """Photos whose training cameras say what is important; cameras around the scene if not given."""
+    """Photos whose training cameras say what is important; views around the scene if not given."""
+    cameras: Path | None = None
+    """The same, a cameras file."""
     refine: int = 0
     """Steps in which the context model is fitted to the scene again before: 600 take a minute or two and save some
     percent of the bytes. `train` does so by itself; a scene that was decoded or imported from HAC++ loses 0.1 dB."""
@@ -58,6 +63,10 @@ class Encode:
     def run(self) -> None:
         """Runs the verb."""
         packetization, background = self.packetization(), chosen_background(self.background)
+        if not all(0 < share < 1 for share in self.tiers) or sum(self.tiers) >= 1:
+            raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
+        if not 0 < self.keep <= 1:
+            raise InvalidValueError(f"--keep takes a share above 0 and at most 1, not {self.keep:g}")
         from splatwire.train.config import RefineConfig
 
         config = RefineConfig(steps=self.refine, seed=self.seed)
@@ -66,6 +75,7 @@ class Encode:
         from splatwire.model import AnchorScene
         from splatwire.packets import write_stream
         from splatwire.render.precision import classes_of
+        from splatwire.render.pruning import thinned
 
         with input_path(self.scene) as source:
             scene = complete_scene(source)
@@ -74,15 +84,18 @@ class Encode:
         if config.steps and not isinstance(scene, AnchorScene):
             raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
         scene = scene if background is None else replace(scene, background=background)
-        tiers = self._tiers(scene)
+        cameras = self._cameras(scene)
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
             if config.steps and isinstance(scene, AnchorScene):
                 from splatwire.train.refine import refine_context
 
                 scene = refine_context(scene, config, progress=lambda share: report("fitting the context model", share))
-            started = time.perf_counter()
+            started, lost = time.perf_counter(), None
+            if self.keep != 1:
+                left = thinned(scene, self.keep, cameras, progress=lambda share: report("what nobody misses", share))
+                scene, lost = left.scene, left.psnr
             report("looking at the scene", 0.0)
-            classes = classes_of(scene)
+            tiers, classes = self._tiers(scene, cameras), classes_of(scene, cameras)
             report("looking at the scene", 1.0)
             stream = encode_scene(
                 scene, packetization, tiers=tiers, quality=self.quality, classes=classes,
@@ -90,9 +103,9 @@ class Encode:
             )  # fmt: skip
             seconds = time.perf_counter() - started
             write_stream(stream, path)
-        self._tell(stream, seconds)
+        self._tell(stream, seconds, lost)
 
-    def _tell(self, stream: "SceneStream", seconds: float) -> None:
+    def _tell(self, stream: "SceneStream", seconds: float, kept_psnr: float | None) -> None:
         from splatwire.packets import measure_sizes
 
         if self.json:
@@ -104,26 +117,38 @@ class Encode:
                     "num_packets": len(stream.packets),
                     "num_anchors": stream.manifest.num_anchors,
                     "tiers": measure_sizes(stream).tiers,
+                    "kept_psnr": kept_psnr,
                     "seconds": seconds,
                 }
             )
         else:
             text = f"{stream.manifest.num_anchors:,} {stream.manifest.elements} in {len(stream.packets):,} packets"
+            if kept_psnr is not None:
+                text = f"{text} ({self.keep:.0%} kept: {kept_psnr:.2f} dB against pictures of all)"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)
 
-    def _tiers(self, scene: "Scene") -> "Tensor | None":
-        """Tier of every anchor; None if there is one."""
+    def _cameras(self, scene: "Scene") -> "Cameras | None":
+        """Where the scene is looked at from, if the user says so."""
+        from splatwire.data import load_cameras, open_dataset
+        from splatwire.model import AnchorScene
+
+        if self.data is not None and self.cameras is not None:
+            raise InvalidValueError("give either --cameras FILE or --data FOLDER")
+        given = self.data is not None or self.cameras is not None
+        if given and not self.tiers and self.keep == 1 and isinstance(scene, AnchorScene):
+            raise InvalidValueError("--data and --cameras say what is important, which needs --tiers or --keep")
+        if self.cameras is not None:
+            return load_cameras(self.cameras)
+        return None if self.data is None else open_dataset(self.data, split="train").cameras
+
+    def _tiers(self, scene: "Scene", cameras: "Cameras | None") -> "Tensor | None":
+        """Tier of every element; None if there is one."""
         if not self.tiers:
-            if self.data is not None:
-                raise InvalidValueError("--data says which anchors are important, which means nothing without --tiers")
             return None
-        if not all(0 < share < 1 for share in self.tiers) or sum(self.tiers) >= 1:
-            raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
-        from splatwire.data import open_dataset
         from splatwire.render.importance import footprint_importance, surrounding_cameras
 
-        cameras = surrounding_cameras(scene) if self.data is None else open_dataset(self.data, split="train").cameras
-        return footprint_importance(scene, cameras).tiers(self.tiers, scene.drawable)
+        seen_from = surrounding_cameras(scene) if cameras is None else cameras
+        return footprint_importance(scene, seen_from).tiers(self.tiers, scene.drawable)
 
     def packetization(self) -> "Packetization":
         """The preset with what the user changed.

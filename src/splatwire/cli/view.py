@@ -61,6 +61,7 @@ class View:
     def run(self) -> None:
         """Runs the verb until Ctrl-C."""
         from splatwire.conceal import concealer_names, create_concealer
+        from splatwire.model import SplatScene
         from splatwire.render.importance import cameras_around
         from splatwire.view.looks import first_look
         from splatwire.view.model import Settings, Viewer
@@ -74,7 +75,7 @@ class View:
         settings.loss_model()
         with progress_bars() as show:
             source, transfer, cameras = self._open(show)
-        names = concealer_names(source.progressive.sections if source.progressive else ())
+        names = source.progressive.concealers if source.progressive else concealer_names()
         names = names if self.conceal in names else (*names, self.conceal)
         try:
             play_s = getattr(source, "transfer_seconds", 10.0)
@@ -87,12 +88,13 @@ class View:
                 host=self.host, port=self.port, still_height=self.height, play_s=max(play_s, 2.0),
             )  # fmt: skip
             count, early = len(source.positions), source.preview is not None
+            elements = source.progressive.decoder.manifest.elements if source.progressive else SplatScene.ELEMENTS
             with _stopping(server.stop):
                 if self.json:
-                    about = {"anchors": count, "preview": early, "live": source.live, "concealers": names}
+                    about = {elements.lower(): count, "preview": early, "live": source.live, "concealers": names}
                     print_json({"url": server.url, **about})
                 else:
-                    what = f"a preview of {count} Gaussians" if early else f"{count} anchors"
+                    what = f"a preview of {count} Gaussians" if early else f"{count:,} {elements}"
                     print_summary(f"{what} at {server.url} (Ctrl-C ends it)")
                 server.run()
         finally:

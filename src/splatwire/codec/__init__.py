@@ -1,8 +1,7 @@
 """Codec: scenes to streams of independently decodable packets, and back."""
 
 from splatwire.codec.schemas.hacpp.encoder import scene_in_order
-from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder
-from splatwire.codec.streams import decode_anchors, decode_stream, encode_scene
+from splatwire.codec.streams import ProgressiveDecoder, decode_anchors, decode_stream, encode_scene, progressive_decoder
 from splatwire.packets.sections import add_concealment, side_info_parts, without_concealment
 
 __all__ = [
@@ -11,6 +10,7 @@ __all__ = [
     "decode_anchors",
     "decode_stream",
     "encode_scene",
+    "progressive_decoder",
     "scene_in_order",
     "side_info_parts",
     "without_concealment",

@@ -1,6 +1,7 @@
 """Scenes to streams and back, by the schema of their elements."""
 
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -12,14 +13,16 @@ from splatwire.codec.background import read_background
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.progressive import ProgressiveSplats
 from splatwire.codec.schemas.gaussians.quality import quality_of
 from splatwire.codec.schemas.hacpp import decoder as hacpp_decoder
 from splatwire.codec.schemas.hacpp import encoder as hacpp_encoder
+from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder as ProgressiveAnchors
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model import AnchorScene, PartialScene, PartialSplats, SplatScene
 from splatwire.model.appearance import Partial, Scene
-from splatwire.packets import GAUSSIANS, PRESETS, Packetization, SceneStream
+from splatwire.packets import GAUSSIANS, PRESETS, Manifest, PacketIntake, Packetization, SceneStream
 from splatwire.scene import Erasures
 
 Progress = Callable[[float], None]
@@ -94,6 +97,30 @@ def decode_stream(stream: SceneStream, *, threads: int | None = None, progress: 
     left = {name: data for name, data in sections.items() if name not in (BACKGROUND, TIERS, PREVIEW)}
     scene = SplatScene(splats, background=read_background(sections))
     return PartialSplats(scene, Erasures.of_anchors(torch.from_numpy(known)), left)
+
+
+ProgressiveDecoder: TypeAlias = ProgressiveAnchors | ProgressiveSplats
+"""Decodes a stream while it arrives."""
+
+
+def progressive_decoder(
+    manifest: Manifest, side_info: bytes, *, intake: PacketIntake | None = None, progress: Progress | None = None
+) -> ProgressiveDecoder:
+    """Gets ready to decode a stream while it arrives.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: Its side information.
+        intake: What its packets passed where they arrived; None lets them pass one here.
+        progress: Called with the share of the preparation that is done, 0 to 1.
+
+    Raises:
+        MissingSideInfoError: If there is no side information.
+        BitstreamError: If it contradicts the manifest.
+    """
+    if manifest.codec == GAUSSIANS:
+        return ProgressiveSplats(manifest, side_info, intake=intake)
+    return ProgressiveAnchors(manifest, side_info, intake=intake, progress=progress)
 
 
 def decode_anchors(

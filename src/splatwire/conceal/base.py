@@ -73,8 +73,8 @@ _NEEDS: dict[str, str] = {}
 """The option without which a concealer cannot be made, by concealer."""
 _SECTIONS: dict[str, str] = {}
 """The section of the side information without which a concealer cannot work, by concealer."""
-_SHIPPED: dict[str, Path] = {}
-"""The file of weights that comes with the package, by concealer."""
+_SHIPPED: dict[str, Mapping[str, Path]] = {}
+"""The files of weights that come with the package, for each kind of elements, by concealer."""
 _UNLISTED: set[str] = set()
 """Concealers that are there for comparison only."""
 
@@ -84,7 +84,7 @@ def register_concealer(
     *,
     needs: str | None = None,
     section: str | None = None,
-    shipped: Path | None = None,
+    shipped: Mapping[str, Path] | None = None,
     listed: bool = True,
 ) -> Callable[[Factory], Factory]:
     """Registers a class or function that makes concealers from keyword options; used as a decorator.
@@ -93,7 +93,8 @@ def register_concealer(
         name: Its name.
         needs: An option that it cannot do without, such as a file of weights; `name:VALUE` gives it.
         section: A section of the side information that it cannot do without.
-        shipped: The package's file of weights, which it reads where its option `weights` names no other.
+        shipped: The package's files of weights by what elements are called, which it reads where its option `weights`
+            names no other.
         listed: Whether `concealer_names` lists it.
     """
 
@@ -135,16 +136,17 @@ def concealer_sections() -> dict[str, str]:
     return dict(_SECTIONS)
 
 
-def concealer_file(name: str, options: Mapping[str, Any]) -> Path | None:
+def concealer_file(name: str, options: Mapping[str, Any], elements: str = AnchorScene.ELEMENTS) -> Path | None:
     """The file of weights that a concealer reads; None if it reads none.
 
     Args:
         name: Its name, or `name:FILE`.
         options: Its options.
+        elements: What the elements that it works on are called.
     """
     name, _, file = name.partition(":")
-    named = file or options.get("weights")
-    return Path(named) if named else _SHIPPED.get(name)
+    named = file or options.get("weights" if elements == AnchorScene.ELEMENTS else "gaussian_weights")
+    return Path(named) if named else _SHIPPED.get(name, {}).get(elements)
 
 
 def create_concealer(name: str, **options: Any) -> Concealer:

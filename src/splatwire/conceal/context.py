@@ -22,13 +22,15 @@ class ElementContext:
         positions: Where each element is, or is expected to be.
         log_sizes: Logarithm of the size that is expected of it.
         known: Which of them arrived.
-        opacities: Opacity of each Gaussian that arrived; None for anchors, whose Gaussians a view makes.
+        opacities: Of explicit Gaussians, 0 where lost; None for anchors, whose Gaussians have some of their own.
+        log_scales: Logarithms of the axes of explicit Gaussians, largest first; None for anchors.
     """
 
     positions: Float[Tensor, "N 3"]
     log_sizes: Float[Tensor, "N"]
     known: Bool[Tensor, "N"]
     opacities: Float[Tensor, "N"] | None = None
+    log_scales: Float[Tensor, "N 3"] | None = None
 
     @property
     def sizes(self) -> Float[Tensor, "N"]:
@@ -94,8 +96,8 @@ def mean_log_size(scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N"]:
 def elements_of(partial: PartialSplats) -> ElementContext:
     """Takes from partial Gaussians what a concealer may see: the size of one is the geometric mean of its scales."""
     splats = partial.scene.splats
-    log_sizes = splats.scales.clamp(min=MIN_SIZE).log().mean(dim=1)
-    return ElementContext(splats.means, log_sizes, partial.erasures.known, splats.opacities)
+    axes = splats.scales.clamp(min=MIN_SIZE).log().sort(dim=1, descending=True).values
+    return ElementContext(splats.means, axes.mean(dim=1), partial.erasures.known, splats.opacities, axes)
 
 
 def context_of(partial: PartialScene) -> AnchorContext:

@@ -130,6 +130,10 @@ class AnchorScene:
         """Number of its elements, N."""
         return self.anchors.num_anchors
 
+    def select(self, index: Tensor) -> "AnchorScene":
+        """The scene with the elements at `index` (integers or a boolean mask over N), hints left out."""
+        return replace(self, anchors=self.anchors.select(index), hints=None)
+
     @property
     def drawable(self) -> Bool[Tensor, "N"]:
         """Elements that any view can draw: those that are worth a packet."""

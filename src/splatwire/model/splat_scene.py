@@ -45,6 +45,10 @@ class SplatScene:
         """Number of its elements, N."""
         return self.splats.num_gaussians
 
+    def select(self, index: Tensor) -> "SplatScene":
+        """The scene with the elements at `index` (integers or a boolean mask over N), hints left out."""
+        return replace(self, splats=self.splats.select(index), hints=None)
+
     @property
     def drawable(self) -> Bool[Tensor, "N"]:
         """Elements that any view can draw: those that are worth a packet."""

@@ -40,10 +40,15 @@ _WEIGHTS = {
 """Numbers that each attribute has; colour has 3, and about 12 with harmonics."""
 
 
-def classes_of(scene: Scene) -> np.ndarray | None:
-    """Classes of precision of a scene's elements; None for anchors, whose steps the scene was trained with."""
+def classes_of(scene: Scene, cameras: Cameras | None = None) -> np.ndarray | None:
+    """Classes of precision of a scene's elements; None for anchors, whose steps the scene was trained with.
+
+    Args:
+        scene: The scene.
+        cameras: Where it is looked at from; None for views around it.
+    """
     splats = explicit_gaussians(scene)
-    return None if splats is None else precision_classes(splats)
+    return None if splats is None else precision_classes(splats, cameras)
 
 
 def precision_classes(

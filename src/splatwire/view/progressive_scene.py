@@ -4,15 +4,14 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.codec import ProgressiveDecoder
-from splatwire.conceal import Concealer
+from splatwire.codec import ProgressiveDecoder, progressive_decoder
+from splatwire.conceal import Concealer, concealer_names
 from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import DesyncError
-from splatwire.model.appearance import Scene
+from splatwire.model.appearance import Partial, Scene
 from splatwire.packets import Manifest, Packet, PacketIntake, SceneStream
 
 
@@ -42,8 +41,8 @@ class ProgressiveScene:
         intake: PacketIntake | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        self._decoder = ProgressiveDecoder(manifest, side_info, intake=intake, progress=progress)
-        self._shown = self._decoder.partial
+        self._decoder = progressive_decoder(manifest, side_info, intake=intake, progress=progress)
+        self._shown: Partial = self._decoder.partial
         self._concealer = ProgressiveConcealer(self._shown, concealer)
 
     @property
@@ -52,9 +51,9 @@ class ProgressiveScene:
         return self._shown.scene.positions
 
     @property
-    def sections(self) -> tuple[str, ...]:
-        """Names of what the stream carries for concealers."""
-        return tuple(self._shown.concealment)
+    def concealers(self) -> tuple[str, ...]:
+        """Names of the concealers that can work on it."""
+        return concealer_names(self._shown.concealment, self._decoder.manifest.elements)
 
     @property
     def known(self) -> Bool[Tensor, "N"]:
@@ -129,7 +128,7 @@ class ProgressiveScene:
             wanted[decoder.members(packet)] = True
         with decoder.lock:
             if self._shown is decoder.partial:
-                self._shown = decoder.partial.without(torch.zeros(len(wanted), dtype=torch.bool))
+                self._shown = decoder.snapshot()
                 self._concealer = ProgressiveConcealer(self._shown, self._concealer.concealer)
             old, new = decoder.show(self._shown, wanted)
             if len(old):

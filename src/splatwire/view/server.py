@@ -216,7 +216,7 @@ class ViewerServer:
             return
         if news:
             self._settings_at = time.monotonic()
-            self._panel.offer(concealer_names(source.progressive.sections if source.progressive else ()))
+            self._panel.offer(source.progressive.concealers if source.progressive else concealer_names())
 
     def _draw(self, client: _Client, look: Look, sharp: bool) -> None:
         settings, at, pace = self._panel.settings, self._settings_at, client.pace

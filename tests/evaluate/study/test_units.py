@@ -69,7 +69,7 @@ def test_another_network_of_the_scene_free_concealer_is_another_unit(tiny_folder
         "shipped": {"conceal": "scene_free"},
         "option": {"conceal": "scene_free", "options": {"weights": str(file)}},
     }[how]
-    monkeypatch.setitem(base._SHIPPED, "scene_free", file)
+    monkeypatch.setitem(base._SHIPPED, "scene_free", {"anchors": file})
     row = Row("network", "network", Packetization(block_size=60), **settings)
     study = dataclasses.replace(
         load_study(tiny_folder / "protocol.toml"), rows=(row,), baseline=None, published=(), seeds=(0,), views=1

@@ -6,11 +6,19 @@ from pathlib import Path
 import torch
 
 from splatwire.conceal.base import Concealed, check_at_least, register_concealer
-from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.context import AnchorContext, ElementContext
 from splatwire.conceal.drop import Drop
+from splatwire.conceal.scene_free.elements import ElementNetwork, element_inputs
 from splatwire.conceal.scene_free.network import GainNetwork, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
-from splatwire.conceal.scene_free.weights import SHIPPED, default_weights, load_gain_network
+from splatwire.conceal.scene_free.weights import (
+    SHIPPED,
+    default_element_weights,
+    default_weights,
+    load_element_network,
+    load_gain_network,
+)
+from splatwire.model import RenderHints
 
 
 @register_concealer("scene_free", shipped=SHIPPED)
@@ -19,22 +27,28 @@ class SceneFree:
     """Leaves lost anchors out; grows and brightens received ones by what a network learned on the pictures of scenes.
 
     The network never sees a feature, a colour or a unit of length: only shares, ratios and counts (`signatures`). So
-    it works on scenes, layouts and units that it was not trained on.
+    it works on scenes, layouts and units that it was not trained on. Anchors and explicit Gaussians have one each.
 
     Attributes:
-        weights: File with other weights; those of the package where absent.
+        weights: File with other weights for anchors; those of the package where absent.
         trust: How much of the network's correction is taken: 0 is `grow`, 1 all of it. On photos that the training had
             left out, half of it cost at most 0.02 dB against `grow` where it did not help; all of it cost 0.24 dB once.
+        gaussian_weights: File with other weights for explicit Gaussians, whose network is trusted altogether.
     """
 
     weights: str | Path | None = None
     trust: float = 0.5
+    gaussian_weights: str | Path | None = None
     _network: GainNetwork = field(init=False, repr=False, compare=False)
+    _elements: ElementNetwork = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_at_least("trust in the network", self.trust, 0)
         network = default_weights() if self.weights is None else load_gain_network(Path(self.weights))
+        given = self.gaussian_weights
         object.__setattr__(self, "_network", network)
+        elements = default_element_weights() if given is None else load_element_network(Path(given))
+        object.__setattr__(self, "_elements", elements)
 
     @property
     def name(self) -> str:
@@ -50,3 +64,13 @@ class SceneFree:
             gains = self._network(gain_inputs(context, surroundings_of(context, rows)), self.trust)
             size, opacity = (size.index_put((rows,), gain) for gain in gains)
         return Concealed(dropped.anchors, size, dropped.left_out, opacity)
+
+    @torch.no_grad()
+    def hints(self, elements: ElementContext) -> RenderHints:
+        """See `ElementConcealer`; for explicit Gaussians."""
+        size = opacity = torch.ones_like(elements.log_sizes)
+        inputs = element_inputs(elements)
+        if len(inputs.rows):
+            gains = self._elements(inputs)
+            size, opacity = (size.index_put((inputs.rows,), gain) for gain in gains)
+        return RenderHints(size, ~elements.known, opacity)

@@ -45,30 +45,43 @@ def gain_inputs(context: AnchorContext, around: Surroundings) -> GainInputs:
     return GainInputs(around.rows, signatures(context, around), grown)
 
 
-class GainNetwork(nn.Module):
-    """A small perceptron that corrects the gains of `grow`. Untrained it corrects nothing."""
+class Perceptron(nn.Module):
+    """One hidden layer between standardised inputs and two numbers, 0 at first."""
 
     mean: Tensor
     spread: Tensor
 
-    def __init__(self, hidden: int = HIDDEN, *, seed: int = 0) -> None:
+    def __init__(self, inputs: int, hidden: int, *, seed: int) -> None:
         super().__init__()
-        first, last = nn.Linear(SIGNATURE, hidden), nn.Linear(hidden, 2)
+        first, last = nn.Linear(inputs, hidden), nn.Linear(hidden, 2)
         rng = torch.Generator().manual_seed(seed)
-        bound = 1 / math.sqrt(SIGNATURE)
+        bound = 1 / math.sqrt(inputs)
         with torch.no_grad():
             for parameter in first.parameters():
                 parameter.copy_((2 * torch.rand(parameter.shape, generator=rng) - 1) * bound)
             for parameter in last.parameters():
                 parameter.zero_()
         self.layers = nn.Sequential(first, nn.SiLU(), last)
-        self.register_buffer("mean", torch.zeros(SIGNATURE))
-        self.register_buffer("spread", torch.ones(SIGNATURE))
+        self.register_buffer("mean", torch.zeros(inputs))
+        self.register_buffer("spread", torch.ones(inputs))
 
     def standardise(self, signature: Float[Tensor, "M D"]) -> None:
         """Fixes the constants that bring inputs to mean 0 and spread 1."""
         self.mean.copy_(signature.mean(dim=0))
         self.spread.copy_(signature.std(dim=0, correction=0).clamp(min=1e-3))
+
+    def opinion(self, signature: Float[Tensor, "M D"]) -> Float[Tensor, "M 2"]:
+        """What it makes of inputs; unusual ones are cut off."""
+        x = ((signature - self.mean) / self.spread).clamp(-_MOST_UNUSUAL, _MOST_UNUSUAL)
+        opinion: Tensor = self.layers(x)
+        return opinion
+
+
+class GainNetwork(Perceptron):
+    """A small perceptron that corrects the gains of `grow`. Untrained it corrects nothing."""
+
+    def __init__(self, hidden: int = HIDDEN, *, seed: int = 0) -> None:
+        super().__init__(SIGNATURE, hidden, seed=seed)
 
     def forward(self, inputs: GainInputs, trust: float | int = 1.0) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
         """Computes the gains of size and opacity, positive.
@@ -77,6 +90,5 @@ class GainNetwork(nn.Module):
             inputs: What is known.
             trust: How much of the network's correction is taken, 0 for none.
         """
-        x = ((inputs.signature - self.mean) / self.spread).clamp(-_MOST_UNUSUAL, _MOST_UNUSUAL)
-        change = trust * self.layers(x).clamp(-_MOST_CHANGE, _MOST_CHANGE)
+        change = trust * self.opinion(inputs.signature).clamp(-_MOST_CHANGE, _MOST_CHANGE)
         return inputs.grown * change[:, 0].exp(), change[:, 1].exp()

@@ -1,20 +1,31 @@
-"""Weights of the scene-free concealer as a file of plain tensors; one such file ships with the package."""
+"""Weights of the scene-free concealer as files of plain tensors; one for each kind of elements comes along."""
 
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import TypeVar
 
-from splatwire.conceal.scene_free.network import GainNetwork
+from splatwire.conceal.scene_free.elements import ElementNetwork
+from splatwire.conceal.scene_free.network import GainNetwork, Perceptron
 from splatwire.errors import BitstreamError
+from splatwire.model import AnchorScene, SplatScene
 from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
 
-FORMAT = "splatwire-scene-free"
 VERSION = 1
-SHIPPED = Path(str(resources.files("splatwire").joinpath("assets").joinpath("scene_free.safetensors")))
+_FORMATS: dict[type[Perceptron], str] = {
+    GainNetwork: "splatwire-scene-free", ElementNetwork: "splatwire-scene-free-gaussians"
+}  # fmt: skip
+_ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
+SHIPPED = {
+    AnchorScene.ELEMENTS: _ASSETS / "scene_free.safetensors",
+    SplatScene.ELEMENTS: _ASSETS / "scene_free_gaussians.safetensors",
+}
+"""The package's file for each kind of elements."""
 _MAX_HIDDEN = 1024
+Network = TypeVar("Network", GainNetwork, ElementNetwork)
 
 
-def save_gain_network(network: GainNetwork, path: Path, *, record: dict[str, str] | None = None) -> None:
+def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str] | None = None) -> None:
     """Writes a network.
 
     Args:
@@ -26,21 +37,30 @@ def save_gain_network(network: GainNetwork, path: Path, *, record: dict[str, str
         OSError: If the file cannot be written.
     """
     tensors = {name: value.detach().float().contiguous() for name, value in network.state_dict().items()}
-    write_tensors(tensors, {"format": FORMAT, "version": VERSION, "record": record or {}}, path)
+    write_tensors(tensors, {"format": _FORMATS[type(network)], "version": VERSION, "record": record or {}}, path)
 
 
 def load_gain_network(path: Path) -> GainNetwork:
-    """Reads what `save_gain_network` wrote.
+    """Reads a network for anchors that `save_gain_network` wrote.
 
     Raises:
         UnsupportedVersionError: If it is of a version that this release does not read.
         BitstreamError: If it is absent or no such file, or a tensor is missing, of another size or not finite.
     """
-    tensors, _ = read_tensors(path, FORMAT, VERSION)
+    return _load(path, GainNetwork)
+
+
+def load_element_network(path: Path) -> ElementNetwork:
+    """Reads a network for explicit Gaussians; see `load_gain_network`."""
+    return _load(path, ElementNetwork)
+
+
+def _load(path: Path, kind: type[Network]) -> Network:
+    tensors, _ = read_tensors(path, _FORMATS[kind], VERSION)
     first = tensors.get("layers.0.weight")
     if first is None or first.dim() != 2 or not 1 <= len(first) <= _MAX_HIDDEN:
         raise BitstreamError(f"{path}: the first layer of the gain network is missing or of no sensible size")
-    network = GainNetwork(len(first))
+    network = kind(len(first))
     load_tensors(network, tensors, f"{path}: ")
     if not bool((tensors["spread"] > 0).all()):
         raise BitstreamError(f"{path}: 'spread' of the gain network is not positive")
@@ -49,5 +69,11 @@ def load_gain_network(path: Path) -> GainNetwork:
 
 @cache
 def default_weights() -> GainNetwork:
-    """The network that ships with the package."""
-    return load_gain_network(SHIPPED)
+    """The network for anchors that ships with the package."""
+    return load_gain_network(SHIPPED[AnchorScene.ELEMENTS])
+
+
+@cache
+def default_element_weights() -> ElementNetwork:
+    """The network for explicit Gaussians that ships with the package."""
+    return load_element_network(SHIPPED[SplatScene.ELEMENTS])

@@ -138,11 +138,12 @@ def list_cells(study: Study, scenes: Mapping[str, PreparedScene], *, lpips_diges
 
 def _cell(study: Study, scene: PreparedScene, row: Row, loss: Loss | None, seed: int | None, lpips_digest: str) -> Cell:
     weights = str(scene.entry.weights or "") if row.needs_weights else ""
-    file = concealer_file(row.conceal.replace(WEIGHTS, weights), row.options)
+    stream = scene.streams[row.variant]
+    file = concealer_file(row.conceal.replace(WEIGHTS, weights), row.options, stream.elements)
     unit = Unit(
         scene=scene.entry.name,
         label=row.label,
-        stream=scene.streams[row.variant],
+        stream=stream,
         references=scene.references,
         mask=None if loss is None or seed is None else scene.masks[(row.variant, loss, seed)],
         loss=loss,

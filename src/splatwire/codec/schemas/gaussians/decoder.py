@@ -53,7 +53,7 @@ def decode_splats(
     manifest = stream.manifest
     info = open_side_info(manifest, stream.side_info)
     groups, packets = arrange(manifest.plan, stream.packets)
-    splats, known = _blank(manifest.num_anchors, info.degree), np.zeros(manifest.num_anchors, dtype=np.bool_)
+    splats, known = blank_splats(manifest.num_anchors, info.degree), np.zeros(manifest.num_anchors, dtype=np.bool_)
     sizes, edges = np.diff(groups.starts), np.concatenate([[0], np.cumsum(block_sizes(manifest.plan))])
     first_group = np.searchsorted(groups.starts, edges)
     digest = hashlib.sha256()
@@ -124,7 +124,8 @@ def decode_block(
     return rows, harmonics, received
 
 
-def _blank(count: int, degree: int) -> Splats:
+def blank_splats(count: int, degree: int) -> Splats:
+    """Gaussians to be filled, zero everywhere."""
     return Splats(
         torch.zeros(count, 3), torch.zeros(count, 4), torch.zeros(count, 3), torch.zeros(count),
         torch.zeros(count, (degree + 1) ** 2, 3),

@@ -1,13 +1,13 @@
 """Packet by packet: what arrives is decoded into arrays that are a scene at every moment."""
 
 import hashlib
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
+from splatwire.codec.arrivals import Arrivals
 from splatwire.codec.schemas.hacpp.atomic import CHUNK_ANCHORS, Symbols, chunks, decode_packets
 from splatwire.codec.schemas.hacpp.decoder import (
     DecodedArrays,
@@ -20,8 +20,9 @@ from splatwire.codec.schemas.hacpp.digest import update_digest
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError
 from splatwire.model import PartialScene
+from splatwire.model.appearance import Partial
 from splatwire.ops.threads import one_blas_thread
-from splatwire.packets import Manifest, Packet, PacketId, PacketIntake, ReadReport, SceneStream
+from splatwire.packets import Manifest, Packet, PacketIntake
 from splatwire.scene import Erasures
 
 _FILLED = ("features", "scalings", "offsets", "mask")
@@ -37,7 +38,7 @@ class _Decoded:
     factors: np.ndarray
 
 
-class ProgressiveDecoder:
+class ProgressiveDecoder(Arrivals):
     """Decodes a stream while it arrives: the same integers as `decode_stream`, in any order of packets.
 
     Side information is read once, and the prior of every anchor evaluated; from then on a packet costs what its own
@@ -68,14 +69,10 @@ class ProgressiveDecoder:
         threads: int | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        self.manifest = manifest
-        self.lock = threading.RLock()
-        self._side_info = side_info
+        super().__init__(manifest, side_info, intake)
         self._info = open_side_info(manifest, side_info)
         self._context, self._models = self._info.coding_context(), self._info.mask_models()
         self._arrays = DecodedArrays.empty(self._info)
-        self._intake = intake or PacketIntake(manifest)
-        self._taken: set[PacketId] = set()
         self._order = ranks_in_order(self._info, manifest)
         self._threads = threads
         self._predict(progress)
@@ -99,34 +96,9 @@ class ProgressiveDecoder:
         return self._num_known
 
     @property
-    def num_packets(self) -> int:
-        """Packets that were decoded."""
-        return len(self._taken)
-
-    @property
     def complete(self) -> bool:
         """Whether every anchor has arrived."""
         return self._num_known == self.manifest.num_anchors
-
-    @property
-    def report(self) -> ReadReport:
-        """Counts of good, missing, damaged, foreign and duplicate packets."""
-        with self.lock:
-            return self._intake.report()
-
-    @property
-    def stream(self) -> SceneStream:
-        """What has arrived."""
-        with self.lock:
-            return SceneStream(self.manifest, self._side_info, self._intake.packets)
-
-    def _takes(self, packet: Packet) -> bool:
-        """Whether a packet is to be decoded: it passed where it came in, or does here, and is new."""
-        passed = self._intake.has(packet) and packet.id not in self._taken
-        if not passed and self._intake.take(packet, "transfer") is None:
-            return False
-        self._taken.add(packet.id)
-        return True
 
     def members(self, packet: Packet) -> np.ndarray:
         """Ranks of a packet's anchors, int64, in the order in which it holds them.
@@ -146,7 +118,7 @@ class ProgressiveDecoder:
         scene = replace(live.scene, anchors=replace(live.scene.anchors, **filled))
         return replace(live, scene=scene, erasures=erasures)
 
-    def show(self, shown: PartialScene, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def show(self, shown: Partial, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Brings another state of the scene to the one in which exactly some of what arrived is there.
 
         Args:
@@ -156,6 +128,7 @@ class ProgressiveDecoder:
         Returns:
             Anchors that were taken back and those that are new, int64.
         """
+        assert isinstance(shown, PartialScene)
         known = shown.erasures.known.numpy()
         old, new = np.flatnonzero(known & ~wanted), np.flatnonzero(wanted & ~known)
         shown.fill(torch.from_numpy(new), self._partial)
@@ -174,8 +147,7 @@ class ProgressiveDecoder:
         Raises:
             DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
         """
-        with self.lock:
-            taken = [packet for packet in packets if self._takes(packet)]
+        taken = self.take(packets)
         new = [np.empty(0, dtype=np.int64)]
         for decoded in self._decode_all(taken):
             with self.lock:
@@ -227,7 +199,7 @@ class ProgressiveDecoder:
         """Compares all decoded integers with the manifest's digest, once; their copy is not needed after that."""
         with self.lock:
             symbols, self._symbols = self._symbols, None
-            if symbols is None or len(self._taken) != self.manifest.num_packets:
+            if symbols is None or not self.has_every_packet:
                 return
         ranks = self.manifest.plan.groups().ranks
         ranks = ranks if self._order is None else self._order[ranks]

@@ -1,0 +1,77 @@
+"""Gaussians decoded packet by packet are at every moment those that a decoder makes of the same packets."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.codec import decode_stream, encode_scene, progressive_decoder
+from splatwire.errors import BitstreamError, DesyncError
+from splatwire.model import PartialSplats, SplatScene
+from splatwire.packets import PRESETS, SceneStream
+from splatwire.scene.splats import Splats
+
+COUNT = 1500
+
+
+@pytest.fixture(scope="module", params=["paper", "datagram"])
+def stream(request) -> SceneStream:
+    rng = torch.Generator().manual_seed(8)
+    quats = torch.nn.functional.normalize(torch.randn(COUNT, 4, generator=rng), dim=1)
+    splats = Splats(
+        torch.rand(COUNT, 3, generator=rng), quats, torch.rand(COUNT, 3, generator=rng) * 0.02 + 0.005,
+        torch.rand(COUNT, generator=rng), torch.randn(COUNT, 4, 3, generator=rng) * 0.3,
+    )  # fmt: skip
+    packetization = dataclasses.replace(PRESETS[request.param], block_size=400)
+    return encode_scene(SplatScene(splats), packetization)
+
+
+def of(stream: SceneStream, packets) -> PartialSplats:
+    partial = decode_stream(SceneStream(stream.manifest, stream.side_info, tuple(sorted(packets, key=lambda p: p.id))))
+    assert isinstance(partial, PartialSplats)
+    return partial
+
+
+def assert_same(one: PartialSplats, other: PartialSplats) -> None:
+    assert torch.equal(one.erasures.received, other.erasures.received)
+    for name, values in vars(one.scene.splats).items():
+        assert torch.equal(values, getattr(other.scene.splats, name)), name
+
+
+def test_every_moment_is_what_a_decoder_makes_of_the_same_packets(stream):
+    decoder = progressive_decoder(stream.manifest, stream.side_info)
+    order = np.random.default_rng(1).permutation(len(stream.packets))
+    assert_same(decoder.snapshot(), of(stream, ()))
+    for part in np.array_split(order, 3):
+        new = decoder.add([stream.packets[i] for i in part])
+        assert len(new) == sum(stream.packets[i].num_anchors for i in part)
+        assert len(decoder.add([stream.packets[part[0]]])) == 0
+        assert_same(decoder.partial, of(stream, decoder.stream.packets))
+    assert decoder.complete
+    assert decoder.report.num_duplicate == 3
+
+
+def test_any_of_what_arrived_can_be_shown_as_if_no_other_had(stream):
+    decoder = progressive_decoder(stream.manifest, stream.side_info)
+    decoder.add(stream.packets)
+    shown = decoder.snapshot()
+    for seed in range(3):
+        chosen = [p for p in stream.packets if np.random.default_rng([seed, p.id.block, p.id.lane]).random() < 0.6]
+        wanted = np.zeros(COUNT, dtype=np.bool_)
+        for packet in chosen:
+            wanted[decoder.members(packet)] = True
+        known = shown.erasures.known.numpy()
+        old, new = decoder.show(shown, wanted)
+        assert set(old.tolist()) == set(np.flatnonzero(known & ~wanted))
+        assert set(new.tolist()) == set(np.flatnonzero(wanted & ~known))
+        assert_same(shown, of(stream, chosen))
+
+
+def test_wrong_integers_are_noticed_when_everything_is_there(stream):
+    wrong = dataclasses.replace(stream.manifest, symbols_digest="0" * 64)
+    decoder = progressive_decoder(wrong, stream.side_info)
+    with pytest.raises(DesyncError):
+        decoder.add(stream.packets)
+    with pytest.raises(BitstreamError):
+        progressive_decoder(stream.manifest, stream.side_info[:40])
