@@ -12,7 +12,7 @@ import torch
 from scenes import tiny_cameras, tiny_scene
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.conceal import conceal, concealer_names
+from splatwire.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.errors import DesyncError, InvalidValueError, UnknownNameError
 from splatwire.metrics import psnr
@@ -53,7 +53,7 @@ def test_what_a_stream_carries_for_concealers_is_offered_and_used(viewer):
     assets = Path(str(resources.files("splatwire").joinpath("assets")))
     bundled, _ = read_stream(assets / "snowmiku.swz")
     source, settings = FileSource(bundled), Settings(loss=0.5, concealer="sketch")
-    assert "sketch" in concealer_names(source.progressive.sections)
+    assert "sketch" in source.progressive.concealers
     assert "sketch" not in viewer.source.progressive.concealers
     camera = load_cameras(assets / "snowmiku_cameras.json").select([0]).scaled(0.2)
     frame = Viewer(source).frame(settings, camera, score=False)
