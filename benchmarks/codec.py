@@ -17,9 +17,10 @@ import numpy as np
 from figures import publish
 
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
+from splatwire.codec.encoding import scene_in_order
 from splatwire.codec.schemas.hacpp.atomic import predict_packets
 from splatwire.codec.schemas.hacpp.coding_params import CodingContext
-from splatwire.codec.schemas.hacpp.encoder import SymbolSource, scene_in_order
+from splatwire.codec.schemas.hacpp.encoder import SymbolSource
 from splatwire.codec.schemas.hacpp.side_info import read_side_info
 from splatwire.entropy.coder import Mixtures, encode_bits, encode_symbols
 from splatwire.entropy.tables import weight_table

@@ -6,6 +6,8 @@ import torch
 
 from splatwire.model import (
     AnchorScene,
+    CausalCoding,
+    CausalConfig,
     ContextModel,
     GaussianHeads,
     HacppCoding,
@@ -140,8 +142,31 @@ def _rounded(values: torch.Tensor, step: torch.Tensor) -> torch.Tensor:
     return torch.round(values / step) * step
 
 
-def _heads(config: ModelConfig, rng: torch.Generator) -> GaussianHeads:
+def _heads(config: ModelConfig | CausalConfig, rng: torch.Generator) -> GaussianHeads:
     inputs, offsets = config.layout.feature_dim + 4, config.layout.num_offsets
     opacity = _mlp(inputs, 16, offsets, rng)
     opacity = Mlp(opacity.hidden, Linear(opacity.output.weight, opacity.output.bias + 0.8))
     return GaussianHeads(opacity, _mlp(inputs, 16, 7 * offsets, rng), _mlp(inputs, 16, 3 * offsets, rng))
+
+
+SMALL_CAUSAL = CausalConfig(AnchorLayout(feature_dim=12, num_offsets=4, feature_groups=(1, 1, 2, 8)), context_dim=6)
+"""The causal model with few channels."""
+
+
+def tiny_causal_scene(seed: int = 0, num_anchors: int = 300, config: CausalConfig = SMALL_CAUSAL) -> AnchorScene:
+    """Makes a scene of random anchors under a random causal model, all at different voxels around the origin."""
+    rng = torch.Generator().manual_seed(seed)
+    side, layout = 2 * HALF_SIDE + 1, config.layout
+    cells = torch.randperm(side**3, generator=rng)[:num_anchors]
+    voxels = torch.stack([cells // side**2, cells // side % side, cells % side], dim=1) - HALF_SIDE
+    networks = {name: _mlp(inputs, 16, out, rng, 0.01) for name, (inputs, out) in config.shapes().items()}
+    mask = torch.rand(num_anchors, layout.num_offsets, generator=rng) < 0.4
+    mask[torch.arange(num_anchors), torch.randint(0, layout.num_offsets, (num_anchors,), generator=rng)] = True
+    scalings = (0.4 * torch.randn(num_anchors, 4, generator=rng) - 2.5).exp()[:, [0, 0, 0, 1, 2, 3]]
+    offsets = torch.randn(num_anchors, layout.num_offsets, 3, generator=rng) * mask[:, :, None]
+    features = 2 * torch.randn(num_anchors, layout.feature_dim, generator=rng)
+    anchors = Anchors(voxel_positions(voxels, VOXEL_SIZE), features, scalings, offsets, mask)
+    steps = torch.tensor([0.5] * len(layout.feature_groups) + [0.3, 0.1, 0.2])
+    spread = torch.full((3,), HALF_SIDE / 2)
+    coding = CausalCoding(networks, steps, torch.full((4,), -2.5), torch.zeros(3), spread, VOXEL_SIZE, config)
+    return AnchorScene(anchors, _heads(config, rng), coding)

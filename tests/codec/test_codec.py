@@ -11,7 +11,7 @@ import torch
 
 from scenes import tiny_scene
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.schemas.hacpp.encoder import scene_in_order
+from splatwire.codec.encoding import scene_in_order
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
 from splatwire.model import AnchorScene, ModelConfig
 from splatwire.model.prior_field import evaluate_prior
@@ -19,6 +19,7 @@ from splatwire.packets import Packetization, SceneStream, make_packet, read_stre
 
 PACKETIZATION = Packetization(block_size=100, lanes=4)
 GOLDEN = Path(__file__).parent.parent / "golden" / "tiny.swz"
+GOLDEN_CAUSAL = GOLDEN.with_name("tiny_causal.swz")
 ATTRIBUTES = ("positions", "features", "scalings", "offsets", "mask")
 
 
@@ -174,10 +175,11 @@ import sys, hashlib
 from pathlib import Path
 from splatwire.packets import read_stream
 from splatwire.codec import decode_stream
-scene = decode_stream(read_stream(Path(sys.argv[1]))[0]).scene
 digest = hashlib.sha256()
-for name in ("positions", "features", "scalings", "offsets", "mask"):
-    digest.update(getattr(scene.anchors, name).numpy().tobytes())
+for path in sys.argv[1:]:
+    scene = decode_stream(read_stream(Path(path))[0]).scene
+    for name in ("positions", "features", "scalings", "offsets", "mask"):
+        digest.update(getattr(scene.anchors, name).numpy().tobytes())
 print(digest.hexdigest())
 """
 
@@ -196,20 +198,29 @@ def test_a_fresh_process_decodes_the_same_integers(
     path = tmp_path / "scene.swz"
     write_stream(stream, path)
     digest = hashlib.sha256()
-    for tensor in attributes_of(decode_stream(stream).scene):
-        digest.update(tensor.numpy().tobytes())
-    command = [sys.executable, "-W", "ignore", "-c", FRESH, str(path)]
+    for one in (stream, read_stream(GOLDEN_CAUSAL)[0]):
+        for tensor in attributes_of(decode_stream(one).scene):
+            digest.update(tensor.numpy().tobytes())
+    command = [sys.executable, "-W", "ignore", "-c", FRESH, str(path), str(GOLDEN_CAUSAL)]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=240, env={**os.environ, **environment}, check=False
     )
     assert done.stdout.strip() == digest.hexdigest(), done.stderr
 
 
-def test_golden_stream() -> None:
-    # a stream of format version 1; if it no longer decodes to these values, old streams are lost
-    stream, report = read_stream(GOLDEN)
+@pytest.mark.parametrize(
+    ("path", "expected"),
+    [
+        (GOLDEN, "7c58b34cbd54463bef72e1970211b9337e8ef4aedbfa04f548841fb0cc51433b"),
+        (GOLDEN_CAUSAL, "1a48c385918ed8deaaad99a393b208c173a9dc1e6a296b52c5bec33d120528bd"),
+    ],
+    ids=["hacpp", "causal"],
+)
+def test_golden_streams(path: Path, expected: str) -> None:
+    # streams of format versions 1 and 2; if one no longer decodes to these values, old streams are lost
+    stream, report = read_stream(path)
     digest = hashlib.sha256()
     for tensor in attributes_of(decode_stream(stream).scene):
         digest.update(tensor.numpy().tobytes())
     assert report.complete
-    assert digest.hexdigest() == "7c58b34cbd54463bef72e1970211b9337e8ef4aedbfa04f548841fb0cc51433b"
+    assert digest.hexdigest() == expected

@@ -10,9 +10,8 @@ import torch
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from scenes import tiny_scene
-from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.schemas.hacpp import progressive
-from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder
+from splatwire.codec import decode_stream, encode_scene, progressive
+from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.model import PartialScene
 from splatwire.packets import PacketId, Packetization, SceneStream, make_packet

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder
+from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.codec.tiers import SECTION, arrange_stream, decode_tiers, encode_tiers, read_tiers
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.model import AnchorScene

@@ -1,6 +1,6 @@
 import torch
 
-from splatwire.codec.schemas.hacpp.encoder import encode_scene
+from splatwire.codec.encoding import encode_anchors as encode_scene
 from splatwire.data import Dataset
 from splatwire.entropy.rate import binary_entropy_bits
 from splatwire.train.config import TrainConfig
@@ -38,7 +38,7 @@ def test_the_rate_is_what_the_encoder_writes(dataset: Dataset, config: TrainConf
     calibrate_prior(state, config)
     everything = torch.arange(state.num_anchors)
     with torch.no_grad():
-        features = grid_features(state, AnchorCache(config.model), everything)
+        features = grid_features(state, AnchorCache(config), everything)
         rate = sample_rate(state, config, features, everything, _masks(state))
     mask = _masks(state)[0]
     mask_bits = binary_entropy_bits(float(mask.sum()), mask.numel())
@@ -51,7 +51,7 @@ def test_the_rate_is_what_the_encoder_writes(dataset: Dataset, config: TrainConf
 
 def test_calibration_lowers_the_rate_of_a_random_context(dataset: Dataset, config: TrainConfig) -> None:
     state = _scattered(dataset, config)
-    everything, cache = torch.arange(state.num_anchors), AnchorCache(config.model)
+    everything, cache = torch.arange(state.num_anchors), AnchorCache(config)
     rates = []
     for _ in range(2):
         with torch.no_grad():
@@ -66,7 +66,7 @@ def test_masked_anchors_cost_nothing(dataset: Dataset, config: TrainConfig) -> N
     everything = torch.arange(state.num_anchors)
     zeros = torch.zeros_like(state.parameters["mask_logits"])
     with torch.no_grad():
-        features = grid_features(state, AnchorCache(config.model), everything)
+        features = grid_features(state, AnchorCache(config), everything)
         assert float(sample_rate(state, config, features, everything, (zeros, zeros[:, 0])).bits) == 0
 
 
@@ -77,7 +77,7 @@ def test_the_steps_alone_are_the_last_columns_of_the_prior(dataset: Dataset, con
 
 
 def test_the_cache_notices_new_anchors_and_a_new_box(dataset: Dataset, config: TrainConfig) -> None:
-    state, cache = initial_state(dataset, config), AnchorCache(config.model)
+    state, cache = initial_state(dataset, config), AnchorCache(config)
     first = cache.corners(state)
     assert cache.corners(state) is first
     state.bounds_min = state.bounds_min - 1

@@ -9,7 +9,7 @@ import torch
 from splatwire.data import Dataset
 from splatwire.scene.importance import Importance
 from splatwire.train.config import LossTraining, TrainConfig
-from splatwire.train.context import AnchorCache
+from splatwire.train.context import AnchorCache, TrainedContext
 from splatwire.train.importance import importance_of, order_anchors
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED
@@ -46,7 +46,7 @@ def test_anchors_are_ordered_with_all_that_belongs_to_them(state: TrainState, co
 def test_the_first_share_arrives(state: TrainState, dataset: Dataset, config: TrainConfig) -> None:
     losses = LossTraining(first=(0.25,), share=1.0, concealer="grow")
     config = dataclasses.replace(config, losses=losses, marks=dataclasses.replace(config.marks, growth_end=5))
-    channel = PacketLosses(config, COMPILED, AnchorCache(config.model))
+    channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     assert state.iteration == config.marks.growth_end + 1
     channel.begin(state, dataset.cameras)
     importance = importance_of(state, config, dataset.cameras).share

@@ -19,7 +19,7 @@ from splatwire.packets import Packetization, PacketPlan
 from splatwire.scene import Anchors
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import LossTraining, TrainConfig
-from splatwire.train.context import AnchorCache
+from splatwire.train.context import AnchorCache, TrainedContext
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED
@@ -38,7 +38,7 @@ def _lossy(config: TrainConfig, *models: str, share: float = 0.5, concealer: str
 
 
 def _losses(config: TrainConfig) -> PacketLosses:
-    return PacketLosses(config, COMPILED, AnchorCache(config.model))
+    return PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
 
 
 @pytest.fixture(scope="module")

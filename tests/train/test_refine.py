@@ -7,7 +7,7 @@ import torch
 
 from scenes import tiny_scene
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.schemas.hacpp.encoder import scene_in_order
+from splatwire.codec.encoding import scene_in_order
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.train.config import RefineConfig

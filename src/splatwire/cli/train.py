@@ -40,8 +40,11 @@ class Train:
     preset: str = "auto"
     """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf; auto chooses by the layout of
     the data."""
+    model: str | None = None
+    """What the scene will be coded with: hacpp (format 1) or causal (format 2: smaller streams). hacpp if absent; a
+    finished scene keeps its own."""
     lmbda: float | None = None
-    """Weight of the rate (lambda): larger makes smaller scenes. The recipe's own if absent."""
+    """Weight of the rate (lambda): larger makes smaller scenes. The recipe's own if absent; its unit is the model's."""
     iterations: int | None = None
     """Length of the run; all phases keep their proportions. 2,400 if absent, 240 with a scene to go on with (the
     published schedules have 30,000)."""
@@ -142,14 +145,18 @@ class Train:
 
     def _going_on(self, path: Path, told: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
         """The same for a finished scene."""
+        from splatwire.model import CausalCoding
         from splatwire.model.scene_file import load_scene
         from splatwire.train.finetune import fine_tuning, state_of_scene
 
         if self.voxel_size is not None or self.growth_interval is not None:
             raise InvalidValueError("anchors of a finished scene stay: no --voxel-size and no --growth-interval")
         scene = load_scene(path)
+        model = "causal" if isinstance(scene.coding, CausalCoding) else "hacpp"
+        if self.model not in (None, model):
+            raise InvalidValueError(f"{path} is a scene of model {model}, which it keeps")
         iterations = FINE_TUNING_ITERATIONS if self.iterations is None else self.iterations
-        config = fine_tuning(dataclasses.replace(self, iterations=iterations)._config(), scene)
+        config = fine_tuning(dataclasses.replace(self, iterations=iterations, model=model)._config(), scene)
         config = dataclasses.replace(config, background=chosen_background(self.background) or scene.background)
         train, test = self._datasets(config)
         print(f"{path} goes on for {iterations:,} iterations with recipe {config.preset}{told}", file=sys.stderr)
@@ -176,6 +183,7 @@ class Train:
             preset = _PRESET_OF_LAYOUT.get(dataset_layout(Path(self.data)) or "", "mipnerf360")
         return create_config(
             preset,
+            model=self.model or "hacpp",
             lmbda=self.lmbda,
             iterations=CPU_ITERATIONS if self.iterations is None else self.iterations,
             voxel_size=self.voxel_size,

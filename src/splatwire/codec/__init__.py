@@ -1,6 +1,6 @@
 """Codec: scenes to streams of independently decodable packets, and back."""
 
-from splatwire.codec.schemas.hacpp.encoder import scene_in_order
+from splatwire.codec.encoding import scene_in_order
 from splatwire.codec.streams import ProgressiveDecoder, decode_anchors, decode_stream, encode_scene, progressive_decoder
 from splatwire.packets.sections import add_concealment, side_info_parts, without_concealment
 

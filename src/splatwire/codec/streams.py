@@ -10,17 +10,17 @@ from torch import Tensor
 
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import read_background
+from splatwire.codec.decoding import decode_anchors
+from splatwire.codec.encoding import encode_anchors
 from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.progressive import ProgressiveDecoder as ProgressiveAnchors
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.progressive import ProgressiveSplats
 from splatwire.codec.schemas.gaussians.quality import quality_of
-from splatwire.codec.schemas.hacpp import decoder as hacpp_decoder
-from splatwire.codec.schemas.hacpp import encoder as hacpp_encoder
-from splatwire.codec.schemas.hacpp.progressive import ProgressiveDecoder as ProgressiveAnchors
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.errors import InvalidValueError, check_kind
-from splatwire.model import AnchorScene, PartialScene, PartialSplats, SplatScene
+from splatwire.model import AnchorScene, PartialSplats, SplatScene
 from splatwire.model.appearance import Partial, Scene
 from splatwire.packets import GAUSSIANS, PRESETS, Manifest, PacketIntake, Packetization, SceneStream
 from splatwire.scene import Erasures
@@ -70,7 +70,7 @@ def encode_scene(
     check_kind(scene, AnchorScene, "load_scene")
     if quality is not None or classes is not None:
         raise InvalidValueError("qualities and classes of precision are for explicit Gaussians: anchors have own steps")
-    return hacpp_encoder.encode_scene(scene, packetization, tiers=tiers, threads=threads, progress=progress)
+    return encode_anchors(scene, packetization, tiers=tiers, threads=threads, progress=progress)
 
 
 def decode_stream(stream: SceneStream, *, threads: int | None = None, progress: Progress | None = None) -> Partial:
@@ -121,14 +121,3 @@ def progressive_decoder(
     if manifest.codec == GAUSSIANS:
         return ProgressiveSplats(manifest, side_info, intake=intake)
     return ProgressiveAnchors(manifest, side_info, intake=intake, progress=progress)
-
-
-def decode_anchors(
-    stream: SceneStream, *, threads: int | None = None, progress: Progress | None = None
-) -> PartialScene:
-    """Decodes a stream of anchors, for those who work on their attributes; see `decode_stream`.
-
-    Raises:
-        BitstreamError: If the stream holds something else, too.
-    """
-    return hacpp_decoder.decode_stream(stream, threads=threads, progress=progress)

@@ -4,6 +4,8 @@ In a matrix the scale of a weight is that of its row times that of its column: c
 wider steps, and fewer bits. (Streams of before have a scale for each row only; a flag says which.)
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from splatwire.byte_io import ByteReader, ByteWriter
@@ -54,6 +56,37 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int) -> Quanti
     columns = bool(flags & WITH_COLUMN_SCALES)
     first = _read_linear(reader, what, inputs, hidden, columns)
     return QuantisedMlp(first, _read_linear(reader, what, hidden, outputs, columns), bool(flags & LEAKY))
+
+
+def write_networks(networks: Iterable[QuantisedMlp]) -> bytes:
+    """Networks one after another."""
+    writer = ByteWriter()
+    for network in networks:
+        write_mlp(writer, network)
+    return writer.bytes()
+
+
+def read_networks(data: bytes, shapes: Iterable[tuple[str, int, int]]) -> list[QuantisedMlp]:
+    """Inverse of `write_networks`.
+
+    Args:
+        data: The bytes.
+        shapes: What each network is, its inputs and outputs.
+
+    Raises:
+        BitstreamError: If the bytes are damaged or something else.
+    """
+    reader = ByteReader(data, "networks")
+    networks = [read_mlp(reader, name, inputs, outputs) for name, inputs, outputs in shapes]
+    reader.finish()
+    return networks
+
+
+def framed(data: bytes) -> bytes:
+    """Bytes behind their size."""
+    writer = ByteWriter()
+    writer.blob(data)
+    return writer.bytes()
 
 
 def _write_linear(writer: ByteWriter, layer: QuantisedLinear) -> None:

@@ -142,6 +142,23 @@ def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
     )
 
 
+@functools.cache
+def exp2_table(cell_bits: int, bits: int) -> np.ndarray:
+    """Powers of two from 1 to 2 at multiples of `2**-cell_bits`, in units of `2**-bits`.
+
+    Returns:
+        int64 of length `2**cell_bits + 1`.
+    """
+    with decimal.localcontext() as context:
+        context.prec = 40
+        root = (decimal.Decimal(2).ln() / (1 << cell_bits)).exp()
+        values, value = [], decimal.Decimal(1 << bits)
+        for _ in range((1 << cell_bits) + 1):
+            values.append(int(value.to_integral_value(decimal.ROUND_HALF_EVEN)))
+            value *= root
+    return _frozen(values)
+
+
 def _logistic_integer(x: decimal.Decimal, bits: int) -> int:
     with decimal.localcontext() as context:
         context.prec = 30

@@ -9,6 +9,7 @@ from splatwire.model.anchor_scene import (
     PartialScene,
     RenderHints,
 )
+from splatwire.model.causal import CausalCoding, CausalConfig
 from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Linear, Mlp
 from splatwire.model.prior import AttributePrior, Prior
@@ -17,6 +18,8 @@ from splatwire.model.splat_scene import PartialSplats, SplatScene
 __all__ = [
     "AnchorScene",
     "AttributePrior",
+    "CausalCoding",
+    "CausalConfig",
     "ContextModel",
     "GaussianHeads",
     "HacppCoding",

@@ -9,20 +9,15 @@ import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
-from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.files.kinds import PARTIAL, SCENE, TENSORS, file_kind, is_not
-from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Linear, Mlp
 from splatwire.model.tensor_file import parse_header
 from splatwire.model.voxels import check_voxel_size, voxel_indices
-from splatwire.scene import AnchorLayout
 from splatwire.scene.background import BLACK, Background, check_background
 
 _TYPES = {torch.float32: "F32", torch.bool: "BOOL", torch.uint8: "U8"}
-_MAX_LEVELS = 64
-_MAX_RESOLUTION = 1 << 16
-_MAX_LOG2_ROWS = 24
-_MAX_WIDTH = 4096
+MAX_WIDTH = 4096
 
 
 class SceneReader:
@@ -96,8 +91,8 @@ class SceneReader:
         if not isinstance(slope, (int, float)) or isinstance(slope, bool) or not 0 <= slope < 1:
             raise self.error(f"the header has no rectifier slope in [0, 1) for '{name}'")
         hidden = self.length(f"{name}.hidden.bias")
-        if hidden > _MAX_WIDTH:
-            raise self.error(f"'{name}' has {hidden} hidden units, the limit is {_MAX_WIDTH}")
+        if hidden > MAX_WIDTH:
+            raise self.error(f"'{name}' has {hidden} hidden units, the limit is {MAX_WIDTH}")
         return Mlp(
             Linear(
                 self.tensor(f"{name}.hidden.weight", (hidden, num_inputs)),
@@ -177,40 +172,3 @@ def _read_header(path: Path, metadata: dict[str, str] | None, file_format: str, 
     if missing:
         raise BitstreamError(f"{path}: the header lacks '{min(missing)}'")
     return header
-
-
-def read_config(reader: SceneReader) -> ModelConfig:
-    """Builds the configuration of the header.
-
-    Raises:
-        BitstreamError: If a value is missing, of the wrong type or beyond the format's limits.
-    """
-    try:
-        config = reader.header["config"]
-        layout, grid = dict(config["layout"]), dict(config["grid"])
-        groups = _integers(layout.pop("feature_groups"), _MAX_LEVELS, 1, _MAX_WIDTH)
-        resolutions = [_integers(grid.pop(f"resolutions_{d}d"), _MAX_LEVELS, 2, _MAX_RESOLUTION) for d in (3, 2)]
-        log2_rows = _integers([grid.pop("log2_rows_3d"), grid.pop("log2_rows_2d")], 2, 1, _MAX_LOG2_ROWS)
-        _integers([*layout.values(), *grid.values()], 3, 1, _MAX_WIDTH)
-        steps = tuple(config["base_steps"])
-        if len(steps) != 3 or not all(isinstance(step, float) and 0 < step < 1e9 for step in steps):
-            raise InvalidValueError(f"base steps {steps}")
-        shape = HashGridConfig(
-            resolutions_3d=resolutions[0],
-            resolutions_2d=resolutions[1],
-            log2_rows_3d=log2_rows[0],
-            log2_rows_2d=log2_rows[1],
-            **grid,
-        )
-        return ModelConfig(AnchorLayout(feature_groups=groups, **layout), shape, steps)
-    except MALFORMED as error:
-        raise reader.error(f"bad configuration in the header: {error}") from error
-
-
-def _integers(values: Any, max_count: int, low: int, high: int) -> tuple[int, ...]:
-    if not isinstance(values, list) or not 1 <= len(values) <= max_count:
-        raise InvalidValueError(f"expected 1 to {max_count} whole numbers, found {str(values)[:80]}")
-    for value in values:
-        if type(value) is not int or not low <= value <= high:
-            raise InvalidValueError(f"{str(value)[:80]} is not a whole number from {low} to {high}")
-    return tuple(values)

@@ -8,6 +8,7 @@ import torch
 from jaxtyping import Bool, Float, Int8
 from torch import Tensor
 
+from splatwire.model.causal import CausalCoding
 from splatwire.model.config import ModelConfig
 from splatwire.model.networks import Mlp
 from splatwire.model.prior import Prior
@@ -111,7 +112,7 @@ class AnchorScene:
     """What its elements are called."""
     anchors: Anchors
     heads: GaussianHeads
-    coding: HacppCoding
+    coding: HacppCoding | CausalCoding
     hints: RenderHints | None = None
     background: Background = BLACK
 
@@ -143,6 +144,18 @@ class AnchorScene:
     def num_gaussians(self) -> int:
         """Gaussians that its elements can have in a view."""
         return int(self.anchors.mask.sum())
+
+    @property
+    def hacpp(self) -> HacppCoding:
+        """What schema `hacpp` codes the scene with; only for a scene that has it."""
+        assert isinstance(self.coding, HacppCoding)
+        return self.coding
+
+    @property
+    def causal(self) -> CausalCoding:
+        """What schema `causal` codes the scene with; only for a scene that has it."""
+        assert isinstance(self.coding, CausalCoding)
+        return self.coding
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,6 +56,11 @@ class ModelConfig:
     base_steps: tuple[float, float, float] = (1.0, 0.001, 0.2)
 
     @property
+    def context_dim(self) -> int:
+        """Numbers that describe a place: the hash grid's feature."""
+        return self.grid.context_dim
+
+    @property
     def prior_dim(self) -> int:
         """Outputs of the prior network: mean, scale, weight of features; mean, scale of the rest; three steps."""
         return 3 * self.layout.feature_dim + 2 * 6 + 2 * 3 * self.layout.num_offsets + 3

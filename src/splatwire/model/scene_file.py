@@ -13,21 +13,18 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import BitstreamError
-from splatwire.model._scene_reader import SceneReader, open_scene_file, read_config
+from splatwire.model._coding_file import coding_header, coding_networks, coding_tensors, read_coding, read_config
+from splatwire.model._scene_reader import SceneReader, open_scene_file
 from splatwire.model.anchor_scene import (
     AnchorScene,
-    ContextModel,
     GaussianHeads,
-    HacppCoding,
-    HashGrid,
     PartialScene,
     RenderHints,
 )
-from splatwire.model.config import ModelConfig
 from splatwire.model.networks import Mlp
 from splatwire.model.prior import AttributePrior, Prior
 from splatwire.model.tensor_file import write_tensors
-from splatwire.scene import Anchors, Attribute, Erasures
+from splatwire.scene import AnchorLayout, Anchors, Attribute, Erasures
 from splatwire.scene.background import BLACK, Background
 
 FORMAT = "splatwire-scene"
@@ -153,7 +150,7 @@ def load_partial(path: Path) -> PartialScene:
                 scale=reader.tensor(f"prior.{name}.scale", (count, channels)),
                 step=reader.tensor(f"prior.{name}.step", (count, 1)),
             )
-        context = reader.tensor("prior.context", (count, scene.coding.config.grid.context_dim))
+        context = reader.tensor("prior.context", (count, scene.coding.config.context_dim))
         concealment = _read_concealment(reader)
         reader.finish()
     return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment)
@@ -168,23 +165,16 @@ def _read_concealment(reader: SceneReader) -> dict[str, bytes]:
 
 
 def _networks(scene: AnchorScene) -> dict[str, Mlp]:
-    heads = {f"heads.{name}": getattr(scene.heads, name) for name in _HEADS}
-    channel = {f"context.channel.{i}": network for i, network in enumerate(scene.coding.context.channel)}
-    return {**heads, "context.prior": scene.coding.context.prior, **channel}
+    return {f"heads.{name}": getattr(scene.heads, name) for name in _HEADS} | coding_networks(scene.coding)
 
 
 def _header(scene: AnchorScene, kind: str) -> dict[str, Any]:
-    config = scene.coding.config
     return {
         "format": FORMAT,
         "version": VERSION,
         "kind": kind,
         "voxel_size": float(scene.coding.voxel_size).hex(),
-        "config": {
-            "layout": vars(config.layout),
-            "grid": vars(config.grid),
-            "base_steps": config.base_steps,
-        },
+        **coding_header(scene.coding),
         "negative_slopes": {name: network.negative_slope for name, network in _networks(scene).items()},
         "hints": scene.hints is not None,
         **({} if scene.background == BLACK else {"background": list(scene.background)}),
@@ -197,24 +187,12 @@ def _scene_tensors(scene: AnchorScene) -> dict[str, Tensor]:
         for layer in ("hidden", "output"):
             for part in ("weight", "bias"):
                 tensors[f"{prefix}.{layer}.{part}"] = getattr(getattr(network, layer), part)
-    grid = scene.coding.context.grid
-    tensors["grid.volume_bits"] = _pack_signs(grid.volume)
-    tensors["grid.planes_bits"] = _pack_signs(grid.planes)
-    tensors["grid.bounds_min"], tensors["grid.bounds_max"] = grid.bounds_min, grid.bounds_max
+    tensors |= coding_tensors(scene.coding)
     if scene.hints is not None:
         tensors["hints.size_gain"], tensors["hints.left_out"] = scene.hints.size_gain, scene.hints.left_out
         if scene.hints.opacity_gain is not None:
             tensors["hints.opacity_gain"] = scene.hints.opacity_gain
     return tensors
-
-
-def _pack_signs(signs: Tensor) -> Tensor:
-    return torch.from_numpy(np.packbits(signs.detach().cpu().numpy().reshape(-1) > 0))
-
-
-def _unpack_signs(bits: Tensor, shape: tuple[int, ...]) -> Tensor:
-    flat = np.unpackbits(bits.numpy(), count=int(np.prod(shape)))
-    return torch.from_numpy(flat.astype(np.int8) * 2 - 1).reshape(shape)
 
 
 def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, Erasures | None]:
@@ -228,31 +206,26 @@ def _read_concealed(reader: SceneReader) -> tuple[AnchorScene, Erasures | None]:
 
 def _read_scene(reader: SceneReader) -> AnchorScene:
     config = read_config(reader)
-    anchors = _read_anchors(reader, config)
+    layout = config.layout
+    anchors = _read_anchors(reader, layout)
     voxel_size = reader.voxel_size(anchors.positions)
-    layout, groups = config.layout, config.layout.feature_groups
     head_inputs = layout.feature_dim + 4
     head_outputs = (layout.num_offsets, 7 * layout.num_offsets, 3 * layout.num_offsets)
     heads = GaussianHeads(
         *(reader.network(f"heads.{n}", head_inputs, out) for n, out in zip(_HEADS, head_outputs, strict=True))
     )
-    channel = tuple(
-        reader.network(f"context.channel.{i}", sum(groups[:i]) + 3 * layout.feature_dim, 3 * size)
-        for i, size in enumerate(groups)
-    )
-    prior = reader.network("context.prior", config.grid.context_dim, config.prior_dim)
-    context = ContextModel(_read_grid(reader, config), prior, channel)
+    coding = read_coding(reader, config, voxel_size)
     hints = None
     if reader.header.get("hints"):
         count = anchors.num_anchors
         left_out = reader.tensor("hints.left_out", (count,), torch.bool)
         opacity_gain = reader.tensor("hints.opacity_gain", (count,)) if reader.has("hints.opacity_gain") else None
         hints = RenderHints(reader.tensor("hints.size_gain", (count,)), left_out, opacity_gain)
-    return AnchorScene(anchors, heads, HacppCoding(context, voxel_size, config), hints, reader.background())
+    return AnchorScene(anchors, heads, coding, hints, reader.background())
 
 
-def _read_anchors(reader: SceneReader, config: ModelConfig) -> Anchors:
-    count, layout = reader.length("anchors.positions"), config.layout
+def _read_anchors(reader: SceneReader, layout: AnchorLayout) -> Anchors:
+    count = reader.length("anchors.positions")
     return Anchors(
         positions=reader.tensor("anchors.positions", (count, 3)),
         features=reader.tensor("anchors.features", (count, layout.feature_dim)),
@@ -260,16 +233,3 @@ def _read_anchors(reader: SceneReader, config: ModelConfig) -> Anchors:
         offsets=reader.tensor("anchors.offsets", (count, layout.num_offsets, 3)),
         mask=reader.tensor("anchors.mask", (count, layout.num_offsets), torch.bool),
     )
-
-
-def _read_grid(reader: SceneReader, config: ModelConfig) -> HashGrid:
-    width = config.grid.features_per_level
-    shapes = {"volume": (sum(config.grid.rows(3)), width), "planes": (3, sum(config.grid.rows(2)), width)}
-    signs = {}
-    for name, shape in shapes.items():
-        num_bytes = (int(np.prod([*shape], dtype=object)) + 7) // 8
-        signs[name] = _unpack_signs(reader.tensor(f"grid.{name}_bits", (num_bytes,), torch.uint8), shape)
-    bounds = [reader.tensor(f"grid.{name}", (3,)) for name in ("bounds_min", "bounds_max")]
-    if not bool((bounds[0] < bounds[1]).all()):
-        raise reader.error("grid.bounds_min is not below grid.bounds_max on every axis")
-    return HashGrid(signs["volume"], signs["planes"], bounds[0], bounds[1])

@@ -3,7 +3,7 @@
 from splatwire.packets.arrangement import Arrangement, arrange
 from splatwire.packets.container import stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
-from splatwire.packets.manifest import ANCHORS, GAUSSIANS, Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.packets.manifest import ANCHORS, CAUSAL, GAUSSIANS, Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.packets.packet_id import PARTS, PacketId
 from splatwire.packets.packetization import PRESETS, Packetization
@@ -17,6 +17,7 @@ from splatwire.packets.tiers import TierShape, shape_tiers, tier_order
 
 __all__ = [
     "ANCHORS",
+    "CAUSAL",
     "GAUSSIANS",
     "HEADER_BYTES",
     "PARTS",

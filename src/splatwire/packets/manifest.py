@@ -15,9 +15,9 @@ from splatwire.packets.tiers import MAX_TIERS, TierShape
 SCHEMA = "splatwire/stream"
 FORMAT_VERSION = 2
 """Newest version of the stream format that this release reads."""
-ANCHORS, GAUSSIANS = "hacpp", "gaussians"
-"""Codec schemas: anchors of HAC++ (format 1), explicit Gaussians (format 2)."""
-_FORMATS = {ANCHORS: 1, GAUSSIANS: 2}
+ANCHORS, CAUSAL, GAUSSIANS = "hacpp", "causal", "gaussians"
+"""Codec schemas: anchors of HAC++ (format 1), anchors of the causal model, explicit Gaussians (format 2)."""
+_FORMATS = {ANCHORS: 1, CAUSAL: 2, GAUSSIANS: 2}
 _ANCHOR_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
 MAX_MANIFEST_BYTES = 1 << 16
 MAX_FEATURE_DIM = 4096
@@ -25,7 +25,7 @@ MAX_OFFSETS = 1024
 MAX_SIDE_INFO_BYTES = (1 << 32) - 1
 MAX_WRITER_LENGTH = 80
 FREE_ANCHORS = 1 << 16
-ELEMENTS_PER_BYTE = {ANCHORS: 1024, GAUSSIANS: MAX_BLOCK_SIZE // 7}
+ELEMENTS_PER_BYTE = {ANCHORS: 1024, CAUSAL: 1024, GAUSSIANS: MAX_BLOCK_SIZE // 7}
 """More elements than `FREE_ANCHORS` need a byte of side information for every so many of them: far less than positions
 of anchors cost, and than the box of a block of Gaussians, yet enough that few lying bytes cannot announce gigabytes."""
 
@@ -44,8 +44,8 @@ class Manifest:
         symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal; what they are and in which
             order is for the codec to say.
         writer: Program that wrote the stream.
-        codec: Schema of the elements, `ANCHORS` or `GAUSSIANS`.
-        feature_dim: Channels of the anchor feature, F; 0 for Gaussians, as the next one.
+        codec: Schema of the elements, `ANCHORS`, `CAUSAL` or `GAUSSIANS`.
+        feature_dim: Channels of the anchor feature, F; 0 where the side information says it, as the next one.
         num_offsets: Offsets per anchor, K.
         feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
         tiers: Sizes of the tiers that anchors are grouped in by importance; empty if there is one. Which anchor is in

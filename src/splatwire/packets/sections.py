@@ -7,16 +7,18 @@ from dataclasses import replace
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets.manifest import ANCHORS, GAUSSIANS
+from splatwire.packets.manifest import ANCHORS, CAUSAL, GAUSSIANS
 from splatwire.packets.scene_stream import SceneStream
 
 FIXED_SECTIONS = (
     "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
 )  # fmt: skip
 """Sections that every stream of anchors has, in this order; they have no name in the bytes."""
+CAUSAL_SECTIONS = ("header", "positions", "networks", "render_networks")
+"""The same of a stream of the causal model's anchors."""
 GAUSSIAN_SECTIONS = ("header", "blocks", "contexts")
 """The same of a stream of explicit Gaussians."""
-_FIXED = {ANCHORS: FIXED_SECTIONS, GAUSSIANS: GAUSSIAN_SECTIONS}
+_FIXED = {ANCHORS: FIXED_SECTIONS, CAUSAL: CAUSAL_SECTIONS, GAUSSIANS: GAUSSIAN_SECTIONS}
 MAX_SECTIONS = 16
 MAX_SECTION_BYTES = 1 << 26
 _NAME = re.compile("[a-z][a-z0-9_]{0,31}", re.ASCII)

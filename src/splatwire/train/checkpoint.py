@@ -5,7 +5,7 @@ Going on from a checkpoint gives bit for bit what an uninterrupted run gives (on
 
 import dataclasses
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import torch
 from torch import Tensor
@@ -122,15 +122,17 @@ def config_from_json(value: dict[str, Any]) -> TrainConfig:
         raise InvalidValueError(f"not the recipe of a training run: {error}") from error
 
 
-def _record(kind: type, value: dict[str, Any]) -> Any:
+def _record(kind: Any, value: dict[str, Any]) -> Any:
     """Builds a record from JSON, where records are dictionaries and tuples are lists; no field is left out."""
     kinds = get_type_hints(kind)
     if set(value) != set(kinds):
         raise ValueError(f"{kind.__name__} has other fields than {', '.join(sorted(value))}")
 
     def field(name: str, item: Any) -> Any:
-        if dataclasses.is_dataclass(kinds[name]):
-            return _record(kinds[name], item)
+        records = [record for record in (kinds[name], *get_args(kinds[name])) if dataclasses.is_dataclass(record)]
+        for record in records:  # of several, the one with these fields
+            if len(records) == 1 or set(item) == set(get_type_hints(record)):
+                return _record(record, item)
         return tuple(item) if isinstance(item, list) else item
 
     return kind(**{name: field(name, item) for name, item in value.items()})

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model import ModelConfig
+from splatwire.model.causal import CausalConfig
 
 FULL_ITERATIONS = 30_000
 """The published schedule; a shorter or longer one scales every mark."""
@@ -40,6 +41,8 @@ class LearningRates:
         grid: Hash-grid tables.
         prior: Prior network.
         channel: Channel networks.
+        causal: Networks of the causal model.
+        steps: Logarithms of its quantisation steps.
     """
 
     offsets: LearningRate = LearningRate(0.01, 0.0001)
@@ -52,6 +55,8 @@ class LearningRates:
     grid: LearningRate = LearningRate(0.005, 0.00001)
     prior: LearningRate = LearningRate(0.005, 0.00001)
     channel: LearningRate = LearningRate(0.005, 0.0005)
+    causal: LearningRate = LearningRate(0.005, 0.0005)
+    steps: LearningRate = LearningRate(0.01, 0.002)
 
 
 @dataclass(frozen=True)
@@ -124,7 +129,7 @@ class LossWeights:
     Attributes:
         dssim: Share of 1 - SSIM; the rest is the mean absolute error.
         volume: Of the mean product of the Gaussians' three sizes.
-        rate: Of the bits per parameter: lambda.
+        rate: Lambda: of the bits per parameter, or of the megabytes of a scene with the causal model.
         sample_share: Share of the anchors whose rate is estimated in each iteration.
     """
 
@@ -202,9 +207,10 @@ class TrainConfig:
 
     Attributes:
         preset: What it was derived from.
-        model: Shapes of anchors and context model.
+        model: Shapes of anchors and context model, which also says what a scene will be coded with.
         voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
-        hidden: Hidden units of the rendering networks, the prior network and the channel networks.
+        hidden: Hidden units of the rendering networks, the prior network and the channel networks; those of the causal
+            model are as wide as the last ones.
         marks: When what happens.
         rates: Learning rates.
         growth: Which anchors are added and removed.
@@ -219,7 +225,7 @@ class TrainConfig:
     """
 
     preset: str = "mipnerf360"
-    model: ModelConfig = field(default_factory=ModelConfig)
+    model: ModelConfig | CausalConfig = field(default_factory=ModelConfig)
     voxel_size: float = 0.001
     hidden: tuple[int, int, int] = (50, 100, 40)
     marks: Marks = Marks()
@@ -233,3 +239,15 @@ class TrainConfig:
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     test_views: str = "every_8th"
     seed: int = 0
+
+    @property
+    def hacpp(self) -> ModelConfig:
+        """The model of HAC++; only for a recipe that has it."""
+        assert isinstance(self.model, ModelConfig)
+        return self.model
+
+    @property
+    def causal(self) -> CausalConfig:
+        """The causal model; only for a recipe that has it."""
+        assert isinstance(self.model, CausalConfig)
+        return self.model

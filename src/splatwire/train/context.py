@@ -17,6 +17,10 @@ from splatwire.train.kernels import COMPILED, Kernels, Uniform, uniform_from_hos
 from splatwire.train.schedule import Phase, phase_of
 from splatwire.train.state import TrainState
 
+Attributes = tuple[Float[Tensor, "M F"], Float[Tensor, "M 6"], Float[Tensor, "M O"]]
+"""Features, scalings and flat offsets of some anchors."""
+Seen = tuple[Attributes, Float[Tensor, "M K"]]
+"""What is drawn of some anchors, and the straight-through masks of their offsets."""
 Steps = Sequence[Tensor | float]
 """Quantisation steps of features, scalings and offsets, each one number or a column."""
 
@@ -52,7 +56,7 @@ class AttributeBits:
 class AnchorCache:
     """What follows from the anchors' positions alone; computed again only when the anchors or the box change."""
 
-    def __init__(self, config: ModelConfig) -> None:
+    def __init__(self, config: TrainConfig) -> None:
         self._config = config
         self._voxels: Tensor | None = None
         self._positions: Tensor | None = None
@@ -71,7 +75,7 @@ class AnchorCache:
         box = (state.bounds_min, state.bounds_max)
         if self._corners is None or self._box is None or any(a is not b for a, b in zip(box, self._box, strict=True)):
             self._box = box
-            self._corners = find_corners((positions - box[0]) / (box[1] - box[0]), self._config.grid)
+            self._corners = find_corners((positions - box[0]) / (box[1] - box[0]), self._config.hacpp.grid)
         return self._corners
 
 
@@ -99,14 +103,37 @@ class TrainedContext:
         if phase is Phase.PLAIN:
             return None, None
         if phase is Phase.NOISE:
-            return config.model.base_steps, None
+            return config.hacpp.base_steps, None
         luck = torch.rand(state.num_anchors, generator=state.generator)
         sample = (luck <= config.weights.sample_share).nonzero()[:, 0].to(state.device)
         features = grid_features(state, self._cache, torch.cat([visible, sample]), self._kernels)
-        logits = step_columns(state.networks.prior)(features[: len(visible)])
+        logits = step_columns(state.networks.context_prior)(features[: len(visible)])
         masks = straight_through_masks(state, config, sample)
         rate = sample_rate(state, config, features[len(visible) :], sample, masks, self._kernels.uniform)
-        return adaptive_steps(logits, config.model).split(1, dim=1), rate
+        return adaptive_steps(logits, config.hacpp).split(1, dim=1), rate
+
+    def observe(self, state: TrainState, visible: Int64[Tensor, "M"]) -> tuple[Seen, SampleRate | None]:
+        """Returns what is drawn of the visible anchors, and the rate of a sample of all as far as the phase has one."""
+        steps, rate = self.quantise(state, visible)
+        drawn = (
+            state.attributes(visible)
+            if steps is None
+            else noisy_attributes(state, visible, steps, self._kernels.uniform)
+        )
+        return (drawn, straight_through_masks(state, self._config, visible)[0]), rate
+
+    def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
+        """Lambda times the bits of an average number of the scene."""
+        return self._config.weights.rate * self.bits_per_parameter(state, rate)
+
+    def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
+        """The scalings that the hash grid predicts: all that a receiver knows of the size of what is lost."""
+        prior, start = state.networks.context_prior, 3 * self._config.model.layout.feature_dim
+        columns = slice(start, start + 6)
+        means = Mlp(
+            prior.hidden, Linear(prior.output.weight[columns], prior.output.bias[columns]), prior.negative_slope
+        )
+        return means(grid_features(state, self._cache, index, self._kernels))
 
     def bits_per_parameter(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
         """Bits of an average number of the scene, the grid's signs shared out among all."""
@@ -178,8 +205,8 @@ def sample_rate(
         uniform: Draws the noise.
     """
     layout = config.model.layout
-    outputs = split_prior_outputs(state.networks.prior(features), config.model)
-    steps = adaptive_steps(outputs.step_logits, config.model)
+    outputs = split_prior_outputs(state.networks.context_prior(features), config.hacpp)
+    steps = adaptive_steps(outputs.step_logits, config.hacpp)
     values = noisy_attributes(state, index, steps.split(1, dim=1), uniform)
     found = attribute_bits(outputs, state.networks.channel, layout.feature_groups, steps, values)
     offset_mask, anchor_mask = mask
@@ -243,9 +270,9 @@ def calibrate_prior(state: TrainState, config: TrainConfig) -> None:
     if int(alive.sum()) < 2:
         return
     columns = []
-    for values, base in zip(state.attributes(alive), config.model.base_steps, strict=True):
+    for values, base in zip(state.attributes(alive), config.hacpp.base_steps, strict=True):
         columns.append((values.mean(dim=0), values.std(dim=0).clamp(min=0.5 * base)))
-    weight, bias = state.networks.prior.output.weight, state.networks.prior.output.bias
+    weight, bias = state.networks.context_prior.output.weight, state.networks.context_prior.output.bias
     (f_mean, f_spread), (s_mean, s_spread), (o_mean, o_spread) = columns
     zeros = torch.zeros_like(f_mean)
     bias[:-3] = torch.cat([f_mean, f_spread, zeros, s_mean, s_spread, o_mean, o_spread])

@@ -4,8 +4,10 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, HashGrid, Linear, Mlp
+from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, HashGrid, Linear, Mlp, ModelConfig
+from splatwire.model.causal import CausalCoding, CausalConfig
 from splatwire.scene import Anchors
+from splatwire.train.causal import causal_networks
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import hard_sign
 from splatwire.train.state import TrainState, move_state
@@ -35,16 +37,30 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
         offsets=parameters["offsets"][kept] * mask[kept][:, :, None],
         mask=mask[kept],
     )
+    heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(networks.heads).values()))
+    coding = _causal(state, config.causal) if isinstance(config.model, CausalConfig) else _hacpp(state, config.hacpp)
+    return AnchorScene(anchors, heads, coding, background=config.background)
+
+
+def _causal(state: TrainState, model: CausalConfig) -> CausalCoding:
+    networks = {name: copied_mlp(mlp) for name, mlp in causal_networks(state.parameters, model).items()}
+    return CausalCoding(
+        networks, state.parameters["steps"].exp(), state.parameters["centres"].clone(),
+        (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2,
+        state.voxel_size, model,
+    )  # fmt: skip
+
+
+def _hacpp(state: TrainState, model: ModelConfig) -> HacppCoding:
+    parameters, networks = state.parameters, state.networks
     grid = HashGrid(
         volume=_signs(parameters["grid.volume"]),
         planes=_signs(parameters["grid.planes"]),
         bounds_min=state.bounds_min,
         bounds_max=state.bounds_max,
     )
-    context = ContextModel(grid, copied_mlp(networks.prior), tuple(copied_mlp(mlp) for mlp in networks.channel))
-    heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(networks.heads).values()))
-    coding = HacppCoding(context, state.voxel_size, config.model)
-    return AnchorScene(anchors, heads, coding, background=config.background)
+    context = ContextModel(grid, copied_mlp(networks.context_prior), tuple(copied_mlp(mlp) for mlp in networks.channel))
+    return HacppCoding(context, state.voxel_size, model)
 
 
 def _signs(values: Tensor) -> Tensor:

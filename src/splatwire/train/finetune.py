@@ -8,7 +8,7 @@ from torch import Tensor
 
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, Mlp
+from splatwire.model import AnchorScene, CausalCoding, HacppCoding, Mlp
 from splatwire.model.voxels import voxel_indices
 from splatwire.train.config import LearningRate, LearningRates, Marks, TrainConfig
 from splatwire.train.initial import camera_extent, parameter_shapes
@@ -29,8 +29,7 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         config: The recipe of a new scene; its length, weights and losses stay.
         scene: The scene, which brings its shapes and voxels.
     """
-    model, iterations = scene.coding.context, config.marks.iterations
-    widths = [mlp.hidden.weight.shape[0] for mlp in (scene.heads.opacity, model.prior, model.channel[0])]
+    iterations, widths = config.marks.iterations, _widths(scene)
     marks = Marks(
         iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
         growth_end=0, growth_interval=1,
@@ -43,10 +42,20 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         config,
         model=scene.coding.config,
         voxel_size=scene.coding.voxel_size,
-        hidden=(widths[0], widths[1], widths[2]),
+        hidden=widths,
         marks=marks,
         rates=LearningRates(**rates),
     )
+
+
+def _widths(scene: AnchorScene) -> tuple[int, int, int]:
+    """Hidden units as in `TrainConfig.hidden`."""
+    if isinstance(scene.coding, CausalCoding):
+        context = 2 * [scene.coding.networks["position"]]
+    else:
+        context = [scene.coding.context.prior, scene.coding.context.channel[0]]
+    head, prior, channel = (mlp.hidden.weight.shape[0] for mlp in (scene.heads.opacity, *context))
+    return head, prior, channel
 
 
 def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) -> TrainState:
@@ -60,19 +69,18 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
     Raises:
         InvalidValueError: If the scene's networks are not those of this trainer, or positions are not whole voxels.
     """
-    anchors, context = scene.anchors, scene.coding.context
+    anchors = scene.anchors
     absent, present = _MASK_LOGITS
+    logs = anchors.scalings.clamp(min=_SMALLEST_SCALING).log()
     parameters = {
         "features": anchors.features,
-        "log_scalings": anchors.scalings.clamp(min=_SMALLEST_SCALING).log(),
+        "log_scalings": logs[:, [0, 3, 4, 5]] if isinstance(scene.coding, CausalCoding) else logs,
         "offsets": anchors.offsets,
         "mask_logits": torch.where(anchors.mask, present, absent),
         **{f"heads.{name}": mlp for name, mlp in vars(scene.heads).items()},
-        "prior": context.prior,
-        **{f"channel.{group}": mlp for group, mlp in enumerate(context.channel)},
-        "grid.volume": context.grid.volume * _LATENT,
-        "grid.planes": context.grid.planes * _LATENT,
+        **_context_parameters(scene.coding),
     }
+    bounds_min, bounds_max = _bounds(scene.coding)
     tensors = _tensors(parameters)
     _check(tensors, parameter_shapes(config, anchors.num_anchors))
     return TrainState(
@@ -82,11 +90,28 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
         parameters={name: value.float().clone().contiguous().requires_grad_() for name, value in tensors.items()},
         moments={},
         statistics=GrowthStatistics.zeros(anchors.num_anchors, anchors.mask.shape[1], torch.device("cpu")),
-        bounds_min=context.grid.bounds_min,
-        bounds_max=context.grid.bounds_max,
+        bounds_min=bounds_min,
+        bounds_max=bounds_max,
         camera_extent=camera_extent(dataset.cameras),
         generator=torch.Generator().manual_seed(config.seed),
     )
+
+
+def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor | Mlp]:
+    """What predicts anchors, by the names of parameters."""
+    if isinstance(coding, CausalCoding):
+        networks = {f"causal.{name}": mlp for name, mlp in coding.networks.items()}
+        return {**networks, "steps": coding.steps.log(), "centres": coding.centres}
+    grid, channel = coding.context.grid, {f"channel.{group}": mlp for group, mlp in enumerate(coding.context.channel)}
+    planes = {"grid.volume": grid.volume * _LATENT, "grid.planes": grid.planes * _LATENT}
+    return {"prior": coding.context.prior, **channel, **planes}
+
+
+def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:
+    """The state's bounds: of the hash grid, or of what the causal model takes for the middle of the scene."""
+    if isinstance(coding, CausalCoding):
+        return coding.middle - coding.spread, coding.middle + coding.spread
+    return coding.context.grid.bounds_min, coding.context.grid.bounds_max
 
 
 def _tensors(parameters: dict[str, Tensor | Mlp]) -> dict[str, Tensor]:
@@ -96,7 +121,7 @@ def _tensors(parameters: dict[str, Tensor | Mlp]) -> dict[str, Tensor]:
         if isinstance(value, Tensor):
             found[name] = value
             continue
-        if value.negative_slope != (CHANNEL_SLOPE if name.startswith("channel.") else 0.0):
+        if value.negative_slope != (CHANNEL_SLOPE if name.startswith(("channel.", "causal.")) else 0.0):
             raise InvalidValueError(f"network '{name}' of the scene has another activation than this trainer's")
         for layer in ("hidden", "output"):
             linear = getattr(value, layer)

@@ -90,7 +90,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig) -> tuple[int, int]:
     if not bool(keep.any()):
         raise DivergedError(state.iteration, "every anchor has become transparent")
     keep_anchors(state, keep)
-    state.parameters["log_scalings"][:, 3:].clamp_(max=rules.max_log_size)
+    state.parameters["log_scalings"][:, -3:].clamp_(max=rules.max_log_size)
     return added, int((~keep).sum())
 
 
@@ -127,7 +127,7 @@ def _add_level(state: TrainState, config: TrainConfig, chosen: Bool[Tensor, "M K
     size = torch.log(torch.tensor(state.voxel_size * cell, dtype=torch.float64))
     new = {
         "features": features,
-        "log_scalings": size.float().to(features.device).expand(count, 6),
+        "log_scalings": size.float().to(features.device).expand(count, parameters["log_scalings"].shape[1]),
         "offsets": features.new_zeros(count, config.model.layout.num_offsets, 3),
         "mask_logits": features.new_ones(count, config.model.layout.num_offsets),
     }

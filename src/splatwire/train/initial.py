@@ -10,6 +10,7 @@ from torch import Tensor
 
 from splatwire.data import Dataset, SparsePoints
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.model.causal import FORM, CausalConfig
 from splatwire.model.voxels import voxel_positions
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Cameras
@@ -24,6 +25,8 @@ from splatwire.train.state import (
     TrainState,
 )
 
+FIRST_STEPS = (0.5, 0.05, 0.1, 0.2)
+"""Steps that the causal model starts with: of features, logarithms of scales, logarithms of sizes, and offsets."""
 _BOX_SHARE = 1.3 / 4.03
 """Half side of the box of random points per distance of the cameras: NeRF-synthetic's +-1.3 seen from 4.03."""
 _PIXELS_PER_POINT = 4
@@ -102,7 +105,7 @@ def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: T
     squared = _mean_squared_distance(voxel_positions(voxels, voxel_size)).clamp(min=_MIN_SQUARED_DISTANCE)
     return {
         "features": torch.zeros(len(voxels), layout.feature_dim),
-        "log_scalings": (0.5 * squared.log()).float()[:, None].repeat(1, 6),
+        "log_scalings": (0.5 * squared.log()).float()[:, None].repeat(1, log_scalings_dim(config)),
         "offsets": torch.zeros(len(voxels), layout.num_offsets, 3),
         "mask_logits": torch.ones(len(voxels), layout.num_offsets),
     }
@@ -198,10 +201,10 @@ def _check_seen(dataset: Dataset, positions: Float[Tensor, "N 3"]) -> None:
 
 def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[int, ...]]:
     """Returns the shape of every parameter of a state with `num_anchors` anchors."""
-    layout, grid = config.model.layout, config.model.grid
+    layout, model = config.model.layout, config.model
     shapes: dict[str, tuple[int, ...]] = {
         "features": (num_anchors, layout.feature_dim),
-        "log_scalings": (num_anchors, 6),
+        "log_scalings": (num_anchors, log_scalings_dim(config)),
         "offsets": (num_anchors, layout.num_offsets, 3),
         "mask_logits": (num_anchors, layout.num_offsets),
     }
@@ -209,10 +212,17 @@ def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[i
         for layer, fan_in, fan_out in (("hidden", first, hidden), ("output", hidden, last)):
             shapes[f"{prefix}.{layer}.weight"] = (fan_out, fan_in)
             shapes[f"{prefix}.{layer}.bias"] = (fan_out,)
-    depth = grid.features_per_level
-    shapes["grid.volume"] = (sum(grid.rows(3)), depth)
-    shapes["grid.planes"] = (3, sum(grid.rows(2)), depth)
+    if isinstance(model, CausalConfig):
+        return {**shapes, "steps": (model.num_steps,), "centres": (FORM,)}
+    depth = model.grid.features_per_level
+    shapes["grid.volume"] = (sum(model.grid.rows(3)), depth)
+    shapes["grid.planes"] = (3, sum(model.grid.rows(2)), depth)
     return shapes
+
+
+def log_scalings_dim(config: TrainConfig) -> int:
+    """Logarithms of sizes that an anchor of a recipe has: the causal model has one scale for all axes of offsets."""
+    return FORM if isinstance(config.model, CausalConfig) else 6
 
 
 def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:
@@ -224,8 +234,10 @@ def _network_widths(config: TrainConfig) -> dict[str, tuple[int, int, int]]:
         "heads.opacity": (inputs, head, num_offsets),
         "heads.covariance": (inputs, head, 7 * num_offsets),
         "heads.color": (inputs, head, 3 * num_offsets),
-        "prior": (config.model.grid.context_dim, prior, config.model.prior_dim),
     }
+    if isinstance(config.model, CausalConfig):
+        return widths | {f"causal.{n}": (i, channel, o) for n, (i, o) in config.model.shapes().items()}
+    widths["prior"] = (config.model.grid.context_dim, prior, config.model.prior_dim)
     before = 0
     for group, size in enumerate(layout.feature_groups):
         widths[f"channel.{group}"] = (before + 3 * layout.feature_dim, channel, 3 * size)
@@ -243,9 +255,18 @@ def _networks(config: TrainConfig, generator: torch.Generator) -> dict[str, Tens
         if name in GRID_PARAMETERS:
             parameters[name] = _uniform(shape, INITIAL_VALUE, generator)
             continue
+        if name in ("steps", "centres"):
+            parameters[name] = first_steps(config) if name == "steps" else torch.zeros(shape)
+            continue
         fan_in = shape[1] if name.endswith("weight") else fan_in  # a layer's bias follows its weight
         parameters[name] = _uniform(shape, fan_in**-0.5, generator)
     return parameters
+
+
+def first_steps(config: TrainConfig) -> Float[Tensor, "S"]:
+    """Logarithms of the causal model's steps at the start."""
+    feature, *rest = FIRST_STEPS
+    return torch.tensor([feature] * len(config.model.layout.feature_groups) + rest).log()
 
 
 def _uniform(shape: tuple[int, ...], bound: float, generator: torch.Generator) -> Tensor:

@@ -10,7 +10,7 @@ from splatwire.conceal import Idw, MaskVote
 from splatwire.conceal.fill import weighted_mean, weighted_mean_of_existing
 from splatwire.conceal.idw import inverse_distance_weights
 from splatwire.scene import Anchors
-from splatwire.train.context import Steps
+from splatwire.train.context import Seen
 from splatwire.train.state import TrainState
 
 _IDW, _VOTE = Idw(), MaskVote()
@@ -29,13 +29,13 @@ class Grown:
     size_gain: Float[Tensor, "N"]
 
     def drawn(
-        self, visible: Int64[Tensor, "M"], steps: Steps | None
-    ) -> tuple[Int64[Tensor, "m"], Steps | None, Float[Tensor, "m"] | None]:
-        """Returns those of the visible anchors that are drawn, their quantisation steps and gains on their sizes."""
+        self, visible: Int64[Tensor, "M"], seen: Seen
+    ) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"] | None]:
+        """Returns those of the visible anchors that are drawn, how they are seen, and gains on their sizes."""
         kept = self.known[visible]
-        if steps is not None:
-            steps = [step[kept] if isinstance(step, Tensor) else step for step in steps]
-        return visible[kept], steps, self.size_gain[visible[kept]]
+        (features, scalings, offsets), masks = seen
+        left = features[kept], scalings[kept], offsets[kept]
+        return visible[kept], (left, masks[kept]), self.size_gain[visible[kept]]
 
     def filled(
         self,
@@ -64,10 +64,10 @@ class Filled:
     positions: Float[Tensor, "N 3"]
 
     def drawn(
-        self, visible: Int64[Tensor, "M"], steps: Steps | None
-    ) -> tuple[Int64[Tensor, "m"], Steps | None, Float[Tensor, "m"] | None]:
-        """Returns all visible anchors and their steps, without gains."""
-        return visible, steps, None
+        self, visible: Int64[Tensor, "M"], seen: Seen
+    ) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"] | None]:
+        """Returns all visible anchors as they are seen, without gains."""
+        return visible, seen, None
 
     def filled(
         self,

@@ -6,7 +6,7 @@ channel's own models, and a concealer fills the gaps as it does at a receiver.
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from torch import Tensor
 
 from splatwire.channel import LossModel, parse_loss
@@ -15,15 +15,14 @@ from splatwire.codec.geometry import anchor_order
 from splatwire.conceal import Grow
 from splatwire.conceal.context import mean_log_size
 from splatwire.conceal.grow import lost_share_among
-from splatwire.model import Linear, Mlp
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, PacketPlan
 from splatwire.scene import Cameras
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import AnchorCache, SampleRate, grid_features
+from splatwire.train.context import AnchorCache, SampleRate
 from splatwire.train.importance import importance_of, order_anchors
-from splatwire.train.kernels import Kernels
 from splatwire.train.loss_concealment import Filled, Grown, Loss
+from splatwire.train.models import TrainedModel
 from splatwire.train.state import TrainState, keep_anchors
 
 _GROW = Grow()
@@ -38,12 +37,12 @@ class PacketLosses:
 
     Args:
         config: The recipe.
-        kernels: What does the heavy parts.
+        model: What says how large anchors are expected to be.
         cache: Where the anchors are.
     """
 
-    def __init__(self, config: TrainConfig, kernels: Kernels, cache: AnchorCache) -> None:
-        self._config, self._kernels, self._cache = config, kernels, cache
+    def __init__(self, config: TrainConfig, model: TrainedModel, cache: AnchorCache) -> None:
+        self._config, self._model, self._cache = config, model, cache
         self._models = tuple(parse_loss(text) for text in config.losses.models)
         self._voxels: Tensor | None = None
         self._neighbors = torch.empty(0, 0, dtype=torch.int64)
@@ -126,7 +125,7 @@ class PacketLosses:
             return Filled(arrived, self._rows_around, self._cache.positions(state))
         gain = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
-            size = mean_log_size(self._predicted_scalings(state)).double().exp()
+            size = mean_log_size(self._model.expected_scalings(state, self._order)).double().exp()
             share = lost_share_among(self._neighbors[known], size * ~known, size)
             gain[known] = _GROW.gain(1 - share.float(), known)
         gain_of = torch.empty_like(gain)
@@ -145,15 +144,6 @@ class PacketLosses:
         self._rows_around = torch.empty_like(self._neighbors)
         self._rows_around[self._order] = self._order[self._neighbors]
         self._voxels = state.voxels
-
-    def _predicted_scalings(self, state: TrainState) -> Float[Tensor, "N 6"]:
-        """The scalings that the hash grid predicts, by rank: all that a receiver knows of the size of what is lost."""
-        prior, start = state.networks.prior, 3 * self._config.model.layout.feature_dim
-        columns = slice(start, start + 6)
-        means = Mlp(
-            prior.hidden, Linear(prior.output.weight[columns], prior.output.bias[columns]), prior.negative_slope
-        )
-        return means(grid_features(state, self._cache, self._order, self._kernels))
 
 
 def packet_of_rank(packetization: Packetization, num_anchors: int, packet_anchors: int) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from splatwire.channel import Nothing, parse_loss
 from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.model.causal import CausalConfig
 from splatwire.train.config import (
     FULL_ITERATIONS,
     GrowthRules,
@@ -19,6 +20,15 @@ from splatwire.train.config import (
 )
 
 MIN_ITERATIONS = 20
+HACPP, CAUSAL = "hacpp", "causal"
+MODELS = (HACPP, CAUSAL)
+"""What a scene is to be coded with: the model of HAC++ (format 1), or the causal one (format 2)."""
+CAUSAL_RATE = 0.008
+CAUSAL_HIDDEN = (50, 32, 32)
+CAUSAL_MASK_RATE = LearningRate(0.005, 0.005)
+CAUSAL_MASK_THRESHOLD = 0.1
+CAUSAL_SAMPLE_SHARE = 0.1
+"""The causal model's lambda, widths, masks and sample, whatever the benchmark."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +66,7 @@ PRESETS = {
 def create_config(
     preset: str = "mipnerf360",
     *,
+    model: str = "hacpp",
     lmbda: float | None = None,
     iterations: int = FULL_ITERATIONS,
     voxel_size: float | None = None,
@@ -69,6 +80,7 @@ def create_config(
 
     Args:
         preset: A key of `PRESETS`.
+        model: One of `MODELS`.
         lmbda: Weight of the rate; the preset's where absent.
         iterations: Length of the run; all phases keep their proportions.
         voxel_size: Spacing of anchor positions, world units, 0 to derive it from the points; the preset's where absent.
@@ -80,13 +92,15 @@ def create_config(
         seed: Of everything random.
 
     Raises:
-        UnknownNameError: No preset or loss model has that name.
+        UnknownNameError: No preset, model or loss model has that name.
         InvalidValueError: A value is out of range.
     """
+    if model not in MODELS:
+        raise UnknownNameError("model", model, MODELS)
     if preset not in PRESETS:
         raise UnknownNameError("preset", preset, PRESETS)
     chosen = PRESETS[preset]
-    rate = chosen.rate if lmbda is None else lmbda
+    rate = (chosen.rate if model == HACPP else CAUSAL_RATE) if lmbda is None else lmbda
     voxel = chosen.voxel_size if voxel_size is None else voxel_size
     if not (math.isfinite(rate) and rate >= 0):
         raise InvalidValueError(f"lambda must be 0 or more, not {rate}")
@@ -97,7 +111,7 @@ def create_config(
     marks = _marks(iterations, growth_interval)
     steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
     mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
-    return TrainConfig(
+    config = TrainConfig(
         preset=preset,
         voxel_size=voxel,
         marks=marks,
@@ -109,6 +123,19 @@ def create_config(
         background=background,
         test_views=chosen.test_views,
         seed=seed,
+    )
+    return config if model == HACPP else _causal(config)
+
+
+def _causal(config: TrainConfig) -> TrainConfig:
+    """The recipe with the causal model, whose masks have to learn fast, and whose networks are small."""
+    return dataclasses.replace(
+        config,
+        model=CausalConfig(),
+        hidden=CAUSAL_HIDDEN,
+        rates=dataclasses.replace(config.rates, mask_logits=CAUSAL_MASK_RATE),
+        weights=dataclasses.replace(config.weights, sample_share=CAUSAL_SAMPLE_SHARE),
+        mask_threshold=CAUSAL_MASK_THRESHOLD,
     )
 
 

@@ -44,6 +44,9 @@ class Progress:
     iterations_per_second: float
 
 
+_NETWORKS = ("heads", "prior", "channel", "causal")
+
+
 @dataclass(frozen=True)
 class Listener:
     """What to call during a run.
@@ -93,8 +96,9 @@ def estimate_bytes(state: TrainState, bits_per_anchor: float, mask_threshold: fl
     mask = state.masks(mask_threshold)
     alive = mask.any(dim=1)
     kept = int(alive.sum())
-    weights = sum(v.numel() for name, v in parameters.items() if name.split(".")[0] in ("heads", "prior", "channel"))
+    weights = sum(v.numel() for name, v in parameters.items() if name.split(".")[0] in _NETWORKS)
     total = state.num_anchors * bits_per_anchor + kept * _POSITION_BITS + weights * _WEIGHT_BITS
-    total += float(sign_bits(parameters["grid.volume"], parameters["grid.planes"]))
-    total += binary_entropy_bits(float(mask[alive].sum()), mask[alive].numel())
+    if "grid.volume" in parameters:
+        total += float(sign_bits(parameters["grid.volume"], parameters["grid.planes"]))
+        total += binary_entropy_bits(float(mask[alive].sum()), mask[alive].numel())
     return round(total / 8)

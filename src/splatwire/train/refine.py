@@ -15,7 +15,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from splatwire.errors import DivergedError
-from splatwire.model import AnchorScene, ContextModel, HashGrid, HashGridConfig, Linear, Mlp, ModelConfig
+from splatwire.model import AnchorScene, CausalCoding, ContextModel, HashGrid, HashGridConfig, Linear, Mlp, ModelConfig
 from splatwire.model.hash_grid import unit_coordinates
 from splatwire.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
 from splatwire.scene import Anchors
@@ -23,6 +23,7 @@ from splatwire.train.config import RefineConfig
 from splatwire.train.context import AttributeBits, adaptive_steps, attribute_bits
 from splatwire.train.export import copied_mlp
 from splatwire.train.grid import GridCorners, find_corners, hard_sign, interpolate_signs, straight_through_sign
+from splatwire.train.refine_causal import refine_causal
 from splatwire.train.schedule import half_cosine
 
 _CHUNK = 8192
@@ -115,14 +116,16 @@ def refine_context(
         DivergedError: If the bits stop being finite.
     """
     config = config or RefineConfig()
+    if isinstance(scene.coding, CausalCoding):
+        return refine_causal(scene, config, progress=progress)
     alive = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
     if not config.steps or not len(alive):
         return scene
     fixed, outputs = _fixed(scene, scene.anchors.select(alive))
-    units = _units(outputs, scene.coding.config)
-    prior = _ScaledMlp(scene.coding.context.prior, units[0])
-    channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.coding.context.channel, units[1:], strict=True)]
-    signs = _Signs(scene.coding.context.grid, scene.coding.config.grid, fixed.corners, config.latent)
+    units = _units(outputs, scene.hacpp.config)
+    prior = _ScaledMlp(scene.hacpp.context.prior, units[0])
+    channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.hacpp.context.channel, units[1:], strict=True)]
+    signs = _Signs(scene.hacpp.context.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
     networks = [tensor for part in (prior, *channels) for tensor in part.parameters]
     generator = torch.Generator().manual_seed(config.seed)
     optimiser = torch.optim.Adam([
@@ -141,11 +144,11 @@ def refine_context(
         optimiser.step()
         progress((step + 1) / config.steps)
     context = ContextModel(
-        signs.grid(scene.coding.context.grid),
+        signs.grid(scene.hacpp.context.grid),
         copied_mlp(prior.mlp()),
         tuple(copied_mlp(part.mlp()) for part in channels),
     )
-    return dataclasses.replace(scene, coding=dataclasses.replace(scene.coding, context=context))
+    return dataclasses.replace(scene, coding=dataclasses.replace(scene.hacpp, context=context))
 
 
 def _loss(
@@ -178,20 +181,20 @@ def _existing_bits(found: AttributeBits, mask: Float[Tensor, "M K"]) -> Float[Te
 @torch.no_grad()
 def _fixed(scene: AnchorScene, anchors: Anchors) -> tuple[_Fixed, PriorOutputs]:
     """What stays, and what the prior network says before."""
-    corners = find_corners(unit_coordinates(scene.coding.context.grid, anchors.positions), scene.coding.config.grid)
-    volume, planes = scene.coding.context.grid.volume.float(), scene.coding.context.grid.planes.float()
+    corners = find_corners(unit_coordinates(scene.hacpp.context.grid, anchors.positions), scene.hacpp.config.grid)
+    volume, planes = scene.hacpp.context.grid.volume.float(), scene.hacpp.context.grid.planes.float()
     parts = [
-        scene.coding.context.prior(interpolate_signs(volume, planes, corners, index))
+        scene.hacpp.context.prior(interpolate_signs(volume, planes, corners, index))
         for index in torch.arange(anchors.num_anchors).split(_CHUNK)
     ]
-    outputs = split_prior_outputs(torch.cat(parts), scene.coding.config)
-    steps = adaptive_steps(outputs.step_logits, scene.coding.config)
+    outputs = split_prior_outputs(torch.cat(parts), scene.hacpp.config)
+    steps = adaptive_steps(outputs.step_logits, scene.hacpp.config)
     values = (anchors.features, anchors.scalings, anchors.offsets.flatten(1))
     features, scalings, offsets = (
         (value / step).round() * step for value, step in zip(values, steps.split(1, dim=1), strict=True)
     )
     fixed = _Fixed(
-        scene.coding.config, corners, outputs.step_logits, steps, (features, scalings, offsets), anchors.mask.float()
+        scene.hacpp.config, corners, outputs.step_logits, steps, (features, scalings, offsets), anchors.mask.float()
     )
     return fixed, outputs
 

@@ -65,13 +65,19 @@ class Networks:
 
     Attributes:
         heads: Those that draw.
-        prior: Hash-grid feature to distributions and steps.
+        prior: Hash-grid feature to distributions and steps; None in the causal model, which has networks of its own.
         channel: One for each group of feature channels.
     """
 
     heads: GaussianHeads
-    prior: Mlp
+    prior: Mlp | None
     channel: tuple[Mlp, ...]
+
+    @property
+    def context_prior(self) -> Mlp:
+        """The prior network; only in a state that has one."""
+        assert self.prior is not None
+        return self.prior
 
     @staticmethod
     def of(parameters: dict[str, Tensor]) -> "Networks":
@@ -84,7 +90,8 @@ class Networks:
 
         num_groups = len({name.split(".")[1] for name in parameters if name.startswith("channel.")})
         channel = tuple(mlp(f"channel.{group}", CHANNEL_SLOPE) for group in range(num_groups))
-        return Networks(GaussianHeads(*(mlp(f"heads.{name}") for name in HEADS)), mlp("prior"), channel)
+        prior = mlp("prior") if "prior.hidden.weight" in parameters else None
+        return Networks(GaussianHeads(*(mlp(f"heads.{name}") for name in HEADS)), prior, channel)
 
 
 @dataclass
@@ -140,7 +147,7 @@ class TrainState:
 
     def scalings(self, index: Tensor | slice = slice(None)) -> Float[Tensor, "M 6"]:
         """Scalings of some anchors, world units; their logarithms are what is learnt."""
-        return self.parameters["log_scalings"][index].exp()
+        return expanded_scalings(self.parameters["log_scalings"][index].exp())
 
     def attributes(self, index: Tensor) -> tuple[Float[Tensor, "M F"], Float[Tensor, "M 6"], Float[Tensor, "M O"]]:
         """Features, scalings and flat offsets of some anchors, as they are coded."""
@@ -149,6 +156,13 @@ class TrainState:
     def masks(self, threshold: float) -> Bool[Tensor, "N K"]:
         """Which offsets exist: those whose mask's sigmoid is above the threshold."""
         return torch.sigmoid(self.parameters["mask_logits"]) > threshold
+
+
+def expanded_scalings(scalings: Float[Tensor, "M S"]) -> Float[Tensor, "M 6"]:
+    """Returns six scalings for each anchor: four are one scale for all axes of the offsets, and three base sizes."""
+    if scalings.shape[1] == 6:
+        return scalings
+    return torch.cat([scalings[:, :1].expand(-1, 3), scalings[:, 1:]], dim=1)
 
 
 def move_state(state: TrainState, device: torch.device) -> TrainState:

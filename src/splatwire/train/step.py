@@ -13,17 +13,11 @@ from splatwire.model.projection import project
 from splatwire.render.base import Drawing
 from splatwire.scene import Anchors, Cameras, Gaussians
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import (
-    AnchorCache,
-    SampleRate,
-    Steps,
-    TrainedContext,
-    noisy_attributes,
-    straight_through_masks,
-)
+from splatwire.train.context import AnchorCache, Attributes, SampleRate
 from splatwire.train.growth import adjust_anchors, gather_statistics
 from splatwire.train.kernels import COMPILED, Kernels
 from splatwire.train.losses import Photo
+from splatwire.train.models import trained_model
 from splatwire.train.packet_loss import PacketLosses
 from splatwire.train.schedule import changes_anchors, gathers_statistics, learning_rates
 from splatwire.train.state import Moments, TrainState, group_of
@@ -57,9 +51,9 @@ class TrainingStep:
 
     def __init__(self, config: TrainConfig, cameras: Cameras, kernels: Kernels = COMPILED) -> None:
         self._config, self._cameras, self._kernels = config, cameras, kernels
-        self._cache = AnchorCache(config.model)
-        self._context = TrainedContext(config, kernels, self._cache)
-        self._losses = PacketLosses(config, kernels, self._cache)
+        self._cache = AnchorCache(config)
+        self._model = trained_model(config, kernels, self._cache)
+        self._losses = PacketLosses(config, self._model, self._cache)
 
     def __call__(self, state: TrainState, view: int, photo: Photo) -> StepReport:
         """Learns from one view.
@@ -74,14 +68,14 @@ class TrainingStep:
         """
         config = self._config
         state.iteration += 1
-        self._context.begin(state)
+        self._model.begin(state)
         self._losses.begin(state, self._cameras)
         visible = self._visible(state, view)
-        steps, rate = self._context.quantise(state, visible)
+        (attributes, weight), rate = self._model.observe(state, visible)
         size_gain = None
         if (lost := self._losses.draw(state, rate)) is not None:
-            visible, steps, size_gain = lost.drawn(visible, steps)
-        anchors, weight = self._seen(state, visible, steps)
+            visible, (attributes, weight), size_gain = lost.drawn(visible, (attributes, weight))
+        anchors = self._seen(state, visible, attributes, weight)
         if lost is not None:
             anchors, weight = lost.filled(state, visible, anchors, weight, config.mask_threshold)
         watched = gathers_statistics(config.marks, state.iteration)
@@ -110,17 +104,13 @@ class TrainingStep:
         return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
 
     def _seen(
-        self, state: TrainState, visible: Int64[Tensor, "M"], steps: Steps | None
-    ) -> tuple[Anchors, Float[Tensor, "M K"]]:
-        """The visible anchors with noise in place of rounding, and the straight-through masks of their offsets."""
-        if steps is None:
-            features, scalings, offsets = state.attributes(visible)
-        else:
-            features, scalings, offsets = noisy_attributes(state, visible, steps, self._kernels.uniform)
-        weight, _ = straight_through_masks(state, self._config, visible)
+        self, state: TrainState, visible: Int64[Tensor, "M"], attributes: Attributes, weight: Float[Tensor, "M K"]
+    ) -> Anchors:
+        """The visible anchors as they are drawn."""
+        features, scalings, offsets = attributes
         offsets = offsets.view(-1, self._config.model.layout.num_offsets, 3)
         positions = self._cache.positions(state)[visible]
-        return Anchors(positions, features, scalings, offsets, weight.detach() > 0.5), weight
+        return Anchors(positions, features, scalings, offsets, weight.detach() > 0.5)
 
     def _spawn(
         self,
@@ -147,7 +137,7 @@ class TrainingStep:
         if len(scales):
             loss = loss + weights.volume * scales.prod(dim=1).mean()
         if rate is not None:
-            loss = loss + weights.rate * self._context.bits_per_parameter(state, rate)
+            loss = loss + self._model.rate_loss(state, rate)
         return loss
 
     def _update(self, state: TrainState) -> None:

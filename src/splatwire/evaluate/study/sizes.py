@@ -125,9 +125,9 @@ def _native_part(file: Path) -> str:
 
 def num_network_parameters(scene: AnchorScene) -> int:
     """Weights and biases of all networks of a scene."""
-    networks: list[Mlp] = [scene.heads.opacity, scene.heads.covariance, scene.heads.color, scene.coding.context.prior]
+    networks: list[Mlp] = [scene.heads.opacity, scene.heads.covariance, scene.heads.color, scene.hacpp.context.prior]
     layers = [
-        layer for network in (*networks, *scene.coding.context.channel) for layer in (network.hidden, network.output)
+        layer for network in (*networks, *scene.hacpp.context.channel) for layer in (network.hidden, network.output)
     ]
     return sum(layer.weight.numel() + layer.bias.numel() for layer in layers)
 

@@ -3,7 +3,6 @@
 Encoding and decoding stand side by side and share the prediction; packets are worked on in chunks, which alters no bit.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,9 +17,7 @@ from splatwire.codec.schemas.hacpp.coding_params import (
 )
 from splatwire.entropy.coder import tables
 from splatwire.entropy.tables import weight_table
-
-CHUNK_ANCHORS = 3000
-"""Anchors worked on at once: enough to keep the matrix products busy, small enough to stay in the cache."""
+from splatwire.scene import AnchorLayout
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +40,15 @@ class Symbols:
         """Symbols of the anchors at `index`."""
         return Symbols(self.mask[index], self.feature[index], self.scaling[index], self.offset[index])
 
+    def rows(self) -> np.ndarray:
+        """All symbols of each anchor, int32 (N, symbols): mask, feature, scaling, offset."""
+        return np.concatenate([self.mask.astype(np.int32), self.feature, self.scaling, self.offset], axis=1)
+
+    @staticmethod
+    def of_rows(rows: np.ndarray, layout: AnchorLayout) -> "Symbols":
+        """The inverse of `rows`."""
+        return Symbols(*np.split(rows, np.cumsum([layout.num_offsets, layout.feature_dim, 6]), axis=1))
+
 
 @dataclass(frozen=True, eq=False)
 class Predictions:
@@ -61,18 +67,6 @@ class Predictions:
     feature: tuple[np.ndarray, np.ndarray]
     scaling: tuple[np.ndarray, np.ndarray]
     offset: tuple[np.ndarray, np.ndarray]
-
-
-def chunks(sizes: np.ndarray, most: int = CHUNK_ANCHORS) -> Iterator[slice]:
-    """Splits packets of the given sizes into runs of about `most` anchors, at least one packet each."""
-    first, total = 0, 0
-    for p, size in enumerate(sizes):
-        if total and total + size > most:
-            yield slice(first, p)
-            first, total = p, 0
-        total += int(size)
-    if first < len(sizes):
-        yield slice(first, len(sizes))
 
 
 def predict_packets(context: CodingContext, outputs: np.ndarray) -> Predictions:

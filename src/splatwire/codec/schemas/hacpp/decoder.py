@@ -1,7 +1,7 @@
-"""Stream to scene: takes bytes and nothing else."""
+"""From packets of schema `hacpp` to attributes: takes bytes and nothing else."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,10 @@ import torch
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
+from splatwire.codec.heads import network_of
 from splatwire.codec.preview import SECTION as PREVIEW
-from splatwire.codec.schemas.hacpp.atomic import Symbols, chunks, decode_packets
+from splatwire.codec.schema import update_digest
+from splatwire.codec.schemas.hacpp.atomic import Symbols, decode_packets
 from splatwire.codec.schemas.hacpp.coding_params import (
     CodingContext,
     dequantise,
@@ -19,15 +21,12 @@ from splatwire.codec.schemas.hacpp.coding_params import (
     prior_columns,
     step_indices,
 )
-from splatwire.codec.schemas.hacpp.digest import update_digest
 from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
 from splatwire.codec.schemas.hacpp.separated import decode_masks, decode_parts
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
-from splatwire.codec.tiers import read_tiers
-from splatwire.codec.weights import QuantisedMlp
-from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError, check_kind
+from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.model import (
     AnchorScene,
     AttributePrior,
@@ -35,84 +34,33 @@ from splatwire.model import (
     GaussianHeads,
     HacppCoding,
     HashGrid,
-    Linear,
-    Mlp,
     PartialScene,
     Prior,
 )
 from splatwire.model.prior_field import MIN_SCALE
-from splatwire.packets import ANCHORS, Manifest, SceneStream, arrange, tier_order
+from splatwire.packets import Manifest, SceneStream, arrange
 from splatwire.scene import Anchors, Attribute, Erasures
 
 
-def decode_stream(
-    stream: SceneStream, *, threads: int | None = None, progress: Callable[[float], None] | None = None
-) -> PartialScene:
-    """Decodes what arrived of a stream.
-
-    Args:
-        stream: The stream; packets may be missing, side information may not.
-        threads: Threads to use, which changes no bit; None for one for each processor.
-        progress: Called with the share of the work that is done, 0 to 1.
-
-    Returns:
-        The scene by rank, zero where nothing was received, and the prior of every anchor. Of a feature that
-        arrived in part, the channels before the first missing group are there, though it counts as not received.
-
-    Raises:
-        MissingSideInfoError: If there is no side information.
-        BitstreamError: If the stream contradicts itself.
-        InvalidValueError: If `stream` is none.
-        DesyncError: If nothing was lost and yet the decoded integers are not those that were encoded.
-    """
-    check_kind(stream, SceneStream, "read_stream")
-    manifest = stream.manifest
-    info = open_side_info(manifest, stream.side_info, atomic=False)
-    decode = _decode_separated if manifest.packetization.separated else _decode_arrays
-    arrays, digest = decode(info, stream, threads, progress)
-    if len(stream.packets) == manifest.num_packets and digest != manifest.symbols_digest:
-        raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")
-    return assemble_scene(info, arrays)
-
-
-def open_side_info(manifest: Manifest, side_info: bytes, *, atomic: bool = True) -> SideInfo:
+def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
     """Reads the side information of a stream and compares it with the manifest.
 
     Args:
         manifest: The stream's manifest.
         side_info: The bytes.
-        atomic: Whether only a stream whose packets hold whole anchors will do.
 
     Raises:
         MissingSideInfoError: If there are none.
-        BitstreamError: If they are damaged, contradict the manifest, or tell of packets that cannot be decoded.
+        BitstreamError: If they are damaged or contradict the manifest.
     """
-    if manifest.codec != ANCHORS:
-        raise BitstreamError("the stream holds explicit Gaussians, not anchors: `decode -o FILE.ply` reads it")
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
-    if atomic and manifest.packetization.separated:
-        raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
     info = read_side_info(side_info, manifest.num_anchors, manifest.packetization.order)
     layout = info.config.layout
     stated = (manifest.feature_dim, manifest.num_offsets, manifest.feature_groups)
     if stated != (layout.feature_dim, layout.num_offsets, layout.feature_groups):
         raise BitstreamError(f"manifest and side information disagree on the layout of an anchor: {stated}, {layout}")
     return info
-
-
-def ranks_in_order(info: SideInfo, manifest: Manifest) -> np.ndarray | None:
-    """Rank at each place of the manifest's plan, int64 (N); None if they are the same because there is one tier.
-
-    Args:
-        info: The stream's side information.
-        manifest: Its manifest.
-
-    Raises:
-        BitstreamError: If they contradict each other.
-    """
-    tiers = read_tiers(info.sections, manifest)
-    return tier_order(tiers) if manifest.tiers else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,41 +99,59 @@ class DecodedArrays:
         )
 
 
-def _decode_arrays(
-    info: SideInfo, stream: SceneStream, threads: int | None, progress: Callable[[float], None] | None
-) -> tuple[DecodedArrays, str]:
-    groups, packets = arrange(stream.manifest.plan, stream.packets)
-    order = ranks_in_order(info, stream.manifest)
-    rank_at = groups.ranks if order is None else order[groups.ranks]
-    arrays, context, models = DecodedArrays.empty(info), info.coding_context(), info.mask_models()
-    counts, digest = np.diff(groups.starts), hashlib.sha256()
+class HacppDecoder:
+    """See `AnchorDecoder`.
 
-    def decode_run(run: slice) -> tuple[slice, Symbols | None]:
-        ranks = rank_at[groups.starts[run.start] : groups.starts[run.stop]]
-        features, outputs = context.predict(info.voxels[ranks])
-        arrays.outputs[ranks], arrays.context[ranks] = outputs, features
-        here = packets[run]
-        there = np.array([packet is not None for packet in here])
-        if not there.any():
-            return run, None
-        of_anchor = np.repeat(there, counts[run])
-        payloads = [packet.payload for packet in here if packet is not None]
-        symbols, factors = decode_packets(context, outputs[of_anchor], counts[run][there], payloads, models)
-        store_symbols(arrays, ranks[of_anchor], symbols, factors, context)
-        return run, symbols
+    Args:
+        manifest: The stream's manifest.
+        side_info: Its side information.
 
-    for run, symbols in ordered_map(decode_run, chunks(counts), threads):
-        if symbols is not None:
-            update_digest(digest, symbols)
-        if progress:
-            progress(run.stop / len(counts))
-    return arrays, digest.hexdigest()
+    Raises:
+        MissingSideInfoError: If there is no side information.
+        BitstreamError: If it is damaged or contradicts the manifest.
+    """
+
+    def __init__(self, manifest: Manifest, side_info: bytes) -> None:
+        self._info = open_side_info(manifest, side_info)
+        self._arrays, self._models = DecodedArrays.empty(self._info), self._info.mask_models()
+        self._context, self._layout = self._info.coding_context(), self._info.config.layout
+        self.sections = self._info.sections
+        self.num_symbols = self._layout.feature_dim + 6 + 4 * self._layout.num_offsets
+
+    def predict(self, ranks: np.ndarray) -> None:
+        """See `AnchorDecoder.predict`."""
+        features, outputs = self._context.predict(self._info.voxels[ranks])
+        self._arrays.outputs[ranks], self._arrays.context[ranks] = outputs, features
+
+    def decode(self, ranks: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]) -> np.ndarray:
+        """See `AnchorDecoder.decode`."""
+        outputs = self._arrays.outputs[ranks]
+        return decode_packets(self._context, outputs, counts, list(payloads), self._models)[0].rows()
+
+    def store(self, ranks: np.ndarray, rows: np.ndarray) -> None:
+        """See `AnchorDecoder.store`."""
+        factors = factor_table()[step_indices(self._arrays.outputs[ranks], self._info.config)]
+        store_symbols(self._arrays, ranks, Symbols.of_rows(rows, self._layout), factors, self._context)
+
+    def scene(self) -> PartialScene:
+        """See `AnchorDecoder.scene`."""
+        return assemble_scene(self._info, self._arrays)
 
 
-def _decode_separated(
-    info: SideInfo, stream: SceneStream, threads: int | None, progress: Callable[[float], None] | None
-) -> tuple[DecodedArrays, str]:
-    """Decodes each group of anchors as far as its parts arrived."""
+def decode_separated(
+    stream: SceneStream, threads: int | None, progress: Callable[[float], None] | None
+) -> tuple[PartialScene, str]:
+    """Decodes separated attributes, each group of anchors as far as its parts arrived.
+
+    Returns:
+        The scene, and the digest of all integers. Of a feature that arrived in part, the channels before the first
+        missing group are there, though it counts as not received.
+
+    Raises:
+        MissingSideInfoError: If there is no side information.
+        BitstreamError: If it is damaged or contradicts the manifest.
+    """
+    info = open_side_info(stream.manifest, stream.side_info)
     plan, context, masks = stream.manifest.plan, info.coding_context(), decode_masks(info)
     groups, packets = arrange(plan, stream.packets)
     arrays, digest, num_parts = DecodedArrays.empty(info), hashlib.sha256(), len(plan.parts)
@@ -202,10 +168,10 @@ def _decode_separated(
         return group, decoded.symbols
 
     for group, symbols in ordered_map(decode_group, range(num_groups), threads):
-        update_digest(digest, symbols)
+        update_digest(digest, symbols.rows())
         if progress:
             progress((group + 1) / num_groups)
-    return arrays, digest.hexdigest()
+    return assemble_scene(info, arrays), digest.hexdigest()
 
 
 def store_symbols(
@@ -247,8 +213,8 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> PartialScene:
         torch.from_numpy(positions), features, scalings,
         offsets.reshape(num, layout.num_offsets, 3), torch.from_numpy(arrays.mask),
     )  # fmt: skip
-    heads = GaussianHeads(*(_network(head) for head in info.heads))
-    model = ContextModel(_grid(info), _network(info.prior), tuple(_network(mlp) for mlp in info.channel))
+    heads = GaussianHeads(*(network_of(head) for head in info.heads))
+    model = ContextModel(_grid(info), network_of(info.prior), tuple(network_of(mlp) for mlp in info.channel))
     background = read_background(info.sections)
     scene = AnchorScene(anchors, heads, HacppCoding(model, info.voxel_size, info.config), background=background)
     erasures = Erasures(torch.from_numpy(arrays.received))
@@ -283,11 +249,6 @@ def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:
 
 def _to_float(outputs: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(outputs).float().mul_(2.0**-OUTPUT_BITS)
-
-
-def _network(mlp: QuantisedMlp) -> Mlp:
-    layers = [Linear(*(torch.from_numpy(a) for a in layer.dequantised())) for layer in (mlp.hidden, mlp.output)]
-    return Mlp(layers[0], layers[1], 0.01 if mlp.leaky else 0.0)
 
 
 def _grid(info: SideInfo) -> HashGrid:

@@ -3,15 +3,15 @@
 import numpy as np
 import torch
 
+from splatwire.codec.heads import SAMPLE_SEED, fit_heads, quantised
 from splatwire.codec.schemas.hacpp.side_info import MASK_CONTEXTS, SideInfo
-from splatwire.codec.weights import QuantisedMlp, quantise_mlp
-from splatwire.model import AnchorScene, Mlp
+from splatwire.codec.weights import QuantisedMlp
+from splatwire.model import AnchorScene
 from splatwire.model.channel_context import channel_parameters
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
 
 SAMPLE_ANCHORS = 16_000
-SAMPLE_SEED = 0
 
 NOISE_REFERENCE = 0.035
 ANCHORS_REFERENCE = 35_000
@@ -20,8 +20,6 @@ the square root of their number. Weight bytes fall with the logarithm of the noi
 and the number of anchors, so the sum is least on such a line (benchmarks/weight_precision.py)."""
 
 STEP_TOLERANCE = 0.05
-HEAD_TOLERANCE = 0.004
-"""Tolerated noise of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
 
 
 def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None = None) -> SideInfo:
@@ -35,7 +33,7 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     Returns:
         Side information ready to be written.
     """
-    config, grid = scene.coding.config, scene.coding.context.grid
+    config, grid = scene.hacpp.config, scene.hacpp.context.grid
     if noise is None:
         noise = float(np.clip(NOISE_REFERENCE * (ANCHORS_REFERENCE / max(len(voxels), 1)) ** 0.5, 0.01, 0.05))
     generator = np.random.default_rng(SAMPLE_SEED)
@@ -43,19 +41,19 @@ def fit_side_info(scene: AnchorScene, voxels: np.ndarray, *, noise: float | None
     sample = scene.anchors.select(index)
     with torch.no_grad():
         inputs = interpolate_hash_grid(grid, sample.positions, config.grid)
-        outputs = split_prior_outputs(scene.coding.context.prior(inputs), config)
+        outputs = split_prior_outputs(scene.hacpp.context.prior(inputs), config)
     return SideInfo(
-        config, scene.coding.voxel_size, _float32(grid.bounds_min), _float32(grid.bounds_max), voxels,
+        config, scene.hacpp.voxel_size, _float32(grid.bounds_min), _float32(grid.bounds_max), voxels,
         np.concatenate([_signs(grid.volume), *(_signs(plane) for plane in grid.planes)]),
-        _quantise(scene.coding.context.prior, inputs, _prior_tolerance(outputs, scene) * noise),
+        quantised(scene.hacpp.context.prior, inputs, _prior_tolerance(outputs, scene) * noise),
         _fit_channel(scene, sample.features, outputs, noise),
-        _fit_heads(scene, sample.features, sample.positions),
+        fit_heads(scene.heads, sample),
         _fit_masks(scene.anchors.mask.numpy()),
     )  # fmt: skip
 
 
 def _prior_tolerance(outputs: PriorOutputs, scene: AnchorScene) -> np.ndarray:
-    base = scene.coding.config.base_steps
+    base = scene.hacpp.config.base_steps
     spread_f = _spread(outputs.feature_scale, base[0])
     spread_s, spread_o = _spread(outputs.scaling_scale, base[1]), _spread(outputs.offset_scale, base[2])
     weight = np.ones(len(spread_f))
@@ -70,33 +68,16 @@ def _spread(scale: torch.Tensor, step: float) -> np.ndarray:
 def _fit_channel(
     scene: AnchorScene, features: torch.Tensor, outputs: PriorOutputs, noise: float
 ) -> tuple[QuantisedMlp, ...]:
-    fitted, edges = [], np.cumsum([0, *scene.coding.config.layout.feature_groups])
+    fitted, edges = [], np.cumsum([0, *scene.hacpp.config.layout.feature_groups])
     prior = [outputs.feature_mean, outputs.feature_scale, outputs.feature_weight]
-    for group, network in enumerate(scene.coding.context.channel):
+    for group, network in enumerate(scene.hacpp.context.channel):
         before = features[:, : int(edges[group])]
         with torch.no_grad():
-            scale = channel_parameters(scene.coding.context, group, before, outputs).scale
-        spread = _spread(scale, scene.coding.config.base_steps[0])
+            scale = channel_parameters(scene.hacpp.context, group, before, outputs).scale
+        spread = _spread(scale, scene.hacpp.config.base_steps[0])
         tolerance = np.concatenate([spread, spread, np.ones(len(spread))]) * noise
-        fitted.append(_quantise(network, torch.cat([before, *prior], dim=1), tolerance))
+        fitted.append(quantised(network, torch.cat([before, *prior], dim=1), tolerance))
     return tuple(fitted)
-
-
-def _fit_heads(
-    scene: AnchorScene, features: torch.Tensor, positions: torch.Tensor
-) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
-    # Views are not known here: directions are taken from the sphere, distances from the extent of the anchors, half to
-    # twice as far, so that neither is taken for something that features say.
-    generator = torch.Generator().manual_seed(SAMPLE_SEED)
-    direction = torch.nn.functional.normalize(torch.randn(len(features), 3, generator=generator), dim=1)
-    extent = (positions - positions.median(dim=0).values).norm(dim=1, keepdim=True)
-    distance = extent * 2 ** (2 * torch.rand(len(features), 1, generator=generator) - 1)
-    inputs = torch.cat([features, direction, distance], dim=1)
-    heads = (scene.heads.opacity, scene.heads.covariance, scene.heads.color)
-    opacity, covariance, color = (
-        _quantise(head, inputs, np.full(head.output.weight.shape[0], HEAD_TOLERANCE)) for head in heads
-    )
-    return opacity, covariance, color
 
 
 def _fit_masks(mask: np.ndarray) -> np.ndarray:
@@ -109,14 +90,6 @@ def _fit_masks(mask: np.ndarray) -> np.ndarray:
             if len(bits):
                 zero[k, c] = np.clip(round(256 * (1 - bits.mean())), 1, 255)
     return zero.ravel()
-
-
-def _quantise(network: Mlp, inputs: torch.Tensor, tolerance: np.ndarray) -> QuantisedMlp:
-    hidden, output = (
-        (layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy())
-        for layer in (network.hidden, network.output)
-    )
-    return quantise_mlp(hidden, output, inputs.double().numpy(), tolerance, leaky=network.negative_slope > 0)
 
 
 def _float32(tensor: torch.Tensor) -> np.ndarray:

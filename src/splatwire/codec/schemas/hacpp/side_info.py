@@ -13,7 +13,7 @@ from splatwire.codec.geometry import decode_positions, encode_positions
 from splatwire.codec.schemas.hacpp.coding_params import CodingContext
 from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, touched_rows, unit_coordinates
 from splatwire.codec.schemas.hacpp.grid_signs import decode_signs, encode_signs
-from splatwire.codec.weight_bytes import read_mlp, write_mlp
+from splatwire.codec.weight_bytes import framed, read_networks, write_networks
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model import HashGridConfig, ModelConfig
@@ -90,12 +90,12 @@ def write_side_info(info: SideInfo) -> bytes:
         "header": _header(info),
         "positions": encode_positions(info.voxels),
         "grid": encode_signs(info.signs, touched_rows(units, info.config.grid), info.config.grid),
-        "prior_network": _networks([info.prior]),
-        "channel_networks": _networks(info.channel),
-        "render_networks": _networks(info.heads),
+        "prior_network": write_networks([info.prior]),
+        "channel_networks": write_networks(info.channel),
+        "render_networks": write_networks(info.heads),
         "mask_models": bytes(info.mask_zero.astype(np.uint8)),
     }
-    return b"".join(_framed(parts[name]) for name in FIXED_SECTIONS) + write_sections(info.sections)
+    return b"".join(framed(parts[name]) for name in FIXED_SECTIONS) + write_sections(info.sections)
 
 
 def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
@@ -126,13 +126,13 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
     before = np.cumsum([0, *groups])
     if len(blobs[6]) != MASK_CONTEXTS * offsets:
         raise BitstreamError(f"side information: {len(blobs[6])} mask models, not {MASK_CONTEXTS * offsets}")
-    prior = _read_networks(blobs[3], [("prior", config.grid.context_dim, config.prior_dim)])
+    prior = read_networks(blobs[3], [("prior", config.grid.context_dim, config.prior_dim)])
     shapes = [("channel", int(b) + 3 * features, 3 * g) for b, g in zip(before, groups, strict=False)]
     outputs = zip(HEADS, (offsets, 7 * offsets, 3 * offsets), strict=True)
-    heads = _read_networks(blobs[5], [(name, features + 4, out) for name, out in outputs])
+    heads = read_networks(blobs[5], [(name, features + 4, out) for name, out in outputs])
     return SideInfo(
         config, voxel_size, *bounds, voxels, decode_signs(blobs[2], touched, config.grid),
-        prior[0], tuple(_read_networks(blobs[4], shapes)), (heads[0], heads[1], heads[2]),
+        prior[0], tuple(read_networks(blobs[4], shapes)), (heads[0], heads[1], heads[2]),
         np.clip(np.frombuffer(blobs[6], dtype=np.uint8).astype(np.int64), 1, 255), sections,
     )  # fmt: skip
 
@@ -201,23 +201,3 @@ def _check_config(config: ModelConfig, error: type[BitstreamError] | type[Invali
         raise error(f"side information: a model of this shape is beyond the format: {config}")
     if grid_levels(grid).num_rows * grid.features_per_level > MAX_GRID_VALUES:
         raise error(f"side information: a hash grid of {grid_levels(grid).num_rows} rows is too large")
-
-
-def _framed(data: bytes) -> bytes:
-    writer = ByteWriter()
-    writer.blob(data)
-    return writer.bytes()
-
-
-def _networks(networks: tuple[QuantisedMlp, ...] | list[QuantisedMlp]) -> bytes:
-    writer = ByteWriter()
-    for network in networks:
-        write_mlp(writer, network)
-    return writer.bytes()
-
-
-def _read_networks(data: bytes, shapes: list[tuple[str, int, int]]) -> list[QuantisedMlp]:
-    reader = ByteReader(data, "networks")
-    networks = [read_mlp(reader, name, inputs, outputs) for name, inputs, outputs in shapes]
-    reader.finish()
-    return networks

@@ -8,15 +8,8 @@ import numpy as np
 import torch
 
 from splatwire.codec.arrivals import Arrivals
-from splatwire.codec.schemas.hacpp.atomic import CHUNK_ANCHORS, Symbols, chunks, decode_packets
-from splatwire.codec.schemas.hacpp.decoder import (
-    DecodedArrays,
-    assemble_scene,
-    open_side_info,
-    ranks_in_order,
-    store_symbols,
-)
-from splatwire.codec.schemas.hacpp.digest import update_digest
+from splatwire.codec.decoding import open_decoder, ranks_in_order
+from splatwire.codec.schema import CHUNK_ANCHORS, chunks, update_digest
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError
 from splatwire.model import PartialScene
@@ -34,8 +27,7 @@ class _Decoded:
     """Some packets' anchors, not yet written anywhere."""
 
     ranks: np.ndarray
-    symbols: Symbols
-    factors: np.ndarray
+    rows: np.ndarray
 
 
 class ProgressiveDecoder(Arrivals):
@@ -70,20 +62,16 @@ class ProgressiveDecoder(Arrivals):
         progress: Callable[[float], None] | None = None,
     ) -> None:
         super().__init__(manifest, side_info, intake)
-        self._info = open_side_info(manifest, side_info)
-        self._context, self._models = self._info.coding_context(), self._info.mask_models()
-        self._arrays = DecodedArrays.empty(self._info)
-        self._order = ranks_in_order(self._info, manifest)
+        self._decoder = open_decoder(manifest, side_info)
+        self._order = ranks_in_order(self._decoder, manifest)
         self._threads = threads
         self._predict(progress)
-        layout, num = self._info.config.layout, manifest.num_anchors
-        width = layout.feature_dim + 6 + 4 * layout.num_offsets
-        self._symbols: np.ndarray | None = np.zeros((num, width), dtype=np.int32)
+        num = manifest.num_anchors
+        self._symbols: np.ndarray | None = np.zeros((num, self._decoder.num_symbols), dtype=np.int32)
         self._received = np.zeros((num, 4), dtype=np.bool_)
         self._num_known = 0
-        filled = assemble_scene(self._info, self._arrays)
         erasures = Erasures(torch.from_numpy(self._received))
-        self._partial = replace(filled, erasures=erasures)
+        self._partial = replace(self._decoder.scene(), erasures=erasures)
 
     @property
     def partial(self) -> PartialScene:
@@ -158,16 +146,15 @@ class ProgressiveDecoder(Arrivals):
         return np.concatenate(new)
 
     def _predict(self, progress: Callable[[float], None] | None) -> None:
-        """Evaluates grid and prior network for every anchor."""
-        info, arrays, num = self._info, self._arrays, self.manifest.num_anchors
-        starts = range(0, num, CHUNK_ANCHORS)
+        """Evaluates what is expected of every anchor."""
+        num = self.manifest.num_anchors
 
         def predict(start: int) -> int:
-            rows = slice(start, min(start + CHUNK_ANCHORS, num))
-            arrays.context[rows], arrays.outputs[rows] = self._context.predict(info.voxels[rows])
-            return rows.stop
+            ranks = np.arange(start, min(start + CHUNK_ANCHORS, num))
+            self._decoder.predict(ranks)
+            return int(ranks[-1]) + 1
 
-        for done in ordered_map(predict, starts, self._threads):
+        for done in ordered_map(predict, range(0, num, CHUNK_ANCHORS), self._threads):
             if progress:
                 progress(done / num)
 
@@ -184,16 +171,14 @@ class ProgressiveDecoder(Arrivals):
         members = [self.members(packet) for packet in packets]
         ranks, counts = np.concatenate(members), np.array([len(m) for m in members])
         payloads = [packet.payload for packet in packets]
-        symbols, factors = decode_packets(self._context, self._arrays.outputs[ranks], counts, payloads, self._models)
-        return _Decoded(ranks, symbols, factors)
+        return _Decoded(ranks, self._decoder.decode(ranks, counts, payloads))
 
     def _store(self, decoded: _Decoded) -> None:
-        store_symbols(self._arrays, decoded.ranks, decoded.symbols, decoded.factors, self._context)
+        self._decoder.store(decoded.ranks, decoded.rows)
         self._received[decoded.ranks] = True
         self._num_known += len(decoded.ranks)
         if self._symbols is not None:
-            s = decoded.symbols
-            self._symbols[decoded.ranks] = np.concatenate([s.mask, s.feature, s.scaling, s.offset], axis=1)
+            self._symbols[decoded.ranks] = decoded.rows
 
     def _check(self) -> None:
         """Compares all decoded integers with the manifest's digest, once; their copy is not needed after that."""
@@ -203,10 +188,8 @@ class ProgressiveDecoder(Arrivals):
                 return
         ranks = self.manifest.plan.groups().ranks
         ranks = ranks if self._order is None else self._order[ranks]
-        digest, layout = hashlib.sha256(), self._info.config.layout
-        edges = np.cumsum([layout.num_offsets, layout.feature_dim, 6])
+        digest = hashlib.sha256()
         for start in range(0, len(ranks), CHUNK_ANCHORS):
-            rows = symbols[ranks[start : start + CHUNK_ANCHORS]]
-            update_digest(digest, Symbols(*np.split(rows, edges, axis=1)))
+            update_digest(digest, symbols[ranks[start : start + CHUNK_ANCHORS]])
         if digest.hexdigest() != self.manifest.symbols_digest:
             raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")

@@ -1,0 +1,1 @@
+"""Schema `causal`: anchors under the causal model (docs/format.md, format 2)."""

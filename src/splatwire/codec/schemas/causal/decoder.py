@@ -1,0 +1,130 @@
+"""From packets of schema `causal` to attributes: takes bytes and nothing else."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from splatwire.codec.background import SECTION as BACKGROUND
+from splatwire.codec.background import read_background
+from splatwire.codec.fixed_point import ACTIVATION_BITS
+from splatwire.codec.heads import network_of
+from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.schemas.causal.context import (
+    NUMBER_BITS,
+    CodingContext,
+    exponential,
+    form_logs,
+    linear_values,
+)
+from splatwire.codec.schemas.causal.packet_coder import decode_packets, expected
+from splatwire.codec.schemas.causal.side_info import LOG_BITS, read_side_info
+from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.errors import MissingSideInfoError
+from splatwire.model import AnchorScene, AttributePrior, CausalCoding, GaussianHeads, PartialScene, Prior
+from splatwire.packets import Manifest
+from splatwire.scene import Anchors, Attribute, Erasures
+
+_SCALINGS = [0, 0, 0, 1, 2, 3]
+"""Which of an anchor's four logarithms each of the six scalings is."""
+
+
+class CausalDecoder:
+    """See `AnchorDecoder`.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: Its side information.
+
+    Raises:
+        MissingSideInfoError: If there is no side information.
+        BitstreamError: If it is damaged.
+    """
+
+    def __init__(self, manifest: Manifest, side_info: bytes) -> None:
+        if not side_info:
+            raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
+        info = read_side_info(side_info, manifest.num_anchors, manifest.packetization.order)
+        layout, num = info.config.layout, manifest.num_anchors
+        self._info, self._context, self.sections = info, CodingContext.of(info), info.sections
+        self._features, self._offsets = layout.feature_dim, layout.num_offsets
+        self._step = np.repeat(info.steps[:-1], layout.feature_groups)
+        self._received = np.zeros((num, len(Attribute)), dtype=np.bool_)
+        self._mask = np.zeros((num, self._offsets), dtype=np.bool_)
+        widths = {"feature": self._features, "scaling": 6, "offset": 3 * self._offsets}
+        self._values = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
+        self._means = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
+        self._spreads = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
+        self._place = np.zeros((num, info.config.context_dim), dtype=np.float32)
+        self.num_symbols = 4 * self._offsets + self._features + 4
+
+    def predict(self, ranks: np.ndarray) -> None:
+        """See `AnchorDecoder.predict`."""
+        place, means, spreads = expected(self._context, self._info.voxels[ranks])
+        self._place[ranks] = place * 2.0**-ACTIVATION_BITS
+        deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
+        for name, values in self._attributes(means).items():
+            self._means[name][ranks] = values
+        logs = deviations[:, self._features : self._features + 4] * self._info.log_steps[[0, 1, 1, 1]]
+        relative = logs[:, _SCALINGS] * (math.log(2) * 2.0**-LOG_BITS)
+        self._spreads["feature"][ranks] = deviations[:, : self._features] * self._step
+        self._spreads["scaling"][ranks] = self._means["scaling"][ranks] * relative
+        self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
+
+    def decode(self, ranks: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]) -> np.ndarray:
+        """See `AnchorDecoder.decode`."""
+        masks, numbers = decode_packets(self._context, self._info.voxels[ranks], counts, payloads)
+        return np.concatenate([masks.astype(np.int32), numbers], axis=1)
+
+    def store(self, ranks: np.ndarray, rows: np.ndarray) -> None:
+        """See `AnchorDecoder.store`."""
+        self._received[ranks], self._mask[ranks] = True, rows[:, : self._offsets]
+        for name, values in self._attributes(rows[:, self._offsets :]).items():
+            self._values[name][ranks] = values
+
+    def _attributes(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """Values of numbers, by attribute."""
+        feature, form, offset = np.split(numbers, [self._features, self._features + 4], axis=1)
+        return {
+            "feature": linear_values(feature, self._step),
+            "scaling": exponential(form_logs(form, self._info))[:, _SCALINGS],
+            "offset": linear_values(offset, self._info.steps[-1]),
+        }
+
+    def scene(self) -> PartialScene:
+        """See `AnchorDecoder.scene`."""
+        info, values = self._info, {name: torch.from_numpy(array) for name, array in self._values.items()}
+        positions = (info.voxels.astype(np.float64) * info.voxel_size).astype(np.float32)
+        offsets = values["offset"].view(len(positions), self._offsets, 3)
+        anchors = Anchors(
+            torch.from_numpy(positions), values["feature"], values["scaling"], offsets, torch.from_numpy(self._mask)
+        )
+        heads = GaussianHeads(*(network_of(head) for head in info.heads))
+        scene = AnchorScene(anchors, heads, self._coding(), background=read_background(info.sections))
+        left = {name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, PREVIEW)}
+        return PartialScene(scene, Erasures(torch.from_numpy(self._received)), self._prior(), left)
+
+    def _coding(self) -> CausalCoding:
+        info, unit = self._info, math.log(2) * 2.0**-LOG_BITS
+        all_steps = np.concatenate([info.steps[:-1], info.log_steps * unit, info.steps[-1:]])
+        networks = {name: network_of(network) for name, network in info.networks.items()}
+        steps, centres, middle, spread = (
+            torch.from_numpy(numbers).float() for numbers in (all_steps, info.centres * unit, info.middle, info.spread)
+        )
+        return CausalCoding(networks, steps, centres, middle, spread, info.voxel_size, info.config)
+
+    def _prior(self) -> Prior:
+        """What is expected of every anchor; the step of a scaling is relative to what is expected of it."""
+        num, info = len(self._place), self._info
+        relative = torch.from_numpy(self._means["scaling"]).mean(dim=1, keepdim=True)
+        steps = {
+            "feature": torch.full((num, 1), float(self._step.mean())),
+            "scaling": relative * float(info.log_steps[1] * math.log(2) * 2.0**-LOG_BITS),
+            "offset": torch.full((num, 1), float(info.steps[-1])),
+        }
+        parts = {
+            name: AttributePrior(torch.from_numpy(self._means[name]), torch.from_numpy(self._spreads[name]), step)
+            for name, step in steps.items()
+        }
+        return Prior(**parts, context=torch.from_numpy(self._place))

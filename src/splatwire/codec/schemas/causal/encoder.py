@@ -1,0 +1,90 @@
+"""From a scene's anchors to packets of schema `causal`."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from splatwire.codec.schema import CodedPackets
+from splatwire.codec.schemas.causal.context import CodingContext
+from splatwire.codec.schemas.causal.fit import fit_side_info
+from splatwire.codec.schemas.causal.packet_coder import cut_packets, encode_packets, quantise
+from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene
+from splatwire.model.voxels import voxel_indices
+from splatwire.packets import Packetization
+from splatwire.scene import Anchors
+
+_LOGS = [0, 3, 4, 5]
+"""Which of an anchor's six scalings its four logarithms are of."""
+MAX_NUMBER = 14_000
+"""Numbers of anchors are within this many steps, so that they and their means fit into 32 bits."""
+
+
+def causal_encoder(
+    scene: AnchorScene, packetization: Packetization, sections: dict[str, bytes], noise: float | None
+) -> tuple["CausalEncoder", bytes]:
+    """Quantises what all packets share; returns what codes the anchors, and the side information.
+
+    Args:
+        scene: The scene, anchors by rank.
+        packetization: How they are split.
+        sections: Named sections of the side information.
+        noise: Tolerated noise of the context networks; None for the measured rule.
+
+    Raises:
+        InvalidValueError: If attributes would be packets of their own, or the scene is not one for the format.
+    """
+    if packetization.separated:
+        raise InvalidValueError("anchors of the causal model are coded whole: preset 'hacpp' is for those of HAC++")
+    _check_finite(scene.anchors)
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    side_info = write_side_info(replace(fit_side_info(scene, voxels, noise=noise), sections=sections))
+    # Predict from what a decoder will read, not from what was meant.
+    info = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
+    return CausalEncoder(scene, info), side_info
+
+
+def _check_finite(anchors: Anchors) -> None:
+    for name in ("features", "scalings", "offsets"):
+        if not bool(torch.isfinite(getattr(anchors, name)).all()):
+            raise InvalidValueError(f"the scene's {name} are not all finite")
+    if not bool((anchors.scalings > 0).all()):
+        raise InvalidValueError("the scene's scalings are not all positive")
+
+
+class CausalEncoder:
+    """See `AnchorEncoder`.
+
+    Args:
+        scene: The scene, anchors by rank.
+        info: Its side information.
+
+    Raises:
+        InvalidValueError: If an attribute is too large for its step.
+    """
+
+    def __init__(self, scene: AnchorScene, info: SideInfo) -> None:
+        anchors, groups = scene.anchors, info.config.layout.feature_groups
+        self._context, self._voxels = CodingContext.of(info), info.voxels
+        self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
+        self._masks = anchors.mask.numpy().astype(np.uint8)
+        logs = np.log2(anchors.scalings.double().numpy()[:, _LOGS]) * 2.0**LOG_BITS - info.centres
+        offsets = (anchors.offsets * anchors.mask[:, :, None]).flatten(1).double().numpy()
+        parts = (
+            anchors.features.double().numpy() / np.repeat(info.steps[:-1], groups),
+            logs / info.log_steps[[0, 1, 1, 1]],
+            offsets / info.steps[-1],
+        )
+        for part in parts:
+            if np.abs(part).max(initial=0) > MAX_NUMBER:
+                raise InvalidValueError("an attribute is too large for its quantisation step")
+        self._values = np.concatenate(parts, axis=1)
+
+    def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
+        """See `AnchorEncoder.encode`."""
+        found = quantise(self._context, self._voxels[ranks], self._masks[ranks], self._values[ranks], self._octaves)
+        if packet_bytes is not None:
+            counts = cut_packets(self._context, found, counts, packet_bytes)
+        return CodedPackets(counts, encode_packets(self._context, found, counts), found.rows())

@@ -1,0 +1,210 @@
+"""Packets of schema `causal`: whole anchors as one stream of the range coder, decodable alone.
+
+Encoding and decoding stand side by side and share the chain; packets are worked on in chunks, which alters no bit.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.codec.schemas.causal.context import CodingContext, Stage, scale_indices
+from splatwire.entropy.coder import tables
+from splatwire.entropy.tables import weight_table
+
+
+@dataclass(frozen=True, eq=False)
+class Quantised:
+    """Anchors as the coder sees them.
+
+    Attributes:
+        masks: uint8 (n, K), which offsets exist.
+        logits: int32 (n, K), what was expected of that.
+        symbols: int32 (n, numbers), steps from the means; 0 where an offset does not exist.
+        scales: int16 (n, numbers), entries of the scale table.
+        numbers: int32 (n, numbers), what a decoder makes of them; 0 where an offset does not exist.
+    """
+
+    masks: np.ndarray
+    logits: np.ndarray
+    symbols: np.ndarray
+    scales: np.ndarray
+    numbers: np.ndarray
+
+    def rows(self) -> np.ndarray:
+        """All integers of each anchor: masks and numbers."""
+        return np.concatenate([self.masks.astype(np.int32), self.numbers], axis=1)
+
+
+def _empty(context: CodingContext, masks: np.ndarray) -> Quantised:
+    last, num = context.stages[-1], len(masks)
+    width = last.first + last.size
+    return Quantised(
+        masks, np.empty(masks.shape, dtype=np.int32), np.zeros((num, width), dtype=np.int32),
+        np.empty((num, width), dtype=np.int16), np.zeros((num, width), dtype=np.int32),
+    )  # fmt: skip
+
+
+def _columns(stage: Stage) -> slice:
+    return slice(stage.first, stage.first + stage.size)
+
+
+def quantise(
+    context: CodingContext, voxels: np.ndarray, masks: np.ndarray, values: np.ndarray, octaves: float
+) -> Quantised:
+    """Rounds the numbers of anchors, each to the nearest whole step from what is expected of it.
+
+    Offsets are in units of a scale that is rounded before them: they make up for what it lost.
+
+    Args:
+        context: What both ends predict from.
+        voxels: int64 (n, 3).
+        masks: uint8 (n, K).
+        values: float64 (n, numbers), in steps.
+        octaves: What a step of the scale is, in octaves.
+    """
+    from splatwire.codec.schemas.causal import _kernels as kernels
+
+    values = values.copy()
+    found, chain = _empty(context, masks), context.start(voxels)
+    coded = np.repeat(masks.astype(bool), 3, axis=1)
+    for stage, outputs in chain.outputs():
+        columns, means = _columns(stage), outputs[:, stage.masks : stage.masks + stage.size]
+        if stage.masks:
+            found.logits[:] = outputs[:, : stage.masks]
+        symbols = np.rint(values[:, columns] - means * 2.0**-16).astype(np.int32)
+        if stage is context.stages[-1]:
+            symbols *= coded
+        numbers = np.empty(symbols.shape, dtype=np.int32)
+        kernels.add_symbols(symbols, outputs, stage.masks, numbers)
+        chain.tell(stage, numbers)
+        if stage.masks:
+            lost = values[:, columns] - numbers * 2.0**-16
+            values[:, _columns(context.stages[-1])] *= np.exp2(lost * octaves)
+        if stage is context.stages[-1]:
+            numbers *= coded
+        found.symbols[:, columns], found.numbers[:, columns] = symbols, numbers
+        found.scales[:, columns] = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+    return found
+
+
+def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray) -> list[bytes]:
+    """Codes packets.
+
+    Args:
+        context: What both ends predict from.
+        found: The anchors of all packets, packet by packet.
+        counts: int64 (packets), anchors of each.
+    """
+    from splatwire.codec.schemas.causal import _kernels as kernels
+
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    room = (found.masks.shape[1] + found.symbols.shape[1]) * kernels.BYTES_PER_SYMBOL
+    buffer = np.empty(len(found.masks) * room + 64 * len(starts), dtype=np.uint8)
+    lengths = np.zeros(len(counts), dtype=np.int64)
+    firsts = np.array([*(stage.first for stage in context.stages), found.symbols.shape[1]])
+    form = next(s for s, stage in enumerate(context.stages) if stage.masks)
+    kernels.encode_packets(
+        starts, found.masks, found.logits, found.symbols, found.scales, firsts, form, weight_table(), *tables(), buffer,
+        lengths,
+    )  # fmt: skip
+    begin = starts[:-1] * room + 64 * np.arange(len(lengths))
+    return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
+
+
+def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
+    """Cuts blocks into packets that take at most some bytes each, as many anchors to a packet as fit.
+
+    Args:
+        context: What both ends predict from.
+        found: The anchors of all blocks, block by block.
+        counts: int64 (blocks), anchors of each.
+        payload_bytes: Most bytes of a payload; only a single anchor may take more.
+
+    Returns:
+        Anchors of each packet, int64; packets never cross a block's end.
+    """
+    from splatwire.codec.schemas.causal import _kernels as kernels
+
+    bits = np.empty(len(found.masks))
+    kernels.anchor_bits(
+        found.masks,
+        found.logits,
+        found.symbols,
+        found.scales,
+        context.stages[-1].first,
+        weight_table(),
+        *tables(),
+        bits,
+    )
+    # The coder's last byte is a whole one, and its range loses up to 2**-16 of itself with each symbol.
+    budget, sizes, begin = 8.0 * (payload_bytes - 1) - 1.0, list[int](), 0
+    for count in counts.tolist():
+        first, total = begin, 0.0
+        for n in range(begin, begin + count):
+            if n > first and total + bits[n] > budget:
+                sizes.append(n - first)
+                first, total = n, 0.0
+            total += bits[n]
+        if count:
+            sizes.append(begin + count - first)
+        begin += count
+    return np.array(sizes, dtype=np.int64)
+
+
+def decode_packets(
+    context: CodingContext, voxels: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Decodes packets; any bytes decode to something.
+
+    Args:
+        context: What both ends predict from.
+        voxels: int64 (n, 3), the anchors of all packets, packet by packet.
+        counts: int64 (packets), anchors of each.
+        payloads: One for each packet.
+
+    Returns:
+        Masks, uint8 (n, K), and numbers, int32 (n, numbers).
+    """
+    from splatwire.codec.schemas.causal import _kernels as kernels
+
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
+    data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
+    states = np.zeros((len(payloads), 3), dtype=np.int64)
+    kernels.start_packets(data, ends, states)
+    num, last = len(voxels), context.stages[-1]
+    masks = np.zeros((num, context.config.layout.num_offsets), dtype=np.uint8)
+    all_numbers = np.zeros((num, last.first + last.size), dtype=np.int32)
+    everything = np.ones((num, -(-max(stage.size for stage in context.stages) // 3)), dtype=np.uint8)
+    chain = context.start(voxels)
+    for stage, outputs in chain.outputs():
+        if stage.masks:
+            logits = np.ascontiguousarray(outputs[:, : stage.masks])
+            kernels.decode_masks(data, ends, starts, states, logits, weight_table(), masks)
+        scales = scale_indices(np.ascontiguousarray(outputs[:, stage.masks + stage.size :]))
+        symbols, numbers = np.empty(scales.shape, dtype=np.int32), np.empty(scales.shape, dtype=np.int32)
+        coded = masks if stage is last else everything
+        kernels.decode_stage(data, ends, starts, states, scales, coded, *tables(), symbols)
+        kernels.add_symbols(symbols, outputs, stage.masks, numbers)
+        chain.tell(stage, numbers)
+        all_numbers[:, _columns(stage)] = numbers
+    all_numbers[:, last.first :] *= np.repeat(masks, 3, axis=1)
+    return masks, all_numbers
+
+
+def expected(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is expected of anchors of which nothing is known but their places.
+
+    Returns:
+        Inputs that describe the place, float64 (n, context); means, int32 (n, numbers), in steps with 16 fractional
+        bits; and binary logarithms of standard deviations around what is known when each number is coded, likewise.
+    """
+    last, chain = context.stages[-1], context.start(voxels)
+    means = np.empty((len(voxels), last.first + last.size), dtype=np.int32)
+    spreads = np.empty(means.shape, dtype=np.int32)
+    for stage, outputs in chain.outputs():
+        mean = np.ascontiguousarray(outputs[:, stage.masks : stage.masks + stage.size])
+        chain.tell(stage, mean)
+        means[:, _columns(stage)], spreads[:, _columns(stage)] = mean, outputs[:, stage.masks + stage.size :]
+    return chain.place, means, spreads

@@ -1,0 +1,171 @@
+"""Side information of schema `causal`: all that packets share (docs/format.md)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from splatwire.byte_io import ByteReader, ByteWriter
+from splatwire.codec.geometry import decode_positions, encode_positions
+from splatwire.codec.weight_bytes import framed, read_networks, write_networks
+from splatwire.codec.weights import QuantisedMlp
+from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.model.causal import FORM, CausalConfig
+from splatwire.packets.sections import CAUSAL_SECTIONS, read_sections, write_sections
+from splatwire.scene import AnchorLayout
+
+VERSION = 1
+LOG_BITS = 24
+"""Fractional bits of binary logarithms of scale and size, and of their steps."""
+MAX_GROUPS = 32
+MAX_FEATURES = 256
+MAX_OFFSETS = 64
+MAX_CONTEXT = 256
+MAX_LOG_STEP = 4 << LOG_BITS
+MAX_CENTRE = 32 << LOG_BITS
+MAX_PLACE = 1 << 40
+HEADS = ("opacity", "covariance", "color")
+
+
+@dataclass(frozen=True, eq=False)
+class SideInfo:
+    """What all packets of a stream share.
+
+    Attributes:
+        config: Shape of the model.
+        voxel_size: World units per voxel.
+        voxels: int64 (N, 3), positions of all anchors; by rank once read.
+        middle: int64 (3), middle of the scene, voxels.
+        spread: int64 (3), extent of the scene, voxels.
+        steps: float64 (groups + 1), steps of each feature group and of the offsets.
+        log_steps: int64 (2), steps of the logarithms of scale and size, `LOG_BITS` fractional bits.
+        centres: int64 (4), what stands for zero of an anchor's four logarithms, `LOG_BITS` fractional bits.
+        networks: Networks of `CausalConfig.shapes`, by name.
+        heads: Rendering networks: opacity, covariance, colour.
+        sections: Named sections that only some streams have, content by name.
+    """
+
+    config: CausalConfig
+    voxel_size: float
+    voxels: np.ndarray
+    middle: np.ndarray
+    spread: np.ndarray
+    steps: np.ndarray
+    log_steps: np.ndarray
+    centres: np.ndarray
+    networks: Mapping[str, QuantisedMlp]
+    heads: tuple[QuantisedMlp, ...]
+    sections: Mapping[str, bytes] = field(default_factory=dict)
+
+
+def write_side_info(info: SideInfo) -> bytes:
+    """Writes side information.
+
+    Raises:
+        InvalidValueError: If the model is beyond the format, or a named section is not possible.
+    """
+    if wrong := _problem(info):
+        raise InvalidValueError(f"side information: {wrong}")
+    parts = {
+        "header": _header(info),
+        "positions": encode_positions(info.voxels),
+        "networks": write_networks(info.networks.values()),
+        "render_networks": write_networks(info.heads),
+    }
+    return b"".join(framed(parts[name]) for name in CAUSAL_SECTIONS) + write_sections(info.sections)
+
+
+def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
+    """Reads side information; the inverse of `write_side_info`.
+
+    Args:
+        data: The bytes.
+        num_anchors: Anchors of the scene (from the manifest).
+        order: Order of the anchors in packets (from the manifest).
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote it.
+        BitstreamError: If the bytes are damaged or something else.
+    """
+    reader = ByteReader(data, "side information")
+    header, positions, networks, render = (reader.blob() for _ in CAUSAL_SECTIONS)
+    sections = read_sections(reader.rest())
+    info = _read_header(header)
+    config = info.config
+    shapes = [(name, *shape) for name, shape in config.shapes().items()]
+    features, offsets = config.layout.feature_dim, config.layout.num_offsets
+    outputs = zip(HEADS, (offsets, 7 * offsets, 3 * offsets), strict=True)
+    found = read_networks(networks, shapes)
+    return replace(
+        info,
+        voxels=decode_positions(positions, num_anchors, order),
+        networks={name: network for (name, *_), network in zip(shapes, found, strict=True)},
+        heads=tuple(read_networks(render, [(name, features + 4, out) for name, out in outputs])),
+        sections=sections,
+    )
+
+
+def _header(info: SideInfo) -> bytes:
+    writer, layout = ByteWriter(), info.config.layout
+    writer.u8(VERSION)
+    for value in (layout.num_offsets, info.config.context_dim, len(layout.feature_groups), *layout.feature_groups):
+        writer.unsigned(value)
+    for step in (*info.steps, info.voxel_size):
+        writer.f64(float(step))
+    for value in (*info.log_steps, *info.spread):
+        writer.unsigned(int(value))
+    for value in (*info.centres, *info.middle):
+        writer.signed(int(value))
+    return writer.bytes()
+
+
+def _read_header(data: bytes) -> SideInfo:
+    """Side information without positions, networks and sections."""
+    reader = ByteReader(data, "side information header")
+    version = reader.u8()
+    if version != VERSION:
+        raise UnsupportedVersionError(f"side information has version {version}, this release reads version {VERSION}")
+    num_offsets, context_dim, num_groups = (reader.unsigned() for _ in range(3))
+    if not 0 < num_groups <= MAX_GROUPS:
+        raise BitstreamError(f"side information: {num_groups} feature groups")
+    groups = tuple(reader.unsigned() for _ in range(num_groups))
+    steps = np.array([reader.f64() for _ in range(num_groups + 1)])
+    voxel_size = reader.f64()
+    unsigned = np.array([min(reader.unsigned(), MAX_PLACE + 1) for _ in range(5)], dtype=np.int64)
+    signed = np.array([_clipped(reader.signed()) for _ in range(FORM + 3)], dtype=np.int64)
+    reader.finish()
+    try:
+        config = CausalConfig(AnchorLayout(sum(groups), num_offsets, groups), context_dim)
+    except ValueError as error:
+        raise BitstreamError(f"side information: {error}") from None
+    info = SideInfo(
+        config, voxel_size, np.zeros((0, 3), dtype=np.int64), signed[FORM:], unsigned[2:], steps, unsigned[:2],
+        signed[:FORM], {}, (),
+    )  # fmt: skip
+    if wrong := _problem(info):
+        raise BitstreamError(f"side information: {wrong}")
+    return info
+
+
+def _clipped(value: int) -> int:
+    return max(-MAX_PLACE - 1, min(value, MAX_PLACE + 1))
+
+
+def _problem(info: SideInfo) -> str | None:
+    """What is beyond the format in a header, in words."""
+    layout = info.config.layout
+    if not (layout.num_offsets <= MAX_OFFSETS and layout.feature_dim <= MAX_FEATURES):
+        return f"anchors of {layout.feature_dim} features and {layout.num_offsets} offsets"
+    if not (0 < info.config.context_dim <= MAX_CONTEXT and len(layout.feature_groups) <= MAX_GROUPS):
+        return f"{info.config.context_dim} numbers of context, {len(layout.feature_groups)} groups"
+    if not (np.isfinite(info.steps).all() and (info.steps > 1e-9).all() and (info.steps < 1e9).all()):
+        return f"steps {info.steps.tolist()}"
+    if not 1e-9 < info.voxel_size < 1e9:
+        return f"voxel size {info.voxel_size}"
+    if not ((info.log_steps > 0).all() and (info.log_steps <= MAX_LOG_STEP).all()):
+        return f"logarithmic steps {info.log_steps.tolist()}"
+    if np.abs(info.centres).max() > MAX_CENTRE:
+        return f"sizes around {info.centres.tolist()}"
+    if not ((info.spread > 0).all() and (info.spread <= MAX_PLACE).all() and np.abs(info.middle).max() <= MAX_PLACE):
+        return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
+    return None

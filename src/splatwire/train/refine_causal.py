@@ -1,0 +1,80 @@
+"""The causal model's networks, fitted once more to anchors that stand still: fewer bits for the same scene."""
+
+import dataclasses
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from splatwire.errors import DivergedError
+from splatwire.model import AnchorScene, CausalCoding, Linear, Mlp
+from splatwire.model.causal import place_inputs
+from splatwire.train.causal import channel_steps, number_bits_of
+from splatwire.train.config import RefineConfig
+from splatwire.train.export import copied_mlp
+from splatwire.train.schedule import half_cosine
+
+_BETAS = (0.9, 0.99)
+_LEAST_RATE = 0.01
+"""The learning rate falls along half a cosine to this share."""
+
+
+def refine_causal(
+    scene: AnchorScene, config: RefineConfig, *, progress: Callable[[float], None] = lambda share: None
+) -> AnchorScene:
+    """Fits the networks of a scene again; anchors, steps and rendering networks stay.
+
+    Args:
+        scene: The scene, on the CPU.
+        config: How long and how fast.
+        progress: Called with the share that is done.
+
+    Returns:
+        The scene with other networks; the same one if there is nothing to do.
+
+    Raises:
+        DivergedError: If the bits stop being finite.
+    """
+    coding = scene.causal
+    alive = scene.anchors.mask.any(dim=1)
+    if not config.steps or not bool(alive.any()):
+        return scene
+    place, values, mask = _fixed(scene, coding, alive)
+    networks = {name: _trained(network) for name, network in coding.networks.items()}
+    layers = [layer for mlp in networks.values() for layer in (mlp.hidden, mlp.output)]
+    parameters = [tensor for layer in layers for tensor in (layer.weight, layer.bias)]
+    optimiser = torch.optim.Adam(parameters, lr=config.network_rate, betas=_BETAS, eps=1e-15)
+    generator = torch.Generator().manual_seed(config.seed)
+    for step in range(config.steps):
+        for group in optimiser.param_groups:
+            group["lr"] = config.network_rate * max(half_cosine(step / config.steps), _LEAST_RATE)
+        index = torch.randperm(len(place), generator=generator)[: config.batch]
+        noisy = [value[index] + torch.rand(value[index].shape, generator=generator) - 0.5 for value in values]
+        own, offsets = number_bits_of(networks, coding.config, place[index], noisy, mask[index])
+        loss = (own + offsets.sum(dim=1)).mean()
+        if not bool(torch.isfinite(loss.detach())):
+            raise DivergedError(step)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        progress((step + 1) / config.steps)
+    fitted = {name: copied_mlp(network) for name, network in networks.items()}
+    return dataclasses.replace(scene, coding=dataclasses.replace(coding, networks=fitted))
+
+
+def _fixed(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> tuple[Tensor, list[Tensor], Tensor]:
+    """Inputs of the position network, features, logarithms and offsets in steps, and which offsets exist."""
+    anchors = scene.anchors.select(alive)
+    feature, form, offset = channel_steps(coding.steps.log(), coding.config)
+    voxels = torch.round(anchors.positions.double() / coding.voxel_size)
+    logs = anchors.scalings[:, [0, 3, 4, 5]].log() - coding.centres
+    values = [anchors.features / feature, logs / form, anchors.offsets.flatten(1) / offset]
+    return place_inputs(((voxels - coding.middle) / coding.spread).float()), values, anchors.mask.float()
+
+
+def _trained(mlp: Mlp) -> Mlp:
+    hidden, output = (
+        Linear(layer.weight.clone().requires_grad_(), layer.bias.clone().requires_grad_())
+        for layer in (mlp.hidden, mlp.output)
+    )
+    return Mlp(hidden, output, mlp.negative_slope)

@@ -1,0 +1,186 @@
+"""Schema `causal`: what is decoded is what was meant, on every machine, whatever is lost."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from scenes import tiny_causal_scene
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
+from splatwire.codec.schemas.causal.context import CodingContext, exponential
+from splatwire.codec.schemas.causal.packet_coder import decode_packets, encode_packets, quantise
+from splatwire.codec.schemas.causal.reference import decode_reference
+from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
+from splatwire.errors import DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
+from splatwire.model import AnchorScene
+from splatwire.model.scene_file import load_partial, load_scene, save_partial, save_scene
+from splatwire.packets import CAUSAL, PRESETS, SceneStream, stream_from_bytes, stream_to_bytes
+
+
+@pytest.fixture(scope="module")
+def scene() -> AnchorScene:
+    return scene_in_order(tiny_causal_scene(seed=3, num_anchors=500), "morton")
+
+
+@pytest.fixture(scope="module")
+def stream(scene: AnchorScene) -> SceneStream:
+    return encode_scene(scene)
+
+
+@pytest.fixture(scope="module")
+def info(stream: SceneStream) -> SideInfo:
+    return read_side_info(stream.side_info, stream.manifest.num_anchors, "morton")
+
+
+def test_what_is_decoded_is_within_half_a_step(scene: AnchorScene, stream: SceneStream):
+    found, meant, steps = decode_stream(stream).scene.anchors, scene.anchors, scene.causal.steps
+    assert torch.equal(found.positions, meant.positions)
+    assert torch.equal(found.mask, meant.mask)
+    features = torch.tensor(scene.causal.config.layout.feature_groups)
+    feature_step = steps[: len(features)].repeat_interleave(features)
+    assert bool(((found.features - meant.features).abs() <= 0.5001 * feature_step).all())
+    logs = (found.scalings.log() - meant.scalings.log()).abs()
+    assert float(logs[:, 0].max()) <= 0.5001 * steps[-3]
+    assert float(logs[:, 3:].max()) <= 0.5001 * steps[-2]
+    # the rounding of the scale moves no Gaussian: offsets make up for it
+    away = found.offsets * found.scalings[:, None, :3] - meant.offsets * meant.scalings[:, None, :3]
+    assert bool((away.abs() <= 0.501 * steps[-1] * found.scalings[:, None, :3]).all())
+
+
+def test_streams_name_their_codec_and_survive_files(stream: SceneStream):
+    assert (stream.manifest.codec, stream.manifest.format_version) == (CAUSAL, 2)
+    back, _ = stream_from_bytes(stream_to_bytes(stream))
+    assert decode_stream(back).scene.anchors.features.equal(decode_stream(stream).scene.anchors.features)
+
+
+@pytest.mark.parametrize("preset", ["paper", "datagram"])
+@pytest.mark.parametrize("tiers", [False, True])
+def test_however_it_is_cut_the_anchors_are_the_same(scene: AnchorScene, stream: SceneStream, preset: str, tiers: bool):
+    of = (torch.arange(scene.anchors.num_anchors) % 3).to(torch.uint8) if tiers else None
+    other = encode_scene(scene, PRESETS[preset], tiers=of)
+    whole, again = decode_stream(stream).scene.anchors, decode_stream(other).scene.anchors
+    for name, values in vars(whole).items():
+        assert torch.equal(values, getattr(again, name)), name
+    if preset == "datagram":
+        assert max(packet.num_bytes for packet in other.packets) <= PRESETS[preset].packet_bytes
+
+
+def test_a_lost_packet_costs_its_anchors_only(scene: AnchorScene):
+    stream = encode_scene(scene, PRESETS["datagram"])
+    whole, damaged = decode_stream(stream), decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0])
+    known = damaged.erasures.received.all(dim=1)
+    assert 0 < int(known.sum()) < len(known)
+    assert torch.equal(damaged.scene.anchors.features[known], whole.scene.anchors.features[known])
+    assert not bool(damaged.scene.anchors.features[~known].any())
+    assert torch.equal(damaged.prior.offset.mean, whole.prior.offset.mean)
+    assert bool((damaged.prior.scaling.mean > 0).all())
+
+
+def test_progressive_is_the_same(stream: SceneStream):
+    decoder, whole = ProgressiveDecoder(stream.manifest, stream.side_info), decode_stream(stream)
+    for packet in reversed(stream.packets):
+        decoder.add([packet])
+    assert decoder.complete
+    assert torch.equal(decoder.partial.scene.anchors.offsets, whole.scene.anchors.offsets)
+
+
+def test_the_plain_reference_reads_the_same_integers(scene: AnchorScene, info: SideInfo):
+    context, rows = CodingContext.of(info), slice(0, 9)
+    masks = scene.anchors.mask[rows].numpy().astype(np.uint8)
+    values = np.random.default_rng(0).normal(0, 6, (9, context.stages[-1].first + context.stages[-1].size))
+    values[0, 3] = 9000.0  # far beyond the window of its distribution
+    found = quantise(context, info.voxels[rows], masks, values, 0.4)
+    (payload,) = encode_packets(context, found, np.array([9]))
+    masks_back, numbers = decode_reference(context, info.voxels[rows].tolist(), payload)
+    assert masks_back == masks.tolist()
+    assert numbers == found.numbers.tolist()
+
+
+@pytest.mark.parametrize("batch", [1, 7, 333])
+def test_batches_do_not_matter(stream: SceneStream, info: SideInfo, batch: int):
+    context, packet = CodingContext.of(info), stream.packets[0]
+    ranks = stream.manifest.plan.members(packet.id, packet.num_anchors)
+    together = decode_packets(context, info.voxels[ranks], np.array([len(ranks)]), [packet.payload])
+    place = context.start(info.voxels).place
+    parts = [context.start(info.voxels[i : i + batch]).place for i in range(0, len(info.voxels), batch)]
+    assert np.array_equal(place, np.concatenate(parts))
+    pair = np.tile(info.voxels[ranks], (2, 1))
+    twice = decode_packets(context, pair, np.array([len(ranks)] * 2), [packet.payload] * 2)
+    assert np.array_equal(np.tile(together[1], (2, 1)), twice[1])
+
+
+def test_side_information_survives(info: SideInfo, stream: SceneStream):
+    again = read_side_info(write_side_info(info), len(info.voxels), "morton")
+    assert again.config == info.config
+    for name in ("voxels", "middle", "spread", "steps", "log_steps", "centres"):
+        assert np.array_equal(getattr(again, name), getattr(info, name)), name
+    assert write_side_info(again) == stream.side_info
+
+
+def test_damaged_side_information_is_told(stream: SceneStream, info: SideInfo):
+    for wrong in (
+        replace(info, steps=np.zeros(5)), replace(info, spread=np.zeros(3, dtype=np.int64)),
+        replace(info, voxel_size=0.0), replace(info, log_steps=np.array([0, 5])),
+        replace(info, centres=np.full(4, 1 << 40)),
+    ):  # fmt: skip
+        with pytest.raises(InvalidValueError, match="side information"):
+            write_side_info(wrong)
+    with pytest.raises(MissingSideInfoError):
+        decode_stream(replace(stream, side_info=b""))
+    rng = np.random.default_rng(4)
+    for _ in range(40):
+        data = bytearray(stream.side_info[: rng.integers(len(stream.side_info))])
+        for place in rng.integers(len(data), size=3) if len(data) else ():
+            data[place] = rng.integers(256)
+        try:
+            read_side_info(bytes(data), len(info.voxels), "morton")
+        except SplatwireError:
+            continue
+
+
+def test_any_payload_decodes_to_something(info: SideInfo):
+    context, rng = CodingContext.of(info), np.random.default_rng(5)
+    for size in (0, 1, 30, 400):
+        masks, numbers = decode_packets(context, info.voxels[:20], np.array([20]), [rng.bytes(size)])
+        assert masks.shape == (20, 4)
+        assert np.abs(numbers.astype(np.int64)).max() < 1 << 31
+
+
+def test_a_changed_network_is_noticed(stream: SceneStream, info: SideInfo):
+    offset = info.networks["offset"]
+    bias = offset.output.bias.copy()
+    bias[0] += 1
+    networks = {**info.networks, "offset": replace(offset, output=replace(offset.output, bias=bias))}
+    with pytest.raises(DesyncError):
+        decode_stream(replace(stream, side_info=write_side_info(replace(info, networks=networks))))
+
+
+def test_unusable_scenes_are_refused(scene: AnchorScene):
+    anchors = scene.anchors
+    for name, value in (("features", torch.nan), ("scalings", -1.0), ("offsets", torch.inf), ("features", 1e9)):
+        values = getattr(anchors, name).clone()
+        values.view(-1)[0] = value
+        mask = torch.ones_like(anchors.mask)
+        with pytest.raises(InvalidValueError):
+            encode_scene(replace(scene, anchors=replace(anchors, mask=mask, **{name: values})))
+    with pytest.raises(InvalidValueError, match="coded whole"):
+        encode_scene(scene, PRESETS["hacpp"])
+
+
+def test_powers_of_two():
+    logs = np.random.default_rng(0).integers(-40 << LOG_BITS, 40 << LOG_BITS, 1000)
+    np.testing.assert_allclose(exponential(logs), np.exp2(logs / 2.0**LOG_BITS), rtol=2e-7)
+
+
+def test_scene_files_hold_the_causal_model(scene: AnchorScene, stream: SceneStream, tmp_path: Path):
+    save_scene(scene, tmp_path / "a.scene")
+    back = load_scene(tmp_path / "a.scene")
+    assert encode_scene(back).side_info == stream.side_info
+    partial = decode_stream(transmit(stream, parse_loss("bernoulli:0.5"), seed=1)[0])
+    save_partial(partial, tmp_path / "b.scene")
+    again = load_partial(tmp_path / "b.scene")
+    assert torch.equal(again.prior.context, partial.prior.context)
+    assert again.scene.causal.config == scene.causal.config
