@@ -12,6 +12,7 @@ from splatwire.model import Linear, Mlp
 from splatwire.model.causal import FORM, CausalConfig, CausalPrediction, place_inputs, predict_causal
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, SampleRate, Seen, straight_through_masks
+from splatwire.train.initial import place_bounds
 from splatwire.train.kernels import Kernels, Uniform
 from splatwire.train.schedule import Phase, phase_of
 from splatwire.train.state import CHANNEL_SLOPE, TrainState, expanded_scalings
@@ -91,13 +92,6 @@ class TrainedCausal:
         values = noisy_numbers(state, sample, steps, self._uniform)
         total = anchor_bits(state, self._model, self.place(state)[sample], values, steps, masks)
         return SampleRate(total.sum(), len(sample))
-
-
-def place_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
-    """Middle of the anchors minus and plus their spread, whole voxels."""
-    middle = voxels.median(dim=0).values.float()
-    spread = (voxels - middle).abs().median(dim=0).values.clamp(min=1).ceil() * 2
-    return middle - spread, middle + spread
 
 
 def place_of(state: TrainState) -> Float[Tensor, "N P"]:

@@ -53,7 +53,8 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
     voxels = _voxels(points, voxel_size)
     _check_seen(dataset, voxel_positions(voxels, voxel_size))
     parameters = {**anchor_parameters(voxels, voxel_size, config), **_networks(config, generator)}
-    bounds_min, bounds_max = grid_bounds(voxel_positions(voxels, voxel_size))
+    causal = isinstance(config.model, CausalConfig)
+    bounds_min, bounds_max = place_bounds(voxels) if causal else grid_bounds(voxel_positions(voxels, voxel_size))
     return TrainState(
         iteration=0,
         voxels=voxels,
@@ -97,6 +98,13 @@ def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Fl
     low, high = low - _BOUNDS_MARGIN * low.abs(), high + _BOUNDS_MARGIN * high.abs()
     flat = high - low < 1e-6
     return torch.where(flat, low - 0.5, low), torch.where(flat, high + 0.5, high)
+
+
+def place_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
+    """Middle of the anchors minus and plus their spread, whole voxels."""
+    middle = voxels.median(dim=0).values.float()
+    spread = (voxels - middle).abs().median(dim=0).values.clamp(min=1).ceil() * 2
+    return middle - spread, middle + spread
 
 
 def anchor_parameters(voxels: Int64[Tensor, "N 3"], voxel_size: float, config: TrainConfig) -> dict[str, Tensor]:

@@ -106,8 +106,9 @@ class TrainState:
             `channel.*`.
         moments: Adam's memory, same names; a parameter that has never been updated has none.
         statistics: For growing and pruning.
-        bounds_min: Lower corner of the hash grid's box.
-        bounds_max: Upper corner.
+        bounds_min: Lower corner of the hash grid's box; with the causal model, the middle of the anchors less their
+            spread, in voxels.
+        bounds_max: Upper corner; the middle plus the spread.
         camera_extent: See `splatwire.train.schedule.learning_rates`.
         generator: Source of everything random, on the CPU.
         queue: Training views still to be shown before all have been.

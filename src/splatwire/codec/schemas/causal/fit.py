@@ -12,7 +12,7 @@ from splatwire.model import AnchorScene, CausalCoding
 from splatwire.model.causal import place_inputs, predict_causal
 
 SAMPLE_ANCHORS = 16_000
-NOISE_REFERENCE = 0.05
+NOISE_REFERENCE = 0.03
 ANCHORS_REFERENCE = 35_000
 """Tolerated noise of a mean, as a share of the spread around it, at 35,000 anchors; it falls with the square root of
 their number: weight bytes fall with the logarithm of the noise, attribute bytes grow with its square."""

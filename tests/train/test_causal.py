@@ -1,0 +1,103 @@
+"""The causal model in training: it is priced as the coder prices it, and a run with it ends in a scene that decodes."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from scenes import SMALL_CAUSAL
+from splatwire.codec import decode_stream
+from splatwire.codec.encoding import encode_anchors
+from splatwire.data import Dataset
+from splatwire.errors import UnknownNameError
+from splatwire.train import create_config, train_scene
+from splatwire.train.causal import TrainedCausal, anchor_bits, calibrate_causal, channel_steps, noisy_numbers, place_of
+from splatwire.train.config import RefineConfig, TrainConfig
+from splatwire.train.context import AnchorCache
+from splatwire.train.export import export_scene
+from splatwire.train.finetune import fine_tuning, state_of_scene
+from splatwire.train.initial import initial_state
+from splatwire.train.kernels import COMPILED, uniform_from_host
+from splatwire.train.refine import refine_context
+from splatwire.train.state import TrainState
+
+
+@pytest.fixture(scope="module")
+def recipe(config: TrainConfig) -> TrainConfig:
+    return dataclasses.replace(config, model=SMALL_CAUSAL, mask_threshold=0.1)
+
+
+def _scattered(dataset: Dataset, config: TrainConfig) -> TrainState:
+    """Anchors everywhere in a box, with attributes of all sizes, so that there is something to code."""
+    rng, state = torch.Generator().manual_seed(2), initial_state(dataset, config)
+    state.voxels = torch.unique(torch.randint(-40, 41, (2500, 3), generator=rng), dim=0)
+    count, layout = len(state.voxels), config.model.layout
+    with torch.no_grad():
+        state.parameters["features"] = 3 * torch.randn(count, layout.feature_dim, generator=rng)
+        state.parameters["log_scalings"] = 0.3 * torch.randn(count, 4, generator=rng) - 3
+        state.parameters["offsets"] = torch.randn(count, layout.num_offsets, 3, generator=rng)
+        logits = torch.where(torch.rand(count, layout.num_offsets, generator=rng) < 0.6, 1.0, -9.0)
+        logits[:, 0] = 1.0
+        state.parameters["mask_logits"] = logits
+    return state
+
+
+@torch.no_grad()
+def _estimate(state: TrainState, config: TrainConfig) -> float:
+    steps = channel_steps(state.parameters["steps"], config.causal)
+    values = noisy_numbers(state, torch.arange(state.num_anchors), steps, uniform_from_host)
+    mask = state.masks(config.mask_threshold).float()
+    found = anchor_bits(state, config.causal, place_of(state), values, steps, (mask, mask.amax(dim=1)))
+    return float(found.sum()) - 16 * state.num_anchors  # less what places cost, which are side information
+
+
+def test_the_rate_is_what_the_encoder_writes(dataset: Dataset, recipe: TrainConfig) -> None:
+    state = _scattered(dataset, recipe)
+    before = _estimate(state, recipe)
+    calibrate_causal(state, recipe, place_of(state))
+    estimate = _estimate(state, recipe)
+    assert estimate < 0.8 * before
+    stream = encode_anchors(export_scene(state, recipe), noise=0.005)
+    real = stream.parts()["packet_payloads"]
+    assert abs(estimate / 8 + 2.1 * len(stream.packets) - real) < 0.012 * real
+
+
+def test_fitting_again_saves_bytes_and_leaves_the_scene(dataset: Dataset, recipe: TrainConfig) -> None:
+    state = _scattered(dataset, recipe)
+    calibrate_causal(state, recipe, place_of(state))
+    scene = export_scene(state, recipe)
+    again = refine_context(scene, RefineConfig(steps=60, batch=1000))
+    assert again.anchors is scene.anchors
+    sizes = [encode_anchors(one, noise=0.02).parts()["packet_payloads"] for one in (scene, again)]
+    assert sizes[1] < 0.999 * sizes[0]
+
+
+def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConfig) -> None:
+    result = train_scene(dataset, dataset, recipe)
+    assert result.test is not None
+    partial = decode_stream(encode_anchors(result.scene))
+    assert partial.erasures.num_lost == 0
+    assert partial.scene.anchors.num_anchors == result.scene.anchors.num_anchors
+    assert bool((result.scene.causal.steps > 0).all())
+    going_on = fine_tuning(recipe, result.scene)
+    state = state_of_scene(result.scene, dataset, going_on)
+    back = export_scene(state, going_on)
+    for name in ("features", "offsets", "mask"):
+        assert torch.equal(getattr(back.anchors, name), getattr(result.scene.anchors, name)), name
+    assert torch.equal(back.causal.spread, result.scene.causal.spread)
+
+
+def test_masks_learn_when_they_are_paid_for(dataset: Dataset, recipe: TrainConfig) -> None:
+    state, model = initial_state(dataset, recipe), TrainedCausal(recipe, COMPILED, AnchorCache(recipe))
+    everything = torch.arange(state.num_anchors)
+    for iteration, learns in ((1, False), (30, False), (40, True)):
+        state.iteration = iteration
+        ((_, masks), rate) = model.observe(state, everything)
+        assert masks.requires_grad == learns
+        assert (rate is not None) == learns
+    assert bool((model.expected_scalings(state, everything) > 0).all())
+
+
+def test_an_unknown_model_is_told() -> None:
+    with pytest.raises(UnknownNameError, match="model"):
+        create_config(model="other")
