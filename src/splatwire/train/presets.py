@@ -102,12 +102,7 @@ def create_config(
     chosen = PRESETS[preset]
     rate = (chosen.rate if model == HACPP else CAUSAL_RATE) if lmbda is None else lmbda
     voxel = chosen.voxel_size if voxel_size is None else voxel_size
-    if not (math.isfinite(rate) and rate >= 0):
-        raise InvalidValueError(f"lambda must be 0 or more, not {rate}")
-    if not (math.isfinite(voxel) and voxel >= 0):
-        raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
-    if iterations < MIN_ITERATIONS:
-        raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
+    _check(rate, voxel, iterations)
     marks = _marks(iterations, growth_interval)
     steps = min(RefineConfig().steps, iterations // 4) if refine_steps is None else refine_steps
     mask_rate = max(min(chosen.mask_rate_per_lambda * rate, chosen.mask_rate_cap), 1e-6)
@@ -137,6 +132,15 @@ def _causal(config: TrainConfig) -> TrainConfig:
         weights=dataclasses.replace(config.weights, sample_share=CAUSAL_SAMPLE_SHARE),
         mask_threshold=CAUSAL_MASK_THRESHOLD,
     )
+
+
+def _check(rate: float, voxel: float, iterations: int) -> None:
+    if not (math.isfinite(rate) and rate >= 0):
+        raise InvalidValueError(f"lambda must be 0 or more, not {rate}")
+    if not (math.isfinite(voxel) and voxel >= 0):
+        raise InvalidValueError(f"the voxel size must be 0 (derive it from the points) or more, not {voxel}")
+    if iterations < MIN_ITERATIONS:
+        raise InvalidValueError(f"a run has at least {MIN_ITERATIONS} iterations, not {iterations}")
 
 
 def _marks(iterations: int, growth_interval: int | None) -> Marks:
