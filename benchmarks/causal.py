@@ -1,0 +1,147 @@
+"""What trained scenes cost and show as streams, model against model, and prints it as JSON.
+
+Scenes are trained by `splatwire train DATA -o FILE --model hacpp|causal --lmbda L`; each is encoded, decoded from its
+bytes and drawn from the test views. Processor time of decoding is that of one thread, the best of five. With four
+scenes of each model and more, `bd_rate` is how many bytes the causal model takes against format 1 at equal PSNR
+(Bjontegaard's mean over the overlap, of piecewise cubics).
+
+    python benchmarks/causal.py --photos lego=DIR lego=lego_12.scene ... [--output results/causal.json] [--plot rd.png]
+"""
+
+import argparse
+import itertools
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from figures import publish
+from scipy.interpolate import PchipInterpolator
+
+from splatwire.codec import decode_stream, encode_scene, side_info_parts
+from splatwire.codec.decoding import open_decoder
+from splatwire.codec.schemas.causal.context import CodingContext
+from splatwire.codec.schemas.causal.packet_coder import quantise
+from splatwire.codec.schemas.causal.side_info import read_side_info
+from splatwire.data import open_dataset
+from splatwire.entropy.tables import inverse_scale_table
+from splatwire.model import AnchorScene, CausalCoding
+from splatwire.model.scene_file import load_scene
+from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.train.causal import number_bits
+from splatwire.train.quality import assess_scene
+
+FEWEST = 4
+"""Points of a curve that a mean over it needs."""
+
+
+def measured(scene: AnchorScene, photos: Path) -> dict[str, Any]:
+    """Bytes, quality and time of a scene as a stream."""
+    stream = encode_scene(scene)
+    data = stream_to_bytes(stream)
+    test = open_dataset(photos, split="test")
+    partial = decode_stream(stream)
+    parts = side_info_parts(stream.side_info, stream.manifest.codec)
+    row = {
+        "model": "causal" if isinstance(scene.coding, CausalCoding) else "hacpp",
+        "bytes": len(data), "psnr": assess_scene(partial.scene, test, test.num_views, 0).psnr,
+        "anchors": stream.manifest.num_anchors, "gaussians": int(partial.scene.anchors.mask.sum()),
+        "head_share": len(stream.side_info) / len(data), "side_info": parts,
+        "position_bits": 8 * parts["positions"] / stream.manifest.num_anchors,
+        "decode_us_per_anchor": decoding_time(stream) / stream.manifest.num_anchors * 1e6,
+    }  # fmt: skip
+    if isinstance(scene.coding, CausalCoding):
+        row["bits_of_an_anchor"] = attribute_bits(partial.scene, stream)
+    return row
+
+
+def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
+    """Processor seconds of one thread that decode all packets of a stream whose side information has been read."""
+    best = np.inf
+    for _ in range(repetitions):
+        decoder, plan = open_decoder(stream.manifest, stream.side_info), stream.manifest.plan
+        members = [plan.members(packet.id, packet.num_anchors) for packet in stream.packets]
+        runs = np.array_split(np.arange(len(members)), max(1, stream.manifest.num_anchors // 3000))
+        before = time.process_time()
+        for run in runs:
+            ranks = np.concatenate([members[i] for i in run])
+            counts = np.array([len(members[i]) for i in run])
+            decoder.predict(ranks)
+            decoder.store(ranks, decoder.decode(ranks, counts, [stream.packets[i].payload for i in run]))
+        best = min(best, time.process_time() - before)
+    return float(best)
+
+
+def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
+    """Bits of an average anchor by attribute: what the coder's normals say of the symbols."""
+    info = read_side_info(stream.side_info, stream.manifest.num_anchors, stream.manifest.packetization.order)
+    context, layout, anchors = CodingContext.of(info), info.config.layout, scene.anchors
+    steps = scene.causal.steps.double().numpy()
+    logs = anchors.scalings.double().numpy()[:, [0, 3, 4, 5]]
+    form = (np.log(logs) - scene.causal.centres.double().numpy()) / steps[len(layout.feature_groups) :][[0, 1, 1, 1]]
+    feature = anchors.features.double().numpy() / np.repeat(steps[: len(layout.feature_groups)], layout.feature_groups)
+    values = np.concatenate([feature, form, anchors.offsets.flatten(1).double().numpy() / steps[-1]], axis=1)
+    masks = anchors.mask.numpy().astype(np.uint8)
+    found = quantise(context, info.voxels, masks, values, 0.0)
+    spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scales] / 2.0**20))
+    each = number_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()
+    each[:, context.stages[-1].first :] *= np.repeat(masks, 3, axis=1)
+    p = 1 / (1 + np.exp(-found.logits * 2.0**-16))
+    edges = [0, layout.feature_dim, layout.feature_dim + 1, layout.feature_dim + 4, each.shape[1]]
+    parts = zip(("feature", "scale", "size", "offset"), itertools.pairwise(edges), strict=True)
+    sums = {name: float(each[:, slice(*pair)].sum() / len(masks)) for name, pair in parts}
+    return {**sums, "mask": float(-np.log2(np.where(masks, p, 1 - p)).sum() / len(masks))}
+
+
+def bd_rate(rows: list[dict[str, Any]]) -> float | None:
+    """Mean change of the bytes from format 1 to the causal model, over the PSNR of both; None for short curves."""
+    curves = {}
+    for model in ("hacpp", "causal"):
+        points = sorted((row["psnr"], np.log(row["bytes"])) for row in rows if row["model"] == model)
+        if len(points) < FEWEST:
+            return None
+        curves[model] = np.array(points).T
+    low = max(curve[0][0] for curve in curves.values())
+    high = min(curve[0][-1] for curve in curves.values())
+    area = {model: PchipInterpolator(*curve).integrate(low, high) for model, curve in curves.items()}
+    return float(np.exp((area["causal"] - area["hacpp"]) / (high - low)) - 1)
+
+
+def plot(scenes: dict[str, list[dict[str, Any]]], path: Path) -> None:
+    """Draws rate against distortion, a panel for each scene."""
+    from matplotlib import pyplot
+
+    _, axes = pyplot.subplots(1, len(scenes), figsize=(5 * len(scenes), 4), squeeze=False)
+    for axis, (name, rows) in zip(axes[0], scenes.items(), strict=True):
+        for model, label in (("hacpp", "format 1"), ("causal", "format 2, causal")):
+            points = sorted((row["bytes"] / 1000, row["psnr"]) for row in rows if row["model"] == model)
+            if points:
+                axis.plot(*zip(*points, strict=True), marker="o", label=label)
+        axis.set(title=name, xlabel="kB, everything counted", ylabel="test PSNR, dB")
+        axis.legend()
+    pyplot.tight_layout()
+    pyplot.savefig(path)
+
+
+def main() -> None:
+    """Measures all scenes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", help="NAME=FILE, a trained scene of the photos NAME")
+    parser.add_argument("--photos", action="append", required=True, help="NAME=FOLDER")
+    parser.add_argument("--output", type=Path)
+    parser.add_argument("--plot", type=Path)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    photos, found = dict(text.split("=", 1) for text in options.photos), defaultdict(list)
+    for text in options.scenes:
+        name, file = text.split("=", 1)
+        found[name].append({"scene": Path(file).stem, **measured(load_scene(Path(file)), Path(photos[name]))})
+    publish({name: {"bd_rate": bd_rate(rows), "scenes": rows} for name, rows in found.items()}, options.output)
+    if options.plot:
+        plot(found, options.plot)
+
+
+if __name__ == "__main__":
+    main()
