@@ -17,9 +17,9 @@ from splatwire.train.kernels import COMPILED, Kernels, Uniform, uniform_from_hos
 from splatwire.train.schedule import Phase, phase_of
 from splatwire.train.state import TrainState
 
-Attributes = tuple[Float[Tensor, "M F"], Float[Tensor, "M 6"], Float[Tensor, "M O"]]
+Attributes = tuple[Float[Tensor, "_ F"], Float[Tensor, "_ 6"], Float[Tensor, "_ O"]]
 """Features, scalings and flat offsets of some anchors."""
-Seen = tuple[Attributes, Float[Tensor, "M K"]]
+Seen = tuple[Attributes, Float[Tensor, "_ K"]]
 """What is drawn of some anchors, and the straight-through masks of their offsets."""
 Steps = Sequence[Tensor | float]
 """Quantisation steps of features, scalings and offsets, each one number or a column."""
