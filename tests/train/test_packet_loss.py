@@ -19,7 +19,7 @@ from splatwire.packets import Packetization, PacketPlan
 from splatwire.scene import Anchors
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import LossTraining, TrainConfig
-from splatwire.train.context import AnchorCache, TrainedContext
+from splatwire.train.context import AnchorCache, SampleRate, TrainedContext
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED
@@ -157,20 +157,24 @@ def test_anchors_that_draw_nothing_leave_before_packets_are_lost(
 
 @pytest.mark.parametrize("concealer", ["grow", "idw"])
 def test_lost_anchors_learn_nothing_from_the_picture(
-    concealer: str, dataset: Dataset, state: TrainState, config: TrainConfig
+    concealer: str, dataset: Dataset, state: TrainState, config: TrainConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where only the picture pulls: without a rate."""
     config = dataclasses.replace(config, marks=dataclasses.replace(config.marks, context_start=100))
     config = _lossy(config, "bernoulli:0.5", share=1.0, concealer=concealer)
-    losses = _losses(config)
-    luck = state.generator.get_state()
-    loss = losses.draw(state, None)
-    state.generator.set_state(luck)
-    assert loss is not None
+    drawn, draw = [], PacketLosses.draw
+
+    def watched(losses: PacketLosses, state: TrainState, rate: SampleRate | None) -> Loss | None:
+        drawn.append(draw(losses, state, rate))
+        return drawn[-1]
+
+    monkeypatch.setattr(PacketLosses, "draw", watched)
     gradients: list[torch.Tensor] = []
     state.parameters["features"].register_hook(gradients.append)
     state.iteration -= 1
     TrainingStep(config, dataset.cameras)(state, 0, prepare_photo(dataset.image(0)))
+    (loss,) = drawn
+    assert loss is not None
     assert not bool(gradients[0][~loss.known].any())
     assert bool(gradients[0][loss.known].any())
 
