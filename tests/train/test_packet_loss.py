@@ -23,7 +23,7 @@ from splatwire.train.context import AnchorCache, SampleRate, TrainedContext
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED
-from splatwire.train.loss_concealment import Filled, Grown
+from splatwire.train.loss_concealment import Filled, Grown, Loss
 from splatwire.train.losses import prepare_photo
 from splatwire.train.packet_loss import PacketLosses, packet_of_rank
 from splatwire.train.presets import create_config
