@@ -9,7 +9,7 @@ import torch
 
 from scenes import tiny_causal_scene
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
+from splatwire.codec import decode_stream, encode_scene, progressive_decoder, scene_in_order
 from splatwire.codec.schemas.causal.context import CodingContext, exponential
 from splatwire.codec.schemas.causal.packet_coder import decode_packets, encode_packets, quantise
 from splatwire.codec.schemas.causal.reference import decode_reference
@@ -80,7 +80,7 @@ def test_a_lost_packet_costs_its_anchors_only(scene: AnchorScene):
 
 
 def test_progressive_is_the_same(stream: SceneStream):
-    decoder, whole = ProgressiveDecoder(stream.manifest, stream.side_info), decode_stream(stream)
+    decoder, whole = progressive_decoder(stream.manifest, stream.side_info), decode_stream(stream)
     for packet in reversed(stream.packets):
         decoder.add([packet])
     assert decoder.complete
