@@ -35,7 +35,14 @@ def test_demo_for_people(run, journey, tmp_path, monkeypatch):
 
 
 def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path):
-    rows = {row["method"]: row for row in run("demo", "--views", 2, "-o", tmp_path, "--json").json["rows"]}
+    content = run("demo", "--views", 2, "-o", tmp_path, "--json").json
+    explicit = {row["method"]: row for row in content["explicit"]["rows"]}
+    assert list(explicit) == ["no loss", "drop", "grow", "scene_free"]
+    assert explicit["no loss"]["exact"]
+    assert explicit["drop"]["num_bytes"] <= 400_000
+    assert max(explicit[name]["psnr"] for name in ("grow", "scene_free")) > explicit["drop"]["psnr"]
+    assert "Gaussians" in (tmp_path / "explicit" / "report.html").read_text()
+    rows = {row["method"]: row for row in content["rows"]}
     assert rows["no loss"]["exact"]
     lossy = [row["psnr"] for name, row in rows.items() if name != "no loss"]
     assert max(lossy) >= rows["drop"]["psnr"] + 0.5

@@ -5,20 +5,21 @@ import time
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from splatwire.cli._output import JsonFlag, print_json, progress_bars
+from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from splatwire.evaluate.study import Study
+    from splatwire.evaluate.study import MemoryStore, Study
     from splatwire.model.appearance import Partial
     from splatwire.packets import SceneStream
 
-_SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
+_ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
+_SCENE, _EXPLICIT, _CAMERAS = "snowmiku.swz", "snowmiku_gaussians.swz", "snowmiku_cameras.json"
 _NETWORK = "snowmiku.gnn_section"
 """The GNN's weights for that scene as a stream carries them; the bundled stream carries its best concealer only."""
 _LPIPS_VIEWS = 2
@@ -28,6 +29,10 @@ _NOTES = (
     "decoded what had arrived, each concealer dealt with the gaps, and the CPU renderer drew the test views.",
     "The reference pictures are the lossless scene's own renders, not photos: the numbers say what the losses cost. "
     "The row contiguous drop is the same scene with packets of neighbouring anchors; all others use stratified lanes.",
+)
+_EXPLICIT_NOTES = (
+    "Explicit Gaussians, as any splat file holds them: an export of the bundled scene, thinned out, in packets that "
+    "bring their places along. The reference pictures are the lossless stream's own renders.",
 )
 
 
@@ -57,22 +62,47 @@ class Demo:
         started = time.perf_counter()
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
             show("loading", 0.0)
-            from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
+            from splatwire.evaluate.study import MemoryStore
 
             show("loading", 1.0)
             store = MemoryStore(Path(folder))
-            study = self.study(Path(folder))
-            result = run_study(study, store, InProcess(_decode, show), show)
-            content = {**plain_content(result), "demo_seconds": time.perf_counter() - started}
-            report = write_report(result, store, self.output, content)
+            shown = [_show(self.study(Path(folder)), store, self.output, show)]
+            if self.stream is None:
+                shown.append(_show(self.explicit_study(), store, self.output / "explicit", show))
+        seconds = time.perf_counter() - started
         if self.json:
-            print_json({**content, "report": str(report)})
+            content, *others = [{**each.content, "report": str(each.report)} for each in shown]
+            print_json({**content, "demo_seconds": seconds, "explicit": others[0] if others else None})
             return
         from splatwire.cli._table import print_rows
 
-        print_rows(content["rows"], study.title, lpips_note=result.lpips_note)
-        print(f"PSNR is against the lossless scene's own renders. {content['demo_seconds']:.0f} s in all.")
-        print(f"report: {report}")
+        for each in shown:
+            print_rows(each.content["rows"], each.title, lpips_note=each.lpips_note)
+            print(f"report: {each.report}")
+        print(f"PSNR is against the lossless scene's own renders. {seconds:.0f} s in all.")
+
+    def explicit_study(self) -> "Study":
+        """The same journey of explicit Gaussians: the bundled scene's, exported and thinned out."""
+        from splatwire.conceal import concealer_names
+        from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
+        from splatwire.model import SplatScene
+
+        loss, source = Loss(self.loss), _ASSETS / _EXPLICIT
+        entry = SceneEntry(
+            source.stem, source, "stream", cameras=_ASSETS / _CAMERAS, background=chosen_background(self.background)
+        )
+        return Study(
+            name=source.stem,
+            title=f"splatwire demo: explicit Gaussians ({source.stem}) under {loss.process.name}",
+            scenes=(entry,),
+            rows=concealment_rows(concealer_names((), SplatScene.ELEMENTS)),
+            losses=(loss,),
+            seeds=(self.seed,),
+            notes=_EXPLICIT_NOTES,
+            baseline="drop",
+            views=self.views,
+            lpips_views=_LPIPS_VIEWS,
+        )
 
     def study(self, folder: Path) -> "Study":
         """What is compared.
@@ -113,17 +143,36 @@ class Demo:
             raise InvalidValueError("give --stream and --cameras together")
         if self.stream is not None and self.cameras is not None:
             return self.stream, self.cameras
-        assets = Path(str(resources.files("splatwire").joinpath("assets")))
-        stream = add_concealment(read_stream(assets / _SCENE)[0], "gnn", (assets / _NETWORK).read_bytes())
+        stream = add_concealment(read_stream(_ASSETS / _SCENE)[0], "gnn", (_ASSETS / _NETWORK).read_bytes())
         write_stream(stream, folder / _SCENE)
-        return folder / _SCENE, assets / _CAMERAS
+        return folder / _SCENE, _ASSETS / _CAMERAS
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A study that ran, as it is told."""
+
+    title: str
+    content: dict[str, Any]
+    report: Path
+    lpips_note: str
+
+
+def _show(study: "Study", store: "MemoryStore", output: Path, show: Reporter) -> _Shown:
+    from splatwire.evaluate.study import InProcess, plain_content, run_study, write_report
+
+    result = run_study(study, store, InProcess(_decode, show), show)
+    content = plain_content(result)
+    return _Shown(study.title, content, write_report(result, store, output, content), result.lpips_note)
 
 
 def _decode(stream: "SceneStream") -> "Partial":
     """Decodes what arrived for the concealers in a fresh process; the other streams here, to save its start."""
     from splatwire.cli import _fresh
     from splatwire.codec import decode_stream
+    from splatwire.model import AnchorScene
 
-    complete = len(stream.packets) == stream.manifest.num_packets
-    contiguous = stream.manifest.packetization.grouping == "contiguous"
-    return (decode_stream if complete or contiguous else _fresh.decode_in_fresh_process)(stream)
+    manifest = stream.manifest
+    here = len(stream.packets) == manifest.num_packets or manifest.packetization.grouping == "contiguous"
+    here = here or manifest.elements != AnchorScene.ELEMENTS  # a scene file keeps gaps, a splat file does not
+    return (decode_stream if here else _fresh.decode_in_fresh_process)(stream)
