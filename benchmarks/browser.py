@@ -44,10 +44,10 @@ from splatwire.transport.preview import stream_preview
 from splatwire.transport.quic import WEBTRANSPORT_PATH
 from splatwire.transport.quic_server import QuicServer
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
-from transport.chromium import Browser, browser
-from transport.network import bernoulli
-from transport.relay import Relay
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
+from chromium import Browser, browser
+from network import bernoulli
+from relay import Relay
 
 IDENTITY = self_signed()
 ELEMENT = "document.querySelector('splat-wire')"

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from splatwire.codec import decode_stream
 from splatwire.codec.preview import preview_gaussians
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.tables import thinness_table
+from splatwire.conceal import conceal
 from splatwire.entropy.tables import half_width_table, inverse_scale_table, normal_table
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.packets import SceneStream
@@ -58,9 +60,19 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
         "lanes": lanes,
         "request": encode(Request(7, bytes(16), "scène")).hex(),
         "welcome": encode(welcome).hex(),
+        "grown": {str(path): grown(stream) for path, stream in streams if stream.manifest.num_packets > 1},
         "splats": {str(path): first_packet(stream) for path, stream in streams},
         "preview": {"bytes": preview.hex(), "numbers": [float(n) for n in numbers]},
     })  # fmt: skip
+
+
+def grown(stream: SceneStream) -> list[float]:
+    """Gains of what every second packet of a stream brought, packet by packet."""
+    partial = stream.with_packets(stream.packets[::2])
+    hints = conceal(decode_stream(partial), "grow").hints
+    plan = stream.manifest.plan
+    places = [plan.members(packet.id, packet.num_anchors) for packet in partial.packets]
+    return hints.size_gain.numpy()[np.concatenate(places)].astype(np.float64).tolist()
 
 
 def first_packet(stream: SceneStream) -> list[list[float]]:

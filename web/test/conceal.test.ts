@@ -1,10 +1,12 @@
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 import { CONCEALERS } from "../src/conceal/conceal.ts";
 import { grow } from "../src/conceal/grow.ts";
 import { KdTree } from "../src/conceal/kd_tree.ts";
-import { random } from "./vectors.ts";
+import { Received } from "../src/transport/received.ts";
+import { random, readStream } from "./vectors.ts";
 
 const next = random(3), points = Float32Array.from({ length: 3 * 400 }, () => Math.round(next() * 60));
 const always = (): Promise<boolean> => Promise.resolve(true);
@@ -31,4 +33,18 @@ test("what nobody waits for any more stops", async () => {
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
   assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), known }, () => Promise.resolve(false)), null);
   assert.deepEqual(Object.keys(CONCEALERS), ["drop", "grow"]);
+});
+
+const expected = process.env["EXPECTED"] ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { grown: Record<string, number[]> }) : null;
+
+test("gains are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
+  for (const [path, gains] of Object.entries(expected!.grown)) {
+    const { head, packets } = readStream(path), received = new Received(head);
+    for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
+    const found = (await received.gains("grow", 0, 0, always))!.gains;
+    assert.equal(found.length, gains.length);
+    // Lost ones are expected where received ones lie: of two that are equally far, either may be the last of the 64.
+    const off = found.map((gain, i) => gain / gains[i] - 1), mean = off.reduce((sum, value) => sum + value, 0) / off.length;
+    assert.ok(Math.max(...off.map(Math.abs)) < 0.06 && Math.abs(mean) < 0.003, `${path}: ${Math.max(...off.map(Math.abs))}, ${mean}`);
+  }
 });
