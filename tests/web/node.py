@@ -67,12 +67,13 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
 
 
 def grown(stream: SceneStream) -> list[float]:
-    """Gains of what every second packet of a stream brought, packet by packet."""
+    """Gains of size and opacity of what every second packet of a stream brought, packet by packet."""
     partial = stream.with_packets(stream.packets[::2])
     hints = conceal(decode_stream(partial), "grow").hints
     plan = stream.manifest.plan
     places = [plan.members(packet.id, packet.num_anchors) for packet in partial.packets]
-    return hints.size_gain.numpy()[np.concatenate(places)].astype(np.float64).tolist()
+    gains = np.stack([hints.size_gain.numpy(), hints.opacity_gain.numpy()], axis=1)[np.concatenate(places)]
+    return gains.ravel().astype(np.float64).tolist()
 
 
 def first_packet(stream: SceneStream) -> list[list[float]]:

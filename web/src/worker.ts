@@ -20,6 +20,7 @@ class Reception implements Listener {
   #decoded = 0;
   #ask = 0;
   #decodeMs = 0;
+  #counts: Counts | null = null;
   #waiting: Uint8Array[] = [];
   #working: Promise<void> | null = null;
 
@@ -56,6 +57,7 @@ class Reception implements Listener {
   }
 
   counts(counts: Counts): void {
+    this.#counts = counts;
     const intake = this.#received?.decoder.intake, packets = Math.max(counts.packets, intake?.size ?? 0);
     say({ kind: "counts", counts: { ...counts, packets }, decoded: this.#decoded, decodeMs: this.#decodeMs, corrupt: intake?.counts.corrupt ?? 0 });
   }
@@ -64,6 +66,7 @@ class Reception implements Listener {
   async settled(): Promise<void> {
     await this.#working;
     this.show();
+    if (this.#counts) this.counts(this.#counts);
   }
 
   /** Decodes what waits, a little at a time: the session must be served meanwhile. */

@@ -21,17 +21,20 @@ test("nearest others are those of a search through all", () => {
 });
 
 test("nothing grows where nothing is lost, and gains follow the share that is left", async () => {
-  const sizes = new Float32Array(400).fill(2), known = new Uint8Array(400).fill(1);
-  assert.ok((await grow({ positions: points, sizes, known }, always))!.every((gain) => gain === 1));
+  const sizes = new Float32Array(400).fill(2), opacities = new Float32Array(400).fill(0.3), known = new Uint8Array(400).fill(1);
+  assert.ok((await grow({ positions: points, sizes, opacities, known }, always))!.every((gain) => gain === 1));
   for (let i = 0; i < 400; i += 2) known[i] = 0;
-  const gains = (await grow({ positions: points, sizes, known }, always))!, most = 1.08 * Math.SQRT2;
-  assert.ok(gains.every((gain, i) => (known[i] ? gain >= 1 && gain <= most + 1e-6 : gain === 1)));
-  assert.ok(gains.some((gain) => gain > 1.3));
+  const gains = (await grow({ positions: points, sizes, opacities, known }, always))!, most = (1.08 * Math.SQRT2) ** 2;
+  for (let i = 0; i < 400; i++) {
+    const [size, opacity] = gains.subarray(2 * i, 2 * i + 2);
+    assert.ok(known[i] ? size >= 1 && size <= most ** 0.12 + 1e-6 && opacity >= 1 && opacity * 0.3 < 1 : size === 1 && opacity === 1);
+  }
+  assert.ok(gains.some((gain, i) => i % 2 === 0 && gain > 1.05));
 });
 
 test("what nobody waits for any more stops", async () => {
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
-  assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), known }, () => Promise.resolve(false)), null);
+  assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), opacities: new Float32Array(400).fill(0.5), known }, () => Promise.resolve(false)), null);
   assert.deepEqual(Object.keys(CONCEALERS), ["drop", "grow"]);
 });
 
@@ -45,6 +48,6 @@ test("gains are Python's", { skip: expected === null && "EXPECTED names no answe
     assert.equal(found.length, gains.length);
     // Lost ones are expected where received ones lie: of two that are equally far, either may be the last of the 64.
     const off = found.map((gain, i) => gain / gains[i] - 1), mean = off.reduce((sum, value) => sum + value, 0) / off.length;
-    assert.ok(Math.max(...off.map(Math.abs)) < 0.06 && Math.abs(mean) < 0.003, `${path}: ${Math.max(...off.map(Math.abs))}, ${mean}`);
+    assert.ok(Math.max(...off.map(Math.abs)) < 0.1 && Math.abs(mean) < 0.003, `${path}: ${Math.max(...off.map(Math.abs))}, ${mean}`);
   }
 });

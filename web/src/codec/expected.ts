@@ -19,6 +19,7 @@ export interface Run {
 export function expectedElements(info: SideInfo, blocks: readonly (readonly Run[])[]): Elements {
   const count = blocks.flat().reduce((sum, run) => sum + run.count, 0);
   const positions = new Float32Array(3 * count), sizes = new Float32Array(count), known = new Uint8Array(count);
+  const opacities = new Float32Array(count);
   let at = 0;
   blocks.forEach((runs, block) => {
     const there = runs.filter((run) => run.splats !== null);
@@ -29,6 +30,7 @@ export function expectedElements(info: SideInfo, blocks: readonly (readonly Run[
     for (const run of runs) {
       if (run.splats) {
         positions.set(run.splats.means, 3 * at);
+        opacities.set(run.splats.opacities, at);
         known.fill(1, at, at + run.count);
         for (let i = 0; i < run.count; i++) sizes[at + i] = Math.cbrt(run.splats.scales[3 * i] * run.splats.scales[3 * i + 1] * run.splats.scales[3 * i + 2]);
       } else {
@@ -38,7 +40,7 @@ export function expectedElements(info: SideInfo, blocks: readonly (readonly Run[
       at += run.count;
     }
   });
-  return { positions, sizes, known };
+  return { positions, sizes, opacities, known };
 }
 
 function place(info: SideInfo, block: number, near: Float32Array, gone: number, lost: number): ArrayLike<number> {

@@ -4,10 +4,14 @@ import type { Elements, Pause } from "./conceal.ts";
 import { KdTree } from "./kd_tree.ts";
 
 const NEIGHBOURS = 64, EXPONENT = 0.5, AT_A_TIME = 256, MAX_EXCESS = 1.08, MAX_GAIN = 4, SMALLEST = 1e-9;
+const SIZE_EXPONENT = 0.12, OPACITY_EXPONENT = 0.8, MOST_OPAQUE = 0.999, LEAST_OPAQUE = 1e-6;
 
-/** Gains `(1 - rho) ** -1/2`, rho = share lost among the nearest 64, by size; limited by what the loss of all would give. */
-export async function grow({ positions, sizes, known }: Elements, pause: Pause): Promise<Float32Array | null> {
-  const count = known.length, gains = new Float32Array(count).fill(1);
+/**
+ * With a share rho lost among the nearest 64, by size, the opacity o grows to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size by
+ * `(1 - rho) ** -0.12`; rho is limited by what the loss of the whole scene would give.
+ */
+export async function grow({ positions, sizes, opacities, known }: Elements, pause: Pause): Promise<Float32Array | null> {
+  const count = known.length, gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
   const most = Math.min(MAX_GAIN, MAX_EXCESS * (received / count) ** -EXPONENT), least = most ** (-1 / EXPONENT);
@@ -21,7 +25,10 @@ export async function grow({ positions, sizes, known }: Elements, pause: Pause):
       all += weight;
       if (!known[j]) lost += weight;
     }
-    if (all > 0) gains[i] = Math.max(1 - lost / all, least) ** -EXPONENT;
+    const left = all > 0 ? Math.max(1 - lost / all, least) : 1, opacity = opacities[i];
+    const opaque = 1 - (1 - Math.min(opacity, MOST_OPAQUE)) ** (left ** -OPACITY_EXPONENT);
+    gains[2 * i] = left ** -SIZE_EXPONENT;
+    gains[2 * i + 1] = Math.max(opaque / Math.max(opacity, LEAST_OPAQUE), 1);
   }
   return gains;
 }

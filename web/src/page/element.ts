@@ -53,8 +53,9 @@ export class SplatWire extends HTMLElement {
     if (this.getAttribute("panel") === "none") this.#panel.element.hidden = true;
     this.#panel.element.open = this.clientWidth > 560;
     this.#readAddress();
-    this.#draw(canvas);
+    // First of all packets come, in a thread of their own: making ready to draw takes longer than the first of them.
     this.#open().catch((error: unknown) => this.#fail((error as Error).message));
+    this.#draw(canvas);
   }
 
   disconnectedCallback(): void {
@@ -90,7 +91,7 @@ export class SplatWire extends HTMLElement {
     } catch (error) {
       return this.#fail(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
     }
-    if (this.getAttribute("up") === "-y") this.#view.orbit.up = -1;
+    if ([this.getAttribute("up"), this.#fields().get("up")].includes("-y")) this.#view.orbit.up = -1;
     new ResizeObserver(() => this.#view?.resize()).observe(this);
     canvas.addEventListener("webglcontextlost", () => this.#fail("The browser took the graphics card away; load the page again."));
     this.addEventListener("keydown", (event) => this.#key(event));
@@ -246,16 +247,21 @@ export class SplatWire extends HTMLElement {
     event.preventDefault();
   }
 
-  /** Settings that a link carries. */
+  /** What a link says behind its #. */
+  #fields(): URLSearchParams {
+    return new URLSearchParams(location.hash.slice(1));
+  }
+
   #readAddress(): void {
-    const fields = new URLSearchParams(location.hash.slice(1)), dropped = Number(fields.get("drop") ?? 0);
+    const fields = this.#fields(), dropped = Number(fields.get("drop") ?? 0);
     const concealer = fields.get("concealer");
     this.#panel.set({ dropped: dropped > 0 && dropped < 1 ? dropped : 0, ...(concealer ? { concealer } : {}) });
   }
 
   #link(): string {
     const { concealer, dropped } = this.#panel.settings, address = new URL(location.href);
-    address.hash = new URLSearchParams({ concealer, drop: String(dropped) }).toString();
+    const up = this.#view && this.#view.orbit.up < 0 ? { up: "-y" } : {};
+    address.hash = new URLSearchParams({ concealer, drop: String(dropped), ...up }).toString();
     return address.href;
   }
 

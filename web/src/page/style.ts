@@ -15,7 +15,8 @@ progress { width: 100%; height: .5rem; }
 dl { display: grid; grid-template-columns: auto 1fr; gap: .1rem .8rem; margin: .4rem 0; }
 dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; }
 label, fieldset { display: block; margin: .4rem 0; }
-fieldset { border: 0; padding: 0; display: flex; gap: .6rem; flex-wrap: wrap; }
+fieldset { border: 0; padding: 0; display: flex; justify-content: space-between; }
+input[type=radio] { margin: 0 .25rem 0 0; }
 fieldset label { margin: 0; }
 select, input[type=range] { width: 100%; box-sizing: border-box; }
 button { font: inherit; margin: .2rem .3rem .2rem 0; }

@@ -20,6 +20,7 @@ interface Loose {
 export class Gaussians extends GSplatContainer {
   count = 0;
   readonly #numSh: number;
+  readonly #opacities: Float32Array;
 
   constructor(device: GraphicsDevice, readonly capacity: number, readonly degree: number) {
     const streams = [
@@ -31,6 +32,7 @@ export class Gaussians extends GSplatContainer {
     ];
     super(device, capacity, new GSplatFormat(device, streams, { readGLSL: readCode(degree), readWGSL: "" }));
     this.#numSh = numShTextures(degree);
+    this.#opacities = new Float32Array(capacity);
     (this.gsplatData as unknown as { shBands: number }).shBands = degree;
     this.aabb = new BoundingBox(new Vec3(0, 0, 0), new Vec3(FARTHEST, FARTHEST, FARTHEST));
     this.centers!.fill(FARTHEST);
@@ -50,6 +52,7 @@ export class Gaussians extends GSplatContainer {
       }
       center[4 * n + 3] = 1;
       color[4 * n + 3] = half(splats.opacities[i]);
+      this.#opacities[n] = splats.opacities[i];
       const sign = splats.quats[4 * i] < 0 ? -1 : 1;
       for (let a = 0; a < 4; a++) turn[4 * n + a] = half(sign * splats.quats[4 * i + a]);
       for (let j = 0; j + 1 <= number; j += 2) {
@@ -63,11 +66,15 @@ export class Gaussians extends GSplatContainer {
     this.update(this.count);
   }
 
-  /** Gain of the size of each Gaussian; 0 hides one. */
+  /** Gains of size and opacity of each Gaussian in turn; size 0 hides one. Those behind are shown as they are. */
   setGains(gains: Float32Array): void {
-    const center = this.#lock("dataCenter"), count = Math.min(gains.length, this.count);
-    for (let n = 0; n < count; n++) center[4 * n + 3] = gains[n];
+    const center = this.#lock("dataCenter"), color = this.#lock("dataColor"), count = Math.min(gains.length / 2, this.count);
+    for (let n = 0; n < count; n++) {
+      center[4 * n + 3] = gains[2 * n];
+      color[4 * n + 3] = half(Math.min(this.#opacities[n] * gains[2 * n + 1], 1));
+    }
     this.#texture("dataCenter").unlock();
+    this.#texture("dataColor").unlock();
   }
 
   override configureMaterialDefines(defines: Loose["defines"]): void {

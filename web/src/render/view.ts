@@ -110,10 +110,10 @@ export class View {
     this.#changed();
   }
 
-  /** Gains of sizes by order of arrival; 0 hides, and those that came later are shown as they are. */
+  /** Gains of size and opacity in turn, by order of arrival; size 0 hides, and those that came later are shown as they are. */
   setGains(gains: Float32Array | null): void {
     this.#gains = gains;
-    this.#gaussians?.setGains(gains ?? new Float32Array(this.count).fill(1));
+    this.#gaussians?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
     this.#changed();
   }
 

@@ -53,9 +53,9 @@ export class Received {
     return all;
   }
 
-  /** Gain of each Gaussian in order of arrival, 0 for those of packets that are dropped; and how many packets are left. */
+  /** Gains of size and opacity of each Gaussian in order of arrival, 0 for those of packets that are dropped; and how many packets are left. */
   async gains(concealer: string, dropped: number, seed: number, pause: Pause): Promise<{ gains: Float32Array; shownPackets: number } | null> {
-    const shown = this.#arrived.filter((part) => !isDropped(part, dropped, seed)), gains = new Float32Array(this.#count);
+    const shown = this.#arrived.filter((part) => !isDropped(part, dropped, seed)), gains = new Float32Array(2 * this.#count);
     const { plan } = this.decoder.intake, runs = Array.from({ length: plan.numBlocks }, (): Run[] => []), firsts: Arrived[][] = runs.map(() => []);
     for (const part of [...shown].sort((a, b) => a.lane - b.lane)) firsts[part.block].push(part);
     firsts.forEach((parts, block) => {
@@ -68,7 +68,7 @@ export class Received {
     let at = 0;
     runs.forEach((list, block) => {
       firsts[block].forEach((part) => {
-        gains.set(found.subarray(at, at + part.splats.count), part.first);
+        gains.set(found.subarray(2 * at, 2 * (at + part.splats.count)), 2 * part.first);
         at += part.splats.count;
       });
       at += list.reduce((sum, run) => sum + (run.splats ? 0 : run.count), 0);
