@@ -34,6 +34,7 @@ export class SplatWire extends HTMLElement {
   #expected = 0;
   #size = 1;
   #ask = 0;
+  #gained = 0;
   #timer = 0;
   #still = 0;
   #gains: Float32Array | null = null;
@@ -78,11 +79,19 @@ export class SplatWire extends HTMLElement {
 
   /** A PNG of the scene as a camera of splatwire sees it, in the camera's size. */
   async picture(camera: FixedCamera): Promise<string> {
-    this.#view!.fix(camera);
-    await this.#view!.frame();
-    await this.#view!.sorted();
-    await this.#view!.frame();
-    return this.#view!.canvas.toDataURL("image/png");
+    const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms)), view = this.#view!;
+    view.fix(camera);
+    while (this.#gained !== this.#ask) await pause(50);
+    await view.frame();
+    await view.sorted();
+    // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
+    let before = "", now = view.canvas.toDataURL("image/png");
+    for (let n = 0; n < 20 && now !== before; n++) {
+      await pause(400);
+      await view.frame();
+      [before, now] = [now, view.canvas.toDataURL("image/png")];
+    }
+    return now;
   }
 
   #draw(canvas: HTMLCanvasElement): void {
@@ -136,6 +145,7 @@ export class SplatWire extends HTMLElement {
         return this.#count(message);
       case "gains":
         if (message.ask !== this.#ask) return;
+        this.#gained = message.ask;
         this.#gains = message.gains;
         panel.tell("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
         return this.#show();
