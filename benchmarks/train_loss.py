@@ -59,8 +59,8 @@ def under_loss(scene: AnchorScene, test: Dataset, losses: list[str], seeds: int,
     return found
 
 
-def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float], views: int) -> dict[str, float]:
-    """PSNR of the first share of the bytes, side information included, concealed by `grow`."""
+def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float], views: int) -> dict[str, Any]:
+    """PSNR of the first share of the bytes, side information included, with each concealer."""
     importance = footprint_importance(scene, train.cameras)
     stream = encode_scene(scene, tiers=importance.tiers(TIERS, scene.anchors.mask.any(dim=1)))
     parts, found = stream.parts(), {}
@@ -72,7 +72,9 @@ def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float]
                 break
             kept.add(packet.id)
         received = decode_stream(stream.with_packets([packet for packet in stream.packets if packet.id in kept]))
-        found[f"{cut:g}"] = round(assess_scene(conceal(received, "grow"), test, views, 0).psnr, 3)
+        found[f"{cut:g}"] = {
+            name: round(assess_scene(conceal(received, name), test, views, 0).psnr, 3) for name in CONCEALERS
+        }
     return found
 
 

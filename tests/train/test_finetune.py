@@ -83,7 +83,8 @@ def test_the_command(
     assert told["recipe"]["losses"]["models"] == ["bernoulli:0.2", "gilbert:0.2,3"]
     assert told["recipe"]["background"] == [0.0, 0.5, 0.0]
     assert load_scene(output).anchors.num_anchors <= scene.anchors.num_anchors
-    with pytest.raises(SystemExit) as stopped:
-        main([*map(str, words), "--voxel-size", "0.1"])
-    assert stopped.value.code == 2
-    assert "--voxel-size" in capsys.readouterr().err
+    for option in (("--voxel-size", "0.1"), ("--loss-conceal", "idw")):
+        with pytest.raises(SystemExit) as stopped:
+            main([*map(str, words), *option])
+        assert stopped.value.code == 2
+        assert option[0] in capsys.readouterr().err

@@ -196,5 +196,6 @@ def test_what_losses_are_trained_for_is_text() -> None:
             create_config(losses=(wrong,))
     with pytest.raises(InvalidValueError, match="share of lossy"):
         LossTraining(share=1.5)
+    assert create_config(losses=("bernoulli:0.2",), loss_concealer="idw").losses.concealer == "idw"
     with pytest.raises(UnknownNameError, match="kriging"):
-        LossTraining(concealer="kriging")
+        create_config(losses=("bernoulli:0.2",), loss_concealer="kriging")

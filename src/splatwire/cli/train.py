@@ -59,6 +59,8 @@ class Train:
     """Losses of packets that the scene is trained for, as transmit has them (bernoulli:0.2, gilbert:0.2,20), or
     first:SHARE, where nothing but the most important share of the anchors arrives. Of several, chance takes one each
     time."""
+    loss_conceal: str | None = None
+    """Concealer that --loss trains with: idw (where absent) or grow."""
     images: str | None = None
     """Image folder instead of images (images_4, for example)."""
     max_width: int = 1600
@@ -169,6 +171,8 @@ class Train:
             raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
         if self.preview is not None and prepared_output(Path(self.preview)).suffix.lower() not in _PICTURES:
             raise InvalidValueError(f"--preview must end in {', '.join(_PICTURES)}, not {self.preview}")
+        if self.loss_conceal is not None and not self.loss:
+            raise InvalidValueError("--loss-conceal says what --loss trains with, which is not given")
         if self.checkpoint_interval < 1 or self.test_interval < 0:
             raise InvalidValueError("--checkpoint-interval must be 1 or more, --test-interval 0 or more")
         return check_device(self.device)
@@ -177,6 +181,7 @@ class Train:
         from splatwire.data import dataset_layout
         from splatwire.scene.background import BLACK
         from splatwire.train import create_config
+        from splatwire.train.config import LossTraining
 
         preset = self.preset
         if preset == "auto":
@@ -190,6 +195,7 @@ class Train:
             growth_interval=self.growth_interval,
             refine_steps=self.refine,
             losses=self.loss,
+            loss_concealer=self.loss_conceal or LossTraining.concealer,
             background=chosen_background(self.background) or BLACK,
             seed=self.seed,
         )

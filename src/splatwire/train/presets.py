@@ -73,6 +73,7 @@ def create_config(
     growth_interval: int | None = None,
     refine_steps: int | None = None,
     losses: tuple[str, ...] = (),
+    loss_concealer: str = LossTraining.concealer,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     seed: int = 0,
 ) -> TrainConfig:
@@ -88,11 +89,12 @@ def create_config(
         refine_steps: Steps in which the context model is fitted again at the end; where absent a quarter of the
             iterations, and at most those of `RefineConfig`.
         losses: What the scene is trained for, as `loss_training` reads it; nothing for none.
+        loss_concealer: As `LossTraining.concealer`.
         background: RGB behind the scene.
         seed: Of everything random.
 
     Raises:
-        UnknownNameError: No preset, model or loss model has that name.
+        UnknownNameError: No preset, model, loss model or concealer has that name.
         InvalidValueError: A value is out of range.
     """
     if model not in MODELS:
@@ -114,7 +116,7 @@ def create_config(
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=rate),
         refine=RefineConfig(steps=steps, seed=seed),
-        losses=loss_training(losses),
+        losses=loss_training(losses, loss_concealer),
         background=background,
         test_views=chosen.test_views,
         seed=seed,
@@ -152,15 +154,16 @@ def _marks(iterations: int, growth_interval: int | None) -> Marks:
     return dataclasses.replace(marks, growth_interval=growth_interval)
 
 
-def loss_training(losses: tuple[str, ...]) -> LossTraining:
+def loss_training(losses: tuple[str, ...], concealer: str = LossTraining.concealer) -> LossTraining:
     """Returns how a scene is trained for some losses.
 
     Args:
         losses: Texts that `splatwire.channel.parse_loss` reads, and `first:SHARE` for the most important share of the
             anchors alone; `none` and nothing at all are no losses.
+        concealer: As `LossTraining.concealer`.
 
     Raises:
-        UnknownNameError: If there is no such loss model.
+        UnknownNameError: If there is no such loss model or concealer.
         InvalidValueError: If one does not make sense.
         DatasetError: If one is a trace that cannot be read.
     """
@@ -171,7 +174,7 @@ def loss_training(losses: tuple[str, ...]) -> LossTraining:
             first.append(_share(text, share))
         elif not isinstance(parse_loss(text), Nothing):
             models.append(text)
-    return LossTraining(tuple(models), tuple(first))
+    return LossTraining(tuple(models), tuple(first), concealer=concealer)
 
 
 def _share(text: str, share: str) -> float:
