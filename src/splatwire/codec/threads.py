@@ -28,6 +28,10 @@ def ordered_map(
         threads: Number of threads; None for as many as there may be.
     """
     threads = threads or allowed_threads()
+    if threads == 1:
+        with one_blas_thread():
+            yield from map(function, items)
+        return
     with one_blas_thread(), ThreadPoolExecutor(threads) as pool:
         waiting: collections.deque[Future[Result]] = collections.deque()
         try:

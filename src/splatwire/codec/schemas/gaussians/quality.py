@@ -8,7 +8,7 @@ from splatwire.codec.schemas.gaussians.layout import MAX_CLASSES, STEP_BITS, STE
 from splatwire.errors import InvalidValueError, UnknownNameError
 
 _FLAT = (-3.5, 1.0, 0.7, 0.7, 0.66, -0.8, -1.55, -2.1, -2.1)
-_SHADED = (-4.5, 0.5, 0.2, 0.2, -0.66, -1.8, -2.35, -1.6, -2.1)
+_SHADED = (-3.9, 0.2, -0.1, -0.1, -1.16, -2.8, -2.85, -1.0, -2.1)
 """Octaves by which the steps of `STEPS` are finer than the level says, without and with harmonics; measured on
 luigi_lgm, tiger_4d and an export of the bundled scene. Moving a centre costs more than its first order says, because
 Gaussians in nearly equal depth change places."""
@@ -49,7 +49,7 @@ class Quality:
 QUALITIES = {
     "small": Quality(level=6.5),
     "default": Quality(level=8.0),
-    "near-lossless": Quality(level=10.0),
+    "near-lossless": Quality(level=10.5),
 }
 """Named qualities."""
 
