@@ -17,7 +17,6 @@ class Reception implements Listener {
   #received: Received | null = null;
   #shownPackets = 0;
   #shownAt = 0;
-  #decoded = 0;
   #ask = 0;
   #decodeMs = 0;
   #counts: Counts | null = null;
@@ -59,7 +58,7 @@ class Reception implements Listener {
   counts(counts: Counts): void {
     this.#counts = counts;
     const intake = this.#received?.decoder.intake, packets = Math.max(counts.packets, intake?.size ?? 0);
-    say({ kind: "counts", counts: { ...counts, packets }, decoded: this.#decoded, decodeMs: this.#decodeMs, corrupt: intake?.counts.corrupt ?? 0 });
+    say({ kind: "counts", counts: { ...counts, packets }, decodeMs: this.#decodeMs, corrupt: intake?.counts.corrupt ?? 0 });
   }
 
   /** Resolves when everything that came is decoded and handed over. */
@@ -73,7 +72,7 @@ class Reception implements Listener {
   async #decode(): Promise<void> {
     for (let next = 0; next < this.#waiting.length; ) {
       const began = performance.now();
-      while (next < this.#waiting.length && performance.now() - began < SLICE_MS) this.#decoded += this.#received!.take(this.#waiting[next++]);
+      while (next < this.#waiting.length && performance.now() - began < SLICE_MS) this.#received!.take(this.#waiting[next++]);
       this.#decodeMs += performance.now() - began;
       if (performance.now() - this.#shownAt > SHOW_MS) this.show();
       await new Promise((resolve) => setTimeout(resolve));

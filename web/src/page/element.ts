@@ -168,18 +168,18 @@ export class SplatWire extends HTMLElement {
     if (this.status.gaussians === 0) view.begin(this.#size);
     view.add(splats);
     this.status.gaussians = view.count;
+    this.panel.tell("Gaussians", view.count.toLocaleString());
     this.#time("first");
     this.#concealSoon();
   }
 
-  #count({ counts, decoded, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
+  #count({ counts, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
     const { panel, status } = this, share = counts.expected ? counts.packets / counts.expected : 0;
     status.packets = counts.packets;
     status.way = counts.way;
     status.decodeMs = decodeMs;
     panel.progress(share);
     panel.tell("packets", `${counts.packets.toLocaleString()} of ${counts.expected.toLocaleString()}${corrupt ? `, ${corrupt} damaged` : ""}`);
-    panel.tell("Gaussians", decoded.toLocaleString());
     panel.tell("received", `${(counts.bytes / 1e6).toFixed(2)} MB`);
     panel.tell("rate", counts.seconds > 0 ? `${((counts.bytes * 8) / 1e6 / counts.seconds).toFixed(1)} Mbit/s` : "-");
     panel.tell("lost on the way", counts.lost ? `${counts.lost} datagrams` : "none");

@@ -23,7 +23,7 @@ export type FromWorker =
   | { kind: "preview"; splats: Splats; background: readonly [number, number, number] }
   | { kind: "facts"; facts: Facts }
   | { kind: "splats"; splats: Splats }
-  | { kind: "counts"; counts: Counts; decoded: number; decodeMs: number; corrupt: number }
+  | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
   | { kind: "gains"; gains: Float32Array; ask: number; shownPackets: number }
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }

@@ -27,13 +27,12 @@ export class Received {
     return this.#arrived.length;
   }
 
-  /** Decodes one packet; how many Gaussians it brought. */
-  take(bytes: Uint8Array): number {
+  /** Decodes one packet. */
+  take(bytes: Uint8Array): void {
     const part = this.decoder.take(bytes);
-    if (!part) return 0;
+    if (!part) return;
     this.#arrived.push({ block: part.packet.block, lane: part.packet.lane, first: this.#count, splats: part.splats });
     this.#count += part.splats.count;
-    return part.splats.count;
   }
 
   /** Copies of the Gaussians of all packets from the n-th on, in one piece. */
