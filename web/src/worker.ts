@@ -45,6 +45,7 @@ class Reception implements Listener {
       degree: decoder.info.degree,
       sizeLog: decoder.info.sizeLog,
       background: decoder.background,
+      viewpoint: decoder.viewpoint,
       sideInfoBytes: manifest.sideInfoBytes,
     };
     say({ kind: "facts", facts });

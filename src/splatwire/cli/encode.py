@@ -70,7 +70,9 @@ class Encode:
         from splatwire.train.config import RefineConfig
 
         config = RefineConfig(steps=self.refine, seed=self.seed)
-        from splatwire.codec import encode_scene
+        from splatwire.codec import add_concealment, encode_scene
+        from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+        from splatwire.codec.viewpoint import viewpoint_section
         from splatwire.evaluate.scenes import complete_scene
         from splatwire.model import AnchorScene
         from splatwire.packets import write_stream
@@ -101,6 +103,8 @@ class Encode:
                 scene, packetization, tiers=tiers, quality=self.quality, classes=classes,
                 progress=lambda share: report("encoding", share),
             )  # fmt: skip
+            if cameras is not None:
+                stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
             seconds = time.perf_counter() - started
             write_stream(stream, path)
         self._tell(stream, seconds, lost)

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from splatwire.transport import Program, Protection, ServerLimits
     from splatwire.transport.certificate import Identity
 
-BUNDLED_SCENE = "snowmiku.swz"
+BUNDLED_SCENE, BUNDLED_SPLATS = "snowmiku.swz", "snowmiku_gaussians.swz"
+BUNDLED_CAMERAS = "snowmiku_cameras.json"
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,8 @@ class Serve:
     """Serve streams over UDP or QUIC to many clients at once; stop with Ctrl-C."""
 
     streams: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Streams of the preset datagram: .swz files or folders; the bundled scene if absent. A client names one by its
-    file name without the ending; one that names none gets the first."""
+    """Streams of the preset datagram: .swz files or folders; the bundled scene if absent, with a page its explicit
+    Gaussians. A client names one by its file name without the ending; one that names none gets the first."""
     port: int = 4840
     """UDP port; 0 lets the system choose."""
     host: str = "127.0.0.1"
@@ -97,7 +98,9 @@ class Serve:
                     f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
                 )
         streams = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
-        streams = streams or {Path(BUNDLED_SCENE).stem: ("the bundled scene", bundled_datagrams())}
+        if not streams:
+            bundled = BUNDLED_SCENE if self.page is None else BUNDLED_SPLATS  # browsers do not draw anchors
+            streams = {Path(bundled).stem: ("the bundled scene", bundled_datagrams(bundled))}
         for path, stream in streams.values():
             if planned is not None and stream.manifest.stream_id != planned:
                 raise InvalidValueError(
@@ -247,17 +250,25 @@ def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
     return make_program(stream, protection, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
 
-def bundled_datagrams() -> "SceneStream":
-    """The bundled scene in datagrams, with its preview."""
+def bundled_datagrams(name: str) -> "SceneStream":
+    """A bundled stream in datagrams, with its preview if it has one."""
     from splatwire.codec import add_concealment, decode_stream, encode_scene
     from splatwire.codec.preview import SECTION
+    from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+    from splatwire.codec.viewpoint import viewpoint_section
+    from splatwire.data import load_cameras
     from splatwire.packets import PRESETS, read_stream
+    from splatwire.render.precision import classes_of
     from splatwire.transport.preview import stream_preview
 
-    stream, _ = read_stream(Path(str(resources.files("splatwire").joinpath("assets"))) / BUNDLED_SCENE)
+    assets = Path(str(resources.files("splatwire").joinpath("assets")))
+    stream, cameras = read_stream(assets / name)[0], load_cameras(assets / BUNDLED_CAMERAS)
     with progress_bars() as show:
         scene = decode_stream(stream, progress=lambda share: show("decoding the bundled scene", share)).scene
         datagrams = encode_scene(
-            scene, PRESETS["datagram"], progress=lambda share: show("encoding it as datagrams", share)
-        )
-    return add_concealment(datagrams, SECTION, stream_preview(stream.side_info))
+            scene, PRESETS["datagram"], classes=classes_of(scene, cameras),
+            progress=lambda share: show("encoding it as datagrams", share),
+        )  # fmt: skip
+    datagrams = add_concealment(datagrams, VIEWPOINT, viewpoint_section(cameras))
+    preview = stream_preview(stream.side_info, stream.manifest.codec)
+    return add_concealment(datagrams, SECTION, preview) if preview else datagrams

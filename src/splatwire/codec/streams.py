@@ -8,17 +8,15 @@ import torch
 from jaxtyping import UInt8
 from torch import Tensor
 
-from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import read_background
 from splatwire.codec.decoding import decode_anchors
 from splatwire.codec.encoding import encode_anchors
-from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.progressive import ProgressiveDecoder as ProgressiveAnchors
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.progressive import ProgressiveSplats
 from splatwire.codec.schemas.gaussians.quality import quality_of
-from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model import AnchorScene, PartialSplats, SplatScene
 from splatwire.model.appearance import Partial, Scene
@@ -94,7 +92,7 @@ def decode_stream(stream: SceneStream, *, threads: int | None = None, progress: 
     if stream.manifest.codec != GAUSSIANS:
         return decode_anchors(stream, threads=threads, progress=progress)
     splats, known, sections = decode_splats(stream, threads=threads, progress=progress)
-    left = {name: data for name, data in sections.items() if name not in (BACKGROUND, TIERS, PREVIEW)}
+    left = concealer_sections(sections)
     scene = SplatScene(splats, background=read_background(sections))
     return PartialSplats(scene, Erasures.of_anchors(torch.from_numpy(known)), left)
 

@@ -14,6 +14,13 @@ import type { Splats } from "./splats.ts";
 export const ANCHORS = "This stream carries anchors with neural heads (format 1), which this page cannot draw. " +
   "Use `splatwire view`, or send explicit Gaussians: `splatwire export ply`, then `splatwire encode` and `splatwire serve`.";
 
+/** Where a scene is looked at first, in its own units. */
+export interface Viewpoint {
+  readonly eye: readonly [number, number, number];
+  readonly target: readonly [number, number, number];
+  readonly up: readonly [number, number, number];
+}
+
 /** Gaussians of one packet, as they were received. */
 export interface Part {
   readonly packet: Packet;
@@ -41,6 +48,20 @@ export class StreamDecoder {
     reader.finish();
     if (!color.every((value) => value >= 0 && value <= 1)) throw new BitstreamError("side information: an impossible background");
     return color;
+  }
+
+  /** Where the scene is looked at first: eye, the point that it looks at, what is up there; null where nobody said. */
+  get viewpoint(): Viewpoint | null {
+    const section = this.info.sections.get("viewpoint");
+    if (!section) return null;
+    const reader = new ByteReader(section, "section 'viewpoint'"), three = (): [number, number, number] => [reader.f32(), reader.f32(), reader.f32()];
+    const found = { eye: three(), target: three(), up: three() };
+    reader.finish();
+    const apart = Math.hypot(...found.eye.map((value, axis) => value - found.target[axis]));
+    if (!(apart > 0 && apart < Infinity && Math.hypot(...found.up) > 0.5 && Math.hypot(...found.up) < 2)) {
+      throw new BitstreamError("side information: an impossible viewpoint");
+    }
+    return found;
   }
 
   /** Gaussians of a packet that is new and fits; null for anything else, which is counted. */

@@ -138,6 +138,7 @@ export class SplatWire extends HTMLElement {
         this.#expected = message.facts.packets;
         this.#size = 2 ** message.facts.sizeLog;
         view?.background(message.facts.background);
+        if (message.facts.viewpoint) view?.start(message.facts.viewpoint);
         return;
       case "splats":
         return this.#add(message);

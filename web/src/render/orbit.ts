@@ -14,8 +14,12 @@ export class Orbit {
   distance = 3;
   yaw = 0.5;
   pitch = -0.25;
-  /** 1: y points up; -1: y points down, as cameras of 3DGS have it. */
+  /** 1: what `base` calls up is up; -1: it is down, as y is for cameras of 3DGS. */
   up: 1 | -1 = 1;
+  /** Turns the y axis to what is up. */
+  base = new Quat();
+  /** Whether it began where a stream said. */
+  placed = false;
   /** Whether somebody moved it. */
   touched = false;
   readonly #pointers = new Map<number, { x: number; y: number }>();
@@ -40,6 +44,19 @@ export class Orbit {
     this.distance = radius * 2.6;
   }
 
+  /** Begins at a place, looking at a point around which it turns. */
+  place(eye: Vec3, target: Vec3, up: Vec3): void {
+    this.base.setFromDirections(Vec3.UP, up.clone().normalize());
+    this.up = 1;
+    const back = new Vec3().sub2(eye, target);
+    this.target.copy(target);
+    this.distance = back.length();
+    this.base.clone().invert().transformVector(back.mulScalar(1 / this.distance), back);
+    this.pitch = -Math.min(Math.max(Math.asin(Math.min(Math.max(back.y, -1), 1)), -STEEPEST), STEEPEST);
+    this.yaw = Math.atan2(back.x, back.z);
+    this.placed = true;
+  }
+
   /** Units become so many times smaller. */
   rescale(factor: number): void {
     this.target.mulScalar(factor);
@@ -55,6 +72,7 @@ export class Orbit {
   pose(): Pose {
     const rotation = new Quat().setFromEulerAngles((this.pitch * 180) / Math.PI, (this.yaw * 180) / Math.PI, 0);
     if (this.up < 0) rotation.mul2(new Quat().setFromEulerAngles(0, 0, 180), rotation);
+    rotation.mul2(this.base, rotation);
     const back = rotation.transformVector(new Vec3(0, 0, this.distance), new Vec3());
     return { position: back.add(this.target), rotation };
   }

@@ -2,9 +2,10 @@
 
 import {
   AppBase, AppOptions, CameraComponentSystem, Color, Entity, FILLMODE_NONE, GAMMA_SRGB, GSPLATDATA_LARGE, GSplatComponentSystem, Mat4, Quat,
-  RESOLUTION_FIXED, TONEMAP_NONE, WebglGraphicsDevice, WORKBUFFER_UPDATE_ONCE, type GSplatComponent,
+  RESOLUTION_FIXED, TONEMAP_NONE, WebglGraphicsDevice, WORKBUFFER_UPDATE_ONCE, type GSplatComponent, Vec3,
 } from "playcanvas";
 
+import type { Viewpoint } from "../codec/decoder.ts";
 import type { Splats } from "../codec/splats.ts";
 import { Gaussians } from "./container.ts";
 import { Orbit } from "./orbit.ts";
@@ -89,6 +90,14 @@ export class View {
     this.touch();
   }
 
+  /** Begins where the stream says, unless somebody moved before. */
+  start({ eye, target, up }: Viewpoint): void {
+    if (this.orbit.touched) return;
+    const scaled = (point: readonly number[]): Vec3 => new Vec3(...point.map((value) => value / this.#size));
+    this.orbit.place(scaled(eye), scaled(target), new Vec3(...up));
+    this.touch();
+  }
+
   /** Begins anew with Gaussians of a scene of this size (world units); the camera stays where it is. */
   begin(size: number): void {
     this.orbit.rescale(this.#size / size);
@@ -106,7 +115,7 @@ export class View {
     const count = this.#all.reduce((sum, part) => sum + part.count, 0);
     if (!this.#gaussians || this.#gaussians.capacity < count) this.#enlarge(count, splats.degree);
     else this.#gaussians.add(splats, this.#size);
-    if (!this.orbit.touched && count >= 1.5 * this.#framed) this.#lookAt(count);
+    if (!this.orbit.touched && !this.orbit.placed && count >= 1.5 * this.#framed) this.#lookAt(count);
     this.#changed();
   }
 

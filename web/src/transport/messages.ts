@@ -1,5 +1,6 @@
 // What the page and its worker say to one another.
 
+import type { Viewpoint } from "../codec/decoder.ts";
 import type { Splats } from "../codec/splats.ts";
 import type { Counts } from "./events.ts";
 import type { Session } from "./webtransport.ts";
@@ -16,6 +17,7 @@ export interface Facts {
   readonly degree: number;
   readonly sizeLog: number;
   readonly background: readonly [number, number, number];
+  readonly viewpoint: Viewpoint | null;
   readonly sideInfoBytes: number;
 }
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.heads import network_of
-from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schemas.causal.context import (
     NUMBER_BITS,
     CodingContext,
@@ -20,7 +19,6 @@ from splatwire.codec.schemas.causal.context import (
 )
 from splatwire.codec.schemas.causal.packet_coder import decode_packets, expected
 from splatwire.codec.schemas.causal.side_info import LOG_BITS, read_side_info
-from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.errors import MissingSideInfoError
 from splatwire.model import AnchorScene, AttributePrior, CausalCoding, GaussianHeads, PartialScene, Prior
 from splatwire.packets import Manifest
@@ -102,7 +100,7 @@ class CausalDecoder:
         )
         heads = GaussianHeads(*(network_of(head) for head in info.heads))
         scene = AnchorScene(anchors, heads, self._coding(), background=read_background(info.sections))
-        left = {name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, PREVIEW)}
+        left = concealer_sections(info.sections)
         return PartialScene(scene, Erasures(torch.from_numpy(self._received)), self._prior(), left)
 
     def _coding(self) -> CausalCoding:

@@ -9,14 +9,12 @@ import numpy as np
 import torch
 
 from splatwire.codec.arrivals import Arrivals
-from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import read_background
-from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schemas.gaussians.attributes import empty_rows
 from splatwire.codec.schemas.gaussians.blocks import block_sizes
 from splatwire.codec.schemas.gaussians.decoder import blank_splats, decode_block, open_side_info, store_block
 from splatwire.codec.schemas.gaussians.digest import update_digest
-from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.errors import DesyncError
 from splatwire.model import PartialSplats, SplatScene
 from splatwire.model.appearance import Partial
@@ -49,7 +47,7 @@ class ProgressiveSplats(Arrivals):
         self._order = arrange(manifest.plan, ())[0].ranks
         self._edges = np.concatenate([[0], np.cumsum(block_sizes(manifest.plan))])
         self._rows, self._harmonics = empty_rows(manifest.num_anchors, info.num_harmonics)
-        sections = {name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, PREVIEW)}
+        sections = concealer_sections(info.sections)
         scene = SplatScene(blank_splats(manifest.num_anchors, info.degree), background=read_background(info.sections))
         nothing = torch.zeros(manifest.num_anchors, dtype=torch.bool)
         self.partial = PartialSplats(scene, Erasures.of_anchors(nothing), sections)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
 from splatwire.codec.heads import network_of
-from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import update_digest
 from splatwire.codec.schemas.hacpp.atomic import Symbols, decode_packets
 from splatwire.codec.schemas.hacpp.coding_params import (
@@ -25,7 +24,6 @@ from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
 from splatwire.codec.schemas.hacpp.separated import decode_masks, decode_parts
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info
 from splatwire.codec.threads import ordered_map
-from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.model import (
     AnchorScene,
@@ -218,10 +216,7 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> PartialScene:
     background = read_background(info.sections)
     scene = AnchorScene(anchors, heads, HacppCoding(model, info.voxel_size, info.config), background=background)
     erasures = Erasures(torch.from_numpy(arrays.received))
-    concealment = {
-        name: data for name, data in info.sections.items() if name not in (BACKGROUND, TIERS, MASKS, PREVIEW)
-    }
-    return PartialScene(scene, erasures, _prior(info, arrays), concealment)
+    return PartialScene(scene, erasures, _prior(info, arrays), concealer_sections(info.sections, MASKS))
 
 
 def _prior(info: SideInfo, arrays: DecodedArrays) -> Prior:

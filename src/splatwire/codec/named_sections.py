@@ -1,0 +1,20 @@
+"""Which named sections of the side information are for concealers: all but those that are listed here."""
+
+from collections.abc import Mapping
+
+from splatwire.codec.background import SECTION as BACKGROUND
+from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+
+_OTHERS = (BACKGROUND, TIERS, PREVIEW, VIEWPOINT)
+
+
+def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:
+    """Content of the sections that concealers may ask for, by name.
+
+    Args:
+        sections: All named sections.
+        own: Those that a schema has for itself.
+    """
+    return {name: data for name, data in sections.items() if name not in (*_OTHERS, *own)}

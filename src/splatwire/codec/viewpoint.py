@@ -1,0 +1,32 @@
+"""Where a scene is looked at first: a named section of the side information of streams whose cameras are known."""
+
+from splatwire.byte_io import ByteWriter
+from splatwire.scene import Cameras
+
+SECTION = "viewpoint"
+"""Name of the section."""
+
+
+def viewpoint_section(cameras: Cameras) -> bytes:
+    """The section that lets a receiver begin where the first camera is.
+
+    Args:
+        cameras: The scene's cameras. The point to turn around is the one nearest to all of their axes (least squares;
+            half of the way to the other cameras' mean where the axes do not meet in front of the first one).
+
+    Returns:
+        Nine `f32`: the eye, the point that it looks at, and the direction that is up there, the mean of all cameras'.
+    """
+    centers, turns = cameras.centers.double(), cameras.viewmats[:, :3, :3].double()
+    ahead, up = turns[:, 2], -turns[:, 1].mean(dim=0)
+    across = ahead.new_zeros(3, 3).fill_diagonal_(1) - ahead[:, :, None] * ahead[:, None, :]
+    # a little of the identity: parallel axes are near all points alike
+    system = across.sum(dim=0) + 1e-6 * len(centers) * ahead.new_zeros(3, 3).fill_diagonal_(1)
+    meeting = system.inverse() @ ((across @ centers[:, :, None]).sum(dim=0)[:, 0] + 1e-6 * centers.sum(dim=0))
+    depth = float((meeting - centers[0]) @ ahead[0])
+    least = float((centers - centers[0]).norm(dim=1).mean()) / 2
+    target = centers[0] + max(depth, least, 1e-3) * ahead[0]
+    writer = ByteWriter()
+    for value in (*centers[0].tolist(), *target.tolist(), *(up / up.norm().clamp(min=1e-9)).tolist()):
+        writer.f32(value)
+    return writer.bytes()
