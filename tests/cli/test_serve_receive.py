@@ -15,6 +15,7 @@ import torch
 
 from processes import told_by
 from scenes import tiny_scene
+from splatwire.cli import _bundled
 from splatwire.cli.main import main
 from splatwire.cli.receive import parse_seconds
 from splatwire.codec import add_concealment, encode_scene
@@ -126,7 +127,7 @@ def test_the_bundled_scene_is_served_as_datagrams_with_its_preview(tmp_path: Pat
     preview = write_preview(Preview(frame, (0, 51, 102), np.zeros((20, 10), dtype=np.int64)))
     stream = encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=2))
     write_stream(add_concealment(stream, "preview", preview), tmp_path / "small.swz")
-    monkeypatch.setattr(serve, "BUNDLED_SCENE", str(tmp_path / "small.swz"))
+    monkeypatch.setattr(_bundled, "SCENE", str(tmp_path / "small.swz"))
     programs = serve.Serve()._programs(Protection())
     assert [(name, program.preview) for name, program in programs.items()] == [("small", preview)]
     assert len(programs["small"].packets) > 2
@@ -134,18 +135,16 @@ def test_the_bundled_scene_is_served_as_datagrams_with_its_preview(tmp_path: Pat
 
 def test_a_page_without_a_stream_gets_the_bundled_gaussians_which_browsers_draw(tmp_path: Path, monkeypatch):
     from splatwire.cli import serve
-    from splatwire.cli.demo import _EXPLICIT
     from splatwire.codec.viewpoint import SECTION
     from splatwire.packets.sections import sections_of
     from splatwire.scene.splats import Splats
 
-    assert serve.BUNDLED_SPLATS == _EXPLICIT
     rng = torch.Generator().manual_seed(0)
     quats = torch.nn.functional.normalize(torch.randn(300, 4, generator=rng), dim=1)
     scales, opacities = torch.full((300, 3), 0.05), torch.full((300,), 0.5)
     splats = Splats(torch.randn(300, 3, generator=rng), quats, scales, opacities, torch.zeros(300, 1, 3))
     write_stream(encode_scene(SplatScene(splats)), tmp_path / "cloud.swz")
-    monkeypatch.setattr(serve, "BUNDLED_SPLATS", str(tmp_path / "cloud.swz"))
+    monkeypatch.setattr(_bundled, "SPLATS", str(tmp_path / "cloud.swz"))
     made: list[Any] = []
     monkeypatch.setattr(serve, "program_of", lambda stream, protection: made.append(stream))
     assert list(serve.Serve(page=0)._programs(Protection())) == ["cloud"]

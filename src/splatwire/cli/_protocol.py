@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._output import print_json, progress_bars
 from splatwire.cli._scenes import chosen_background
 from splatwire.errors import InvalidValueError
@@ -75,7 +76,6 @@ def study_of(settings: "Evaluate") -> "Study":
 
 
 def _replaced_scene(settings: "Evaluate") -> "SceneEntry | None":
-    from importlib import resources
 
     from splatwire.cli._files import is_stream
     from splatwire.evaluate.study import SceneEntry
@@ -88,9 +88,7 @@ def _replaced_scene(settings: "Evaluate") -> "SceneEntry | None":
         return None
     cameras: Path | None
     if settings.scene == BUNDLED:
-        assets = Path(str(resources.files("splatwire").joinpath("assets")))
-        source = assets / "snowmiku.swz"
-        cameras = settings.cameras or assets / "snowmiku_cameras.json"
+        source, cameras = ASSETS / SCENE, settings.cameras or ASSETS / CAMERAS
     else:
         source = Path(settings.scene)
         cameras = settings.cameras

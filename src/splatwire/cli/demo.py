@@ -3,12 +3,12 @@
 import tempfile
 import time
 from dataclasses import dataclass, replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE, SPLATS
 from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from splatwire.model.appearance import Partial
     from splatwire.packets import SceneStream
 
-_ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
-_SCENE, _EXPLICIT, _CAMERAS = "snowmiku.swz", "snowmiku_gaussians.swz", "snowmiku_cameras.json"
 _NETWORK = "snowmiku.gnn_section"
 """The GNN's weights for that scene as a stream carries them; the bundled stream carries its best concealer only."""
 _LPIPS_VIEWS = 2
@@ -87,9 +85,9 @@ class Demo:
         from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
         from splatwire.model import SplatScene
 
-        loss, source = Loss(self.loss), _ASSETS / _EXPLICIT
+        loss, source = Loss(self.loss), ASSETS / SPLATS
         entry = SceneEntry(
-            source.stem, source, "stream", cameras=_ASSETS / _CAMERAS, background=chosen_background(self.background)
+            source.stem, source, "stream", cameras=ASSETS / CAMERAS, background=chosen_background(self.background)
         )
         return Study(
             name=source.stem,
@@ -143,9 +141,9 @@ class Demo:
             raise InvalidValueError("give --stream and --cameras together")
         if self.stream is not None and self.cameras is not None:
             return self.stream, self.cameras
-        stream = add_concealment(read_stream(_ASSETS / _SCENE)[0], "gnn", (_ASSETS / _NETWORK).read_bytes())
-        write_stream(stream, folder / _SCENE)
-        return folder / _SCENE, _ASSETS / _CAMERAS
+        stream = add_concealment(read_stream(ASSETS / SCENE)[0], "gnn", (ASSETS / _NETWORK).read_bytes())
+        write_stream(stream, folder / SCENE)
+        return folder / SCENE, ASSETS / CAMERAS
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,18 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tyro
 
+from splatwire.cli import _bundled
 from splatwire.cli._output import JsonFlag, print_json, progress_bars
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
     from splatwire.transport import Program, Protection, ServerLimits
     from splatwire.transport.certificate import Identity
-
-BUNDLED_SCENE, BUNDLED_SPLATS = "snowmiku.swz", "snowmiku_gaussians.swz"
-BUNDLED_CAMERAS = "snowmiku_cameras.json"
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ class Serve:
                 )
         streams = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
         if not streams:
-            bundled = BUNDLED_SCENE if self.page is None else BUNDLED_SPLATS  # browsers do not draw anchors
+            bundled = _bundled.SCENE if self.page is None else _bundled.SPLATS  # browsers do not draw anchors
             streams = {Path(bundled).stem: ("the bundled scene", bundled_datagrams(bundled))}
         for path, stream in streams.values():
             if planned is not None and stream.manifest.stream_id != planned:
@@ -261,8 +258,8 @@ def bundled_datagrams(name: str) -> "SceneStream":
     from splatwire.render.precision import classes_of
     from splatwire.transport.preview import stream_preview
 
-    assets = Path(str(resources.files("splatwire").joinpath("assets")))
-    stream, cameras = read_stream(assets / name)[0], load_cameras(assets / BUNDLED_CAMERAS)
+    stream = read_stream(_bundled.ASSETS / name)[0]
+    cameras = load_cameras(_bundled.ASSETS / _bundled.CAMERAS)
     with progress_bars() as show:
         scene = decode_stream(stream, progress=lambda share: show("decoding the bundled scene", share)).scene
         datagrams = encode_scene(

@@ -5,12 +5,12 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
+from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, is_stream
 from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
@@ -19,8 +19,6 @@ from splatwire.errors import BitstreamError, InvalidValueError
 if TYPE_CHECKING:
     from splatwire.view.live import LiveTransfer, Receive
     from splatwire.view.model import Source
-
-_SCENE, _CAMERAS = "snowmiku.swz", "snowmiku_cameras.json"
 
 
 @dataclass(frozen=True)
@@ -123,10 +121,9 @@ class View:
         if "://" in self.stream:
             transfer = LiveTransfer(self.stream, self._receive())
             return _started(transfer, show), transfer, cameras
-        assets = Path(str(resources.files("splatwire").joinpath("assets")))
         if not self.stream and cameras is None:
-            cameras = load_cameras(assets / _CAMERAS)
-        with input_path(self.stream or str(assets / _SCENE)) as path:
+            cameras = load_cameras(ASSETS / CAMERAS)
+        with input_path(self.stream or str(ASSETS / SCENE)) as path:
             if not is_stream(path):
                 raise BitstreamError(f"{path} is not a splatwire stream; `splatwire encode` makes one of a scene")
             stream, _ = read_stream(path)

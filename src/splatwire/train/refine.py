@@ -14,7 +14,6 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from splatwire.errors import DivergedError
 from splatwire.model import AnchorScene, CausalCoding, ContextModel, HashGrid, HashGridConfig, Linear, Mlp, ModelConfig
 from splatwire.model.hash_grid import unit_coordinates
 from splatwire.model.prior_field import PriorOutputs, split_prior_outputs, typical_spread
@@ -22,14 +21,11 @@ from splatwire.scene import Anchors
 from splatwire.train.config import RefineConfig
 from splatwire.train.context import AttributeBits, adaptive_steps, attribute_bits
 from splatwire.train.export import copied_mlp
+from splatwire.train.fit import fit_samples
 from splatwire.train.grid import GridCorners, find_corners, hard_sign, interpolate_signs, straight_through_sign
 from splatwire.train.refine_causal import refine_causal
-from splatwire.train.schedule import half_cosine
 
 _CHUNK = 8192
-_BETAS = (0.9, 0.99)
-_LEAST_RATE = 0.01
-"""Learning rates fall along half a cosine to this share."""
 _STEP_SCALE = 0.2
 """Unit of the logits of the steps, where other outputs have the spread that they predict."""
 
@@ -127,22 +123,10 @@ def refine_context(
     channels = [_ScaledMlp(mlp, unit) for mlp, unit in zip(scene.hacpp.context.channel, units[1:], strict=True)]
     signs = _Signs(scene.hacpp.context.grid, scene.hacpp.config.grid, fixed.corners, config.latent)
     networks = [tensor for part in (prior, *channels) for tensor in part.parameters]
-    generator = torch.Generator().manual_seed(config.seed)
-    optimiser = torch.optim.Adam([
-        {"params": networks, "lr": config.network_rate, "base": config.network_rate},
-        {"params": [signs.volume, signs.planes], "lr": config.grid_rate, "base": config.grid_rate},
-    ], betas=_BETAS, eps=1e-15)  # fmt: skip
-    for step in range(config.steps):
-        for group in optimiser.param_groups:
-            group["lr"] = group["base"] * max(half_cosine(step / config.steps), _LEAST_RATE)
-        index = torch.randperm(len(alive), generator=generator)[: config.batch]
-        loss = _loss(fixed, prior, channels, signs, index, config)
-        if not bool(torch.isfinite(loss.detach())):
-            raise DivergedError(step)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        progress((step + 1) / config.steps)
+    fit_samples(
+        [(networks, config.network_rate), ([signs.volume, signs.planes], config.grid_rate)], len(alive), config,
+        lambda index, _: _loss(fixed, prior, channels, signs, index, config), progress,
+    )  # fmt: skip
     context = ContextModel(
         signs.grid(scene.hacpp.context.grid),
         copied_mlp(prior.mlp()),

@@ -6,17 +6,12 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from splatwire.errors import DivergedError
 from splatwire.model import AnchorScene, CausalCoding, Linear, Mlp
 from splatwire.model.causal import place_inputs
 from splatwire.train.causal import channel_steps, number_bits_of
 from splatwire.train.config import RefineConfig
 from splatwire.train.export import copied_mlp
-from splatwire.train.schedule import half_cosine
-
-_BETAS = (0.9, 0.99)
-_LEAST_RATE = 0.01
-"""The learning rate falls along half a cosine to this share."""
+from splatwire.train.fit import fit_samples
 
 
 def refine_causal(
@@ -43,21 +38,13 @@ def refine_causal(
     networks = {name: _trained(network) for name, network in coding.networks.items()}
     layers = [layer for mlp in networks.values() for layer in (mlp.hidden, mlp.output)]
     parameters = [tensor for layer in layers for tensor in (layer.weight, layer.bias)]
-    optimiser = torch.optim.Adam(parameters, lr=config.network_rate, betas=_BETAS, eps=1e-15)
-    generator = torch.Generator().manual_seed(config.seed)
-    for step in range(config.steps):
-        for group in optimiser.param_groups:
-            group["lr"] = config.network_rate * max(half_cosine(step / config.steps), _LEAST_RATE)
-        index = torch.randperm(len(place), generator=generator)[: config.batch]
+
+    def loss_of(index: Tensor, generator: torch.Generator) -> Tensor:
         noisy = [value[index] + torch.rand(value[index].shape, generator=generator) - 0.5 for value in values]
         own, offsets = number_bits_of(networks, coding.config, place[index], noisy, mask[index])
-        loss = (own + offsets.sum(dim=1)).mean()
-        if not bool(torch.isfinite(loss.detach())):
-            raise DivergedError(step)
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        progress((step + 1) / config.steps)
+        return (own + offsets.sum(dim=1)).mean()
+
+    fit_samples([(parameters, config.network_rate)], len(place), config, loss_of, progress)
     fitted = {name: copied_mlp(network) for name, network in networks.items()}
     return dataclasses.replace(scene, coding=dataclasses.replace(coding, networks=fitted))
 

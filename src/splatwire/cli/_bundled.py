@@ -1,0 +1,8 @@
+"""The scene that comes with the package."""
+
+from importlib import resources
+from pathlib import Path
+
+ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
+SCENE, SPLATS, CAMERAS = "snowmiku.swz", "snowmiku_gaussians.swz", "snowmiku_cameras.json"
+"""Anchors, explicit Gaussians, and where both are seen from."""
