@@ -100,7 +100,8 @@ export class SplatWire extends HTMLElement {
     } catch (error) {
       return this.#fail(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
     }
-    if ([this.getAttribute("up"), this.#fields().get("up")].includes("-y")) this.#view.orbit.up = -1;
+    if (this.getAttribute("up") === "-y") this.#view.orbit.yDown();
+    this.#view.orbit.turned = this.#fields().get("turned") === "1";
     new ResizeObserver(() => this.#view?.resize()).observe(this);
     canvas.addEventListener("webglcontextlost", () => this.#fail("The browser took the graphics card away; load the page again."));
     this.addEventListener("keydown", (event) => this.#key(event));
@@ -271,8 +272,8 @@ export class SplatWire extends HTMLElement {
 
   #link(): string {
     const { concealer, dropped } = this.#panel.settings, address = new URL(location.href);
-    const up = this.#view && this.#view.orbit.up < 0 ? { up: "-y" } : {};
-    address.hash = new URLSearchParams({ concealer, drop: String(dropped), ...up }).toString();
+    const turned = this.#view?.orbit.turned ? { turned: "1" } : {};
+    address.hash = new URLSearchParams({ concealer, drop: String(dropped), ...turned }).toString();
     return address.href;
   }
 

@@ -3,6 +3,7 @@
 import { Quat, Vec3 } from "playcanvas";
 
 const TURN = 0.005, KEY_TURN = 0.08, KEY_ZOOM = 0.9, WHEEL = 0.0012, STEEPEST = 1.55;
+const UPSIDE_DOWN = new Quat().setFromEulerAngles(0, 0, 180);
 
 export interface Pose {
   readonly position: Vec3;
@@ -14,8 +15,8 @@ export class Orbit {
   distance = 3;
   yaw = 0.5;
   pitch = -0.25;
-  /** 1: what `base` calls up is up; -1: it is down, as y is for cameras of 3DGS. */
-  up: 1 | -1 = 1;
+  /** Whether what `base` calls up is down: a person's choice, which holds wherever the scene begins. */
+  turned = false;
   /** Turns the y axis to what is up. */
   base = new Quat();
   /** Whether it began where a stream said. */
@@ -47,7 +48,6 @@ export class Orbit {
   /** Begins at a place, looking at a point around which it turns. */
   place(eye: Vec3, target: Vec3, up: Vec3): void {
     this.base.setFromDirections(Vec3.UP, up.clone().normalize());
-    this.up = 1;
     const back = new Vec3().sub2(eye, target);
     this.target.copy(target);
     this.distance = back.length();
@@ -55,6 +55,11 @@ export class Orbit {
     this.pitch = -Math.min(Math.max(Math.asin(Math.min(Math.max(back.y, -1), 1)), -STEEPEST), STEEPEST);
     this.yaw = Math.atan2(back.x, back.z);
     this.placed = true;
+  }
+
+  /** Has y down, as it is for cameras of 3DGS, until a stream says what is up. */
+  yDown(): void {
+    this.base.copy(UPSIDE_DOWN);
   }
 
   /** Units become so many times smaller. */
@@ -65,13 +70,13 @@ export class Orbit {
 
   /** Turns the scene upside down. */
   flip(): void {
-    this.up = this.up > 0 ? -1 : 1;
+    this.turned = !this.turned;
     this.changed();
   }
 
   pose(): Pose {
     const rotation = new Quat().setFromEulerAngles((this.pitch * 180) / Math.PI, (this.yaw * 180) / Math.PI, 0);
-    if (this.up < 0) rotation.mul2(new Quat().setFromEulerAngles(0, 0, 180), rotation);
+    if (this.turned) rotation.mul2(UPSIDE_DOWN, rotation);
     rotation.mul2(this.base, rotation);
     const back = rotation.transformVector(new Vec3(0, 0, this.distance), new Vec3());
     return { position: back.add(this.target), rotation };
@@ -113,7 +118,7 @@ export class Orbit {
   }
 
   #turn(yaw: number, pitch: number): void {
-    this.yaw += yaw * this.up;
+    this.yaw += yaw;
     this.pitch = Math.min(Math.max(this.pitch + pitch, -STEEPEST), STEEPEST);
     this.#moved();
   }
