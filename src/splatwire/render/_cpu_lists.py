@@ -11,7 +11,7 @@ import numpy as np
 from splatwire.ops.compiled import njit
 from splatwire.ops.lanes import prefetch
 from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
-from splatwire.render._cpu_project import DEPTH, SPLAT, TILES
+from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT, TILES
 
 AHEAD = 16
 _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
@@ -73,15 +73,14 @@ def _reach(splat, left, columns, top, bottom, strips):
     The ellipse is lowest where dx = `lowest` and highest at the mirrored place, or as near to that as the column goes.
     Within a single column it is not cut: nearly all of it lies there.
     """
+    y = np.float64(splat[1])
+    if columns == 1:
+        strips[0, 0], strips[0, 1] = _rows_between(y - splat[HALF_HEIGHT], y + splat[HALF_HEIGHT], top, bottom)
+        return
     A, B, C = np.float64(splat[2]), np.float64(splat[3]), np.float64(splat[4])
-    level, y = max(MIN_LEVEL - _MARGIN - splat[5], _LOWEST), np.float64(splat[1])
-    inside = B * B - 4 * A * C
+    level, inside = max(MIN_LEVEL - _MARGIN - splat[5], _LOWEST), B * B - 4 * A * C
     if not (inside < 0 and A < 0):  # rounding made it something other than an ellipse
         strips[:, 0], strips[:, 1] = top, bottom
-        return
-    if columns == 1:
-        half = np.sqrt(-4 * A * level / inside)
-        strips[0, 0], strips[0, 1] = _rows_between(y - half, y + half, top, bottom)
         return
     lowest, half = B * np.sqrt(level / (-A * inside)), -0.5 / C
     for i in range(columns):

@@ -11,16 +11,18 @@ import numpy as np
 from splatwire.ops.compiled import njit
 
 SPLAT = 16
-"""Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth, its tiles, two that nobody reads.
+"""Columns of a splat: x, y, three exponents, log2 of opacity, three colours, depth, four of its tiles, half its height.
 
 A splat is one cache line: those of a tile lie far apart, and fetching them is much of the work. The exponents are the
 inverse covariance times -log2(e)/2 (diagonal) and -log2(e) (off-diagonal), so that a pixel's falloff is
 2 ** ((A dx + B dy) dx + C dy dy).
 """
-DEPTH, TILES = 9, 10
+DEPTH, TILES, HALF_HEIGHT = 9, 10, 14
+CHUNK = 64
+"""Gaussians that are projected together, a flat array with a row per number: one base, or nothing turns into lanes."""
+QUAT, SCALE, LEVEL, OUT, BOX, DRAWN, ROWS = 3 * CHUNK, 7 * CHUNK, 10 * CHUNK, 11 * CHUNK, 18 * CHUNK, 22 * CHUNK, 23
 LOG2E = 1.4426950408889634
-_MIN_ALPHA = 1.0 / 255.0
-_MIN_LEVEL = math.log2(_MIN_ALPHA)
+_MIN_LEVEL = math.log2(1.0 / 255.0)
 
 
 @njit(inline="always")
@@ -42,6 +44,46 @@ def _clamped(value, focal, center, size, margin):
     return min(max(value, -center / focal - extra), (size - center) / focal + extra)
 
 
+@njit(error_model="numpy", fastmath={"nsz", "arcp", "contract"})
+@no_type_check
+def _project_chunk(work, pose, intrinsics, width, height, constants):
+    """Works out one chunk's `OUT` from its means, quaternions, scales and levels; no branch, so that lanes do it."""
+    fx, fy, cx, cy = intrinsics
+    near, dilation, margin, side = constants
+    grid_x, grid_y, per_pixel = np.ceil(width / side), np.ceil(height / side), 1 / side  # exact: a power of two
+    for i in range(CHUNK):
+        m0, m1, m2 = work[i], work[CHUNK + i], work[2 * CHUNK + i]
+        z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
+        x = (pose[0, 0] * m0 + pose[0, 1] * m1 + pose[0, 2] * m2 + pose[0, 3]) / z
+        y = (pose[1, 0] * m0 + pose[1, 1] * m1 + pose[1, 2] * m2 + pose[1, 3]) / z
+        r = _axes(work[QUAT + i], work[QUAT + CHUNK + i], work[QUAT + 2 * CHUNK + i], work[QUAT + 3 * CHUNK + i])
+        row_x = _row(pose, 0, fx / z, _clamped(x, fx, cx, width, margin))
+        row_y = _row(pose, 1, fy / z, _clamped(y, fy, cy, height, margin))
+        a0, b0 = _scaled_axis(row_x, row_y, (r[0], r[3], r[6]), work[SCALE + i])
+        a1, b1 = _scaled_axis(row_x, row_y, (r[1], r[4], r[7]), work[SCALE + CHUNK + i])
+        a2, b2 = _scaled_axis(row_x, row_y, (r[2], r[5], r[8]), work[SCALE + 2 * CHUNK + i])
+        xx, yy = a0 * a0 + a1 * a1 + a2 * a2 + dilation, b0 * b0 + b1 * b1 + b2 * b2 + dilation
+        xy = a0 * b0 + a1 * b1 + a2 * b2
+        det, middle, u, v = xx * yy - xy * xy, 0.5 * (xx + yy), fx * x + cx - 0.5, fy * y + cy - 0.5
+        radius = np.ceil(3 * np.sqrt(middle + np.sqrt(max(0.1, middle * middle - det))))
+        reach = 2 / LOG2E * (work[LEVEL + i] - _MIN_LEVEL)
+        half_x, half_y = np.sqrt(reach * xx) + 1e-2, np.sqrt(reach * yy) + 1e-2
+        left = max(np.floor((u - min(radius, half_x)) * per_pixel), 0.0)
+        top = max(np.floor((v - min(radius, half_y)) * per_pixel), 0.0)
+        right = min(np.floor((u + min(radius + side - 1, half_x + side)) * per_pixel), grid_x)
+        bottom = min(np.floor((v + min(radius + side - 1, half_y + side)) * per_pixel), grid_y)
+        sound = (z > near) & (det > 0) & (abs(u) < 1e8) & (abs(v) < 1e8) & (xx < 1e12) & (yy < 1e12)
+        drawn = sound & (work[LEVEL + i] >= _MIN_LEVEL) & (right > left) & (bottom > top)
+        work[OUT + i], work[OUT + CHUNK + i] = u, v
+        work[OUT + 2 * CHUNK + i] = -0.5 * LOG2E * yy / det
+        work[OUT + 3 * CHUNK + i] = LOG2E * xy / det
+        work[OUT + 4 * CHUNK + i] = -0.5 * LOG2E * xx / det
+        work[OUT + 5 * CHUNK + i], work[OUT + 6 * CHUNK + i] = z, half_y
+        work[BOX + i], work[BOX + CHUNK + i] = left, top
+        work[BOX + 2 * CHUNK + i], work[BOX + 3 * CHUNK + i] = right, bottom
+        work[DRAWN + i] = 1.0 if drawn else 0.0
+
+
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, width, height, constants, splats, tiles):
@@ -50,63 +92,39 @@ def project_splats(means, quats, scales, opacities, colors, pose, intrinsics, wi
     A Gaussian is listed in the tiles of 3DGS's square of three standard deviations, less those that its ellipse of
     alpha >= 1/255 cannot reach (which changes no pixel). `constants`: near depth, dilation, frustum margin, tile side.
     """
-    fx, fy, cx, cy = intrinsics
-    near, dilation, margin, side = constants
-    per_pixel = 1 / side  # exact: the side is a power of two
-    grid_x, grid_y = math.ceil(width / side), math.ceil(height / side)
-    for g in range(means.shape[0]):
-        tiles[g, :] = 0
-        m0, m1, m2 = np.float64(means[g, 0]), np.float64(means[g, 1]), np.float64(means[g, 2])
-        z = pose[2, 0] * m0 + pose[2, 1] * m1 + pose[2, 2] * m2 + pose[2, 3]
-        opacity = np.float64(opacities[g])
-        if not (z > near and opacity >= _MIN_ALPHA):
-            continue
-        x = (pose[0, 0] * m0 + pose[0, 1] * m1 + pose[0, 2] * m2 + pose[0, 3]) / z
-        y = (pose[1, 0] * m0 + pose[1, 1] * m1 + pose[1, 2] * m2 + pose[1, 3]) / z
-        xx, xy, yy = _covariance(quats[g], scales[g], pose, fx, fy, z, _clamped(x, fx, cx, width, margin),
-                                 _clamped(y, fy, cy, height, margin))  # fmt: skip
-        xx, yy = xx + dilation, yy + dilation
-        det = xx * yy - xy * xy
-        u, v = fx * x + cx - 0.5, fy * y + cy - 0.5
-        if not (det > 0 and abs(u) < 1e8 and abs(v) < 1e8 and xx < 1e12 and yy < 1e12):
-            continue
-        middle = 0.5 * (xx + yy)
-        radius = math.ceil(3 * math.sqrt(middle + math.sqrt(max(0.1, middle * middle - det))))
-        level = math.log2(opacity)
-        reach = 2 / LOG2E * (level - _MIN_LEVEL)
-        half_x, half_y = math.sqrt(reach * xx) + 1e-2, math.sqrt(reach * yy) + 1e-2
-        left = max(math.floor((u - min(radius, half_x)) * per_pixel), 0)
-        top = max(math.floor((v - min(radius, half_y)) * per_pixel), 0)
-        right = min(math.floor((u + min(radius + side - 1, half_x + side)) * per_pixel), grid_x)
-        bottom = min(math.floor((v + min(radius + side - 1, half_y + side)) * per_pixel), grid_y)
-        if right <= left or bottom <= top:
-            continue
-        tiles[g, 0], tiles[g, 1], tiles[g, 2], tiles[g, 3] = left, top, right, bottom
-        splats[g, 0], splats[g, 1] = u, v
-        splats[g, 2] = -0.5 * LOG2E * yy / det
-        splats[g, 3] = LOG2E * xy / det
-        splats[g, 4] = -0.5 * LOG2E * xx / det
-        splats[g, 5] = level
-        splats[g, 6], splats[g, 7], splats[g, 8] = colors[g, 0], colors[g, 1], colors[g, 2]
-        splats[g, DEPTH] = z
-        for side_of_box in range(4):
-            splats[g, TILES + side_of_box] = tiles[g, side_of_box]
+    work, num = np.zeros(ROWS * CHUNK), means.shape[0]
+    for first in range(0, num, CHUNK):
+        count = min(CHUNK, num - first)
+        for i in range(count):
+            g = first + i
+            for k in range(3):
+                work[k * CHUNK + i], work[SCALE + k * CHUNK + i] = means[g, k], scales[g, k]
+            for k in range(4):
+                work[QUAT + k * CHUNK + i] = quats[g, k]
+            work[LEVEL + i] = math.log2(np.float64(opacities[g])) if opacities[g] > 0 else -np.inf
+        _project_chunk(work, pose, intrinsics, width, height, constants)
+        for i in range(count):
+            g, drawn = first + i, work[DRAWN + i] > 0
+            for k in range(4):
+                tiles[g, k] = np.int32(work[BOX + k * CHUNK + i]) if drawn else np.int32(0)
+            if drawn:
+                for k in range(5):
+                    splats[g, k] = work[OUT + k * CHUNK + i]
+                splats[g, 5], splats[g, DEPTH] = work[LEVEL + i], work[OUT + 5 * CHUNK + i]
+                splats[g, HALF_HEIGHT] = work[OUT + 6 * CHUNK + i]
+                for k in range(3):
+                    splats[g, 6 + k] = colors[g, k]
+                for k in range(4):
+                    splats[g, TILES + k] = work[BOX + k * CHUNK + i]
 
 
 @njit(inline="always")
 @no_type_check
-def _covariance(quat, scale, pose, fx, fy, z, x, y):
-    """Entries xx, xy, yy of the 2D covariance before dilation, at the tangents `x`, `y`."""
-    r = _axes(np.float64(quat[0]), np.float64(quat[1]), np.float64(quat[2]), np.float64(quat[3]))
-    xx = xy = yy = 0.0
-    for k in range(3):
-        a = b = 0.0
-        for i in range(3):
-            a += fx / z * (pose[0, i] - x * pose[2, i]) * r[3 * i + k]
-            b += fy / z * (pose[1, i] - y * pose[2, i]) * r[3 * i + k]
-        a, b = a * scale[k], b * scale[k]
-        xx, xy, yy = xx + a * a, xy + a * b, yy + b * b
-    return xx, xy, yy
+def _scaled_axis(row_x, row_y, axis, scale):
+    """One axis of a Gaussian along image x and y."""
+    along_x = row_x[0] * axis[0] + row_x[1] * axis[1] + row_x[2] * axis[2]
+    along_y = row_y[0] * axis[0] + row_y[1] * axis[1] + row_y[2] * axis[2]
+    return along_x * scale, along_y * scale
 
 
 @njit(nogil=True, error_model="numpy")
@@ -196,8 +214,7 @@ def _turned(r, a, b, c):
 @no_type_check
 def _column_back(row_x, row_y, axis, scales, k, dxx, dxy, dyy, d_scale):
     """Gradient of one scale, and of its scaled axis along image x and y, times the scale."""
-    along_x = row_x[0] * axis[0] + row_x[1] * axis[1] + row_x[2] * axis[2]
-    along_y = row_y[0] * axis[0] + row_y[1] * axis[1] + row_y[2] * axis[2]
+    along_x, along_y = _scaled_axis(row_x, row_y, axis, 1.0)
     scale = np.float64(scales[k])
     d_a, d_b = (2 * dxx * along_x + dxy * along_y) * scale, (2 * dyy * along_y + dxy * along_x) * scale
     d_scale[k] = d_a * along_x + d_b * along_y
