@@ -137,3 +137,19 @@ def test_side_information_is_told_part_by_part_and_served(run, stream):
     previewed = add_concealment(whole, "preview", b"something to see")
     assert stream_preview(whole.side_info, whole.manifest.codec) == b""
     assert stream_preview(previewed.side_info, previewed.manifest.codec) == b"something to see"
+
+
+def test_a_sketch_travels_in_the_stream(run, stream, tmp_path):
+    target = tmp_path / "sketched.swz"
+    content = run("calibrate", "sketch", stream, "-o", target, "--share", 0.05, "--json").json
+    assert content["elements"] == "Gaussians"
+    assert 0 < content["num_sketched"] < content["num_elements"] == COUNT
+    assert content["psnr_held_out"]["sketch"] > content["psnr_held_out"]["drop"]
+    run("transmit", target, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.4", "--seed", 1)
+    left = {}
+    for name in ("drop", "sketch"):
+        run("decode", tmp_path / "lossy.swz", "-o", tmp_path / f"{name}.ply", "--conceal", name)
+        left[name] = read_splats(tmp_path / f"{name}.ply").num_gaussians
+    assert left["drop"] < left["sketch"] < COUNT
+    plain = run("inspect", stream, "--json").json
+    assert run("inspect", target, "--json").json["side_info_parts"].keys() - plain["side_info_parts"] == {"sketch"}

@@ -1,4 +1,4 @@
-"""`splatwire calibrate sketch`: coarse copies of important anchors, chosen on pictures, in the stream."""
+"""`splatwire calibrate sketch`: coarse copies of important elements, chosen on pictures, in the stream."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ from splatwire.cli._output import print_json, progress_bars
 
 @dataclass(frozen=True)
 class CalibrateSketch(StreamCalibration):
-    """Put coarse copies of the anchors that matter most in the picture into the stream (--conceal sketch)."""
+    """Put coarse copies of what matters most in the picture into the stream (--conceal sketch)."""
 
     share: float = 0.04
     """Bytes of the sketch over those of the stream."""
@@ -18,9 +18,9 @@ class CalibrateSketch(StreamCalibration):
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.calibrate.pseudo_loss import calibration_data
-        from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
-        from splatwire.codec import decode_anchors, without_concealment
+        from splatwire.calibrate.sketch import SketchConfig
+        from splatwire.calibrate.sketch_of import sketch_of
+        from splatwire.codec import decode_stream, without_concealment
         from splatwire.conceal.sketch import SECTION
 
         output = stream_output(self.output, "sketch")
@@ -28,16 +28,17 @@ class CalibrateSketch(StreamCalibration):
         self.look.check()
         with progress_bars() as show:
             stream = complete_stream(self.source, show)
-            data = calibration_data(stream, decode_anchors(stream, progress=lambda share: show("decoding", share)))
-            views, where = self.look.views(data.scene)
+            complete = decode_stream(stream, progress=lambda share: show("decoding", share))
+            views, where = self.look.views(complete.scene)
             bare = without_concealment(stream, SECTION)
-            result = sketch_for_stream(data, views, bare.num_bytes, config, progress=show)
+            result = sketch_of(bare, complete, views, config, progress=show)
         sizes = write_with_section(bare, SECTION, result.section, output)
         report = {
             "output": str(self.output),
             "views": where,
             **sizes,
-            "num_anchors": bare.manifest.num_anchors,
+            "elements": bare.manifest.elements,
+            "num_elements": bare.manifest.num_anchors,
             "num_sketched": result.num_sketched,
             "growth_exponent": result.exponent,
             "growth_trust": result.trust,
@@ -51,6 +52,7 @@ def _print(report: dict[str, Any]) -> None:
     print(f"PSNR on held-out losses, {report['views']}")
     for name, value in report["psnr_held_out"].items():
         print(f"  {name:<8} {value:6.2f} dB")
-    print(f"{report['num_sketched']:,} of {report['num_anchors']:,} anchors sketched, {report['seconds']:,.0f} s")
+    sketched, number, elements = report["num_sketched"], report["num_elements"], report["elements"]
+    print(f"{sketched:,} of {number:,} {elements} sketched, {report['seconds']:,.0f} s")
     size, total, share = report["num_bytes"], report["stream_bytes"], 100 * report["share_of_stream"]
     print(f"{size:,} bytes in a stream of {total:,} ({share:.2f} %) -> {report['output']}")

@@ -13,7 +13,9 @@ from splatwire.codec.decoding import decode_anchors
 from splatwire.codec.encoding import encode_anchors
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.progressive import ProgressiveDecoder as ProgressiveAnchors
-from splatwire.codec.schemas.gaussians.decoder import decode_splats
+from splatwire.codec.schemas.gaussians.copies import SECTION as SKETCH
+from splatwire.codec.schemas.gaussians.copies import read_copies
+from splatwire.codec.schemas.gaussians.decoder import decode_splats, open_side_info
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.progressive import ProgressiveSplats
 from splatwire.codec.schemas.gaussians.quality import quality_of
@@ -94,7 +96,8 @@ def decode_stream(stream: SceneStream, *, threads: int | None = None, progress: 
     splats, known, sections = decode_splats(stream, threads=threads, progress=progress)
     left = concealer_sections(sections)
     scene = SplatScene(splats, background=read_background(sections))
-    return PartialSplats(scene, Erasures.of_anchors(torch.from_numpy(known)), left)
+    copies = read_copies(open_side_info(stream.manifest, stream.side_info), len(known)) if SKETCH in sections else None
+    return PartialSplats(scene, Erasures.of_anchors(torch.from_numpy(known)), left, copies)
 
 
 ProgressiveDecoder: TypeAlias = ProgressiveAnchors | ProgressiveSplats

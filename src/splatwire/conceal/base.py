@@ -11,7 +11,7 @@ from torch import Tensor
 
 from splatwire.conceal.context import AnchorContext, ElementContext
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.model import AnchorScene, RenderHints
+from splatwire.model import AnchorScene, PartialSplats, RenderHints
 from splatwire.scene import Anchors
 
 
@@ -65,6 +65,14 @@ class ElementConcealer(Protocol):
 
     def hints(self, elements: ElementContext) -> RenderHints:
         """Says how to draw what arrived; lost elements are left out."""
+
+
+@runtime_checkable
+class CopyConcealer(ElementConcealer, Protocol):
+    """A concealer that draws what the sender left copies of, and what arrived with hints."""
+
+    def filled(self, partial: PartialSplats) -> PartialSplats:
+        """What arrived with the copies where they are needed."""
 
 
 Factory = TypeVar("Factory", bound=Callable[..., Concealer])

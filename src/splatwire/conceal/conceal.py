@@ -5,7 +5,14 @@ import dataclasses
 import torch
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, Concealer, ElementConcealer, concealer_names, create_concealer
+from splatwire.conceal.base import (
+    Concealed,
+    Concealer,
+    CopyConcealer,
+    ElementConcealer,
+    concealer_names,
+    create_concealer,
+)
 from splatwire.conceal.context import AnchorContext, context_of, elements_of
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model import PartialScene, PartialSplats, RenderHints, SplatScene
@@ -59,7 +66,8 @@ def _with_hints(partial: PartialSplats, method: Concealer) -> SplatScene:
         raise InvalidValueError(f"concealer '{method.name}' works on anchors; explicit Gaussians take {able}")
     if partial.erasures.num_lost == 0:
         return partial.scene
-    return dataclasses.replace(partial.scene, hints=method.hints(elements_of(partial)))
+    filled = method.filled(partial) if isinstance(method, CopyConcealer) else partial
+    return dataclasses.replace(filled.scene, hints=method.hints(elements_of(filled)))
 
 
 def keep_received(context: AnchorContext, proposed: Anchors) -> Anchors:

@@ -24,6 +24,7 @@ class ElementContext:
         known: Which of them arrived.
         opacities: Of explicit Gaussians, 0 where lost; None for anchors, whose Gaussians have some of their own.
         log_scales: Logarithms of the axes of explicit Gaussians, largest first; None for anchors.
+        growth: What the sender of explicit Gaussians found best (`Copies`); None where it said nothing.
     """
 
     positions: Float[Tensor, "N 3"]
@@ -31,6 +32,7 @@ class ElementContext:
     known: Bool[Tensor, "N"]
     opacities: Float[Tensor, "N"] | None = None
     log_scales: Float[Tensor, "N 3"] | None = None
+    growth: tuple[float, float, float] | None = None
 
     @property
     def sizes(self) -> Float[Tensor, "N"]:
@@ -97,7 +99,8 @@ def elements_of(partial: PartialSplats) -> ElementContext:
     """Takes from partial Gaussians what a concealer may see: the size of one is the geometric mean of its scales."""
     splats = partial.scene.splats
     axes = splats.scales.clamp(min=MIN_SIZE).log().sort(dim=1, descending=True).values
-    return ElementContext(splats.means, axes.mean(dim=1), partial.erasures.known, splats.opacities, axes)
+    growth = None if partial.copies is None else partial.copies.growth
+    return ElementContext(splats.means, axes.mean(dim=1), partial.erasures.known, splats.opacities, axes, growth)
 
 
 def context_of(partial: PartialScene) -> AnchorContext:

@@ -13,7 +13,7 @@ from splatwire.model.causal import CausalCoding, CausalConfig
 from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Linear, Mlp
 from splatwire.model.prior import AttributePrior, Prior
-from splatwire.model.splat_scene import PartialSplats, SplatScene
+from splatwire.model.splat_scene import Copies, PartialSplats, SplatScene
 
 __all__ = [
     "AnchorScene",
@@ -21,6 +21,7 @@ __all__ = [
     "CausalCoding",
     "CausalConfig",
     "ContextModel",
+    "Copies",
     "GaussianHeads",
     "HacppCoding",
     "HashGrid",

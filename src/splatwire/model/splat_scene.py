@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from splatwire.model.anchor_scene import RenderHints
@@ -71,6 +71,22 @@ class SplatScene:
 
 
 @dataclass(frozen=True, eq=False)
+class Copies:
+    """Copies of some Gaussians that came apart from packets, and how best to draw a scene that has them.
+
+    Attributes:
+        places: Which Gaussians these are, all different.
+        splats: The copies.
+        growth: Where packets are lost, what the sender found best for it: exponents of size and opacity over the share
+            that is lost, and how much of the scene-free network's change of them is taken.
+    """
+
+    places: Int64[Tensor, "C"]
+    splats: Splats
+    growth: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class PartialSplats:
     """What a decoder returns for explicit Gaussians, of which some may be lost.
 
@@ -78,14 +94,26 @@ class PartialSplats:
         scene: The scene; a lost Gaussian has the place and size that are expected of it, and no opacity.
         erasures: What was received.
         concealment: Named sections of the side information: what a sender left for concealers.
+        copies: Copies of some Gaussians, where the side information has such a section.
     """
 
     scene: SplatScene
     erasures: Erasures
     concealment: Mapping[str, bytes] = field(default_factory=dict)
+    copies: Copies | None = None
 
     def without(self, known: Bool[Tensor, "N"]) -> "PartialSplats":
         """The same scene when only some Gaussians are there; the lost ones are expected where, and as, they were."""
         splats = self.scene.splats
         there = replace(splats, opacities=torch.where(known, splats.opacities, torch.zeros_like(splats.opacities)))
         return replace(self, scene=replace(self.scene, splats=there), erasures=Erasures.of_anchors(known))
+
+    def with_copies(self) -> "PartialSplats":
+        """The same scene when lost Gaussians of which there are copies count as received; all others stay."""
+        if self.copies is None:
+            return self
+        lost = ~self.erasures.known[self.copies.places]
+        places, chosen = self.copies.places[lost], self.copies.splats.select(lost)
+        splats = {n: t.index_put((places,), getattr(chosen, n)) for n, t in vars(self.scene.splats).items()}
+        received = self.erasures.received.index_put((places,), torch.tensor(True))
+        return replace(self, scene=replace(self.scene, splats=Splats(**splats)), erasures=Erasures(received))

@@ -8,7 +8,7 @@ import torch
 from splatwire.conceal.base import Concealed, check_at_least, register_concealer
 from splatwire.conceal.context import AnchorContext, ElementContext
 from splatwire.conceal.drop import Drop
-from splatwire.conceal.scene_free.elements import ElementNetwork, element_inputs
+from splatwire.conceal.scene_free.elements import ElementNetwork, element_inputs, grown_gaussians
 from splatwire.conceal.scene_free.network import GainNetwork, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.conceal.scene_free.weights import (
@@ -65,12 +65,6 @@ class SceneFree:
             size, opacity = (size.index_put((rows,), gain) for gain in gains)
         return Concealed(dropped.anchors, size, dropped.left_out, opacity)
 
-    @torch.no_grad()
     def hints(self, elements: ElementContext) -> RenderHints:
         """See `ElementConcealer`; for explicit Gaussians."""
-        size = opacity = torch.ones_like(elements.log_sizes)
-        inputs = element_inputs(elements)
-        if len(inputs.rows):
-            gains = self._elements(inputs)
-            size, opacity = (size.index_put((inputs.rows,), gain) for gain in gains)
-        return RenderHints(size, ~elements.known, opacity)
+        return grown_gaussians(elements, element_inputs(elements), self._elements)

@@ -14,14 +14,15 @@ from torch import Tensor
 
 from splatwire.conceal.context import MIN_SIZE, ElementContext
 from splatwire.conceal.scene_free.network import HIDDEN, Perceptron
+from splatwire.model import RenderHints
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 ELEMENT_SIGNATURE = 12
 """Entries of what the network sees."""
 _NEIGHBORS, _CLOSE, _SPACING_RANK = 64, 32, 6
 _MOST_LOST = 0.97
-_SIZE, _POWER = 0.15, 0.75
-"""Exponents of `exp(L)` before the network changes them."""
+BASE = (0.15, 0.75)
+"""Exponents of `exp(L)` before the network changes them, of size and of opacity."""
 _SIZES, _POWERS = (-0.5, 1.0), (-0.5, 2.5)
 """Least and largest exponents."""
 _OPACITIES = (1e-4, 1 - 1e-4)
@@ -96,15 +97,42 @@ class ElementNetwork(Perceptron):
     def __init__(self, hidden: int = HIDDEN, *, seed: int = 0) -> None:
         super().__init__(ELEMENT_SIGNATURE, hidden, seed=seed)
 
-    def forward(self, inputs: ElementInputs, trust: float | int = 1.0) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
+    def forward(
+        self, inputs: ElementInputs, trust: float | int = 1.0, base: tuple[float, float] = BASE
+    ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
         """Computes the gains of size and opacity, positive.
 
         Args:
             inputs: What is known.
             trust: How much of the network's opinion is taken, 0 for none.
+            base: Exponents that it changes.
         """
         change = trust * self.opinion(inputs.signature)
-        size = torch.exp(inputs.lost * (_SIZE + change[:, 0]).clamp(*_SIZES))
-        power = torch.exp(inputs.lost * (_POWER + change[:, 1]).clamp(*_POWERS))
+        size = torch.exp(inputs.lost * (base[0] + change[:, 0]).clamp(*_SIZES))
+        power = torch.exp(inputs.lost * (base[1] + change[:, 1]).clamp(*_POWERS))
         opacity = inputs.opacity.clamp(*_OPACITIES)
         return size, -torch.expm1(power * torch.log1p(-opacity)) / opacity
+
+
+@torch.no_grad()
+def grown_gaussians(
+    elements: ElementContext,
+    inputs: ElementInputs,
+    network: ElementNetwork,
+    trust: float = 1.0,
+    base: tuple[float, float] = BASE,
+) -> RenderHints:
+    """How to draw what arrived: received Gaussians larger and more opaque, lost ones left out.
+
+    Args:
+        elements: What arrived.
+        inputs: Its surroundings.
+        network: What changes the exponents.
+        trust: See `ElementNetwork.forward`.
+        base: See there.
+    """
+    size = opacity = torch.ones_like(elements.log_sizes)
+    if len(inputs.rows):
+        gains = network(inputs, trust, base)
+        size, opacity = (size.index_put((inputs.rows,), gain) for gain in gains)
+    return RenderHints(size, ~elements.known, opacity)

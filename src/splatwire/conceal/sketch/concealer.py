@@ -8,13 +8,14 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.conceal.base import Concealed, register_concealer
-from splatwire.conceal.context import AnchorContext
+from splatwire.conceal.context import AnchorContext, ElementContext
 from splatwire.conceal.drop import Drop
 from splatwire.conceal.grow import Grow
+from splatwire.conceal.scene_free.elements import element_inputs, grown_gaussians
 from splatwire.conceal.scene_free.network import GainInputs, gain_inputs
 from splatwire.conceal.scene_free.signature import near_losses
 from splatwire.conceal.scene_free.surroundings import surroundings_of
-from splatwire.conceal.scene_free.weights import default_weights
+from splatwire.conceal.scene_free.weights import default_element_weights, default_weights
 from splatwire.conceal.sketch.section import (
     SCALING_COLUMNS,
     SECTION,
@@ -24,7 +25,7 @@ from splatwire.conceal.sketch.section import (
     size_buckets,
 )
 from splatwire.errors import InvalidValueError
-from splatwire.model import Prior
+from splatwire.model import PartialSplats, Prior, RenderHints
 from splatwire.scene import Attribute, Erasures
 
 MAX_LOG_SIZE = 6.0
@@ -39,7 +40,8 @@ class Sketch:
 
     `splatwire calibrate sketch` puts the section into a stream. What was received is never replaced by its
     copy. The growth is that of `Grow`, corrected by the network of `SceneFree` as far as the section trusts it, around
-    holes that really are holes: a sketched anchor counts as present.
+    holes that really are holes: a sketched anchor counts as present. Explicit Gaussians have copies that the codec
+    reads (`Copies`), and the growth of their own network with exponents that the section says.
     """
 
     @property
@@ -55,12 +57,38 @@ class Sketch:
             BitstreamError: If the section is damaged or of another scene.
         """
         if SECTION not in context.concealment:
-            raise InvalidValueError(
-                f"concealer 'sketch' needs the section '{SECTION}', which this stream does not have: add it with "
-                "`splatwire calibrate sketch`, or use 'grow'"
-            )
+            raise _missing()
         section = read_sketch(context.concealment[SECTION], sizes_of(context), buckets_of(context))
         return conceal_with(context, section)
+
+    def filled(self, partial: PartialSplats) -> PartialSplats:
+        """See `CopyConcealer`.
+
+        Raises:
+            InvalidValueError: If the stream has no copies.
+        """
+        if partial.copies is None:
+            raise _missing()
+        return partial.with_copies()
+
+    def hints(self, elements: ElementContext) -> RenderHints:
+        """See `ElementConcealer`; for explicit Gaussians.
+
+        Raises:
+            InvalidValueError: If the sender left nothing.
+        """
+        if elements.growth is None:
+            raise _missing()
+        size, opacity, trust = elements.growth
+        network = default_element_weights()
+        return grown_gaussians(elements, element_inputs(elements), network, trust, (size, opacity))
+
+
+def _missing() -> InvalidValueError:
+    return InvalidValueError(
+        f"concealer 'sketch' needs the section '{SECTION}', which this stream does not have: add it with "
+        "`splatwire calibrate sketch`, or use 'grow'"
+    )
 
 
 def conceal_with(context: AnchorContext, section: SketchSection) -> Concealed:

@@ -113,7 +113,7 @@ def _fit(scene: SourceScene, sections: Mapping[str, bytes], threads: int | None)
         size = int(scene.edges[block + 1] - scene.edges[block])
         parts = -(-size // FITTED_PACKET)
         sizes = np.diff(np.arange(parts + 1) * size // parts)
-        return _encode_block(scene, first, block, sizes, 0).statistics
+        return encode_block(scene, first, block, sizes, 0).statistics
 
     for some_bits, some_residuals in ordered_map(count, scene.some_blocks(), threads):
         bits += some_bits
@@ -131,8 +131,16 @@ def _transform(scene: SourceScene) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
-    """What encoding a block gave."""
+class CodedBlock:
+    """What encoding a block gave.
+
+    Attributes:
+        sizes: int64 (P), Gaussians of each packet.
+        payloads: Of each packet.
+        rows: int64 (n, COLUMNS), as a decoder finds them.
+        harmonics: int32 (n, M).
+        statistics: See `empty_statistics`.
+    """
 
     sizes: np.ndarray
     payloads: list[bytes]
@@ -141,7 +149,7 @@ class _Block:
     statistics: tuple[np.ndarray, np.ndarray]
 
 
-def _encode_block(scene: SourceScene, info: SideInfo, block: int, sizes: np.ndarray, most: int) -> _Block:
+def encode_block(scene: SourceScene, info: SideInfo, block: int, sizes: np.ndarray, most: int) -> CodedBlock:
     """Encodes a block in packets of the given sizes, or, if `most` is not 0, of at most so many bytes."""
     from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
 
@@ -161,7 +169,7 @@ def _encode_block(scene: SourceScene, info: SideInfo, block: int, sizes: np.ndar
         kernels.encode_fixed(*stream, sizes, buffer, rows, harmonics, ends)
     begins = np.concatenate([[0], ends])
     payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(begins)]
-    return _Block(sizes, payloads, rows, harmonics, statistics)
+    return CodedBlock(sizes, payloads, rows, harmonics, statistics)
 
 
 def _encode_packets(
@@ -172,8 +180,8 @@ def _encode_packets(
     most = p.packet_bytes - HEADER_BYTES if p.hashed else 0
     sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
 
-    def encode(block: int) -> _Block:
-        return _encode_block(scene, info, block, sizes[block], most)
+    def encode(block: int) -> CodedBlock:
+        return encode_block(scene, info, block, sizes[block], most)
 
     ids = iter(() if p.hashed else plan.ids)
     first = 0

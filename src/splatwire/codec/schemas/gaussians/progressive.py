@@ -13,6 +13,7 @@ from splatwire.codec.background import read_background
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schemas.gaussians.attributes import empty_rows
 from splatwire.codec.schemas.gaussians.blocks import block_sizes
+from splatwire.codec.schemas.gaussians.copies import read_copies
 from splatwire.codec.schemas.gaussians.decoder import blank_splats, decode_block, open_side_info, store_block
 from splatwire.codec.schemas.gaussians.digest import update_digest
 from splatwire.errors import DesyncError
@@ -50,7 +51,8 @@ class ProgressiveSplats(Arrivals):
         sections = concealer_sections(info.sections)
         scene = SplatScene(blank_splats(manifest.num_anchors, info.degree), background=read_background(info.sections))
         nothing = torch.zeros(manifest.num_anchors, dtype=torch.bool)
-        self.partial = PartialSplats(scene, Erasures.of_anchors(nothing), sections)
+        copies = read_copies(info, manifest.num_anchors)
+        self.partial = PartialSplats(scene, Erasures.of_anchors(nothing), sections, copies)
         self._store(self.partial, nothing.numpy(), range(manifest.plan.num_blocks))
 
     @property

@@ -89,7 +89,7 @@ class SideInfo:
 def write_side_info(info: SideInfo) -> bytes:
     """Writes side information."""
     writer = ByteWriter()
-    for part in (_header(info), _blocks(info), _contexts(info)):
+    for part in (_header(info), write_blocks(info.boxes, info.defaults), _contexts(info)):
         writer.blob(part)
     return writer.bytes() + write_sections(info.sections)
 
@@ -109,7 +109,7 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
     header, blocks, contexts = (reader.blob() for _ in GAUSSIAN_SECTIONS)
     sections = read_sections(reader.rest())
     degree, size_log, unit, bases, transform = _read_header(header)
-    boxes, defaults = _read_blocks(blocks, num_blocks)
+    boxes, defaults = read_blocks(blocks, num_blocks)
     return SideInfo(
         degree, size_log, unit, bases, transform, boxes, defaults, *_read_contexts(contexts, degree), sections
     )
@@ -143,20 +143,26 @@ def _read_header(data: bytes) -> tuple[int, int, int, np.ndarray, np.ndarray]:
     return degree, size_log, unit, bases, np.frombuffer(transform, np.int8).astype(np.int64).reshape(side, side)
 
 
-def _blocks(info: SideInfo) -> bytes:
-    writer, boxes = ByteWriter(), info.boxes
+def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:
+    """Writes the boxes and the means of blocks, see `SideInfo`."""
+    writer = ByteWriter()
     for shift, origin, extent in zip(boxes.shifts, boxes.origins, boxes.extents, strict=True):
         writer.u8(int(shift))
         for value in origin.tolist():
             writer.signed(value)
         for value in extent.tolist():
             writer.u8(value)
-    for column in info.defaults.T:
+    for column in defaults.T:
         write_integers(writer, column)
     return writer.bytes()
 
 
-def _read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
+def read_blocks(data: bytes, num_blocks: int) -> tuple[Boxes, np.ndarray]:
+    """Reads boxes and means; the inverse of `write_blocks`.
+
+    Raises:
+        BitstreamError: If the bytes are damaged or something else.
+    """
     reader = ByteReader(data, "side information blocks")
     if num_blocks * 7 > len(data):
         raise BitstreamError(f"side information: {len(data)} bytes cannot hold {num_blocks} boxes")

@@ -1,0 +1,72 @@
+"""A sketch of explicit Gaussians: it fits its share, brings something, and a seed repeats it."""
+
+import dataclasses
+
+import pytest
+
+from codec.gaussians.test_gaussians import DATAGRAM, some_splats
+from splatwire.calibrate.sketch import SketchConfig
+from splatwire.calibrate.sketch_of import sketch_of
+from splatwire.calibrate.views import CalibrationViews
+from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.errors import InvalidValueError
+from splatwire.model import SplatScene
+from splatwire.render.importance import surrounding_cameras
+
+CONFIG = SketchConfig(share=0.1, views=3, scored_views=2, masks=1, held_out_masks=1)
+
+
+@pytest.fixture(scope="module")
+def stream():
+    return encode_scene(SplatScene(some_splats(degree=0)), DATAGRAM)
+
+
+@pytest.fixture(scope="module")
+def views(stream):
+    return CalibrationViews(surrounding_cameras(decode_stream(stream).scene, 3, 48))
+
+
+@pytest.fixture(scope="module")
+def result(stream, views):
+    return sketch_of(stream, decode_stream(stream), views, CONFIG)
+
+
+def test_a_sketch_fits_its_share_and_brings_something(stream, result) -> None:
+    assert 0.09 * stream.num_bytes < len(result.section) <= 0.1 * stream.num_bytes
+    assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
+    copies = decode_stream(add_concealment(stream, "sketch", result.section)).copies
+    assert len(copies.places) == result.num_sketched
+    assert (copies.growth[0], copies.growth[2]) == (result.exponent, result.trust)
+
+
+def test_the_same_seed_gives_the_same_bytes(stream, views, result) -> None:
+    assert sketch_of(stream, decode_stream(stream), views, CONFIG).section == result.section
+
+
+def test_the_most_important_come_first(stream, result) -> None:
+    """Larger and more opaque than most."""
+    whole = decode_stream(stream).scene.splats
+    copies = decode_stream(add_concealment(stream, "sketch", result.section)).copies
+    weight = whole.opacities * whole.scales.log().mean(dim=1).mul(2).exp()
+    assert float(weight[copies.places].median()) > 2 * float(weight.median())
+
+
+def test_mistakes(stream, views) -> None:
+    complete = decode_stream(stream)
+    with pytest.raises(InvalidValueError, match="no sketch fits"):
+        sketch_of(stream, complete, views, dataclasses.replace(CONFIG, share=0.001))
+    with pytest.raises(InvalidValueError, match="packets were lost"):
+        sketch_of(stream, decode_stream(stream.with_packets(stream.packets[1:])), views, CONFIG)
+    away = dataclasses.replace(views.cameras, viewmats=views.cameras.viewmats.clone())
+    away.viewmats[:, 2, 3] = -1e4
+    with pytest.raises(InvalidValueError, match="no view shows anything"):
+        sketch_of(stream, complete, CalibrationViews(away), CONFIG)
+
+
+def test_the_background_of_the_views_counts(stream, views) -> None:
+    """A black Gaussian in front of black is worth nothing, in front of white much."""
+    complete = decode_stream(stream)
+    white = sketch_of(stream, complete, dataclasses.replace(views, background=(1.0, 1.0, 1.0)), CONFIG)
+    black = sketch_of(stream, complete, views, CONFIG)
+    places = [decode_stream(add_concealment(stream, "sketch", s.section)).copies.places for s in (white, black)]
+    assert set(places[0].tolist()) != set(places[1].tolist())

@@ -1,0 +1,116 @@
+"""Copies of Gaussians in the side information: what is written is read, and lies are told by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from codec.gaussians.test_gaussians import DATAGRAM, covariances, some_splats
+from splatwire.byte_io import ByteReader
+from splatwire.codec import add_concealment, decode_stream, progressive_decoder
+from splatwire.codec.schemas.gaussians.copies import SECTION, read_copies
+from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
+from splatwire.codec.schemas.gaussians.decoder import open_side_info
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.conceal import conceal, concealer_names, create_concealer
+from splatwire.conceal.context import elements_of
+from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+
+GROWTH = (0.25, 0.75, 0.5)
+PLACES = np.array([3, 499, 17, 255, 256, 0, 42])
+
+
+@pytest.fixture(scope="module", params=[0, 2])
+def stream(request):
+    return encode_splats(some_splats(degree=request.param), DATAGRAM, quality=Quality(11.0))
+
+
+@pytest.fixture(scope="module")
+def section(stream):
+    info = open_side_info(stream.manifest, stream.side_info)
+    return write_copies(decode_stream(stream).scene.splats, PLACES, info, level=7, growth=GROWTH)
+
+
+def read(stream, section):
+    info = open_side_info(stream.manifest, stream.side_info)
+    return read_copies(replace(info, sections={SECTION: section}), stream.manifest.num_anchors)
+
+
+def test_what_is_written_is_read(stream, section) -> None:
+    whole, copies = decode_stream(stream).scene.splats, read(stream, section)
+    assert sorted(copies.places.tolist()) == sorted(PLACES.tolist())
+    assert copies.growth == GROWTH
+    true = whole.select(copies.places)
+    assert float((copies.splats.means - true.means).norm(dim=1).max()) < 0.01
+    torch.testing.assert_close(copies.splats.scales.log(), true.scales.log(), atol=0.1, rtol=0)
+    torch.testing.assert_close(copies.splats.opacities, true.opacities, atol=0.02, rtol=0.02)
+    torch.testing.assert_close(copies.splats.sh, true.sh, atol=0.05, rtol=0)
+    size = true.scales.max(dim=1).values[:, None, None] ** 2
+    torch.testing.assert_close(covariances(copies.splats) / size, covariances(true) / size, atol=0.1, rtol=0)
+
+
+def test_lost_ones_are_drawn_from_copies_and_what_arrived_stays(stream, section) -> None:
+    richer = add_concealment(stream, SECTION, section)
+    lossy = richer.with_packets(richer.packets[::2])
+    partial = decode_stream(lossy)
+    known, copied = partial.erasures.known, torch.zeros(500, dtype=torch.bool)
+    copied[PLACES] = True
+    assert 0 < int((~known & copied).sum()) < len(PLACES)
+    drawn = conceal(partial, "sketch")
+    assert torch.equal(drawn.hints.left_out, ~(known | copied))
+    for name, values in vars(partial.scene.splats).items():
+        assert torch.equal(getattr(drawn.splats, name)[known], values[known])
+    copies, lost = partial.copies, ~known[partial.copies.places]
+    assert torch.equal(drawn.splats.means[copies.places[lost]], copies.splats.means[lost])
+    assert float(drawn.hints.size_gain[known].max()) > 1
+    assert "sketch" in concealer_names(partial.concealment, "Gaussians")
+    arriving = progressive_decoder(lossy.manifest, lossy.side_info)
+    arriving.add(lossy.packets)
+    again = conceal(arriving.snapshot(), "sketch")
+    assert torch.equal(again.drawn().means, drawn.drawn().means)
+
+
+def test_without_copies_there_is_no_sketch(stream) -> None:
+    partial = decode_stream(stream.with_packets(stream.packets[1:]))
+    assert "sketch" not in concealer_names(partial.concealment, "Gaussians")
+    with pytest.raises(InvalidValueError, match="calibrate sketch"):
+        conceal(partial, "sketch")
+    with pytest.raises(InvalidValueError, match="calibrate sketch"):
+        create_concealer("sketch").hints(elements_of(partial))
+
+
+def test_lies_are_named(stream, section) -> None:
+    with pytest.raises(UnsupportedVersionError, match="version 9"):
+        read(stream, b"\x09" + section[1:])
+    for count in (0, 127):
+        with pytest.raises(BitstreamError, match="sketch"):
+            read(stream, section[:4] + bytes([count]) + section[5:])
+    reader = ByteReader(section, "sketch")
+    reader.take(5)
+    reader.blob()
+    at = len(section) - reader.left
+    for twice in (b"\x00" * 8, b"\xff" * 8):
+        with pytest.raises(BitstreamError, match="different Gaussians"):
+            read(stream, section[:at] + twice + section[at + 8 :])
+    for size in range(at + 7):
+        with pytest.raises(BitstreamError):
+            read(stream, section[:size])
+    info, whole = open_side_info(stream.manifest, stream.side_info), decode_stream(stream).scene.splats
+    with pytest.raises(InvalidValueError, match="class of precision 8"):
+        write_copies(whole, PLACES, info, level=8, growth=GROWTH)
+
+
+def test_any_bytes_give_finite_copies_or_an_error(stream, section) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        data = bytearray(section)
+        for at in rng.integers(0, len(data), rng.integers(1, 6)):
+            data[at] = rng.integers(256)
+        try:
+            copies = read(stream, bytes(data))
+        except BitstreamError:
+            continue
+        assert all(bool(values.isfinite().all()) for values in vars(copies.splats).values())
+        assert float(copies.splats.scales.min()) > 0
