@@ -1,12 +1,16 @@
 """The receiver in a browser, measured in headless Chromium; prints one JSON object.
 
-    splatwire encode scene.ply -o scene.swz --preset datagram
-    python benchmarks/browser.py scene.swz [--pages 20] [--rate 4] > benchmarks/results/browser.json
+    python benchmarks/browser.py [scene.swz] [--pages 20] [--rate 4] > benchmarks/results/browser.json
 
-* `bundle`: bytes of the page's one script, and compressed with gzip -9.
+The stream is one of explicit Gaussians in datagrams (`splatwire encode scene.ply -o scene.swz --preset datagram`), or
+the bundled scene's.
+
+* `bundle`: bytes of the page's two scripts, and compressed with gzip -9; a preview waits for the first of them only.
 * `decode`: processor time of a Gaussian in node, which has Chromium's engine, and in Python on one thread, in turns.
 * `pictures`: PSNR of the page's pictures against `splatwire render`, three views around the scene.
-* `lossy`: a relay loses 20 %, 20 ms each way; milliseconds from navigation to what is on the screen.
+* `lossy`: a relay loses 20 %, 20 ms each way; milliseconds from navigation to what is on the screen: the preview,
+  which the page itself carries, the first packets, and half of the Gaussians. Each time in a fresh page of a browser
+  that runs; the page comes over loopback and not through the relay. `threads_busy` is the machine's load meanwhile.
 * `pages`: so many pages of one browser at once: how many got every packet, and how many datagrams the path lost.
 
 Software WebGL on two cores: what draws here would not wait on a graphics card.
@@ -19,10 +23,12 @@ import gzip
 import io
 import json
 import math
+import os
 import random
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -31,16 +37,17 @@ import numpy as np
 import torch
 from PIL import Image
 
-import splatwire
+from splatwire.cli._bundled import SPLATS
+from splatwire.cli.serve import bundled_datagrams
 from splatwire.codec import decode_stream
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
-from splatwire.packets import SceneStream, read_stream
+from splatwire.packets import SceneStream, read_stream, write_stream
 from splatwire.render import render_scene
 from splatwire.scene import Cameras
 from splatwire.transport import ServerLimits, make_program
 from splatwire.transport.certificate import self_signed
 from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import Link, PageContent
+from splatwire.transport.page_content import DRAWING, SCRIPT, Link, PageContent, web_file
 from splatwire.transport.preview import stream_preview
 from splatwire.transport.quic import WEBTRANSPORT_PATH
 from splatwire.transport.quic_server import QuicServer
@@ -113,20 +120,26 @@ def pictures(page: Browser, stream: SceneStream) -> list[float]:
     return found
 
 
-def lossy(page: Browser, url: str, rounds: int = 5) -> dict[str, float]:
+def lossy(first: Browser, url: str, rounds: int = 7) -> dict[str, float]:
     times: dict[str, list[float]] = {}
+    first.open("about:blank")
     for _ in range(rounds):
-        opened(page, url)
+        time.sleep(2)  # the page before must be gone: it kept the processor busy with drawing
+        page = first.another()
+        page.open(url)
+        page.wait_for(OVER, 300)
         page.wait_for(f"{ELEMENT}.status.times.half > 0")
         for name, value in json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status.times)")).items():
             if value is not None:  # what was never on the screen by itself: the next thing came before it was drawn
                 times.setdefault(f"{name}_ms", []).append(value)
-    return {name: round(statistics.median(values)) for name, values in times.items()}
+        page.close()
+    found = {name: round(statistics.median(values)) for name, values in times.items()}
+    return found | {"threads_busy": round(os.getloadavg()[0], 1)}
 
 
 def many(url: str, count: int) -> dict[str, Any]:
     with browser() as first:
-        pages = [first, *(Browser(first._out, first._in) for _ in range(count - 1))]
+        pages = [first, *(first.another() for _ in range(count - 1))]
         for page in pages:
             page.open(url)
         for page in pages:
@@ -174,18 +187,25 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("stream", type=Path)
+    parser.add_argument("stream", type=Path, nargs="?")
     parser.add_argument("--pages", type=int, default=20)
     parser.add_argument("--rate", type=float, default=4.0)
     options = parser.parse_args()
-    stream, _ = read_stream(options.stream)
-    script = (Path(splatwire.__file__).parent / "transport" / "web" / "splatwire.js").read_bytes()
-    found = asyncio.run(measure(stream, options.rate, options.pages))
-    bundle = {"bytes": len(script), "gzip": len(gzip.compress(script, 9))}
+    with tempfile.TemporaryDirectory() as folder:
+        path = options.stream or Path(folder) / SPLATS
+        if options.stream is None:
+            write_stream(bundled_datagrams(SPLATS), path)
+        print(json.dumps(measured(path, options.rate, options.pages), indent=1))
+
+
+def measured(path: Path, rate: float, pages: int) -> dict[str, Any]:
+    stream, _ = read_stream(path)
+    scripts = {name: web_file(name).encode() for name in (SCRIPT, DRAWING)}
+    found = asyncio.run(measure(stream, rate, pages))
+    bundle = {name: {"bytes": len(text), "gzip": len(gzip.compress(text, 9))} for name, text in scripts.items()}
     scene = {"gaussians": stream.manifest.num_anchors, "bytes": stream.num_bytes}
-    decode = decode_times(options.stream.resolve(), stream)
-    content = {"scene": {"name": options.stream.stem, **scene}, "bundle": bundle, "decode": decode, **found}
-    print(json.dumps(content, indent=1))
+    decode = decode_times(path.resolve(), stream)
+    return {"scene": {"name": path.stem, **scene}, "bundle": bundle, "decode": decode, **found}
 
 
 if __name__ == "__main__":

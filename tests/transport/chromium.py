@@ -36,8 +36,16 @@ class Browser:
 
     def __init__(self, to_browser: int, from_browser: int) -> None:
         self._out, self._in, self._rest, self._count = to_browser, from_browser, b"", 0
-        target = self._call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
+
+    def another(self) -> "Browser":
+        """One more page of the same browser."""
+        return Browser(self._out, self._in)
+
+    def close(self) -> None:
+        """Closes the page, not the browser."""
+        self._call("Target.closeTarget", targetId=self._target)
 
     def open(self, url: str) -> None:
         self._call("Page.navigate", self._session, url=url)

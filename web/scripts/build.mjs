@@ -1,10 +1,12 @@
-// node scripts/build.mjs FILE: writes the bundle.
+// node scripts/build.mjs FOLDER: writes the bundles.
 
 import { writeFileSync } from "node:fs";
+import { join } from "node:path";
 import { gzipSync } from "node:zlib";
 
-import { bundle } from "./bundle.mjs";
+import { bundles } from "./bundle.mjs";
 
-const text = await bundle();
-writeFileSync(process.argv[2], text);
-console.log(`${process.argv[2]}: ${Buffer.byteLength(text).toLocaleString()} bytes, ${gzipSync(text, { level: 9 }).length.toLocaleString()} compressed`);
+for (const [name, text] of await bundles()) {
+  writeFileSync(join(process.argv[2], name), text);
+  console.log(`${name}: ${Buffer.byteLength(text).toLocaleString()} bytes, ${gzipSync(text, { level: 9 }).length.toLocaleString()} compressed`);
+}

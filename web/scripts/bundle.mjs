@@ -1,6 +1,7 @@
 // How the bundle is made: the worker first, whose text is then a part of it.
 
 import { readFileSync } from "node:fs";
+import { basename } from "node:path";
 import { fileURLToPath } from "node:url";
 
 import { build } from "esbuild";
@@ -20,9 +21,10 @@ const worker = {
   },
 };
 
-/** The bundle's text, the same for the same sources and the packages of the lock file. */
-export async function bundle() {
+/** Text of each bundle by its name, the same for the same sources and the packages of the lock file. */
+export async function bundles() {
   const banner = { js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) and @noble/hashes (MIT) */` };
-  const made = await build({ ...common, entryPoints: ["src/main.ts"], format: "esm", plugins: [worker], banner, logLevel: "error" });
-  return made.outputFiles[0].text;
+  const entryPoints = { splatwire: "src/main.ts", "splatwire-view": "src/view.ts" };
+  const made = await build({ ...common, entryPoints, outdir: ".", format: "esm", plugins: [worker], banner, logLevel: "error" });
+  return made.outputFiles.map(({ path, text }) => [basename(path), text]);
 }

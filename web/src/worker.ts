@@ -9,7 +9,7 @@ import { Received } from "./transport/received.ts";
 import { receiveBytes, receiveFile } from "./transport/reliable.ts";
 import { receiveDatagrams } from "./transport/webtransport.ts";
 
-const SHOW_MS = 100, SLICE_MS = 8;
+const SHOW_MS = 60, SLICE_MS = 8;
 
 const say = (message: FromWorker, hand: ArrayBuffer[] = []): void => self.postMessage(message, { transfer: hand });
 

@@ -267,5 +267,6 @@ def bundled_datagrams(name: str) -> "SceneStream":
             progress=lambda share: show("encoding it as datagrams", share),
         )  # fmt: skip
     datagrams = add_concealment(datagrams, VIEWPOINT, viewpoint_section(cameras))
-    preview = stream_preview(stream.side_info, stream.manifest.codec)
+    looked_at = read_stream(_bundled.ASSETS / _bundled.SCENE)[0]  # its preview is one of its Gaussians, too
+    preview = stream_preview(looked_at.side_info, looked_at.manifest.codec)
     return add_concealment(datagrams, SECTION, preview) if preview else datagrams

@@ -7,14 +7,14 @@ import html
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream, stream_to_bytes
 from splatwire.packets.manifest import GAUSSIANS
-from splatwire.transport.page_content import web_file
+from splatwire.transport.page_content import DRAWING, SCRIPT, STYLE, web_file
 
 _PAGE = """\
 <!doctype html>
 <html lang="en">
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src '{script_hash}'; \
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src '{drawing_hash}' '{script_hash}'; \
 style-src '{style_hash}'; img-src data:; worker-src blob:; base-uri 'none'; form-action 'none'">
 <title>{title}</title>
 <link rel="icon" href="data:,">
@@ -22,6 +22,7 @@ style-src '{style_hash}'; img-src data:; worker-src blob:; base-uri 'none'; form
 <splat-wire data="stream"></splat-wire>
 <noscript>This page draws with JavaScript.</noscript>
 <script type="application/octet-stream" id="stream">{stream}</script>
+<script type="module">{drawing}</script>
 <script type="module">{script}</script>
 </html>
 """
@@ -42,13 +43,15 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
             "the stream carries anchors with neural heads, which a browser does not draw: make explicit Gaussians of "
             "it (splatwire export ply, then splatwire encode)"
         )
-    script, style = web_file("splatwire.js"), web_file("page.css")
+    script, drawing, style = web_file(SCRIPT), web_file(DRAWING), web_file(STYLE)
     return _PAGE.format(
+        drawing_hash=_source_hash(drawing),
         script_hash=_source_hash(script),
         style_hash=_source_hash(style),
         title=html.escape(title),
         style=style,
         stream=base64.b64encode(stream_to_bytes(stream)).decode(),
+        drawing=drawing,
         script=script,
     ).encode()
 

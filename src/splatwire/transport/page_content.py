@@ -1,5 +1,7 @@
 """What the page server answers: bytes in, bytes out, no socket."""
 
+import base64
+import gzip
 import html
 import ipaddress
 import json
@@ -7,6 +9,7 @@ import re
 import socket
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 from urllib.parse import quote, unquote
@@ -16,7 +19,9 @@ from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION
 from splatwire.transport.layout import Segments, split_head_object
 from splatwire.transport.program import Program
 
-FILES = {"/splatwire.js": ("splatwire.js", "text/javascript"), "/page.css": ("page.css", "text/css")}
+SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
+"""What receives, what it loads to draw with, and what the page looks like."""
+FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
 STREAMS = "/streams/"
 _SHARED = "Access-Control-Allow-Origin: *\r\n"
 """Scripts and streams may be used by pages of other sites, into which the scene is embedded."""
@@ -75,17 +80,18 @@ class PageContent:
             )
         target, _, query = words[1].partition("?")
         found = self._find(target, query, called, headers.get("origin"))
-        return _response(*found, bodiless=words[0] == "HEAD") if found else _response("404 Not Found")
+        if found is None:
+            return _response("404 Not Found")
+        packed = target[1:] in FILES and "gzip" in headers.get("accept-encoding", "")
+        return _response(*found, bodiless=words[0] == "HEAD", packed=packed)
 
     def _find(self, target: str, query: str, called: str, origin: str | None) -> tuple[str, str, bytes, str] | None:
         """Status, kind, body and further headers of a target."""
         if target == "/":
             return "200 OK", "text/html; charset=utf-8", self._page(query, called).encode(), self._policy(called)
         shared = _SHARED if self.origins is None else self._shared(origin)
-        if target in FILES:
-            name, kind = FILES[target]
-            body = web_file(name).encode()
-            return "200 OK", f"{kind}; charset=utf-8", body, shared
+        if kind := FILES.get(target[1:]):
+            return "200 OK", f"{kind}; charset=utf-8", web_file(target[1:]).encode(), shared
         if target == "/streams.json":
             return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
         name = unquote(target.removeprefix(STREAMS).removesuffix(".swz"))
@@ -100,6 +106,8 @@ class PageContent:
         if self.link:
             attributes["session"] = f"https://{called}:{self.link.port}{self.link.path}"
             attributes["fingerprint"] = self.link.fingerprint or ""
+        if name in self.programs and (preview := self.programs[name].preview):
+            attributes["preview"] = base64.b64encode(preview).decode()
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
         return web_file("index.html").replace("$attributes", words)
 
@@ -158,6 +166,11 @@ def _hostname(asked: str) -> str:
     return asked.partition("]")[0] + "]" if asked.startswith("[") else asked.partition(":")[0]
 
 
+@lru_cache(maxsize=len(FILES))
+def _packed(body: bytes) -> bytes:
+    return gzip.compress(body, mtime=0)
+
+
 def _response(
     status: str,
     kind: str = "text/plain; charset=utf-8",
@@ -165,8 +178,11 @@ def _response(
     headers: str = "",
     *,
     bodiless: bool = False,
+    packed: bool = False,
 ) -> bytes:
     body = body or f"{status}\n".encode()
+    if packed:
+        body, headers = _packed(body), f"{headers}Content-Encoding: gzip\r\n"
     head = (
         f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n{headers}"
         "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n"

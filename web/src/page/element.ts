@@ -3,10 +3,12 @@
 import SOURCE from "worker:receiver";
 
 import type { FromWorker, ToWorker } from "../transport/messages.ts";
-import { View, type FixedCamera } from "../render/view.ts";
+import { readPreview, type Preview } from "../codec/preview.ts";
+import type { FixedCamera, View } from "../render/view.ts";
 import { resolveSource } from "./address.ts";
 import { drawDifference, pixelsOf } from "./difference.ts";
 import { Panel } from "./panel.ts";
+import { Stage } from "./stage.ts";
 import { STYLE } from "./style.ts";
 
 const AGAIN_MS = 400, STILL_MS = 300;
@@ -21,17 +23,18 @@ export interface Status {
   way: string;
   /** Time that the worker spent on decoding. */
   decodeMs: number;
-  /** Milliseconds since navigation: preview, first Gaussians and half of the packets on the screen. */
+  /** Milliseconds since navigation: preview, first Gaussians and half of them on the screen. */
   times: Record<string, number>;
 }
 
 export class SplatWire extends HTMLElement {
   readonly status: Status = { finished: null, failed: null, complete: false, gaussians: 0, packets: 0, way: "", decodeMs: 0, times: {} };
   #worker: Worker | null = null;
-  #view: View | null = null;
+  readonly #stage = new Stage();
   #panel!: Panel;
   #over!: HTMLCanvasElement;
-  #expected = 0;
+  /** Of the whole scene. */
+  #gaussians = 0;
   #size = 1;
   #ask = 0;
   #gained = 0;
@@ -45,18 +48,18 @@ export class SplatWire extends HTMLElement {
     const root = this.attachShadow({ mode: "open" }), style = new CSSStyleSheet();
     style.replaceSync(STYLE);
     root.adoptedStyleSheets = [style];
-    const canvas = document.createElement("canvas");
     this.#over = document.createElement("canvas");
     this.#over.className = "over";
-    canvas.tabIndex = 0;
     this.#panel = new Panel(() => this.#settingsChanged(), () => this.#flip(), { "copy link": () => this.#link(), "copy embed code": () => this.#embed() });
-    root.append(canvas, this.#over, this.#panel.element);
+    root.append(this.#stage.canvas, this.#stage.first, this.#over, this.#panel.element);
     if (this.getAttribute("panel") === "none") this.#panel.element.hidden = true;
     this.#panel.element.open = this.clientWidth > 560;
     this.#readAddress();
+    const fail = (error: unknown): void => this.#fail((error as Error).message);
     // First of all packets come, in a thread of their own: making ready to draw takes longer than the first of them.
-    this.#open().catch((error: unknown) => this.#fail((error as Error).message));
-    this.#draw(canvas);
+    this.#open().catch(fail);
+    this.#begin();
+    this.#stage.open().then(() => this.#conceal(), fail);
   }
 
   disconnectedCallback(): void {
@@ -64,7 +67,7 @@ export class SplatWire extends HTMLElement {
   }
 
   get view(): View | null {
-    return this.#view;
+    return this.#stage.view;
   }
 
   get panel(): Panel {
@@ -79,7 +82,8 @@ export class SplatWire extends HTMLElement {
 
   /** A PNG of the scene as a camera of splatwire sees it, in the camera's size. */
   async picture(camera: FixedCamera): Promise<string> {
-    const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms)), view = this.#view!;
+    const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
+    const view = await new Promise<View>((resolve) => this.#stage.draw(resolve));
     view.fix(camera);
     while (this.#gained !== this.#ask) await pause(50);
     await view.frame();
@@ -94,15 +98,12 @@ export class SplatWire extends HTMLElement {
     return now;
   }
 
-  #draw(canvas: HTMLCanvasElement): void {
-    try {
-      this.#view = new View(canvas);
-    } catch (error) {
-      return this.#fail(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
-    }
-    if (this.getAttribute("up") === "-y") this.#view.orbit.yDown();
-    this.#view.orbit.turned = this.#fields().get("turned") === "1";
-    new ResizeObserver(() => this.#view?.resize()).observe(this);
+  #begin(): void {
+    const { canvas, orbit } = this.#stage, preview = this.getAttribute("preview");
+    if (this.getAttribute("up") === "-y") orbit.yDown();
+    orbit.turned = this.#fields().get("turned") === "1";
+    if (preview) this.#preview(() => readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0))));
+    new ResizeObserver(() => this.#stage.resize()).observe(this);
     canvas.addEventListener("webglcontextlost", () => this.#fail("The browser took the graphics card away; load the page again."));
     this.addEventListener("keydown", (event) => this.#key(event));
     canvas.addEventListener("pointermove", () => this.#moved());
@@ -126,20 +127,16 @@ export class SplatWire extends HTMLElement {
   }
 
   #heard(message: FromWorker): void {
-    const view = this.#view, panel = this.#panel;
+    const panel = this.#panel;
     switch (message.kind) {
       case "preview":
-        if (!view || this.#expected) return;
-        view.begin(1);
-        view.background(message.background);
-        view.add(message.splats);
-        this.#time("preview");
-        return panel.say("A preview; the scene is on its way.");
+        if (!this.#gaussians) this.#preview(() => message);
+        return;
       case "facts":
-        this.#expected = message.facts.packets;
+        this.#gaussians = message.facts.gaussians;
         this.#size = 2 ** message.facts.sizeLog;
-        view?.background(message.facts.background);
-        if (message.facts.viewpoint) view?.start(message.facts.viewpoint);
+        this.#stage.background(message.facts.background);
+        if (message.facts.viewpoint) this.#stage.start(message.facts.viewpoint);
         return;
       case "splats":
         return this.#add(message);
@@ -164,15 +161,29 @@ export class SplatWire extends HTMLElement {
         this.#digest?.(message.found === message.expected);
     }
   }
+
+  /** What there is to see until the scene comes; one that is no preview is nothing to fail for. */
+  #preview(read: () => Preview): void {
+    try {
+      this.#stage.preview(read()).then(() => (this.status.times["preview"] ??= performance.now()));
+      this.#panel.say("A preview; the scene is on its way.");
+    } catch (error) {
+      this.#panel.say((error as Error).message);
+    }
+  }
+
   #add({ splats }: FromWorker & { kind: "splats" }): void {
-    const view = this.#view;
-    if (!view) return;
-    if (this.status.gaussians === 0) view.begin(this.#size);
-    view.add(splats);
-    this.status.gaussians = view.count;
-    this.panel.tell("Gaussians", view.count.toLocaleString());
+    const stage = this.#stage;
+    if (this.status.gaussians === 0) stage.begin(this.#size);
+    stage.add(splats);
+    this.status.gaussians = stage.count;
+    this.panel.tell("Gaussians", stage.count.toLocaleString());
     this.#time("first");
-    this.#concealSoon();
+    if (stage.count >= this.#gaussians / 2) {
+      this.#time("half");
+      stage.enough();
+    }
+    if (stage.view) this.#concealSoon();
   }
 
   #count({ counts, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
@@ -189,7 +200,6 @@ export class SplatWire extends HTMLElement {
     panel.tell("decoding", `${(decodeMs / 1000).toFixed(2)} s`);
     panel.tell("way", counts.way);
     if (share > 0 && !status.finished) panel.say("Receiving ...");
-    if (share >= 0.5) this.#time("half");
   }
 
   #fail(text: string): void {
@@ -218,7 +228,7 @@ export class SplatWire extends HTMLElement {
   #show(): void {
     const lossless = this.#panel.settings.show === "lossless";
     this.#over.classList.remove("shown");
-    this.#view?.setGains(lossless ? null : this.#gains);
+    this.#stage.draw((view) => view.setGains(lossless ? null : this.#gains));
     this.#moved();
   }
 
@@ -231,7 +241,8 @@ export class SplatWire extends HTMLElement {
   }
 
   async #compare(): Promise<void> {
-    const view = this.#view!, gains = this.#gains, still = this.#still;
+    const { view } = this.#stage, gains = this.#gains, still = this.#still;
+    if (!view) return;
     if (gains?.every((gain) => gain === 1)) return this.#panel.tell("PSNR", "no loss");
     view.setGains(null);
     await view.frame();
@@ -245,7 +256,7 @@ export class SplatWire extends HTMLElement {
   }
 
   #flip(): void {
-    this.#view?.orbit.flip();
+    this.#stage.orbit.flip();
     this.#moved();
   }
 
@@ -254,7 +265,7 @@ export class SplatWire extends HTMLElement {
     if (event.ctrlKey || event.metaKey || event.altKey || origin instanceof HTMLInputElement || origin instanceof HTMLSelectElement) return;
     if (event.key === "f") this.#flip();
     else if (event.key === "h") this.#panel.element.hidden = !this.#panel.element.hidden;
-    else if (!this.#view?.orbit.key(event.key, event.shiftKey)) return;
+    else if (!this.#stage.orbit.key(event.key, event.shiftKey)) return;
     this.#moved();
     event.preventDefault();
   }
@@ -272,7 +283,7 @@ export class SplatWire extends HTMLElement {
 
   #link(): string {
     const { concealer, dropped } = this.#panel.settings, address = new URL(location.href);
-    const turned = this.#view?.orbit.turned ? { turned: "1" } : {};
+    const turned = this.#stage.orbit.turned ? { turned: "1" } : {};
     address.hash = new URLSearchParams({ concealer, drop: String(dropped), ...turned }).toString();
     return address.href;
   }
@@ -283,9 +294,9 @@ export class SplatWire extends HTMLElement {
   }
 
   #time(name: string): void {
-    if (name in this.status.times || !this.#view) return;
+    if (name in this.status.times) return;
     this.status.times[name] = NaN;
-    this.#view.sorted().then(() => (this.status.times[name] = performance.now()), () => undefined);
+    this.#stage.shown().then(() => (this.status.times[name] = performance.now()));
   }
 
   #send(message: ToWorker): void {

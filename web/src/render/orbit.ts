@@ -5,6 +5,9 @@ import { Quat, Vec3 } from "playcanvas";
 const TURN = 0.005, KEY_TURN = 0.08, KEY_ZOOM = 0.9, WHEEL = 0.0012, STEEPEST = 1.55;
 const UPSIDE_DOWN = new Quat().setFromEulerAngles(0, 0, 180);
 
+/** Vertical field of view, degrees. */
+export const FIELD_OF_VIEW = 50;
+
 export interface Pose {
   readonly position: Vec3;
   readonly rotation: Quat;

@@ -2,16 +2,15 @@
 
 import {
   AppBase, AppOptions, CameraComponentSystem, Color, Entity, FILLMODE_NONE, GAMMA_SRGB, GSPLATDATA_LARGE, GSplatComponentSystem, Mat4, Quat,
-  RESOLUTION_FIXED, TONEMAP_NONE, WebglGraphicsDevice, WORKBUFFER_UPDATE_ONCE, type GSplatComponent, Vec3,
+  RESOLUTION_FIXED, TONEMAP_NONE, WebglGraphicsDevice, WORKBUFFER_UPDATE_ONCE, type GSplatComponent,
 } from "playcanvas";
 
-import type { Viewpoint } from "../codec/decoder.ts";
 import type { Splats } from "../codec/splats.ts";
 import { Gaussians } from "./container.ts";
-import { Orbit } from "./orbit.ts";
+import { FIELD_OF_VIEW, type Orbit } from "./orbit.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 
-const FIRST_ROOM = 4096, SAMPLES = 4000, FIELD_OF_VIEW = 50;
+const FIRST_ROOM = 4096;
 /** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
 const SORT_MS = 5000;
 
@@ -23,7 +22,6 @@ export interface FixedCamera {
 }
 
 export class View {
-  readonly orbit: Orbit;
   readonly #app: AppBase;
   readonly #camera: Entity;
   readonly #scene: Entity;
@@ -34,11 +32,9 @@ export class View {
   #fixed: FixedCamera | null = null;
   #frame: (() => void)[] = [];
   #sorted: (() => void)[] = [];
-  /** How many Gaussians there were when the camera was pointed at them. */
-  #framed = 0;
   #isSorted = false;
 
-  constructor(readonly canvas: HTMLCanvasElement) {
+  constructor(readonly canvas: HTMLCanvasElement, readonly orbit: Orbit) {
     const device = new WebglGraphicsDevice(canvas, { antialias: false, alpha: false, powerPreference: "high-performance" });
     const options = new AppOptions();
     options.graphicsDevice = device;
@@ -60,7 +56,6 @@ export class View {
     this.#camera.addComponent("camera", { nearClip: 0.01, farClip: 2000, fov: FIELD_OF_VIEW, toneMapping: TONEMAP_NONE, gammaCorrection: GAMMA_SRGB });
     this.#app.root.addChild(this.#camera);
     this.#app.root.addChild(this.#scene);
-    this.orbit = new Orbit(canvas, () => this.touch());
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
     this.#app.scene.on("gsplat:sorted", () => (this.#isSorted = true));
@@ -90,19 +85,9 @@ export class View {
     this.touch();
   }
 
-  /** Begins where the stream says, unless somebody moved before. */
-  start({ eye, target, up }: Viewpoint): void {
-    if (this.orbit.touched) return;
-    const scaled = (point: readonly number[]): Vec3 => new Vec3(...point.map((value) => value / this.#size));
-    this.orbit.place(scaled(eye), scaled(target), new Vec3(...up));
-    this.touch();
-  }
-
-  /** Begins anew with Gaussians of a scene of this size (world units); the camera stays where it is. */
+  /** Begins anew with Gaussians of a scene of this size (world units). */
   begin(size: number): void {
-    this.orbit.rescale(this.#size / size);
     this.#all = [];
-    this.#framed = 0;
     this.#gains = null;
     this.#size = size;
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
@@ -115,7 +100,6 @@ export class View {
     const count = this.#all.reduce((sum, part) => sum + part.count, 0);
     if (!this.#gaussians || this.#gaussians.capacity < count) this.#enlarge(count, splats.degree);
     else this.#gaussians.add(splats, this.#size);
-    if (!this.orbit.touched && !this.orbit.placed && count >= 1.5 * this.#framed) this.#lookAt(count);
     this.#changed();
   }
 
@@ -149,7 +133,8 @@ export class View {
   }
 
   #changed(): void {
-    (this.#scene.gsplat as GSplatComponent | undefined)!.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    const scene = this.#scene.gsplat as GSplatComponent | undefined;
+    if (scene) scene.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
     this.touch();
   }
 
@@ -164,22 +149,11 @@ export class View {
     this.#gaussians = larger;
   }
 
-  /** Frames what is there: the middle, and nine tenths of the Gaussians around it, of which some thousand are looked at. */
-  #lookAt(count: number): void {
-    const step = Math.max(Math.floor(count / SAMPLES), 1), points: number[][] = [];
-    for (const { means } of this.#all) {
-      for (let i = 0; i < means.length; i += 3 * step) points.push([means[i] / this.#size, means[i + 1] / this.#size, means[i + 2] / this.#size]);
-    }
-    const middle = [0, 1, 2].map((a) => quantile(points.map((point) => point[a]), 0.5));
-    this.orbit.frame(middle, quantile(points.map((point) => Math.hypot(point[0] - middle[0], point[1] - middle[1], point[2] - middle[2])), 0.9));
-    this.#framed = count;
-  }
-
   #beforeFrame(): void {
     if (!this.#fixed) {
       const { position, rotation } = this.orbit.pose();
-      this.#camera.setPosition(position);
-      this.#camera.setRotation(rotation);
+      this.#camera.setPosition(position.x, position.y, position.z);
+      this.#camera.setRotation(rotation.x, rotation.y, rotation.z, rotation.w);
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
   }
 
@@ -189,10 +163,6 @@ export class View {
     this.#isSorted = false;
     for (const resolve of this.#sorted.splice(0)) resolve();
   }
-}
-
-function quantile(values: number[], share: number): number {
-  return values.sort((a, b) => a - b)[Math.floor((values.length - 1) * share)];
 }
 
 function placeFixed(camera: Entity, [x, y, z]: readonly (readonly number[])[], size: number): void {

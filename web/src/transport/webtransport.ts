@@ -4,7 +4,9 @@ import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
 import { Transfer } from "./transfer.ts";
 
-const FEEDBACK_MS = 20, HANDSHAKES = 5, HANDSHAKE_PAUSE_MS = 100, PATIENCE_MS = 4000, SILENCE_MS = 10000;
+const FEEDBACK_MS = 20, PATIENCE_MS = 4000, SILENCE_MS = 10000;
+/** When handshakes begin, as long as none has come about. */
+const HANDSHAKES_MS = [0, 200, 500, 900, 1400];
 
 export interface Session {
   readonly url: string;
@@ -87,27 +89,33 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
 }
 
 /**
- * A session that is open. A first flight that loses its first datagram can make the server refuse the handshake, so it
- * is tried again, each time after a longer pause; the last refusal is the error.
+ * The first session that opens. A first flight that loses its first datagram can make the server refuse the handshake, and
+ * one that loses a later one waits long: others begin beside it.
  */
 async function open({ url, fingerprint }: Session): Promise<WebTransport> {
-  const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" };
+  const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" }, begun: WebTransport[] = [];
   if (fingerprint) {
     const value = Uint8Array.from(fingerprint.match(/../g) ?? [], (digits) => parseInt(digits, 16));
     options.serverCertificateHashes = [{ algorithm: "sha-256", value }];
   }
-  const until = performance.now() + PATIENCE_MS;
-  for (let attempt = 1; ; attempt++) {
+  let found: WebTransport | null = null;
+  const attempts = HANDSHAKES_MS.map(async (ms) => {
+    await pause(ms);
+    if (found) return found;
     const transport = new WebTransport(url, options);
+    begun.push(transport);
     transport.closed.catch(() => undefined);
-    const late = new Promise<never>((_, refuse) => setTimeout(() => refuse(new Error("no answer")), Math.max(until - performance.now(), 0)));
-    try {
-      await Promise.race([transport.ready, late]);
-      return transport;
-    } catch (error) {
-      transport.close();
-      if (attempt === HANDSHAKES || performance.now() >= until) throw error;
-    }
-    await new Promise((resolve) => setTimeout(resolve, HANDSHAKE_PAUSE_MS * attempt));
+    await transport.ready;
+    return (found ??= transport);
+  });
+  const late = pause(PATIENCE_MS).then(() => Promise.reject(new Error("no answer")));
+  try {
+    return await Promise.race([Promise.any(attempts), late]);
+  } catch (error) {
+    throw error instanceof AggregateError ? error.errors[0] : error;
+  } finally {
+    for (const transport of begun) if (transport !== found) transport.close();
   }
 }
+
+const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));

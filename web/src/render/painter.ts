@@ -1,0 +1,118 @@
+// The first pictures, on a plain canvas: Gaussians are drawn by the processor until there is WebGL.
+
+import { Vec3 } from "playcanvas";
+
+import type { Splats } from "../codec/splats.ts";
+import { FIELD_OF_VIEW, type Pose } from "./orbit.ts";
+
+/** Pixels of a picture: Gaussians of a preview are few and large. */
+const MOST_PIXELS = 65_000, PREVIEW_PIXELS = 10_000, PREVIEW_COUNT = 256;
+const NEAREST = 0.01, BLUR = 0.3, OPAQUE = 1 / 255, STEPS = 1024, BUCKETS = 1 << 14;
+/** exp(-q/2) for q from 0 to 2 ln 255, where even an opaque Gaussian fades out. */
+const FARTHEST = 2 * Math.log(255), FALLOFF = Float32Array.from({ length: STEPS + 2 }, (_, n) => Math.exp((-0.5 * n * FARTHEST) / STEPS));
+/** Numbers of a projected Gaussian: depth, x, y, inverse covariance a b c, half height, opacity, red, green, blue. */
+const ROW = 11;
+
+export interface Painted {
+  readonly parts: readonly Splats[];
+  /** World units of one unit of the pose. */
+  readonly size: number;
+  readonly background: readonly number[];
+  readonly pose: Pose;
+}
+
+/** Paints what `render/shaders.ts` would draw, without harmonics and in a picture of few pixels, on a canvas that is as large on the page. */
+export function paint(canvas: HTMLCanvasElement, { parts, size, background, pose }: Painted): void {
+  const most = parts.length === 1 && parts[0].count < PREVIEW_COUNT ? PREVIEW_PIXELS : MOST_PIXELS;
+  const shrink = Math.min(1, Math.sqrt(most / Math.max(canvas.clientWidth * canvas.clientHeight, 1)));
+  const width = Math.max(Math.round(canvas.clientWidth * shrink), 1), height = Math.max(Math.round(canvas.clientHeight * shrink), 1);
+  const { rows, count } = project(parts, size, pose, width, height), light = new Float32Array(4 * width * height);
+  for (let p = 3; p < light.length; p += 4) light[p] = 1;
+  for (const n of nearestFirst(rows, count)) splat(rows.subarray(ROW * n, ROW * (n + 1)), light, width, height);
+  const picture = new ImageData(width, height), out = picture.data;
+  for (let p = 0; p < out.length; p += 4) {
+    for (let c = 0; c < 3; c++) out[p + c] = 255 * (light[p + c] + light[p + 3] * background[c]);
+    out[p + 3] = 255;
+  }
+  canvas.width = width;
+  canvas.height = height;
+  canvas.getContext("2d")!.putImageData(picture, 0, 0);
+}
+
+/** Gaussians in front of the camera, as ellipses on the screen. */
+function project(parts: readonly Splats[], size: number, { position, rotation }: Pose, width: number, height: number): { rows: Float32Array; count: number } {
+  const rows = new Float32Array(ROW * parts.reduce((sum, part) => sum + part.count, 0)), back = rotation.clone().invert();
+  const [r, u, b] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map(([x, y, z]) => back.transformVector(new Vec3(x, y, z), new Vec3()));
+  const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360), limitX = (1.3 * width) / 2 / focal, limitY = (1.3 * height) / 2 / focal;
+  let count = 0;
+  for (const { means, scales, quats, opacities, colours, count: number } of parts) {
+    for (let i = 0; i < number; i++) {
+      const dx = means[3 * i] / size - position.x, dy = means[3 * i + 1] / size - position.y, dz = means[3 * i + 2] / size - position.z;
+      const x = r.x * dx + u.x * dy + b.x * dz, y = r.y * dx + u.y * dy + b.y * dz, depth = -(r.z * dx + u.z * dy + b.z * dz);
+      const opacity = opacities[i], reach = 2 * Math.log(opacity * 255);
+      if (depth < NEAREST || !(reach > 0)) continue;
+      const tx = Math.min(Math.max(x / depth, -limitX), limitX), ty = Math.min(Math.max(y / depth, -limitY), limitY), scale = focal / depth;
+      const qw = quats[4 * i], qx = quats[4 * i + 1], qy = quats[4 * i + 2], qz = quats[4 * i + 3];
+      let xx = BLUR, xy = 0, yy = BLUR;
+      for (let axis = 0; axis < 3; axis++) {
+        const s = scales[3 * i + axis] / size;
+        const vx = s * (axis === 0 ? 1 - 2 * (qy * qy + qz * qz) : axis === 1 ? 2 * (qx * qy - qw * qz) : 2 * (qx * qz + qw * qy));
+        const vy = s * (axis === 0 ? 2 * (qx * qy + qw * qz) : axis === 1 ? 1 - 2 * (qx * qx + qz * qz) : 2 * (qy * qz - qw * qx));
+        const vz = s * (axis === 0 ? 2 * (qx * qz - qw * qy) : axis === 1 ? 2 * (qy * qz + qw * qx) : 1 - 2 * (qx * qx + qy * qy));
+        const away = r.z * vx + u.z * vy + b.z * vz;
+        const across = scale * (r.x * vx + u.x * vy + b.x * vz + tx * away), down = -scale * (r.y * vx + u.y * vy + b.y * vz + ty * away);
+        xx += across * across;
+        xy += across * down;
+        yy += down * down;
+      }
+      const px = width / 2 + focal * (x / depth), py = height / 2 - focal * (y / depth), high = Math.sqrt(reach * yy), wide = Math.sqrt(reach * xx);
+      if (px + wide < 0 || px - wide > width || py + high < 0 || py - high > height) continue;
+      const one = 1 / (xx * yy - xy * xy), at = ROW * count++;
+      rows[at] = depth;
+      rows[at + 1] = px;
+      rows[at + 2] = py;
+      rows[at + 3] = yy * one;
+      rows[at + 4] = -xy * one;
+      rows[at + 5] = xx * one;
+      rows[at + 6] = high;
+      rows[at + 7] = opacity;
+      for (let c = 0; c < 3; c++) rows[at + 8 + c] = Math.max(colours[3 * i + c], 0);
+    }
+  }
+  return { rows, count };
+}
+
+/** Order of depth, as fine as buckets of its logarithm. */
+function nearestFirst(rows: Float32Array, count: number): Uint32Array {
+  const keys = new Uint16Array(count), firsts = new Uint32Array(BUCKETS + 1), order = new Uint32Array(count);
+  let low = Infinity, high = -Infinity;
+  for (let n = 0; n < count; n++) {
+    low = Math.min(low, rows[ROW * n]);
+    high = Math.max(high, rows[ROW * n]);
+  }
+  const scale = (BUCKETS - 1) / Math.max(Math.log(high / low), 1e-9);
+  for (let n = 0; n < count; n++) firsts[(keys[n] = scale * Math.log(rows[ROW * n] / low)) + 1]++;
+  for (let k = 0; k < BUCKETS; k++) firsts[k + 1] += firsts[k];
+  for (let n = 0; n < count; n++) order[firsts[keys[n]]++] = n;
+  return order;
+}
+
+/** Adds one Gaussian behind those that are there: `light` holds red, green, blue and the share of light that still passes. */
+function splat(row: Float32Array, light: Float32Array, width: number, height: number): void {
+  const [, px, py, a, b, c, high, opacity, red, green, blue] = row, reach = 2 * Math.log(opacity * 255);
+  for (let y = Math.max(Math.ceil(py - high - 0.5), 0), last = Math.min(py + high - 0.5, height - 1); y <= last; y++) {
+    const dy = y + 0.5 - py, inside = b * b * dy * dy - a * (c * dy * dy - reach);
+    if (inside <= 0) continue;
+    const middle = px - (b * dy) / a - 0.5, half = Math.sqrt(inside) / a, end = Math.min(middle + half, width - 1);
+    for (let x = Math.max(Math.ceil(middle - half), 0); x <= end; x++) {
+      const at = 4 * (y * width + x), passes = light[at + 3];
+      if (passes < OPAQUE) continue;
+      const dx = x + 0.5 - px, q = a * dx * dx + 2 * b * dx * dy + c * dy * dy;
+      const alpha = Math.min(opacity * FALLOFF[Math.min((q * (STEPS / FARTHEST)) | 0, STEPS)], 0.99), weight = alpha * passes;
+      light[at] += weight * red;
+      light[at + 1] += weight * green;
+      light[at + 2] += weight * blue;
+      light[at + 3] = passes - weight;
+    }
+  }
+}
