@@ -11,13 +11,24 @@ from scenes import tiny_causal_scene
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene, progressive_decoder, scene_in_order
 from splatwire.codec.schemas.causal.context import CodingContext, exponential
-from splatwire.codec.schemas.causal.packet_coder import decode_packets, encode_packets, quantise
+from splatwire.codec.schemas.causal.encoder import HEAD_SHARE, _balanced
+from splatwire.codec.schemas.causal.packet_coder import (
+    cut_packets,
+    decode_packets,
+    encode_packets,
+    quantise,
+)
+from splatwire.codec.schemas.causal.places import Places, read_places, share_places
 from splatwire.codec.schemas.causal.reference import decode_reference
 from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
+from splatwire.conceal import conceal
+from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_partial, load_scene, save_partial, save_scene
-from splatwire.packets import CAUSAL, PRESETS, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.model.voxels import voxel_indices
+from splatwire.ops.morton import morton_encode
+from splatwire.packets import CAUSAL, PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +43,13 @@ def stream(scene: AnchorScene) -> SceneStream:
 
 @pytest.fixture(scope="module")
 def info(stream: SceneStream) -> SideInfo:
-    return read_side_info(stream.side_info, stream.manifest.num_anchors, "morton")
+    return read_side_info(stream.side_info, stream.manifest.num_anchors)
+
+
+def exact_places(scene: AnchorScene, info: SideInfo) -> Places:
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    known = info.places.known
+    return replace(known, codes=morton_encode(voxels - known.origin))
 
 
 def test_what_is_decoded_is_within_half_a_step(scene: AnchorScene, stream: SceneStream):
@@ -77,6 +94,10 @@ def test_a_lost_packet_costs_its_anchors_only(scene: AnchorScene):
     assert not bool(damaged.scene.anchors.features[~known].any())
     assert torch.equal(damaged.prior.offset.mean, whole.prior.offset.mean)
     assert bool((damaged.prior.scaling.mean > 0).all())
+    assert torch.equal(damaged.scene.anchors.positions[known], whole.scene.anchors.positions[known])
+    assert torch.equal(damaged.scene.anchors.positions[~known], whole.places[~known])
+    away = (whole.places - whole.scene.anchors.positions).norm(dim=1)
+    assert 0 < float(away.median()) < 0.5 * float(whole.places.std())
 
 
 def test_progressive_is_the_same(stream: SceneStream):
@@ -87,14 +108,38 @@ def test_progressive_is_the_same(stream: SceneStream):
     assert torch.equal(decoder.partial.scene.anchors.offsets, whole.scene.anchors.offsets)
 
 
+@pytest.mark.parametrize("name", ["drop", "grow", "idw", "prior", "scene_free"])
+def test_concealment_keeps_up_though_places_arrive_late(scene: AnchorScene, name: str):
+    stream = encode_scene(scene, PRESETS["datagram"])
+    decoder, whole = progressive_decoder(stream.manifest, stream.side_info), decode_stream(stream)
+    live, some = ProgressiveConcealer(decoder.partial, name), stream.packets[::2]
+    for packet in some:
+        live.arrived(decoder.add([packet]))
+        shown = live.scene()
+    known = decoder.partial.erasures.known
+    at_once = conceal(decode_stream(replace(stream, packets=some)), name)
+    for other in (
+        conceal(whole.without(known), name),
+        ProgressiveConcealer(whole, name).of(whole.without(known)),
+        shown,
+    ):
+        for attribute, values in vars(at_once.anchors).items():
+            assert torch.equal(getattr(other.anchors, attribute), values), attribute
+    torch.testing.assert_close(shown.hints.size_gain, at_once.hints.size_gain, rtol=1e-6, atol=0)
+    assert torch.equal(shown.anchors.positions[known], whole.scene.anchors.positions[known])
+    assert torch.equal(shown.anchors.positions[~known], whole.places[~known])
+
+
 def test_the_plain_reference_reads_the_same_integers(scene: AnchorScene, info: SideInfo):
-    context, rows = CodingContext.of(info), slice(0, 9)
+    context, rows = CodingContext.of(info), np.arange(9)
+    places = exact_places(scene, info).select(rows)
     masks = scene.anchors.mask[rows].numpy().astype(np.uint8)
     values = np.random.default_rng(0).normal(0, 6, (9, context.stages[-1].first + context.stages[-1].size))
     values[0, 3] = 9000.0  # far beyond the window of its distribution
-    found = quantise(context, info.voxels[rows], masks, values, 0.4)
+    found = quantise(context, places, masks, values, 0.4)
     (payload,) = encode_packets(context, found, np.array([9]))
-    masks_back, numbers = decode_reference(context, info.voxels[rows].tolist(), payload)
+    codes, masks_back, numbers = decode_reference(context, info.places.known.select(rows), payload)
+    assert codes == places.codes.tolist()
     assert masks_back == masks.tolist()
     assert numbers == found.numbers.tolist()
 
@@ -103,19 +148,21 @@ def test_the_plain_reference_reads_the_same_integers(scene: AnchorScene, info: S
 def test_batches_do_not_matter(stream: SceneStream, info: SideInfo, batch: int):
     context, packet = CodingContext.of(info), stream.packets[0]
     ranks = stream.manifest.plan.members(packet.id, packet.num_anchors)
-    together = decode_packets(context, info.voxels[ranks], np.array([len(ranks)]), [packet.payload])
-    place = context.start(info.voxels).place
-    parts = [context.start(info.voxels[i : i + batch]).place for i in range(0, len(info.voxels), batch)]
+    known, voxels = info.places.known, info.places.known.voxels
+    together = decode_packets(context, known.select(ranks), np.array([len(ranks)]), [packet.payload])
+    place = context.start(voxels).place
+    parts = [context.start(voxels[i : i + batch]).place for i in range(0, len(voxels), batch)]
     assert np.array_equal(place, np.concatenate(parts))
-    pair = np.tile(info.voxels[ranks], (2, 1))
+    pair = known.select(np.tile(ranks, 2))
     twice = decode_packets(context, pair, np.array([len(ranks)] * 2), [packet.payload] * 2)
-    assert np.array_equal(np.tile(together[1], (2, 1)), twice[1])
+    assert np.array_equal(np.tile(together[2], (2, 1)), twice[2])
 
 
 def test_side_information_survives(info: SideInfo, stream: SceneStream):
-    again = read_side_info(write_side_info(info), len(info.voxels), "morton")
+    again = read_side_info(write_side_info(info), len(info.places.known.codes))
     assert again.config == info.config
-    for name in ("voxels", "middle", "spread", "steps", "log_steps", "centres"):
+    assert np.array_equal(again.places.known.voxels, info.places.known.voxels)
+    for name in ("middle", "spread", "steps", "log_steps", "centres"):
         assert np.array_equal(getattr(again, name), getattr(info, name)), name
     assert write_side_info(again) == stream.side_info
 
@@ -136,7 +183,7 @@ def test_damaged_side_information_is_told(stream: SceneStream, info: SideInfo):
         for place in rng.integers(len(data), size=3) if len(data) else ():
             data[place] = rng.integers(256)
         try:
-            read_side_info(bytes(data), len(info.voxels), "morton")
+            read_side_info(bytes(data), len(info.places.known.codes))
         except SplatwireError:
             continue
 
@@ -144,7 +191,9 @@ def test_damaged_side_information_is_told(stream: SceneStream, info: SideInfo):
 def test_any_payload_decodes_to_something(info: SideInfo):
     context, rng = CodingContext.of(info), np.random.default_rng(5)
     for size in (0, 1, 30, 400):
-        masks, numbers = decode_packets(context, info.voxels[:20], np.array([20]), [rng.bytes(size)])
+        places = info.places.known.select(np.arange(20))
+        codes, masks, numbers = decode_packets(context, places, np.array([20]), [rng.bytes(size)])
+        assert np.array_equal(codes >> places.unknown, places.codes >> places.unknown)
         assert masks.shape == (20, 4)
         assert np.abs(numbers.astype(np.int64)).max() < 1 << 31
 
@@ -158,6 +207,51 @@ def test_a_changed_network_is_noticed(stream: SceneStream, info: SideInfo):
         decode_stream(replace(stream, side_info=write_side_info(replace(info, networks=networks))))
 
 
+@pytest.mark.parametrize("leaf", [1, 2, 5, 64])
+def test_however_much_is_left_to_packets_places_come_back(info: SideInfo, leaf: int):
+    rng, context = np.random.default_rng(leaf), CodingContext.of(info)
+    coarse = rng.integers(-40, 900, (80, 3)) // rng.choice([1, 4, 16], (80, 1)) * 16
+    voxels = np.concatenate([coarse, coarse[:9], coarse[:9] + 1])
+    shared = share_places(voxels, leaf)
+    context, codes = replace(context, chances=shared.chances), np.sort(morton_encode(voxels - shared.known.origin))
+    known = shared.known
+    assert np.array_equal(known.codes >> known.unknown, codes >> known.unknown)
+    assert (np.diff(known.codes) >= 0).all()
+    assert known.unknown.any()
+    numbers = context.stages[-1].first + context.stages[-1].size
+    found = quantise(
+        context, replace(known, codes=codes), np.ones((98, 4), np.uint8), rng.normal(size=(98, numbers)), 0.4
+    )
+    (payload,) = encode_packets(context, found, np.array([98]))
+    assert np.array_equal(decode_packets(context, known, np.array([98]), [payload])[0], codes)
+    assert decode_reference(context, known, payload)[0] == codes.tolist()
+    # what is said of the size before coding includes the places
+    assert len(cut_packets(context, found, np.array([98]), len(payload) + 2)) == 1
+    assert len(cut_packets(context, found, np.array([98]), len(payload) - 2)) == 2
+
+
+def test_side_information_is_kept_small(scene: AnchorScene, info: SideInfo):
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    everything = replace(info, places=share_places(voxels, 1))
+    head = len(write_side_info(everything))
+    sizes = [len(share_places(voxels, leaf).section) for leaf in range(1, 9)]
+    assert sizes == sorted(sizes, reverse=True)
+    for size in sizes:
+        enough = (head - sizes[0] + size) / HEAD_SHARE - head
+        assert len(_balanced(everything, voxels, enough + 1).section) == size
+    assert len(_balanced(everything, voxels, 0.0).section) == sizes[-1]
+
+
+def test_places_without_chances_are_damage(info: SideInfo):
+    section = bytearray(info.places.section)
+    assert section[1] > 1
+    for place, value in ((0, 0), (0, 65), (1, 22), (1, section[1] - 1), (2, 0)):
+        wrong = section.copy()
+        wrong[place] = value
+        with pytest.raises(SplatwireError, match="positions"):
+            read_places(bytes(wrong), len(info.places.known.codes))
+
+
 def test_unusable_scenes_are_refused(scene: AnchorScene):
     anchors = scene.anchors
     for name, value in (("features", torch.nan), ("scalings", -1.0), ("offsets", torch.inf), ("features", 1e9)):
@@ -166,8 +260,9 @@ def test_unusable_scenes_are_refused(scene: AnchorScene):
         mask = torch.ones_like(anchors.mask)
         with pytest.raises(InvalidValueError):
             encode_scene(replace(scene, anchors=replace(anchors, mask=mask, **{name: values})))
-    with pytest.raises(InvalidValueError, match="coded whole"):
-        encode_scene(scene, PRESETS["hacpp"])
+    for wrong in (PRESETS["hacpp"], Packetization(order="raster")):
+        with pytest.raises(InvalidValueError, match="coded whole and in Morton order"):
+            encode_scene(scene, wrong)
 
 
 def test_powers_of_two():

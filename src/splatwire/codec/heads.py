@@ -12,12 +12,15 @@ HEAD_TOLERANCE = 0.004
 """Tolerated noise of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
 
 
-def fit_heads(heads: GaussianHeads, sample: Anchors) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
+def fit_heads(
+    heads: GaussianHeads, sample: Anchors, tolerance: float = HEAD_TOLERANCE
+) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
     """Quantises the rendering networks.
 
     Args:
         heads: The networks.
         sample: Some of the anchors that they draw.
+        tolerance: Tolerated standard deviation of the error of an output before its activation.
     """
     # Views are not known here: directions are taken from the sphere, distances from the extent of the anchors, half to
     # twice as far, so that neither is taken for something that features say.
@@ -28,7 +31,7 @@ def fit_heads(heads: GaussianHeads, sample: Anchors) -> tuple[QuantisedMlp, Quan
     distance = extent * 2 ** (2 * torch.rand(len(features), 1, generator=generator) - 1)
     inputs = torch.cat([features, direction, distance], dim=1)
     opacity, covariance, color = (
-        quantised(head, inputs, np.full(head.output.weight.shape[0], HEAD_TOLERANCE))
+        quantised(head, inputs, np.full(head.output.weight.shape[0], tolerance))
         for head in (heads.opacity, heads.covariance, heads.color)
     )
     return opacity, covariance, color

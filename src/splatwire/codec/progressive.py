@@ -18,7 +18,7 @@ from splatwire.ops.threads import one_blas_thread
 from splatwire.packets import Manifest, Packet, PacketIntake
 from splatwire.scene import Erasures
 
-_FILLED = ("features", "scalings", "offsets", "mask")
+_FILLED = ("positions", "features", "scalings", "offsets", "mask")
 """Fields of the anchors that arriving packets fill in place."""
 
 

@@ -152,7 +152,7 @@ def _prepare(context: AnchorContext, settings: Cari) -> _Fixed:
         attribute_groups(context.layout),
         unit_rows(context.prior.context),
         (sigma + settings.epsilon) ** -settings.uncertainty_exponent,
-        NeighborTree(context.anchors.positions),
+        NeighborTree(context.places),
     )
 
 
@@ -194,7 +194,7 @@ def _candidates(
     settings: Cari, fixed: _Fixed, received: Bool[Tensor, "N"], *, first: bool
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Yields, chunk by chunk, queries, their nearest candidates ("Q L") and distances."""
-    positions = fixed.context.anchors.positions
+    positions = fixed.context.places
     support = received.nonzero()[:, 0]
     tree = NeighborTree(positions[support]) if first else fixed.everyone
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
@@ -230,7 +230,7 @@ def _interpolate(
         return weighted_mean_of_existing(values, residuals.exists, near.index, near.weight)[0]
     mean = weighted_mean(values, near.index, near.weight)
     if settings.ridge is not None and group.attribute is Attribute.FEATURE:
-        positions = fixed.context.anchors.positions
+        positions = fixed.context.places
         offsets = positions[near.index] - positions[near.queries, None]
         mean = mean + ridge_correction(offsets, values[near.index], near.weight, settings.ridge)
     return mean

@@ -45,11 +45,12 @@ class AnchorContext:
     """What arrived, where the gaps are and what the hash grid predicts; no model, no packets.
 
     Attributes:
-        anchors: All anchors; attributes that were not received are zero (mask False), positions are always known.
+        anchors: All anchors; attributes that were not received are zero (mask False).
         erasures: What was received.
         prior: The hash-grid prior of every anchor.
         layout: Sizes of an anchor.
         concealment: What the sender left for concealers in the side information, content by name.
+        guessed: See `PartialScene.guessed`.
     """
 
     anchors: Anchors
@@ -57,6 +58,7 @@ class AnchorContext:
     prior: Prior
     layout: AnchorLayout
     concealment: Mapping[str, bytes] = field(default_factory=dict)
+    guessed: Float[Tensor, "N 3"] | None = None
 
     def __post_init__(self) -> None:
         rows = {self.anchors.num_anchors, len(self.erasures.received), len(self.prior.context)}
@@ -64,9 +66,14 @@ class AnchorContext:
             raise ValueError(f"anchors, erasures, prior and layout do not fit: {sorted(rows)} rows, {self.layout}")
 
     @property
+    def places(self) -> Float[Tensor, "N 3"]:
+        """Where anchors are for the search of neighbours: lost and received ones are measured alike."""
+        return self.anchors.positions if self.guessed is None else self.guessed
+
+    @property
     def elements(self) -> ElementContext:
         """What is known of anchors as of any element."""
-        return ElementContext(self.anchors.positions, predicted_log_size(self), self.erasures.known)
+        return ElementContext(self.places, predicted_log_size(self), self.erasures.known)
 
     def to_cpu(self) -> "AnchorContext":
         """Returns the same context in main memory, where neighbour search and kernels work."""
@@ -78,6 +85,7 @@ class AnchorContext:
         return replace(
             self,
             anchors=self.anchors.to("cpu"),
+            guessed=None if self.guessed is None else self.guessed.cpu(),
             erasures=Erasures(self.erasures.received.cpu()),
             prior=replace(prior, context=prior.context.cpu(), **moved),
         )
@@ -106,4 +114,6 @@ def elements_of(partial: PartialSplats) -> ElementContext:
 def context_of(partial: PartialScene) -> AnchorContext:
     """Takes from a partial scene what a concealer may see."""
     layout = partial.scene.coding.config.layout
-    return AnchorContext(partial.scene.anchors, partial.erasures, partial.prior, layout, partial.concealment)
+    return AnchorContext(
+        partial.scene.anchors, partial.erasures, partial.prior, layout, partial.concealment, partial.guessed
+    )

@@ -66,7 +66,7 @@ class Idw:
         support, lost = received.nonzero()[:, 0], (~received).nonzero()[:, 0]
         if not len(support):
             return
-        positions = context.anchors.positions
+        positions = context.places
         tree, metric = NeighborTree(positions[support]), _Metric(context) if self.metric == "mahalanobis" else None
         for queries in lost.split(_CHUNK):
             index, distance = tree.query(positions[queries], self.pool if metric else self.neighbors)
@@ -93,7 +93,7 @@ class _Metric:
         size = context.anchors.scalings[:, :3]
         known = context.erasures.column(Attribute.SCALING) & (size > 0).all(dim=1)
         mean = size[known].mean() if bool(known.any()) else size.new_ones(())
-        self._positions = context.anchors.positions
+        self._positions = context.places
         self._size = torch.where(known[:, None], size, mean)
 
     def __call__(self, queries: Int64[Tensor, "Q"], index: Int64[Tensor, "Q k"]) -> Float[Tensor, "Q k"]:

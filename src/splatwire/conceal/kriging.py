@@ -87,7 +87,7 @@ class Kriging:
                 fits = self._fit(context, received, fields)
                 for queries, index, distance in _neighborhoods(context, received, self.neighbors):
                     for values, fit in zip(fields, fits, strict=True):
-                        weight = kriging_weights(context.anchors.positions, index, distance, fit)
+                        weight = kriging_weights(context.places, index, distance, fit)
                         self._write(filled, values, queries, values.mean[queries] + _combine(values, index, weight))
         return Concealed.filled(replace(filled, scalings=_with_floor(context, filled.scalings)))
 
@@ -98,7 +98,7 @@ class Kriging:
             return [Correlogram(0.0, 1.0)] * len(fields)
         rng = torch.Generator().manual_seed(self.seed)
         chosen = torch.randperm(len(support), generator=rng)[: self.sample].sort().values
-        positions = context.anchors.positions
+        positions = context.places
         index, distance = nearest_others(
             NeighborTree(positions[support]), positions[support[chosen]], chosen, self.neighbors
         )
@@ -250,7 +250,7 @@ def _neighborhoods(
     context: AnchorContext, received: Bool[Tensor, "N"], neighbors: int
 ) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """Yields, chunk by chunk, queries, their nearest received anchors and the distances."""
-    positions, support = context.anchors.positions, received.nonzero()[:, 0]
+    positions, support = context.places, received.nonzero()[:, 0]
     tree = NeighborTree(positions[support])
     for queries in (~received).nonzero()[:, 0].split(_CHUNK):
         index, distance = tree.query(positions[queries], neighbors)

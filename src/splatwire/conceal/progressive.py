@@ -150,6 +150,7 @@ class _State:
         self.known = torch.zeros(num, dtype=torch.bool)
         self.anchors = dataclasses.replace(
             anchors,
+            positions=self.context.places.clone(),
             features=prior.feature.mean.clone(),
             scalings=prior.scaling.mean.clone(),
             offsets=prior.offset.mean.view(anchors.offsets.shape).clone(),
@@ -164,7 +165,7 @@ class _State:
     def take(self, arrivals: np.ndarray) -> int:
         """Takes over what was received, then lets the method work; returns how many other rows were computed."""
         rows, decoded, nothing_yet = torch.from_numpy(arrivals), self.context.anchors, not bool(self.known.any())
-        for name in ("features", "scalings", "offsets", "mask"):
+        for name in ("positions", "features", "scalings", "offsets", "mask"):
             getattr(self.anchors, name)[rows] = getattr(decoded, name)[rows]
         self.known[rows] = True
         self.hints.left_out[rows] = False
@@ -192,7 +193,7 @@ class _Growing:
     def __init__(self, context: AnchorContext, settings: Grow) -> None:
         from splatwire.conceal import _progressive_kernels as kernels
 
-        positions, num = context.anchors.positions, context.anchors.num_anchors
+        positions, num = context.places, context.anchors.num_anchors
         tree, parts = NeighborTree(positions), []
         for own in torch.arange(num).split(_CHUNK):
             parts.append(nearest_others(tree, positions[own], own, settings.neighbors)[0].int())
@@ -232,7 +233,7 @@ class _Neighborly:
         num = context.anchors.num_anchors
         self.fills_sizes = Attribute.SCALING in attributes
         self._attributes, self._power, self._vote = attributes, power, vote
-        self._positions = context.anchors.positions.double().numpy()
+        self._positions = context.places.double().numpy()
         self._known = np.empty(num, dtype=np.bool_)
         self._distances, self._reach = np.empty((num, neighbors)), np.empty(num)
         self._indices = np.zeros((num, neighbors), dtype=np.int64)

@@ -167,12 +167,20 @@ class PartialScene:
         erasures: What was received.
         prior: The hash-grid prior of every anchor, received or not.
         concealment: Named sections of the side information, content by name: what a sender left for concealers.
+        guessed: Where anchors are expected to be before their packets come, of a stream whose packets say where they
+            are; lost ones stand there. None where places are known from the start.
     """
 
     scene: AnchorScene
     erasures: Erasures
     prior: Prior
     concealment: Mapping[str, bytes] = field(default_factory=dict)
+    guessed: Float[Tensor, "N 3"] | None = None
+
+    @property
+    def places(self) -> Float[Tensor, "N 3"]:
+        """Where anchors are as far as the side information says: alike for lost and received ones, whatever comes."""
+        return self.scene.anchors.positions if self.guessed is None else self.guessed
 
     def without(self, known: Bool[Tensor, "N"]) -> "PartialScene":
         """The same scene when only some anchors are there, as if the packets of the others had not come."""
@@ -182,14 +190,19 @@ class PartialScene:
 
         anchors = self.scene.anchors
         there = replace(anchors, **{name: gap(getattr(anchors, name)) for name in DECODED_ATTRIBUTES})
+        if self.guessed is not None:
+            there = replace(there, positions=torch.where(known[:, None], anchors.positions, self.guessed))
         return replace(self, scene=replace(self.scene, anchors=there), erasures=Erasures.of_anchors(known))
 
     def fill(self, rows: Tensor | slice, source: "PartialScene | None") -> None:
         """Copies rows of another state of the same scene into this one's tensors, in place; None takes them back."""
         for name in DECODED_ATTRIBUTES:
             getattr(self.scene.anchors, name)[rows] = 0 if source is None else getattr(source.scene.anchors, name)[rows]
+        if self.guessed is not None:
+            own = self.scene.anchors.positions
+            own[rows] = self.guessed[rows] if source is None else source.scene.anchors.positions[rows]
         self.erasures.received[rows] = False if source is None else source.erasures.received[rows]
 
 
 DECODED_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
-"""Fields of `Anchors` that packets bring; their places are side information."""
+"""Fields of `Anchors` that packets bring; lost ones are zero. Of some streams packets bring places, too."""

@@ -120,6 +120,8 @@ def save_partial(partial: PartialScene, path: Path) -> None:
     tensors = _scene_tensors(partial.scene)
     tensors["erasures.received"] = partial.erasures.received
     tensors["prior.context"] = partial.prior.context
+    if partial.guessed is not None:
+        tensors["anchors.guessed"] = partial.guessed
     for name in _ATTRIBUTES:
         attribute: AttributePrior = getattr(partial.prior, name)
         for part in ("mean", "scale", "step"):
@@ -152,8 +154,9 @@ def load_partial(path: Path) -> PartialScene:
             )
         context = reader.tensor("prior.context", (count, scene.coding.config.context_dim))
         concealment = _read_concealment(reader)
+        guessed = reader.tensor("anchors.guessed", (count, 3)) if reader.has("anchors.guessed") else None
         reader.finish()
-    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment)
+    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment, guessed)
 
 
 def _read_concealment(reader: SceneReader) -> dict[str, bytes]:

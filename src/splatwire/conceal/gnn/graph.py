@@ -76,7 +76,7 @@ def attribute_columns(anchors: Anchors) -> Float[Tensor, "N D"]:
 def source_inputs(context: AnchorContext, rows: Int64[Tensor, "S"]) -> Float[Tensor, "S D"]:
     """Inputs of known anchors: `[x, hash feature, feature, scaling, offset, mask]`."""
     anchors = context.anchors.select(rows)
-    return torch.cat([anchors.positions, context.prior.context[rows], attribute_columns(anchors)], dim=1)
+    return torch.cat([context.places[rows], context.prior.context[rows], attribute_columns(anchors)], dim=1)
 
 
 def query_inputs(context: AnchorContext, graph: RepairGraph) -> Float[Tensor, "Q D"]:
@@ -84,7 +84,7 @@ def query_inputs(context: AnchorContext, graph: RepairGraph) -> Float[Tensor, "Q
     rows, prior = graph.queries, context.prior
     no_mask = prior.context.new_zeros(len(rows), context.layout.num_offsets)
     means = [part.mean[rows] for part in (prior.feature, prior.scaling, prior.offset)]
-    own = [context.anchors.positions[rows], prior.context[rows], *means, no_mask]
+    own = [context.places[rows], prior.context[rows], *means, no_mask]
     return torch.cat([*own, attribute_columns(graph.interpolated)], dim=1)
 
 

@@ -50,7 +50,7 @@ def scene_fingerprint(context: AnchorContext) -> str:
     """SHA-256 of what a receiver knows of a scene whatever was lost: the positions in order, and the layout."""
     digest = hashlib.sha256(b"splatwire/gnn-scene/1\0")
     digest.update(f"{context.layout} {context.prior.context.shape[1]}".encode())
-    digest.update(context.anchors.positions.detach().cpu().contiguous().numpy().astype("<f4").tobytes())
+    digest.update(context.places.detach().cpu().contiguous().numpy().astype("<f4").tobytes())
     return digest.hexdigest()
 
 

@@ -64,7 +64,7 @@ class Surroundings:
 
 def surroundings_of(context: AnchorContext, rows: Int64[Tensor, "M"]) -> Surroundings:
     """Finds the neighbours of some anchors."""
-    positions, log_size = context.anchors.positions, predicted_log_size(context)
+    positions, log_size = context.places, predicted_log_size(context)
     near = Neighborhood(*nearest_others(NeighborTree(positions), positions[rows], rows, NEIGHBORS))
     by_size = log_size.argsort(descending=True, stable=True)
     classes = []

@@ -1,8 +1,8 @@
 """Numba kernels of schema `causal`: numbers between networks and coder, and the symbols of many packets at once.
 
 Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. Inside a packet
-the order is that of the stages, each anchor by anchor; the offsets' existence comes before the scale, and only offsets
-that exist are coded. `splatwire.codec.schemas.causal.reference` is the plain twin.
+the order is places, then the stages, each anchor by anchor; the offsets' existence comes before the scale, and only
+offsets that exist are coded. `splatwire.codec.schemas.causal.reference` is the plain twin.
 """
 
 from typing import no_type_check
@@ -10,6 +10,7 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.codec.fixed_point import ACTIVATION_LIMIT
+from splatwire.codec.schemas.causal._place_kernels import encode_place, place_bits
 from splatwire.entropy.normal_kernels import ESCAPE, NORMAL, cumulative, decode_symbol, encode_symbol, window
 from splatwire.entropy.range_kernels import (
     ONE,
@@ -28,6 +29,8 @@ BYTES_PER_SYMBOL = 12
 """Room for the costliest symbol: an escape of 86 bits."""
 INPUT_SHIFT = 4
 """From a number with 16 fractional bits to an input with 14, of which a step is a quarter."""
+PLACE_SYMBOLS = 3
+"""What a place has room for: 29 bytes are the most that it takes."""
 LARGEST_SYMBOL = (1 << 14) - (1 << 10)
 MASK_BITS = np.int64(16)
 MASK_ROOM = np.int64(32)
@@ -75,20 +78,23 @@ def mask_size(weights, logit):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
-    starts, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table, buffer, lengths
-):
+    starts, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
+    buffer, lengths,
+):  # fmt: skip
     """Codes every packet into its own part of `buffer`; `lengths` receives the number of bytes.
 
     Stage s has the columns `firsts[s]:firsts[s + 1]`; the masks come before stage `form`, offsets are the last stage.
     """
     num_offsets, columns = masks.shape[1], symbols.shape[1]
-    room = (num_offsets + columns) * BYTES_PER_SYMBOL
+    room = (num_offsets + columns + PLACE_SYMBOLS) * BYTES_PER_SYMBOL
     last = len(firsts) - 2
     for p in range(len(starts) - 1):
         begin, end = starts[p], starts[p + 1]
         out = buffer[begin * room + 64 * p :]
         state = np.empty(3, np.int64)
         encoder_start(state)
+        for n in range(begin, end):
+            encode_place(out, state, codes[n], unknown[n], chances)
         for s in range(len(firsts) - 1):
             if s == form:
                 for n in range(begin, end):
@@ -110,10 +116,12 @@ def encode_packets(
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def anchor_bits(masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits):
+def anchor_bits(
+    codes, unknown, chances, masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits
+):
     """Bits of each anchor; its offsets start at column `offsets`."""
     for n in range(masks.shape[0]):
-        total = 0.0
+        total = place_bits(codes[n], unknown[n], chances)
         for k in range(masks.shape[1]):
             size = mask_size(weights, logits[n, k])
             total += 16.0 - np.log2(float(size if masks[n, k] else 65536 - size))

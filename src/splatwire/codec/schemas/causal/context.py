@@ -67,18 +67,20 @@ class CodingContext:
         middle: int64 (3), middle of the scene, voxels.
         spread: int64 (3), extent of the scene, voxels.
         networks: Networks by name.
+        chances: int64, of the bits of places, see `SharedPlaces`.
     """
 
     config: CausalConfig
     middle: np.ndarray
     spread: np.ndarray
     networks: dict[str, IntegerMlp]
+    chances: np.ndarray
 
     @staticmethod
     def of(info: SideInfo) -> "CodingContext":
         """The part of side information that packets are predicted from, in integers."""
         networks = {name: network.integer() for name, network in info.networks.items()}
-        return CodingContext(info.config, info.middle, info.spread, networks)
+        return CodingContext(info.config, info.middle, info.spread, networks, info.places.chances)
 
     @functools.cached_property
     def stages(self) -> tuple[Stage, ...]:

@@ -17,9 +17,9 @@ from splatwire.codec.schemas.causal.context import (
     form_logs,
     linear_values,
 )
-from splatwire.codec.schemas.causal.packet_coder import decode_packets, expected
+from splatwire.codec.schemas.causal.packet_coder import anchor_rows, decode_packets, expected
 from splatwire.codec.schemas.causal.side_info import LOG_BITS, read_side_info
-from splatwire.errors import MissingSideInfoError
+from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.model import AnchorScene, AttributePrior, CausalCoding, GaussianHeads, PartialScene, Prior
 from splatwire.packets import Manifest
 from splatwire.scene import Anchors, Attribute, Erasures
@@ -43,7 +43,9 @@ class CausalDecoder:
     def __init__(self, manifest: Manifest, side_info: bytes) -> None:
         if not side_info:
             raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
-        info = read_side_info(side_info, manifest.num_anchors, manifest.packetization.order)
+        if manifest.packetization.order != "morton":
+            raise BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise")
+        info = read_side_info(side_info, manifest.num_anchors)
         layout, num = info.config.layout, manifest.num_anchors
         self._info, self._context, self.sections = info, CodingContext.of(info), info.sections
         self._features, self._offsets = layout.feature_dim, layout.num_offsets
@@ -55,11 +57,13 @@ class CausalDecoder:
         self._means = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._spreads = {name: np.zeros((num, width), dtype=np.float32) for name, width in widths.items()}
         self._place = np.zeros((num, info.config.context_dim), dtype=np.float32)
-        self.num_symbols = 4 * self._offsets + self._features + 4
+        self._guessed = self._positions_of(info.places.known.voxels)
+        self._positions = self._guessed.copy()
+        self.num_symbols = 3 + 4 * self._offsets + self._features + 4
 
     def predict(self, ranks: np.ndarray) -> None:
         """See `AnchorDecoder.predict`."""
-        place, means, spreads = expected(self._context, self._info.voxels[ranks])
+        place, means, spreads = expected(self._context, self._info.places.known.select(ranks).voxels)
         self._place[ranks] = place * 2.0**-ACTIVATION_BITS
         deviations = np.exp2(np.clip(spreads * 2.0**-NUMBER_BITS, -6, 13))
         for name, values in self._attributes(means).items():
@@ -72,14 +76,19 @@ class CausalDecoder:
 
     def decode(self, ranks: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]) -> np.ndarray:
         """See `AnchorDecoder.decode`."""
-        masks, numbers = decode_packets(self._context, self._info.voxels[ranks], counts, payloads)
-        return np.concatenate([masks.astype(np.int32), numbers], axis=1)
+        return anchor_rows(*decode_packets(self._context, self._info.places.known.select(ranks), counts, payloads))
 
     def store(self, ranks: np.ndarray, rows: np.ndarray) -> None:
         """See `AnchorDecoder.store`."""
-        self._received[ranks], self._mask[ranks] = True, rows[:, : self._offsets]
-        for name, values in self._attributes(rows[:, self._offsets :]).items():
+        place, mask, numbers = np.split(rows, [3, 3 + self._offsets], axis=1)
+        self._received[ranks], self._mask[ranks] = True, mask
+        self._positions[ranks] = self._positions_of(place + self._info.places.known.origin)
+        for name, values in self._attributes(numbers).items():
             self._values[name][ranks] = values
+
+    def _positions_of(self, voxels: np.ndarray) -> np.ndarray:
+        """World coordinates of voxels, float32 (n, 3)."""
+        return (voxels.astype(np.float64) * self._info.voxel_size).astype(np.float32)
 
     def _attributes(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
         """Values of numbers, by attribute."""
@@ -93,15 +102,14 @@ class CausalDecoder:
     def scene(self) -> PartialScene:
         """See `AnchorDecoder.scene`."""
         info, values = self._info, {name: torch.from_numpy(array) for name, array in self._values.items()}
-        positions = (info.voxels.astype(np.float64) * info.voxel_size).astype(np.float32)
-        offsets = values["offset"].view(len(positions), self._offsets, 3)
-        anchors = Anchors(
-            torch.from_numpy(positions), values["feature"], values["scaling"], offsets, torch.from_numpy(self._mask)
-        )
+        offsets = values["offset"].view(len(self._positions), self._offsets, 3)
+        positions, mask = torch.from_numpy(self._positions), torch.from_numpy(self._mask)
+        anchors = Anchors(positions, values["feature"], values["scaling"], offsets, mask)
         heads = GaussianHeads(*(network_of(head) for head in info.heads))
         scene = AnchorScene(anchors, heads, self._coding(), background=read_background(info.sections))
         left = concealer_sections(info.sections)
-        return PartialScene(scene, Erasures(torch.from_numpy(self._received)), self._prior(), left)
+        erasures, guessed = Erasures(torch.from_numpy(self._received)), torch.from_numpy(self._guessed)
+        return PartialScene(scene, erasures, self._prior(), left, guessed)
 
     def _coding(self) -> CausalCoding:
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS

@@ -4,13 +4,15 @@ Encoding and decoding stand side by side and share the chain; packets are worked
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatwire.codec.schemas.causal.context import CodingContext, Stage, scale_indices
+from splatwire.codec.schemas.causal.places import Places
 from splatwire.entropy.coder import tables
 from splatwire.entropy.tables import weight_table
+from splatwire.ops.morton import morton_decode
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,6 +20,7 @@ class Quantised:
     """Anchors as the coder sees them.
 
     Attributes:
+        places: Where they are; its codes are exact.
         masks: uint8 (n, K), which offsets exist.
         logits: int32 (n, K), what was expected of that.
         symbols: int32 (n, numbers), steps from the means; 0 where an offset does not exist.
@@ -25,6 +28,7 @@ class Quantised:
         numbers: int32 (n, numbers), what a decoder makes of them; 0 where an offset does not exist.
     """
 
+    places: Places
     masks: np.ndarray
     logits: np.ndarray
     symbols: np.ndarray
@@ -32,15 +36,20 @@ class Quantised:
     numbers: np.ndarray
 
     def rows(self) -> np.ndarray:
-        """All integers of each anchor: masks and numbers."""
-        return np.concatenate([self.masks.astype(np.int32), self.numbers], axis=1)
+        """All integers of each anchor, see `anchor_rows`."""
+        return anchor_rows(self.places.codes, self.masks, self.numbers)
 
 
-def _empty(context: CodingContext, masks: np.ndarray) -> Quantised:
+def anchor_rows(codes: np.ndarray, masks: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """All integers of each anchor: place from the origin, masks and numbers, int32 (n, 3 + K + numbers)."""
+    return np.concatenate([morton_decode(codes).astype(np.int32), masks.astype(np.int32), numbers], axis=1)
+
+
+def _empty(context: CodingContext, places: Places, masks: np.ndarray) -> Quantised:
     last, num = context.stages[-1], len(masks)
     width = last.first + last.size
     return Quantised(
-        masks, np.empty(masks.shape, dtype=np.int32), np.zeros((num, width), dtype=np.int32),
+        places, masks, np.empty(masks.shape, dtype=np.int32), np.zeros((num, width), dtype=np.int32),
         np.empty((num, width), dtype=np.int16), np.zeros((num, width), dtype=np.int32),
     )  # fmt: skip
 
@@ -50,7 +59,7 @@ def _columns(stage: Stage) -> slice:
 
 
 def quantise(
-    context: CodingContext, voxels: np.ndarray, masks: np.ndarray, values: np.ndarray, octaves: float
+    context: CodingContext, places: Places, masks: np.ndarray, values: np.ndarray, octaves: float
 ) -> Quantised:
     """Rounds the numbers of anchors, each to the nearest whole step from what is expected of it.
 
@@ -58,7 +67,7 @@ def quantise(
 
     Args:
         context: What both ends predict from.
-        voxels: int64 (n, 3).
+        places: Where they are; its codes are exact.
         masks: uint8 (n, K).
         values: float64 (n, numbers), in steps.
         octaves: What a step of the scale is, in octaves.
@@ -66,7 +75,7 @@ def quantise(
     from splatwire.codec.schemas.causal import _kernels as kernels
 
     values = values.copy()
-    found, chain = _empty(context, masks), context.start(voxels)
+    found, chain = _empty(context, places, masks), context.start(places.voxels)
     coded = np.repeat(masks.astype(bool), 3, axis=1)
     for stage, outputs in chain.outputs():
         columns, means = _columns(stage), outputs[:, stage.masks : stage.masks + stage.size]
@@ -99,17 +108,29 @@ def encode_packets(context: CodingContext, found: Quantised, counts: np.ndarray)
     from splatwire.codec.schemas.causal import _kernels as kernels
 
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    room = (found.masks.shape[1] + found.symbols.shape[1]) * kernels.BYTES_PER_SYMBOL
+    room = (found.masks.shape[1] + found.symbols.shape[1] + kernels.PLACE_SYMBOLS) * kernels.BYTES_PER_SYMBOL
     buffer = np.empty(len(found.masks) * room + 64 * len(starts), dtype=np.uint8)
     lengths = np.zeros(len(counts), dtype=np.int64)
     firsts = np.array([*(stage.first for stage in context.stages), found.symbols.shape[1]])
     form = next(s for s, stage in enumerate(context.stages) if stage.masks)
     kernels.encode_packets(
-        starts, found.masks, found.logits, found.symbols, found.scales, firsts, form, weight_table(), *tables(), buffer,
-        lengths,
+        starts, found.places.codes, found.places.unknown, context.chances, found.masks, found.logits, found.symbols,
+        found.scales, firsts, form, weight_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begin = starts[:-1] * room + 64 * np.arange(len(lengths))
     return [buffer[b : b + length].tobytes() for b, length in zip(begin, lengths, strict=True)]
+
+
+def anchor_bits(context: CodingContext, found: Quantised) -> np.ndarray:
+    """Bits that each anchor takes, float64 (n)."""
+    from splatwire.codec.schemas.causal import _kernels as kernels
+
+    bits = np.empty(len(found.masks))
+    kernels.anchor_bits(
+        found.places.codes, found.places.unknown, context.chances, found.masks, found.logits, found.symbols,
+        found.scales, context.stages[-1].first, weight_table(), *tables(), bits,
+    )  # fmt: skip
+    return bits
 
 
 def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, payload_bytes: int) -> np.ndarray:
@@ -124,20 +145,8 @@ def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, pa
     Returns:
         Anchors of each packet, int64; packets never cross a block's end.
     """
-    from splatwire.codec.schemas.causal import _kernels as kernels
-
-    bits = np.empty(len(found.masks))
-    kernels.anchor_bits(
-        found.masks,
-        found.logits,
-        found.symbols,
-        found.scales,
-        context.stages[-1].first,
-        weight_table(),
-        *tables(),
-        bits,
-    )
     # The coder's last byte is a whole one, and its range loses up to 2**-16 of itself with each symbol.
+    bits = anchor_bits(context, found)
     budget, sizes, begin = 8.0 * (payload_bytes - 1) - 1.0, list[int](), 0
     for count in counts.tolist():
         first, total = begin, 0.0
@@ -153,31 +162,34 @@ def cut_packets(context: CodingContext, found: Quantised, counts: np.ndarray, pa
 
 
 def decode_packets(
-    context: CodingContext, voxels: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]
-) -> tuple[np.ndarray, np.ndarray]:
+    context: CodingContext, places: Places, counts: np.ndarray, payloads: Sequence[bytes]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decodes packets; any bytes decode to something.
 
     Args:
         context: What both ends predict from.
-        voxels: int64 (n, 3), the anchors of all packets, packet by packet.
+        places: Where the anchors of all packets are, packet by packet, as far as side information says.
         counts: int64 (packets), anchors of each.
         payloads: One for each packet.
 
     Returns:
-        Masks, uint8 (n, K), and numbers, int32 (n, numbers).
+        Exact codes of the places, int64 (n); masks, uint8 (n, K); and numbers, int32 (n, numbers).
     """
     from splatwire.codec.schemas.causal import _kernels as kernels
+    from splatwire.codec.schemas.causal import _place_kernels as place_kernels
 
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     ends = np.concatenate([[0], np.cumsum([len(p) for p in payloads])]).astype(np.int64)
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
     states = np.zeros((len(payloads), 3), dtype=np.int64)
     kernels.start_packets(data, ends, states)
-    num, last = len(voxels), context.stages[-1]
+    exact = replace(places, codes=places.codes.copy())
+    place_kernels.decode_places(data, ends, starts, states, exact.codes, exact.unknown, context.chances)
+    num, last = len(exact.codes), context.stages[-1]
     masks = np.zeros((num, context.config.layout.num_offsets), dtype=np.uint8)
     all_numbers = np.zeros((num, last.first + last.size), dtype=np.int32)
     everything = np.ones((num, -(-max(stage.size for stage in context.stages) // 3)), dtype=np.uint8)
-    chain = context.start(voxels)
+    chain = context.start(exact.voxels)
     for stage, outputs in chain.outputs():
         if stage.masks:
             logits = np.ascontiguousarray(outputs[:, : stage.masks])
@@ -190,7 +202,7 @@ def decode_packets(
         chain.tell(stage, numbers)
         all_numbers[:, _columns(stage)] = numbers
     all_numbers[:, last.first :] *= np.repeat(masks, 3, axis=1)
-    return masks, all_numbers
+    return exact.codes, masks, all_numbers
 
 
 def expected(context: CodingContext, voxels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,5 +1,6 @@
 """Packets of schema `causal` in plain Python and torch integers: what fast code is compared with."""
 
+import bisect
 from fractions import Fraction
 
 import torch
@@ -8,6 +9,7 @@ from torch import Tensor
 from splatwire.codec.fixed_point import ACTIVATION_BITS, ACTIVATION_LIMIT, OUTPUT_BITS, OUTPUT_LIMIT, WEIGHT_EXPONENT
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
 from splatwire.codec.schemas.causal.context import CodingContext
+from splatwire.codec.schemas.causal.places import Places
 from splatwire.entropy.reference import ReferenceDecoder, ReferenceMixture, decode_mixture
 from splatwire.entropy.tables import weight_table
 from splatwire.model.causal import OCTAVES
@@ -49,19 +51,53 @@ def scale_reference(spread: int) -> int:
     return min(max(16 * whole + int(16 * (2 ** (cell / 256) - 1)), 0), 319)
 
 
+def code_reference(coder: ReferenceDecoder, code: int, unknown: int, chances: list[list[int]]) -> int:
+    """A place's code, of which `unknown` low bits follow in the packet."""
+
+    def raw(bits: int) -> int:
+        value = coder.target(bits)
+        coder.advance(value, 1, bits)
+        return value
+
+    triples, level = -(-unknown // 3), 0
+    while level < triples:
+        stop = chances[triples][level]
+        if coder.target(8) < stop:
+            coder.advance(0, stop, 8)
+            break
+        coder.advance(stop, 256 - stop, 8)
+        level += 1
+    rest = 0
+    if level < triples:
+        low = min(unknown - 3 * level, 3)
+        bits, above, value = unknown - 3 * level - low, 0, 0
+        while bits:
+            bits, some = bits - min(bits, 16), min(bits, 16)
+            above = above << some | raw(some)
+        if low > 1:
+            ends = [(i << 16) // (2**low - 1) for i in range(2**low)]
+            value = bisect.bisect_right(ends, coder.target(16)) - 1
+            coder.advance(ends[value], ends[value + 1] - ends[value], 16)
+        rest = (above << low | value + 1) << 3 * level
+    return code >> unknown << unknown | rest
+
+
 def decode_reference(
-    context: CodingContext, voxels: list[list[int]], payload: bytes
-) -> tuple[list[list[int]], list[list[int]]]:
-    """Masks and numbers of a packet's anchors.
+    context: CodingContext, places: Places, payload: bytes
+) -> tuple[list[int], list[list[int]], list[list[int]]]:
+    """Codes of places, masks and numbers of a packet's anchors.
 
     Args:
         context: What packets are predicted from.
-        voxels: Places of its anchors.
+        places: Where its anchors are, as far as side information says.
         payload: The packet's.
     """
-    layout, coder = context.config.layout, ReferenceDecoder(payload)
-    places = [network_reference(context.networks["position"], place_inputs_reference(v, context)) for v in voxels]
-    known = [[value >> (OUTPUT_BITS - ACTIVATION_BITS) for value in place] for place in places]
+    layout, coder, chances = context.config.layout, ReferenceDecoder(payload), context.chances.tolist()
+    pairs = zip(places.codes.tolist(), places.unknown.tolist(), strict=True)
+    codes = [code_reference(coder, code, unknown, chances) for code, unknown in pairs]
+    voxels = [[_axis(code, axis) + int(places.origin[axis]) for axis in range(3)] for code in codes]
+    known = [network_reference(context.networks["position"], place_inputs_reference(v, context)) for v in voxels]
+    known = [[value >> (OUTPUT_BITS - ACTIVATION_BITS) for value in place] for place in known]
     numbers: list[list[int]] = [[] for _ in voxels]
     masks: list[list[int]] = [[] for _ in voxels]
 
@@ -82,7 +118,11 @@ def decode_reference(
     for name, size, skipped in plan:
         outputs = [network_reference(context.networks[name], inputs) for inputs in known]
         stage(name, size, skipped)
-    return masks, numbers
+    return codes, masks, numbers
+
+
+def _axis(code: int, axis: int) -> int:
+    return sum((code >> (3 * bit + axis) & 1) << bit for bit in range(21))
 
 
 def _decode_mask(coder: ReferenceDecoder, one: int) -> int:

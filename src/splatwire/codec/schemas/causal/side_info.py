@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from splatwire.byte_io import ByteReader, ByteWriter
-from splatwire.codec.geometry import decode_positions, encode_positions
+from splatwire.codec.schemas.causal.places import SharedPlaces, read_places
 from splatwire.codec.weight_bytes import framed, read_networks, write_networks
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
@@ -14,7 +14,7 @@ from splatwire.model.causal import FORM, CausalConfig
 from splatwire.packets.sections import CAUSAL_SECTIONS, read_sections, write_sections
 from splatwire.scene import AnchorLayout
 
-VERSION = 1
+VERSION = 2
 LOG_BITS = 24
 """Fractional bits of binary logarithms of scale and size, and of their steps."""
 MAX_GROUPS = 32
@@ -34,7 +34,7 @@ class SideInfo:
     Attributes:
         config: Shape of the model.
         voxel_size: World units per voxel.
-        voxels: int64 (N, 3), positions of all anchors; by rank once read.
+        places: Where all anchors are, as far as it is known without their packets.
         middle: int64 (3), middle of the scene, voxels.
         spread: int64 (3), extent of the scene, voxels.
         steps: float64 (groups + 1), steps of each feature group and of the offsets.
@@ -47,7 +47,7 @@ class SideInfo:
 
     config: CausalConfig
     voxel_size: float
-    voxels: np.ndarray
+    places: SharedPlaces
     middle: np.ndarray
     spread: np.ndarray
     steps: np.ndarray
@@ -68,20 +68,19 @@ def write_side_info(info: SideInfo) -> bytes:
         raise InvalidValueError(f"side information: {wrong}")
     parts = {
         "header": _header(info),
-        "positions": encode_positions(info.voxels),
+        "positions": info.places.section,
         "networks": write_networks(info.networks.values()),
         "render_networks": write_networks(info.heads),
     }
     return b"".join(framed(parts[name]) for name in CAUSAL_SECTIONS) + write_sections(info.sections)
 
 
-def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
+def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
     """Reads side information; the inverse of `write_side_info`.
 
     Args:
         data: The bytes.
         num_anchors: Anchors of the scene (from the manifest).
-        order: Order of the anchors in packets (from the manifest).
 
     Raises:
         UnsupportedVersionError: If a newer release wrote it.
@@ -90,7 +89,7 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
     reader = ByteReader(data, "side information")
     header, positions, networks, render = (reader.blob() for _ in CAUSAL_SECTIONS)
     sections = read_sections(reader.rest())
-    info = _read_header(header)
+    info = _read_header(header, read_places(positions, num_anchors))
     config = info.config
     shapes = [(name, *shape) for name, shape in config.shapes().items()]
     features, offsets = config.layout.feature_dim, config.layout.num_offsets
@@ -98,7 +97,6 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
     found = read_networks(networks, shapes)
     return replace(
         info,
-        voxels=decode_positions(positions, num_anchors, order),
         networks={name: network for (name, *_), network in zip(shapes, found, strict=True)},
         heads=tuple(read_networks(render, [(name, features + 4, out) for name, out in outputs])),
         sections=sections,
@@ -119,8 +117,8 @@ def _header(info: SideInfo) -> bytes:
     return writer.bytes()
 
 
-def _read_header(data: bytes) -> SideInfo:
-    """Side information without positions, networks and sections."""
+def _read_header(data: bytes, places: SharedPlaces) -> SideInfo:
+    """Side information without networks and sections."""
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version != VERSION:
@@ -139,7 +137,7 @@ def _read_header(data: bytes) -> SideInfo:
     except ValueError as error:
         raise BitstreamError(f"side information: {error}") from None
     info = SideInfo(
-        config, voxel_size, np.zeros((0, 3), dtype=np.int64), signed[FORM:], unsigned[2:], steps, unsigned[:2],
+        config, voxel_size, places, signed[FORM:], unsigned[2:], steps, unsigned[:2],
         signed[:FORM], {}, (),
     )  # fmt: skip
     if wrong := _problem(info):

@@ -1,0 +1,224 @@
+"""Numba kernels of places: a tree over sorted Morton codes for the side information, the low bits for packets.
+
+A node of the tree is a run of codes that agree in all higher bits. Sent is whether all of them agree in the next bit,
+too, and if not, how many have a zero there. A node of at most `leaf` codes is not split any further.
+
+Of a packet's anchor follows in unary which triple of its low bits is the lowest that is not 0, since anchors grow on
+grids of several widths, then the bits above it as they are, and the triple itself, one of seven.
+"""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec._geometry_kernels import split
+from splatwire.entropy.range_kernels import (
+    ONE,
+    ZERO,
+    decode_advance,
+    decode_bit,
+    decode_raw,
+    decode_target,
+    decoder_start,
+    encode_bit,
+    encode_interval,
+    encode_raw,
+    encoder_finish,
+    encoder_start,
+)
+from splatwire.ops.compiled import njit
+
+CHANCE_BITS = np.int64(8)
+RAW_BITS = np.int64(16)
+DEPTH = 65
+RUNS = 4
+SIZES = 8
+NUM_CONTEXTS = SIZES * RUNS
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _context(n, run):
+    size = 0
+    while n >> (size + 1) and size < SIZES:
+        size += 1
+    return (size - 1) * RUNS + run
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _coarse(count):
+    """How many low bits of a number below `count` are coded as they are, since an interval has 16 bits."""
+    shift = 0
+    while ((count - 1) >> shift) >> RAW_BITS:
+        shift += 1
+    return shift
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _encode_below(out, state, value, count):
+    start = (value << RAW_BITS) // count
+    encode_interval(out, state, start, ((value + 1) << RAW_BITS) // count - start, RAW_BITS)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _decode_below(data, end, state, count):
+    value = ((decode_target(state, RAW_BITS) + 1) * count - 1) >> RAW_BITS
+    start = (value << RAW_BITS) // count
+    decode_advance(data, end, state, start, ((value + 1) << RAW_BITS) // count - start, RAW_BITS)
+    return value
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def encode_tree(codes, bits, leaf, models, buffer):
+    """Codes sorted Morton codes of `bits` bits down to nodes of at most `leaf`; returns the number of bytes."""
+    state, stack, top = np.empty(3, np.int64), np.empty((DEPTH, 4), np.int64), 0
+    encoder_start(state)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, len(codes), bits - 1, 0
+    while top >= 0:
+        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        n = end - begin
+        top -= 1
+        if bit < 0 or n <= leaf:
+            continue
+        middle = split(codes, begin, end, bit)
+        together = np.int64(1 if middle in (begin, end) else 0)
+        encode_bit(buffer, state, models, _context(n, run), together)
+        if together:
+            encode_raw(buffer, state, np.int64(1 if middle == end else 0))
+        else:
+            number, shift = middle - begin - 1, _coarse(n - 1)
+            _encode_below(buffer, state, number >> shift, ((n - 2) >> shift) + 1)
+            if shift:
+                encode_interval(buffer, state, number & ((ONE << shift) - 1), ONE, shift)
+        run = min(run + 1, RUNS - 1) if together else 0
+        top += 2
+        stack[top - 1, 0], stack[top - 1, 1], stack[top - 1, 2], stack[top - 1, 3] = middle, end, bit - 1, run
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = begin, middle, bit - 1, run
+    return encoder_finish(buffer, state)
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def decode_tree(data, bits, leaf, models, codes, unknown):
+    """Inverse of `encode_tree`; fills `codes` in ascending order, and how many low bits of each are guessed."""
+    state, stack, top = np.empty(3, np.int64), np.empty((DEPTH, 5), np.int64), 0
+    decoder_start(data, ZERO, len(data), state)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3], stack[0, 4] = 0, len(codes), bits - 1, 0, 0
+    while top >= 0:
+        begin, end, bit, run = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        n, prefix = end - begin, stack[top, 4]
+        top -= 1
+        if bit < 0 or n <= leaf:
+            for i in range(begin, end):
+                codes[i] = (prefix << (bit + 1)) | guess(i - begin, n, bit + 1)
+                unknown[i] = bit + 1
+            continue
+        together = decode_bit(data, len(data), state, models, _context(n, run))
+        if together:
+            zeros = n if decode_raw(data, len(data), state) else 0
+        else:
+            shift = _coarse(n - 1)
+            number = _decode_below(data, len(data), state, ((n - 2) >> shift) + 1)
+            if shift:
+                low = decode_target(state, shift)
+                decode_advance(data, len(data), state, low, ONE, shift)
+                number = (number << shift) | low
+            zeros = 1 + min(number, n - 2)
+        run = min(run + 1, RUNS - 1) if together else 0
+        top += 2
+        stack[top - 1, 0], stack[top - 1, 1], stack[top - 1, 2] = begin + zeros, end, bit - 1
+        stack[top - 1, 3], stack[top - 1, 4] = run, (prefix << 1) | 1
+        stack[top, 0], stack[top, 1], stack[top, 2] = begin, begin + zeros, bit - 1
+        stack[top, 3], stack[top, 4] = run, prefix << 1
+
+
+@njit(error_model="numpy")
+@no_type_check
+def guess(i, n, bits):
+    """What code i of a node's n is taken for in the bits that are not known: the middle of a part of the node."""
+    depth = 0
+    while (n - 1) >> depth:
+        depth += 1
+    value, shift = (((np.int64(i) << depth) // n) << 3) | 7, bits - depth - 3
+    return value << shift if shift >= 0 else value >> -shift
+
+
+@njit(error_model="numpy")
+@no_type_check
+def encode_place(out, state, code, unknown, chances):
+    """Codes the low bits of a code that are not known."""
+    rest, triples = code & ((ONE << unknown) - 1), (unknown + 2) // 3
+    level = np.int64(0)
+    while level < triples and not (rest >> (3 * level)) & 7:
+        stop = chances[triples, level]
+        encode_interval(out, state, stop, (ONE << CHANCE_BITS) - stop, CHANCE_BITS)
+        level += 1
+    if level == triples:
+        return
+    encode_interval(out, state, ZERO, chances[triples, level], CHANCE_BITS)
+    left = unknown - 3 * level
+    low = min(left, 3)
+    bits = left - low
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        encode_interval(out, state, (rest >> (3 * level + low + bits)) & ((ONE << some) - 1), ONE, some)
+    if low > 1:
+        others = (ONE << low) - 1
+        _encode_below(out, state, ((rest >> (3 * level)) & others) - 1, others)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def decode_place(data, end, state, code, unknown, chances):
+    """The code with the bits that were not known."""
+    triples, level = (unknown + 2) // 3, np.int64(0)
+    while level < triples:
+        stop = chances[triples, level]
+        if decode_target(state, CHANCE_BITS) < stop:
+            decode_advance(data, end, state, ZERO, stop, CHANCE_BITS)
+            break
+        decode_advance(data, end, state, stop, (ONE << CHANCE_BITS) - stop, CHANCE_BITS)
+        level += 1
+    known = (code >> unknown) << unknown
+    if level == triples:
+        return known
+    left = unknown - 3 * level
+    low = min(left, 3)
+    bits, rest = left - low, np.int64(0)
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        part = decode_target(state, some)
+        decode_advance(data, end, state, part, ONE, some)
+        rest = (rest << some) | part
+    value = _decode_below(data, end, state, (ONE << low) - 1) if low > 1 else ZERO
+    return known | (((rest << low) | (value + 1)) << (3 * level))
+
+
+@njit(error_model="numpy")
+@no_type_check
+def place_bits(code, unknown, chances):
+    """Bits that `encode_place` takes."""
+    rest, triples, total = code & ((ONE << unknown) - 1), (unknown + 2) // 3, 0.0
+    for level in range(triples):
+        stop = chances[triples, level]
+        if (rest >> (3 * level)) & 7:
+            left = unknown - 3 * level
+            low = min(left, 3)
+            return total + 8.0 - np.log2(float(stop)) + left - low + np.log2(float((1 << low) - 1))
+        total += 8.0 - np.log2(256.0 - stop)
+    return total
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def decode_places(data, ends, starts, states, codes, unknown, chances):
+    """Completes the codes of all packets' anchors in place."""
+    for p in range(states.shape[0]):
+        for n in range(starts[p], starts[p + 1]):
+            codes[n] = decode_place(data, ends[p + 1], states[p], codes[n], unknown[n], chances)
