@@ -41,7 +41,7 @@ def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path):
     assert explicit["no loss"]["exact"]
     assert explicit["drop"]["num_bytes"] <= 400_000
     assert max(explicit[name]["psnr"] for name in ("grow", "scene_free")) > explicit["drop"]["psnr"]
-    assert "Gaussians" in (tmp_path / "explicit" / "report.html").read_text()
+    assert "snowmiku_gaussians" in (tmp_path / "explicit" / "report.html").read_text()
     rows = {row["method"]: row for row in content["rows"]}
     assert rows["no loss"]["exact"]
     lossy = [row["psnr"] for name, row in rows.items() if name != "no loss"]

@@ -2,6 +2,8 @@
 
 import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE, SPLATS
-from splatwire.cli._output import JsonFlag, Reporter, print_json, progress_bars
+from splatwire.cli._output import JsonFlag, print_json, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
-    from splatwire.evaluate.study import MemoryStore, Study
+    from splatwire.evaluate.study import Study
     from splatwire.model.appearance import Partial
     from splatwire.packets import SceneStream
 
@@ -27,10 +29,6 @@ _NOTES = (
     "decoded what had arrived, each concealer dealt with the gaps, and the CPU renderer drew the test views.",
     "The reference pictures are the lossless scene's own renders, not photos: the numbers say what the losses cost. "
     "The row contiguous drop is the same scene with packets of neighbouring anchors; all others use stratified lanes.",
-)
-_EXPLICIT_NOTES = (
-    "Explicit Gaussians, as any splat file holds them: an export of the bundled scene, thinned out, in packets that "
-    "bring their places along. The reference pictures are the lossless stream's own renders.",
 )
 
 
@@ -58,49 +56,50 @@ class Demo:
     def run(self) -> None:
         """Runs the verb."""
         started = time.perf_counter()
-        with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
+        with (
+            progress_bars() as show,
+            tempfile.TemporaryDirectory(prefix="splatwire-") as folder,
+            self._explicit() as other,
+        ):
             show("loading", 0.0)
-            from splatwire.evaluate.study import MemoryStore
+            from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
 
             show("loading", 1.0)
             store = MemoryStore(Path(folder))
-            shown = [_show(self.study(Path(folder)), store, self.output, show)]
-            if self.stream is None:
-                shown.append(_show(self.explicit_study(), store, self.output / "explicit", show))
+            result = run_study(self.study(Path(folder)), store, InProcess(_decode, show), show)
+            content = plain_content(result)
+            report = write_report(result, store, self.output, content)
+            show("explicit Gaussians, in another process", 0.0)
+            explicit = other()
         seconds = time.perf_counter() - started
         if self.json:
-            content, *others = [{**each.content, "report": str(each.report)} for each in shown]
-            print_json({**content, "demo_seconds": seconds, "explicit": others[0] if others else None})
+            print_json({**content, "report": str(report), "demo_seconds": seconds, "explicit": explicit})
             return
         from splatwire.cli._table import print_rows
 
-        for each in shown:
-            print_rows(each.content["rows"], each.title, lpips_note=each.lpips_note)
-            print(f"report: {each.report}")
+        print_rows(content["rows"], result.study.title, lpips_note=result.lpips_note)
+        print(f"report: {report}")
+        if explicit is not None:
+            title = f"the same of explicit Gaussians, as any splat file holds them: {SPLATS}, an export of the scene"
+            print_rows(explicit["rows"], title, lpips_note=result.lpips_note)
+            print(f"report: {explicit['report']}")
         print(f"PSNR is against the lossless scene's own renders. {seconds:.0f} s in all.")
 
-    def explicit_study(self) -> "Study":
-        """The same journey of explicit Gaussians: the bundled scene's, exported and thinned out."""
-        from splatwire.conceal import concealer_names
-        from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
-        from splatwire.model import SplatScene
+    @contextmanager
+    def _explicit(self) -> Iterator[Callable[[], dict[str, Any] | None]]:
+        """Has another process evaluate the bundled Gaussians meanwhile; what waits for its answer, None for none."""
+        from splatwire.cli._fresh import in_fresh_process
 
-        loss, source = Loss(self.loss), ASSETS / SPLATS
-        entry = SceneEntry(
-            source.stem, source, "stream", cameras=ASSETS / CAMERAS, background=chosen_background(self.background)
-        )
-        return Study(
-            name=source.stem,
-            title=f"splatwire demo: explicit Gaussians ({source.stem}) under {loss.process.name}",
-            scenes=(entry,),
-            rows=concealment_rows(concealer_names((), SplatScene.ELEMENTS)),
-            losses=(loss,),
-            seeds=(self.seed,),
-            notes=_EXPLICIT_NOTES,
-            baseline="drop",
-            views=self.views,
-            lpips_views=_LPIPS_VIEWS,
-        )
+        if self.stream is not None:
+            yield lambda: None
+            return
+        source, background = ASSETS / SPLATS, () if self.background is None else ("--background", *self.background)
+        views = () if self.views is None else ("--views", self.views)
+        with in_fresh_process(
+            "evaluate", source, "--reference", source, "--cameras", ASSETS / CAMERAS, "--loss", self.loss,
+            "--seeds", self.seed, "--lpips-views", _LPIPS_VIEWS, *views, *background, "-o", self.output / "explicit",
+        ) as answer:  # fmt: skip
+            yield answer
 
     def study(self, folder: Path) -> "Study":
         """What is compared.
@@ -146,31 +145,11 @@ class Demo:
         return folder / SCENE, ASSETS / CAMERAS
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """A study that ran, as it is told."""
-
-    title: str
-    content: dict[str, Any]
-    report: Path
-    lpips_note: str
-
-
-def _show(study: "Study", store: "MemoryStore", output: Path, show: Reporter) -> _Shown:
-    from splatwire.evaluate.study import InProcess, plain_content, run_study, write_report
-
-    result = run_study(study, store, InProcess(_decode, show), show)
-    content = plain_content(result)
-    return _Shown(study.title, content, write_report(result, store, output, content), result.lpips_note)
-
-
 def _decode(stream: "SceneStream") -> "Partial":
     """Decodes what arrived for the concealers in a fresh process; the other streams here, to save its start."""
     from splatwire.cli import _fresh
     from splatwire.codec import decode_stream
-    from splatwire.model import AnchorScene
 
     manifest = stream.manifest
     here = len(stream.packets) == manifest.num_packets or manifest.packetization.grouping == "contiguous"
-    here = here or manifest.elements != AnchorScene.ELEMENTS  # a scene file keeps gaps, a splat file does not
     return (decode_stream if here else _fresh.decode_in_fresh_process)(stream)

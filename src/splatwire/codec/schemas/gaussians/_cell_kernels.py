@@ -10,6 +10,7 @@ import numpy as np
 
 from splatwire.codec._geometry_kernels import split
 from splatwire.codec.schemas.gaussians._coder_kernels import code_below, code_bit, code_raw
+from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 
 RUNS = 4
@@ -20,24 +21,33 @@ RUNS = 4
 def code_cells(coder, codes, bits):
     """Codes sorted Morton codes of `bits` bits; decoding fills `codes` in ascending order."""
     stack = np.empty((66, 5), np.int64)
-    stack[0] = (0, len(codes), bits - 1, 0, 0)
+    _push(stack, 0, 0, len(codes), bits - 1, 0, 0)
     top = 0
     while top >= 0:
-        begin, end, bit, run, prefix = stack[top]
+        begin, end, bit = stack[top, 0], stack[top, 1], stack[top, 2]
+        run, prefix = stack[top, 3], stack[top, 4]
         top -= 1
         if begin == end:
             continue
         if bit < 0 or end - begin == 1:
             low = codes[begin] & ((1 << (bit + 1)) - 1)
             low = code_raw(coder, low, bit + 1) if bit >= 0 else 0
-            codes[begin:end] = (prefix << (bit + 1)) | low
+            for i in range(begin, end):
+                codes[i] = (prefix << (bit + 1)) | low
             continue
         zeros = split(codes, begin, end, bit) - begin if not coder.decoding else 0
         zeros = _code_zeros(coder, end - begin, zeros, run)
         run = min(run + 1, RUNS - 1) if zeros == 0 or zeros == end - begin else 0
-        stack[top + 1] = (begin + zeros, end, bit - 1, run, (prefix << 1) | 1)
-        stack[top + 2] = (begin, begin + zeros, bit - 1, run, prefix << 1)
+        _push(stack, top + 1, begin + zeros, end, bit - 1, run, (prefix << 1) | 1)
+        _push(stack, top + 2, begin, begin + zeros, bit - 1, run, prefix << 1)
         top += 2
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _push(stack, top, begin, end, bit, run, prefix):
+    """A row, number by number: to assign a tuple takes numba seconds to compile."""
+    stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
 
 
 @njit(error_model="numpy")
@@ -48,5 +58,5 @@ def _code_zeros(coder, n, zeros, run):
         size += 1
     together = 1 if zeros == 0 or zeros == n else 0
     if code_bit(coder, (size - 1) * RUNS + run, together):
-        return n if code_raw(coder, 1 if zeros == n else 0, 1) else 0
+        return n if code_raw(coder, ONE if zeros == n else ZERO, ONE) else 0
     return 1 + code_below(coder, zeros - 1, n - 1)

@@ -23,6 +23,12 @@ from splatwire.codec.schemas.gaussians.layout import (
     NUM_NEIGHBOURS,
     OPACITY,
     PRIMARY,
+    R_DIRECTION,
+    R_LUMA,
+    R_OPACITY,
+    R_SCALE0,
+    R_SCALE1,
+    R_SCALE2,
     S_COLOUR,
     S_OPACITY,
     S_SCALE0,
@@ -36,6 +42,7 @@ from splatwire.codec.schemas.gaussians.layout import (
     STEP_BITS,
     WINDOW,
 )
+from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
 
 UNIT = 1 << DIRECTION_BITS
@@ -140,33 +147,33 @@ def code_class(coder, rows, i, value, count, who, weight):
 def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight, thinness):
     """Codes opacity and scales, each from the neighbours' and with a step from what is known already."""
     mean, deviation = predict(rows, OPACITY, defaults[0], count, who, weight)
-    shift = min(max(BITS - exponent(bases, S_OPACITY, level, 0, 0, 0, 0), 0), BITS)
+    shift = min(max(BITS - exponent(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO), 0), BITS)
     spread = spread_context(count, deviation, shift)
-    residual = code_residual(coder, 0, spread, shift, source[0] - mean, shift)
+    residual = code_residual(coder, R_OPACITY, spread, shift, source[0] - mean, shift)
     running, opacity = follow(np.int64(16), residual, shift), mean + residual
     opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
     mean, deviation = predict(rows, SCALE0, defaults[1], count, who, weight)
     area = 2 * mean - (2 << BITS)
-    shift = min(max(BITS - exponent(bases, S_SCALE0, level, area, 0, 0, opacity), 0), BITS - 1)
+    shift = min(max(BITS - exponent(bases, S_SCALE0, level, area, ZERO, ZERO, opacity), 0), BITS - 1)
     spread = spread_context(count, deviation, shift)
-    residual = code_residual(coder, 1, spread, shift, source[1] - mean, shift)
+    residual = code_residual(coder, R_SCALE0, spread, shift, source[1] - mean, shift)
     running, s0 = follow(running, residual, shift), mean + residual
     s0 = min(max(s0, -MAX_LOG), MAX_LOG)
     mean, deviation = predict(rows, SCALE1, defaults[2], count, who, weight)
     area = 2 * s0 - (2 << BITS)
-    shift = min(max(BITS - exponent(bases, S_SCALE1, level, area, 0, 0, opacity), 0), BITS - 1)
+    shift = min(max(BITS - exponent(bases, S_SCALE1, level, area, ZERO, ZERO, opacity), 0), BITS - 1)
     spread = spread_context(count, deviation, shift)
-    residual = code_residual(coder, 2, spread, octave_of(running), s0 - source[2] - mean, shift)
+    residual = code_residual(coder, R_SCALE1, spread, octave_of(running), s0 - source[2] - mean, shift)
     running, long = follow(running, residual, shift), mean + residual
     long = min(max(long, 0), MAX_LOG)
     mean, deviation = predict(rows, SCALE2, defaults[3], count, who, weight)
-    shift = min(max(BITS - exponent(bases, S_SCALE2, level, 2 * s0 - long, long, 0, opacity), 0), BITS - 1)
+    shift = min(max(BITS - exponent(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity), 0), BITS - 1)
     spread = spread_context(count, deviation, shift)
     target = np.int64(0)
     if not coder.decoding:
         ratio = max(s0 - long - source[3], 0) / (1 << BITS)
         target = np.int64(np.rint((1 - 2.0**-ratio) / np.log(2.0) * (1 << BITS)))
-    residual = code_residual(coder, 3, spread, octave_of(running), target - mean, shift)
+    residual = code_residual(coder, R_SCALE2, spread, octave_of(running), target - mean, shift)
     running, thin = follow(running, residual, shift), mean + residual
     thin = min(max(thin, 0), MAX_THIN)
     rows[i, OPACITY], rows[i, SCALE0], rows[i, SCALE1], rows[i, SCALE2] = opacity, s0, long, thin
@@ -178,7 +185,7 @@ def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight
 def predict_axis(rows, primary, count, who, weight, axis):
     """Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; and their mean deviation."""
     total, nearest = np.int64(0), -1
-    axis[:] = 0
+    axis[0] = axis[1] = axis[2] = 0
     for m in range(count):
         j = who[m]
         if rows[j, PRIMARY] == primary:
@@ -218,7 +225,8 @@ def code_axis(coder, rows, i, primary, source, shift, count, who, weight, runnin
         if abs(axis[a]) > abs(axis[pole]):
             pole = a
     if axis[pole] < 0:
-        axis[:] = -axis
+        for a in range(3):
+            axis[a] = -axis[a]
     first, second = (pole + 1) % 3, (pole + 2) % 3
     norm = abs(axis[0]) + abs(axis[1]) + abs(axis[2])
     mean0 = ((axis[first] + axis[second]) << DIRECTION_BITS) // norm
@@ -230,9 +238,9 @@ def code_axis(coder, rows, i, primary, source, shift, count, who, weight, runnin
         target0 = np.int64(np.rint((source[first] + source[second]) * sign))
         target1 = np.int64(np.rint((source[first] - source[second]) * sign))
     spread = spread_context(same, deviation, shift)
-    residual = code_residual(coder, 4, spread, octave_of(running), target0 - mean0, shift)
+    residual = code_residual(coder, R_DIRECTION, spread, octave_of(running), target0 - mean0, shift)
     running, e0 = follow(running, residual, shift), min(max(mean0 + residual, -UNIT), UNIT)
-    residual = code_residual(coder, 4, spread, octave_of(running), target1 - mean1, shift)
+    residual = code_residual(coder, R_DIRECTION, spread, octave_of(running), target1 - mean1, shift)
     running, e1 = follow(running, residual, shift), min(max(mean1 + residual, -UNIT), UNIT)
     x, y = (e0 + e1) >> 1, (e0 - e1) >> 1
     rows[i, AXIS + first], rows[i, AXIS + second] = x, y
@@ -244,10 +252,10 @@ def code_axis(coder, rows, i, primary, source, shift, count, who, weight, runnin
 @no_type_check
 def code_colour(coder, rows, i, source, bases, defaults, level, count, who, weight, running):
     """Codes luma and chroma; the magnitude of the component before is a context."""
-    shift = min(max(BITS - exponent(bases, S_COLOUR, level, 0, 0, 0, 0), 0), BITS - 2)
+    shift = min(max(BITS - exponent(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
     for c in range(3):
         mean, deviation = predict(rows, LUMA + c, defaults[4 + c], count, who, weight)
         spread = spread_context(count, deviation, shift)
-        residual = code_residual(coder, 5 + c, spread, octave_of(running), source[c] - mean, shift)
+        residual = code_residual(coder, R_LUMA + c, spread, octave_of(running), source[c] - mean, shift)
         rows[i, LUMA + c] = min(max(mean + residual, -MAX_COLOUR), MAX_COLOUR)
         running = follow(running, residual, shift)

@@ -14,6 +14,7 @@ from splatwire.codec.schemas.gaussians.layout import (
     MAX_HARMONIC,
     S_HARMONICS,
 )
+from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 
 RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
@@ -24,7 +25,7 @@ RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
 @no_type_check
 def code_harmonics(coder, values, i, source, bases, level):
     """Codes harmonics, Y Co Cg of one after another; most are 0, and those before in the Gaussian are the context."""
-    shift = min(max(BITS - exponent(bases, S_HARMONICS, level, 0, 0, 0, 0), 0), BITS - 2)
+    shift = min(max(BITS - exponent(bases, S_HARMONICS, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
     half = (1 << shift) >> 1
     some = 0
     if not coder.decoding:
@@ -53,13 +54,13 @@ def code_harmonics(coder, values, i, source, bases, level):
 @njit(error_model="numpy")
 @no_type_check
 def _code_level(coder, value, zero_context, context):
-    if not code_bit(coder, zero_context, 1 if value != 0 else 0):
+    if not code_bit(coder, zero_context, ONE if value != 0 else ZERO):
         return np.int64(0)
-    negative = code_raw(coder, 1 if value < 0 else 0, 1)
+    negative = code_raw(coder, ONE if value < 0 else ZERO, ONE)
     magnitude, base = abs(value), FIRST_MAGNITUDE + context * 3
     found = np.int64(1)
     while found < 15:
-        if not code_bit(coder, base + min(found - 1, 2), 1 if magnitude > found else 0):
+        if not code_bit(coder, base + min(found - 1, 2), ONE if magnitude > found else ZERO):
             return -found if negative else found
         found += 1
     found += min(code_escape(coder, magnitude - found), 1 << 20)

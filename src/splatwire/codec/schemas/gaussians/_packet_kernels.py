@@ -31,9 +31,10 @@ from splatwire.codec.schemas.gaussians.layout import (
     SPIN,
     SPIN_BITS,
 )
-from splatwire.entropy.range_kernels import ZERO, decoder_start, encoder_finish, encoder_start
+from splatwire.entropy.range_kernels import ONE, ZERO, decoder_start, encoder_finish, encoder_start
 from splatwire.ops.compiled import njit
 
+CELLS_AT_BITS = np.int64(6)
 SLACK = 64
 """Bytes of a packet's buffer besides those of its Gaussians."""
 
@@ -63,7 +64,7 @@ def slot_of(code, bits):
 @no_type_check
 def _code_codes(coder, codes, bits, spread):
     """Codes Morton codes of `bits` bits, of a spread packet all but their slots as a tree, then its run of slots."""
-    spread = code_raw(coder, spread, 1)
+    spread = code_raw(coder, spread, ONE)
     size = min(bits, SLOT_BITS) if spread else 0
     first, last = np.int64(1 << size), np.int64(0)
     if not coder.decoding:
@@ -103,15 +104,21 @@ def _code_spin(coder, row, axes, primary, bits):
 @no_type_check
 def _turn(row, axes, primary):
     """Angle from the frame that `attributes.frames` builds on a decoded axis to the axis after the primary one."""
-    u = row[AXIS : AXIS + 3].astype(np.float64)
-    u /= np.sqrt((u * u).sum())
-    least = np.argmin(np.abs(u))
-    t = -u[least] * u
-    t[least] += 1.0
-    t /= np.sqrt((t * t).sum())
-    b = np.cross(u, t)
-    v = axes[:, (primary + 1) % 3]
-    return np.arctan2((v * b).sum(), (v * t).sum())
+    x, y, z = np.float64(row[AXIS]), np.float64(row[AXIS + 1]), np.float64(row[AXIS + 2])
+    norm = np.sqrt(x * x + y * y + z * z)
+    x, y, z = x / norm, y / norm, z / norm
+    if abs(x) <= abs(y) and abs(x) <= abs(z):
+        tx, ty, tz = -x * x + 1.0, -x * y, -x * z
+    elif abs(y) <= abs(z):
+        tx, ty, tz = -y * x, -y * y + 1.0, -y * z
+    else:
+        tx, ty, tz = -z * x, -z * y, -z * z + 1.0
+    norm = np.sqrt(tx * tx + ty * ty + tz * tz)
+    tx, ty, tz = tx / norm, ty / norm, tz / norm
+    after = (primary + 1) % 3
+    vx, vy, vz = axes[0, after], axes[1, after], axes[2, after]
+    across = vx * (y * tz - z * ty) + vy * (z * tx - x * tz) + vz * (x * ty - y * tx)
+    return np.arctan2(across, vx * tx + vy * ty + vz * tz)
 
 
 @njit(error_model="numpy")
@@ -121,7 +128,7 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics):
     bases, unit, thinness = stream
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
     n = len(rows)
-    at = code_raw(coder, cells_at, 6)
+    at = code_raw(coder, cells_at, CELLS_AT_BITS)
     at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
     cells, packed = np.empty((n, 3), np.int64), np.zeros(n, np.int64)
     if not coder.decoding:

@@ -9,18 +9,9 @@ DIRECTION_BITS = 14
 STEP_BITS = 6
 """Fractional bits of the exponents of steps in the side information and of `COEFFICIENTS`."""
 
-LATTICE, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = (
-    0,
-    3,
-    4,
-    5,
-    6,
-    7,
-    8,
-    11,
-    12,
-    13,
-    14,
+# Numbers of columns, streams and steps are numpy's: numba compiles a function anew for each literal it is called with.
+LATTICE, CLASS, OPACITY, SCALE0, SCALE1, SCALE2, AXIS, PRIMARY, SPIN_BITS, SPIN, LUMA = np.array(
+    [0, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14]
 )
 COLUMNS = 17
 """Columns of a decoded Gaussian: place (3, in half lattice units), class, logarithms of opacity, of the largest
@@ -29,12 +20,13 @@ scale and of its ratio to the second, companded ratio of the second to the third
 
 STREAMS = ("opacity", "scale0", "scale1", "scale2", "direction", "luma", "orange", "green")
 """Streams of residuals, each with tables of its own."""
+R_OPACITY, R_SCALE0, R_SCALE1, R_SCALE2, R_DIRECTION, R_LUMA = np.arange(6)
 SPREADS, SECONDS = 12, 16
 """Contexts of a residual: how much its neighbours differ, and log2 of its step, or of the residuals before it."""
 
 STEPS = ("opacity", "scale0", "scale1", "scale2", "position", "direction", "spin", "colour", "harmonics")
 """What has a step of its own, in the order of the side information."""
-S_OPACITY, S_SCALE0, S_SCALE1, S_SCALE2, S_POSITION, S_DIRECTION, S_SPIN, S_COLOUR, S_HARMONICS = range(9)
+S_OPACITY, S_SCALE0, S_SCALE1, S_SCALE2, S_POSITION, S_DIRECTION, S_SPIN, S_COLOUR, S_HARMONICS = np.arange(9)
 
 COEFFICIENTS = np.array(
     [

@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
 
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
@@ -143,7 +146,7 @@ class ReferencePacket:
         return g
 
     def value(
-        self, stream: int, step: int, near: list[tuple[Gaussian, int]], level: int,
+        self, stream: int, step: np.integer[Any], near: list[tuple[Gaussian, int]], level: int,
         of: Callable[[Gaussian], int], shape: tuple[int, int, int, int], default: int, most: int,
     ) -> int:  # fmt: skip
         """A value that is predicted by the neighbours' mean."""
@@ -238,7 +241,7 @@ class ReferencePacket:
         mean = sum(of(n) * w for n, w in near) // total
         return mean, sum(abs(of(n) - mean) * w for n, w in near) // total
 
-    def exponent(self, which: int, level: int, shape: tuple[int, int, int, int]) -> int:
+    def exponent(self, which: np.integer[Any], level: int, shape: tuple[int, int, int, int]) -> int:
         """`-log2` of a step."""
         sums = sum(int(c) * x for c, x in zip(COEFFICIENTS[which], shape, strict=True))
         sums += (int(self.info.bases[which]) + level * 2**STEP_BITS) * 2**BITS
