@@ -6,7 +6,8 @@ The stream is one of explicit Gaussians in datagrams (`splatwire encode scene.pl
 the bundled scene's.
 
 * `bundle`: bytes of the page's two scripts, and compressed with gzip -9; a preview waits for the first of them only.
-* `decode`: processor time of a Gaussian in node, which has Chromium's engine, and in Python on one thread, in turns.
+* `decode`: processor time of a Gaussian or an anchor in node, which has Chromium's engine, and in Python on one thread,
+  in turns; `view_us` is that of an anchor, all of them in view, each time a camera asks for its Gaussians.
 * `pictures`: PSNR of the page's pictures against `splatwire render`, three views around the scene.
 * `lossy`: a relay loses 20 %, 20 ms each way; milliseconds from navigation to what is on the screen: the preview,
   which the page itself carries, the first packets, and half of the Gaussians. Each time in a fresh page of a browser
@@ -40,8 +41,7 @@ from PIL import Image
 from splatwire.cli._bundled import SPLATS
 from splatwire.cli.serve import bundled_datagrams
 from splatwire.codec import decode_stream
-from splatwire.codec.schemas.gaussians.decoder import decode_splats
-from splatwire.packets import SceneStream, read_stream, write_stream
+from splatwire.packets import CAUSAL, SceneStream, read_stream, write_stream
 from splatwire.render import render_scene
 from splatwire.scene import Cameras
 from splatwire.transport import ServerLimits, make_program
@@ -94,20 +94,24 @@ def opened(page: Browser, url: str) -> dict[str, Any]:
 
 def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, float]:
     count, theirs, ours = stream.manifest.num_anchors, [], []
-    decode_splats(stream, threads=1)
+    decode_stream(stream, threads=1)
+    views = []
     for _ in range(rounds):
         began = time.process_time()
-        decode_splats(stream, threads=1)
+        decode_stream(stream, threads=1)
         ours.append(1e6 * (time.process_time() - began) / count)
         words = ["node", str(WEB / "scripts" / "time.mjs"), str(path)]
-        theirs.append(float(subprocess.run(words, capture_output=True, text=True, check=True).stdout))
+        told = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+        theirs.append(told["decode"])
+        views.append(told["view"])
     python, node = min(ours), min(theirs)
-    return {"python_us": round(python, 2), "typescript_us": round(node, 2), "ratio": round(node / python, 2)}
+    found = {"python_us": round(python, 2), "typescript_us": round(node, 2), "ratio": round(node / python, 2)}
+    return found | ({"view_us": round(min(views), 2)} if stream.manifest.codec == CAUSAL else {})
 
 
 def pictures(page: Browser, stream: SceneStream) -> list[float]:
     scene = decode_stream(stream).scene
-    cameras = around(scene.splats.means.numpy())
+    cameras = around(scene.positions.numpy())
     style = f"position: fixed; inset: auto; left: 0; top: 0; width: {SIZE}px; height: {SIZE}px"
     page.evaluate(f"{ELEMENT}.style.cssText = '{style}'")
     page.evaluate(f"{ELEMENT}.panel.set({{concealer: 'drop'}})")
@@ -203,7 +207,7 @@ def measured(path: Path, rate: float, pages: int) -> dict[str, Any]:
     scripts = {name: web_file(name).encode() for name in (SCRIPT, DRAWING)}
     found = asyncio.run(measure(stream, rate, pages))
     bundle = {name: {"bytes": len(text), "gzip": len(gzip.compress(text, 9))} for name, text in scripts.items()}
-    scene = {"gaussians": stream.manifest.num_anchors, "bytes": stream.num_bytes}
+    scene = {stream.manifest.elements.lower(): stream.manifest.num_anchors, "bytes": stream.num_bytes}
     decode = decode_times(path.resolve(), stream)
     return {"scene": {"name": path.stem, **scene}, "bundle": bundle, "decode": decode, **found}
 

@@ -10,20 +10,29 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from splatwire.codec import decode_stream
 from splatwire.codec.preview import preview_gaussians
 from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.tables import thinness_table
+from splatwire.codec.tiers import arrange_stream
 from splatwire.conceal import conceal
-from splatwire.entropy.tables import half_width_table, inverse_scale_table, normal_table
+from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, normal_table, weight_table
+from splatwire.model.appearance import spawned_gaussians
 from splatwire.ops.spherical_harmonics import DC
-from splatwire.packets import SceneStream
+from splatwire.packets import CAUSAL, SceneStream
 from splatwire.packets.splitmix64 import splitmix64_reference
 from splatwire.packets.stream import write_stream
+from splatwire.scene import Cameras
 from splatwire.transport.frames import Request, TierHead, Welcome
 from splatwire.transport.wire import encode
 
+CAMERA = {
+    "viewmat": [[1, 0, 0, 0], [0, 1, 0, 0.1], [0, 0, 1, 2], [0, 0, 0, 1]], "focal": 200, "width": 160, "height": 120,
+    "margin": 0,
+}  # fmt: skip
+"""Where Gaussians are seen from whose anchors look different from everywhere."""
 WEB = Path(__file__).parents[2] / "web"
 
 
@@ -44,7 +53,8 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
     """What the tests in node compare with, as JSON."""
     tables = {
         "normal": normal_table(), "inverse": inverse_scale_table(), "widths": half_width_table(),
-        "thinness": thinness_table(),
+        "thinness": thinness_table(), "sixteenths": (exp2_table(8, 20)[:-1] - (1 << 20)) >> 16,
+        "exists": np.clip(weight_table(), 32, 65504),
     }  # fmt: skip
     rng = random.Random(1)
     lanes = []
@@ -62,6 +72,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
         "welcome": encode(welcome).hex(),
         "grown": {str(path): grown(stream) for path, stream in streams if stream.manifest.num_packets > 1},
         "splats": {str(path): first_packet(stream) for path, stream in streams},
+        "camera": CAMERA,
         "preview": {"bytes": preview.hex(), "numbers": [float(n) for n in numbers]},
     })  # fmt: skip
 
@@ -70,14 +81,19 @@ def grown(stream: SceneStream) -> list[float]:
     """Gains of size and opacity of what every second packet of a stream brought, packet by packet."""
     partial = stream.with_packets(stream.packets[::2])
     hints = conceal(decode_stream(partial), "grow").hints
-    plan = stream.manifest.plan
-    places = [plan.members(packet.id, packet.num_anchors) for packet in partial.packets]
-    gains = np.stack([hints.size_gain.numpy(), hints.opacity_gain.numpy()], axis=1)[np.concatenate(places)]
-    return gains.ravel().astype(np.float64).tolist()
+    gains = torch.stack([hints.size_gain, torch.ones_like(hints.size_gain)], dim=1)
+    if hints.opacity_gain is not None:
+        gains[:, 1] = hints.opacity_gain
+    order = arrange_stream(partial)
+    there = [packet is not None for packet in order.packets]
+    ranks = order.groups.ranks[np.repeat(there, np.diff(order.groups.starts))]
+    return gains[ranks].double().ravel().tolist()
 
 
 def first_packet(stream: SceneStream) -> list[list[float]]:
     """The Gaussians of a stream's first packet as rows: place, quaternion, scales, opacity, colour, harmonics."""
+    if stream.manifest.codec == CAUSAL:
+        return first_anchors(stream)
     splats, known, _ = decode_splats(stream.with_packets(stream.packets[:1]))
     colours = 0.5 + DC * splats.sh[:, 0]
     harmonics = splats.sh[:, 1:].flatten(1)
@@ -86,6 +102,22 @@ def first_packet(stream: SceneStream) -> list[list[float]]:
     places = plan.members(packet.id, packet.num_anchors)
     assert known[places].all()
     return np.concatenate([column.numpy()[places] for column in columns], axis=1).astype(np.float64).tolist()
+
+
+def first_anchors(stream: SceneStream) -> list[list[float]]:
+    """What `CAMERA` sees of the anchors of a stream's first packet, in the packet's order."""
+    partial = stream.with_packets(stream.packets[:1])
+    lens = [[200.0, 0, 80], [0, 200.0, 60], [0, 0, 1]]
+    cameras = Cameras(torch.tensor(CAMERA["viewmat"])[None].float(), torch.tensor(lens)[None], 160, 120, ("view",))
+    spawned = spawned_gaussians(decode_stream(partial).scene, cameras, 0)
+    order = arrange_stream(partial)
+    ranks = order.groups.ranks[: order.groups.starts[1]].tolist()
+    found = spawned.gaussians
+    columns = (found.means, found.quats, found.scales, found.opacities[:, None], found.colors)
+    rows = torch.cat(columns, dim=1).double()[found.opacities >= 1 / 255].tolist()
+    owners = spawned.anchor_index[found.opacities >= 1 / 255].tolist()
+    assert rows
+    return [row for _, row in sorted(zip(owners, rows, strict=True), key=lambda pair: ranks.index(pair[0]))]
 
 
 def write(stream: SceneStream, path: Path) -> tuple[Path, SceneStream]:

@@ -210,7 +210,7 @@ def test_a_packed_page_holds_the_stream_and_allows_nothing_else(stream: SceneStr
     held = page.partition('id="stream">')[2].partition("<")[0]
     assert base64.b64decode(held) == stream_to_bytes(stream)
     assert "default-src 'none'" in page
-    with pytest.raises(InvalidValueError, match="anchors with neural heads"):
+    with pytest.raises(InvalidValueError, match="format 1"):
         pack_stream(encode_scene(tiny_scene(seed=2, num_anchors=100), Packetization()), "")
 
 

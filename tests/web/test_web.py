@@ -12,10 +12,12 @@ import pytest
 import torch
 
 import splatwire
+from scenes import tiny_causal_scene
+from splatwire.codec import encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, write_preview
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.packets import Packetization, SceneStream, stream_from_bytes
+from splatwire.packets import Packetization, SceneStream, read_stream, stream_from_bytes
 from splatwire.scene.splats import Splats
 from web.node import WEB, answers, lacking, write
 
@@ -56,7 +58,20 @@ def streams() -> dict[str, SceneStream]:
     }
     tiers = (np.arange(1000) % 7 != 0).astype(np.int64)
     made["tiers0"] = encode_splats(some_splats(1000, 0, 5), datagram, tiers=tiers, quality=Quality(9.0))
-    return made
+    return made | anchors()
+
+
+def anchors() -> dict[str, SceneStream]:
+    """Streams of the causal codec: cut by size and in lanes, one tier and two."""
+    scene = tiny_causal_scene(seed=6, num_anchors=400)
+    packetization = Packetization(block_size=150, lanes=1, grouping="hashed", packet_bytes=900)
+    tiers = torch.arange(400) % 5 != 0
+    return {
+        "anchors": encode_scene(scene, packetization),
+        "anchor_tiers": encode_scene(scene, packetization, tiers=tiers.to(torch.uint8)),
+        "anchor_lanes": encode_scene(scene, Packetization(block_size=160, lanes=3, seed=(1 << 64) - 3)),
+        "anchor_runs": encode_scene(scene, Packetization(block_size=160, lanes=3, grouping="contiguous")),
+    }
 
 
 def preview() -> bytes:
@@ -70,6 +85,7 @@ def test_the_tests_in_node_pass(tmp_path: Path) -> None:
     """Every integer, table and Gaussian of several streams against Python's, and what needs no Python."""
     golden = json.loads((Path(__file__).parents[1] / "golden" / "gaussians.json").read_text())
     vectors = {name: stream_from_bytes(base64.b64decode(vector["swz"]))[0] for name, vector in golden.items()}
+    vectors["causal"] = read_stream(Path(__file__).parents[1] / "golden" / "tiny_causal.swz")[0]
     files = [write(stream, tmp_path / f"{name}.swz") for name, stream in (streams() | vectors).items()]
     (tmp_path / "expected.json").write_text(answers(files, preview()))
     told = {

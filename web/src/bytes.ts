@@ -28,6 +28,10 @@ export class ByteReader {
     return this.#view.getFloat32(this.#advance(4), true);
   }
 
+  f64(): number {
+    return this.#view.getFloat64(this.#advance(8), true);
+  }
+
   /** 7 bits a byte, low bits first; at most 2^53 - 1, beyond which a number is not exact. */
   unsigned(): number {
     let value = 0;

@@ -1,8 +1,10 @@
 // The worker: receives, decodes and conceals, so that the page never waits for it.
 
 import { readPreview } from "./codec/preview.ts";
-import { buffersOf } from "./codec/splats.ts";
+import type { Pause } from "./conceal/conceal.ts";
+import type { Camera } from "./model/camera.ts";
 import type { Head } from "./packets/container.ts";
+import { buffersOf, pack } from "./render/packed.ts";
 import type { Counts, Listener } from "./transport/events.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Received } from "./transport/received.ts";
@@ -11,13 +13,20 @@ import { receiveDatagrams } from "./transport/webtransport.ts";
 
 const SHOW_MS = 60, SLICE_MS = 8;
 
+/** For what looks the same to all cameras. */
+const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+
 const say = (message: FromWorker, hand: ArrayBuffer[] = []): void => self.postMessage(message, { transfer: hand });
 
 class Reception implements Listener {
   #received: Received | null = null;
-  #shownPackets = 0;
   #shownAt = 0;
   #ask = 0;
+  /** Where the page looks from, its number, and whether it was answered. */
+  #camera = ANYWHERE;
+  #look = 0;
+  #looked = 0;
+  #drawing: Promise<void> | null = null;
   #decodeMs = 0;
   #counts: Counts | null = null;
   #waiting: Uint8Array[] = [];
@@ -26,8 +35,8 @@ class Reception implements Listener {
   /** One that is no preview is nothing to fail for. */
   preview(bytes: Uint8Array): void {
     try {
-      const { splats, background } = readPreview(bytes);
-      say({ kind: "preview", splats, background }, buffersOf(splats));
+      const { splats, background } = readPreview(bytes), packed = pack([splats], 0, 1);
+      say({ kind: "preview", packed, background }, buffersOf(packed));
     } catch (error) {
       say({ kind: "note", text: (error as Error).message });
     }
@@ -37,13 +46,15 @@ class Reception implements Listener {
   head(head: Head): void {
     if (this.#received?.decoder.head.manifest.streamId === head.manifest.streamId) return;
     this.#received = new Received(head);
-    const { decoder } = this.#received, { manifest } = head, section = decoder.info.sections.get("preview");
+    const { decoder } = this.#received, { manifest } = head, section = decoder.schema.sections.get("preview");
     if (section) this.preview(section);
     const facts = {
       gaussians: manifest.count,
       packets: manifest.numPackets,
-      degree: decoder.info.degree,
-      sizeLog: decoder.info.sizeLog,
+      degree: decoder.schema.degree,
+      viewDependent: decoder.schema.viewDependent,
+      size: decoder.schema.size,
+      middle: decoder.schema.middle,
       background: decoder.background,
       viewpoint: decoder.viewpoint,
       sideInfoBytes: manifest.sideInfoBytes,
@@ -65,7 +76,7 @@ class Reception implements Listener {
   /** Resolves when everything that came is decoded and handed over. */
   async settled(): Promise<void> {
     await this.#working;
-    this.show();
+    await this.#draw();
     if (this.#counts) this.counts(this.#counts);
   }
 
@@ -75,7 +86,7 @@ class Reception implements Listener {
       const began = performance.now();
       while (next < this.#waiting.length && performance.now() - began < SLICE_MS) this.#received!.take(this.#waiting[next++]);
       this.#decodeMs += performance.now() - began;
-      if (performance.now() - this.#shownAt > SHOW_MS) this.show();
+      if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
       await new Promise((resolve) => setTimeout(resolve));
     }
     this.#waiting = [];
@@ -86,28 +97,38 @@ class Reception implements Listener {
     return false;
   }
 
-  /** Hands over what was decoded since the last time. */
-  show(): void {
+  look({ camera, ask }: ToWorker & { kind: "look" }): void {
+    this.#camera = camera;
+    this.#look = ask;
+    void this.#draw();
+  }
+
+  /** Hands over what was decoded since the last time, or everything anew where the page looks from somewhere else. */
+  #draw(): Promise<void> {
+    return (this.#drawing ??= this.#drawAll().finally(() => (this.#drawing = null)));
+  }
+
+  async #drawAll(): Promise<void> {
+    const received = this.#received;
     this.#shownAt = performance.now();
-    if (!this.#received || this.#received.numPackets === this.#shownPackets) return;
-    const splats = this.#received.since(this.#shownPackets);
-    this.#shownPackets = this.#received.numPackets;
-    say({ kind: "splats", splats }, buffersOf(splats));
+    if (!received || (received.decoder.schema.viewDependent && !this.#look)) return;
+    while (received.hasNew || this.#looked !== this.#look) {
+      const ask = this.#look, shown = await received.seen(this.#camera, this.#looked !== ask, pausing(() => true));
+      if (!shown) return;
+      this.#looked = ask;
+      const { parts, instead, fresh, elements } = shown, gains = instead ? received.gains : null, { degree, size } = received.decoder.schema;
+      const packed = pack(parts, degree, size), hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
+      say({ kind: "splats", packed, instead, fresh, elements, gains, ask }, hand);
+    }
   }
 
   async conceal({ concealer, dropped, seed, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
-    if (!this.#received) return;
+    const received = this.#received;
+    if (!received) return;
     this.#ask = ask;
-    this.show();
-    let since = performance.now();
-    const found = await this.#received.gains(concealer, dropped, seed, async () => {
-      if (performance.now() - since > SLICE_MS) {
-        await new Promise((resolve) => setTimeout(resolve));
-        since = performance.now();
-      }
-      return this.#ask === ask;
-    });
-    if (found) say({ kind: "gains", ...found, ask }, [found.gains.buffer as ArrayBuffer]);
+    await this.#draw();
+    const shownPackets = await received.conceal(concealer, dropped, seed, pausing(() => this.#ask === ask)), { gains } = received;
+    if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }
 
   digest(): void {
@@ -118,6 +139,18 @@ class Reception implements Listener {
   get begun(): boolean {
     return this.#received !== null;
   }
+}
+
+/** Lets other work of this thread through now and then. */
+function pausing(wanted: () => boolean): Pause {
+  let since = performance.now();
+  return async () => {
+    if (performance.now() - since > SLICE_MS) {
+      await new Promise((resolve) => setTimeout(resolve));
+      since = performance.now();
+    }
+    return wanted();
+  };
 }
 
 const reception = new Reception();
@@ -138,6 +171,7 @@ async function open({ session, name, file, bytes }: ToWorker & { kind: "open" })
 
 self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
   if (data.kind === "conceal") return void reception.conceal(data);
+  if (data.kind === "look") return reception.look(data);
   if (data.kind === "digest") return reception.digest();
   open(data).then(
     async (text) => {

@@ -2,11 +2,12 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
+import type { Splats } from "../src/codec/splats.ts";
 import { CONCEALERS } from "../src/conceal/conceal.ts";
 import { grow } from "../src/conceal/grow.ts";
 import { KdTree } from "../src/conceal/kd_tree.ts";
 import { Received } from "../src/transport/received.ts";
-import { random, readStream } from "./vectors.ts";
+import { random, readStream, STREAMS } from "./vectors.ts";
 
 const next = random(3), points = Float32Array.from({ length: 3 * 400 }, () => Math.round(next() * 60));
 const always = (): Promise<boolean> => Promise.resolve(true);
@@ -44,10 +45,32 @@ test("gains are Python's", { skip: expected === null && "EXPECTED names no answe
   for (const [path, gains] of Object.entries(expected!.grown)) {
     const { head, packets } = readStream(path), received = new Received(head);
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
-    const found = (await received.gains("grow", 0, 0, always))!.gains;
+    assert.equal(await received.conceal("grow", 0, 0, always), Math.ceil(packets.length / 2));
+    const found = received.gains!;
     assert.equal(found.length, gains.length);
     // Lost ones are expected where received ones lie: of two that are equally far, either may be the last of the 64.
     const off = found.map((gain, i) => gain / gains[i] - 1), mean = off.reduce((sum, value) => sum + value, 0) / off.length;
     assert.ok(Math.max(...off.map(Math.abs)) < 0.1 && Math.abs(mean) < 0.003, `${path}: ${Math.max(...off.map(Math.abs))}, ${mean}`);
   }
 });
+
+const CAMERA = { viewmat: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5]], focal: 100, width: 200, height: 200, margin: 0 };
+
+for (const path of STREAMS) {
+  test(`what was lost of ${path.split("/").pop()} takes its place when it comes after all`, async () => {
+    const { head, packets } = readStream(path), received = new Received(head), whole = new Received(head);
+    for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
+    const first = await received.seen(CAMERA, true, always);
+    await received.conceal("grow", 0.3, 1, always);
+    for (const bytes of packets) received.take(bytes);
+    const second = (await received.seen(CAMERA, false, always))!;
+    for (const bytes of packets) whole.take(bytes);
+    const all = (await whole.seen(CAMERA, true, always))!, count = (parts: readonly Splats[]): number => parts.reduce((sum, part) => sum + part.count, 0);
+    assert.ok(second.fresh || packets.length === 1);
+    assert.equal(count(first!.parts) + count(second.parts), count(all.parts));
+    assert.equal(second.elements, head.manifest.count);
+    assert.equal(await received.conceal("grow", 0, 0, always), packets.length);
+    assert.equal(received.gains!.length, 2 * count(all.parts));
+    assert.ok(received.gains!.every((gain) => gain === 1));
+  });
+}

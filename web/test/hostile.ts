@@ -4,13 +4,14 @@ import assert from "node:assert/strict";
 
 import { BitstreamError } from "../src/bytes.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import { readSideInfo } from "../src/codec/gaussians/side_info.ts";
-import { toSplats } from "../src/codec/gaussians/to_splats.ts";
 import { readPreview } from "../src/codec/preview.ts";
 import { crc32 } from "../src/packets/crc32.ts";
 import { ContainerReader, type Head } from "../src/packets/container.ts";
 import { Intake } from "../src/packets/plan.ts";
 import { random } from "./vectors.ts";
+
+/** Sees most of what lies around the origin. */
+const CAMERA = { viewmat: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5]], focal: 100, width: 200, height: 200, margin: 0 };
 
 type Random = () => number;
 
@@ -37,12 +38,12 @@ function hostilePacket(bytes: Uint8Array, next: Random): Uint8Array {
 function decodePacket(decoder: StreamDecoder, bytes: Uint8Array): number {
   const packet = new Intake(decoder.intake.plan).offer(bytes);
   if (!packet) return 0;
-  const splats = toSplats(decoder.integers(packet), decoder.info, packet.block);
+  const { splats } = decoder.schema.read(packet).seen(CAMERA);
   for (const values of [splats.means, splats.quats, splats.scales, splats.opacities, splats.colours, splats.harmonics]) {
     assert.ok(values.every(Number.isFinite), "a number that is none");
   }
   assert.ok(splats.opacities.every((opacity) => opacity >= 0 && opacity <= 1) && splats.scales.every((scale) => scale >= 0));
-  return splats.count;
+  return packet.count;
 }
 
 /** Runs that many cases; what may be thrown is a BitstreamError. How many packets decoded to something. */
@@ -53,7 +54,7 @@ export function attack(head: Head, packets: Uint8Array[], cases: number, seed: n
     const kind = next();
     try {
       if (kind < 0.8) decoded += decodePacket(decoder, hostilePacket(packets[below(next, packets.length)], next)) ? 1 : 0;
-      else if (kind < 0.9) readSideInfo(spoiled(head.sideInfo, next), decoder.intake.plan.numBlocks);
+      else if (kind < 0.9) new StreamDecoder({ ...head, sideInfo: spoiled(head.sideInfo, next) });
       else if (kind < 0.95) readPreview(spoiled(preview, next));
       else new ContainerReader().feed(spoiled(packets[below(next, packets.length)], next));
     } catch (error) {

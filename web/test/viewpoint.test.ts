@@ -11,8 +11,8 @@ const section = (numbers: number[]): Uint8Array => new Uint8Array(new Float32Arr
 
 function viewpointOf(bytes: Uint8Array | null): Viewpoint | null {
   const decoder = new StreamDecoder(readStream(STREAMS[0]).head);
-  if (bytes) decoder.info.sections.set("viewpoint", bytes);
-  else decoder.info.sections.delete("viewpoint");
+  if (bytes) decoder.schema.sections.set("viewpoint", bytes);
+  else decoder.schema.sections.delete("viewpoint");
   return decoder.viewpoint;
 }
 

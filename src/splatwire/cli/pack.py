@@ -15,7 +15,7 @@ class Pack:
     """Write one HTML file that shows a stream in a browser; it needs nothing else, not even a network."""
 
     source: tyro.conf.Positional[str]
-    """Stream of explicit Gaussians: a .swz file or a folder; - for standard input."""
+    """Stream of explicit Gaussians or of the causal model: a .swz file or a folder; - for standard input."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """HTML file to write; - for standard output."""
     json: JsonFlag = False

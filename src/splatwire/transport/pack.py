@@ -6,7 +6,7 @@ import html
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream, stream_to_bytes
-from splatwire.packets.manifest import GAUSSIANS
+from splatwire.packets.manifest import ANCHORS
 from splatwire.transport.page_content import DRAWING, SCRIPT, STYLE, web_file
 
 _PAGE = """\
@@ -32,16 +32,16 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
     """Writes a page that holds a stream.
 
     Args:
-        stream: The stream, of explicit Gaussians; what was lost is concealed by the page.
+        stream: The stream; what was lost is concealed by the page.
         title: What the page is called.
 
     Raises:
-        InvalidValueError: If the stream holds anchors, which the page cannot draw.
+        InvalidValueError: If the stream has format 1, which the page cannot draw.
     """
-    if stream.manifest.codec != GAUSSIANS:
+    if stream.manifest.codec == ANCHORS:
         raise InvalidValueError(
-            "the stream carries anchors with neural heads, which a browser does not draw: make explicit Gaussians of "
-            "it (splatwire export ply, then splatwire encode)"
+            "the stream has format 1 (anchors of HAC++), which a browser does not draw: train with --model causal, or "
+            "make explicit Gaussians of it (splatwire export ply, then splatwire encode)"
         )
     script, drawing, style = web_file(SCRIPT), web_file(DRAWING), web_file(STYLE)
     return _PAGE.format(

@@ -33,7 +33,17 @@ export function emptySplats(count: number, degree: number): Splats {
   };
 }
 
-/** The buffers of some splats, to be handed from a worker. */
-export function buffersOf(splats: Splats): ArrayBuffer[] {
-  return [splats.means, splats.quats, splats.scales, splats.opacities, splats.colours, splats.harmonics].map((a) => a.buffer as ArrayBuffer);
+/** The first of some splats; shares their memory. */
+export function firstOf(splats: Splats, count: number): Splats {
+  const { degree } = splats;
+  return {
+    count,
+    degree,
+    means: splats.means.subarray(0, 3 * count),
+    quats: splats.quats.subarray(0, 4 * count),
+    scales: splats.scales.subarray(0, 3 * count),
+    opacities: splats.opacities.subarray(0, count),
+    colours: splats.colours.subarray(0, 3 * count),
+    harmonics: splats.harmonics.subarray(0, 3 * ((degree + 1) ** 2 - 1) * count),
+  };
 }

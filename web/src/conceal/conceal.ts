@@ -6,20 +6,26 @@ import { grow } from "./grow.ts";
 export interface Elements {
   /** x, y, z of each. */
   readonly positions: Float32Array;
-  /** Geometric mean of each one's standard deviations. */
+  /** Each one's size: what it counts for among its neighbours. */
   readonly sizes: Float32Array;
-  /** Of those that arrived. */
-  readonly opacities: Float32Array;
+  /** Of those that arrived; null where an element has no opacity of its own. */
+  readonly opacities: Float32Array | null;
   readonly known: Uint8Array;
 }
 
 /** Called now and then by what takes long, so that its thread can do other things; false where nobody waits any more. */
 export type Pause = () => Promise<boolean>;
 
-/** Gains of size and of opacity of each element in turn, which mean nothing for what is lost; null where nobody waits any more. */
-export type Concealer = (elements: Elements, pause: Pause) => Promise<Float32Array | null>;
+/**
+ * Gains of size and of opacity of each received element in turn; null where nobody waits any more. What is known of all elements
+ * is asked for by those that need it, received ones first.
+ */
+export type Concealer = (received: number, elements: () => Promise<Elements | null>, pause: Pause) => Promise<Float32Array | null>;
 
 export const CONCEALERS: Readonly<Record<string, Concealer>> = {
-  drop: (elements) => Promise.resolve(new Float32Array(2 * elements.known.length).fill(1)),
-  grow,
+  drop: (received) => Promise.resolve(new Float32Array(2 * received).fill(1)),
+  grow: async (received, elements, pause) => {
+    const all = await elements();
+    return all && ((await grow(all, pause))?.subarray(0, 2 * received) ?? null);
+  },
 };

@@ -7,7 +7,8 @@ const NEIGHBOURS = 64, EXPONENT = 0.5, AT_A_TIME = 256, MAX_EXCESS = 1.08, MAX_G
 const SIZE_EXPONENT = 0.12, OPACITY_EXPONENT = 0.8, MOST_OPAQUE = 0.999, LEAST_OPAQUE = 1e-6;
 
 /**
- * With a share rho lost among the nearest 64, by size, the opacity o grows to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size by
+ * Elements that have no opacity of their own grow by `(1 - rho) ** -0.5`, rho being the share lost among the nearest 64, by size. Of
+ * others the opacity o grows, to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size by
  * `(1 - rho) ** -0.12`; rho is limited by what the loss of the whole scene would give.
  */
 export async function grow({ positions, sizes, opacities, known }: Elements, pause: Pause): Promise<Float32Array | null> {
@@ -25,7 +26,12 @@ export async function grow({ positions, sizes, opacities, known }: Elements, pau
       all += weight;
       if (!known[j]) lost += weight;
     }
-    const left = all > 0 ? Math.max(1 - lost / all, least) : 1, opacity = opacities[i];
+    const left = all > 0 ? Math.max(1 - lost / all, least) : 1;
+    if (!opacities) {
+      gains[2 * i] = left ** -EXPONENT;
+      continue;
+    }
+    const opacity = opacities[i];
     const opaque = 1 - (1 - Math.min(opacity, MOST_OPAQUE)) ** (left ** -OPACITY_EXPONENT);
     gains[2 * i] = left ** -SIZE_EXPONENT;
     gains[2 * i + 1] = Math.max(opaque / Math.max(opacity, LEAST_OPAQUE), 1);

@@ -5,7 +5,7 @@ import { RangeDecoder } from "./decoder.ts";
 import { Mixture } from "./mixture.ts";
 import { MEAN_BITS, NUM_SCALES } from "./tables.ts";
 
-const MAX_SYMBOL = 2 ** 24;
+export const MAX_SYMBOL = 2 ** 24;
 
 export function readIntegers(reader: ByteReader, count: number): Float64Array {
   const mean = reader.signed(), scale = reader.unsigned();

@@ -81,3 +81,8 @@ export class Mixture {
     return Math.floor((below * (TOTAL - ESCAPE - count)) / TOTAL) + place;
   }
 }
+
+const CENTRED: (Mixture | undefined)[] = [];
+
+/** The normal of mean 0 of this entry of the scale table; what it computed once it knows. */
+export const centred = (scale: number): Mixture => (CENTRED[scale] ??= new Mixture(0, scale));

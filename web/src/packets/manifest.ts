@@ -23,7 +23,7 @@ export interface TierShape {
 }
 
 export interface Manifest {
-  readonly codec: "gaussians" | "hacpp";
+  readonly codec: "gaussians" | "causal" | "hacpp";
   readonly packetization: Packetization;
   readonly count: number;
   readonly numPackets: number;
@@ -58,7 +58,7 @@ export function readManifest(bytes: Uint8Array): Manifest {
   if (hex(sha256(new TextEncoder().encode(content))).slice(0, 16) !== fields["digest"]) {
     throw new BitstreamError("the manifest is damaged: its digest does not match");
   }
-  const codec = version === 1 ? "hacpp" : words(fields, "codec", ["gaussians"]);
+  const codec = version === 1 ? "hacpp" : words(fields, "codec", ["gaussians", "causal"]);
   const sideInfoBytes = integer(fields, "side_info_bytes", 0, 2 ** 32 - 1);
   const manifest: Manifest = {
     codec,

@@ -3,7 +3,7 @@
 import { BitstreamError } from "../bytes.ts";
 import type { Manifest } from "./manifest.ts";
 import { readPacket, type Packet } from "./packet.ts";
-import { splitmixModulo } from "./splitmix64.ts";
+import { splitmix, splitmixModulo } from "./splitmix64.ts";
 
 const MAX_BLOCKS = 1 << 24;
 
@@ -21,6 +21,7 @@ export class Plan {
   readonly numBlocks: number;
   readonly #spans: Span[] = [];
   readonly #lanes = new Map<number, Int32Array>();
+  readonly #orders = new Map<number, Int32Array>();
 
   constructor(readonly manifest: Manifest) {
     const { blockSize, lanes } = manifest.packetization;
@@ -47,6 +48,32 @@ export class Plan {
     if (block >= this.numBlocks) return 0;
     if (this.manifest.packetization.grouping === "hashed") return Math.max(0, this.blockCount(block) - lane);
     return lane < this.#span(block).lanes ? this.#laneCounts(block)[lane] : 0;
+  }
+
+  /** Places of the elements of a packet that fits: ascending, or in the order of their hashes. */
+  members({ block, lane, count }: Pick<Packet, "block" | "lane" | "count">): Int32Array {
+    const { grouping } = this.manifest.packetization, span = this.#span(block), start = span.first + (block - span.firstBlock) * span.blockSize;
+    if (grouping === "hashed") return this.#hashOrder(block, start).subarray(lane, lane + count);
+    if (grouping === "contiguous") {
+      const before = this.#laneCounts(block).subarray(0, lane).reduce((sum, size) => sum + size, 0);
+      return Int32Array.from({ length: count }, (_, n) => start + before + n);
+    }
+    const [low, high] = this.manifest.packetization.seed, size = this.blockCount(block), found = new Int32Array(count);
+    for (let place = start, at = 0; place < start + size; place++) {
+      if (splitmixModulo((place ^ low) >>> 0, high, span.lanes) === lane) found[at++] = place;
+    }
+    return found;
+  }
+
+  /** Places of a block by their hashes: any run of them is spread over the whole block. */
+  #hashOrder(block: number, start: number): Int32Array {
+    const known = this.#orders.get(block);
+    if (known) return known;
+    const [low, high] = this.manifest.packetization.seed, size = this.blockCount(block), lows = new Uint32Array(size), highs = new Uint32Array(size);
+    for (let n = 0; n < size; n++) [lows[n], highs[n]] = splitmix(((start + n) ^ low) >>> 0, high);
+    const order = Int32Array.from({ length: size }, (_, n) => n).sort((a, b) => highs[a] - highs[b] || lows[a] - lows[b]).map((n) => start + n);
+    this.#orders.set(block, order);
+    return order;
   }
 
   #span(block: number): Span {

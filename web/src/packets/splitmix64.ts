@@ -16,8 +16,8 @@ function shiftXor(low: number, high: number, by: number): [number, number] {
   return [(low ^ ((low >>> by) | (high << (32 - by)))) >>> 0, (high ^ (high >>> by)) >>> 0];
 }
 
-/** The first output of the generator seeded with a number, modulo `count` (at most 2^16). */
-export function splitmixModulo(seedLow: number, seedHigh: number, count: number): number {
+/** The first output of the generator seeded with a number: low and high half. */
+export function splitmix(seedLow: number, seedHigh: number): [number, number] {
   let low = seedLow + 0x7f4a7c15;
   let high = (seedHigh + 0x9e3779b9 + (low >= 2 ** 32 ? 1 : 0)) >>> 0;
   low >>>= 0;
@@ -25,6 +25,11 @@ export function splitmixModulo(seedLow: number, seedHigh: number, count: number)
   [low, high] = multiply(low, high, 0x1ce4e5b9, 0xbf58476d);
   [low, high] = shiftXor(low, high, 27);
   [low, high] = multiply(low, high, 0x133111eb, 0x94d049bb);
-  [low, high] = shiftXor(low, high, 31);
+  return shiftXor(low, high, 31);
+}
+
+/** That output modulo `count`, at most 2^16. */
+export function splitmixModulo(seedLow: number, seedHigh: number, count: number): number {
+  const [low, high] = splitmix(seedLow, seedHigh);
   return ((high % count) * (2 ** 32 % count) + (low % count)) % count;
 }

@@ -2,13 +2,15 @@
 
 import SOURCE from "worker:receiver";
 
-import type { FromWorker, ToWorker } from "../transport/messages.ts";
-import { readPreview, type Preview } from "../codec/preview.ts";
+import { readPreview } from "../codec/preview.ts";
+import { pack } from "../render/packed.ts";
 import type { FixedCamera, View } from "../render/view.ts";
+import { Watch } from "../render/watch.ts";
+import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { resolveSource } from "./address.ts";
 import { drawDifference, pixelsOf } from "./difference.ts";
 import { Panel } from "./panel.ts";
-import { Stage } from "./stage.ts";
+import { Stage, type Shown } from "./stage.ts";
 import { STYLE } from "./style.ts";
 
 const AGAIN_MS = 400, STILL_MS = 300;
@@ -33,13 +35,16 @@ export class SplatWire extends HTMLElement {
   readonly #stage = new Stage();
   #panel!: Panel;
   #over!: HTMLCanvasElement;
-  /** Of the whole scene. */
+  /** Elements of the whole scene. */
   #gaussians = 0;
   #size = 1;
+  #watch: Watch | null = null;
   #ask = 0;
   #gained = 0;
   #timer = 0;
   #still = 0;
+  /** Pictures to compare are drawn one after another: each needs the screen for itself. */
+  #comparing: Promise<unknown> = Promise.resolve();
   #gains: Float32Array | null = null;
   #digest: ((same: boolean) => void) | null = null;
 
@@ -85,7 +90,8 @@ export class SplatWire extends HTMLElement {
     const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
     const view = await new Promise<View>((resolve) => this.#stage.draw(resolve));
     view.fix(camera);
-    while (this.#gained !== this.#ask) await pause(50);
+    await view.frame();
+    while (this.#gained !== this.#ask || this.#watch?.settled === false) await pause(50);
     await view.frame();
     await view.sorted();
     // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
@@ -102,7 +108,10 @@ export class SplatWire extends HTMLElement {
     const { canvas, orbit } = this.#stage, preview = this.getAttribute("preview");
     if (this.getAttribute("up") === "-y") orbit.yDown();
     orbit.turned = this.#fields().get("turned") === "1";
-    if (preview) this.#preview(() => readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0))));
+    if (preview) this.#preview(() => {
+      const { splats, background } = readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0)));
+      return { packed: pack([splats], 0, 1), background };
+    });
     new ResizeObserver(() => this.#stage.resize()).observe(this);
     canvas.addEventListener("webglcontextlost", () => this.#fail("The browser took the graphics card away; load the page again."));
     this.addEventListener("keydown", (event) => this.#key(event));
@@ -133,11 +142,7 @@ export class SplatWire extends HTMLElement {
         if (!this.#gaussians) this.#preview(() => message);
         return;
       case "facts":
-        this.#gaussians = message.facts.gaussians;
-        this.#size = 2 ** message.facts.sizeLog;
-        this.#stage.background(message.facts.background);
-        if (message.facts.viewpoint) this.#stage.start(message.facts.viewpoint);
-        return;
+        return this.#learn(message.facts);
       case "splats":
         return this.#add(message);
       case "counts":
@@ -163,7 +168,7 @@ export class SplatWire extends HTMLElement {
   }
 
   /** What there is to see until the scene comes; one that is no preview is nothing to fail for. */
-  #preview(read: () => Preview): void {
+  #preview(read: () => Shown): void {
     try {
       this.#stage.preview(read()).then(() => (this.status.times["preview"] ??= performance.now()));
       this.#panel.say("A preview; the scene is on its way.");
@@ -172,18 +177,36 @@ export class SplatWire extends HTMLElement {
     }
   }
 
-  #add({ splats }: FromWorker & { kind: "splats" }): void {
+  #learn({ gaussians, size, middle, background, viewpoint, viewDependent }: Facts): void {
+    const stage = this.#stage;
+    this.#gaussians = gaussians;
+    this.#size = size;
+    stage.background(background);
+    if (viewpoint) stage.start(viewpoint);
+    if (middle) stage.face(middle, size);
+    if (!viewDependent) return;
+    const watch = (this.#watch = new Watch(size, (camera, ask) => this.#send({ kind: "look", camera, ask })));
+    stage.watcher = (camera) => watch.see(camera);
+    watch.see(stage.camera);
+  }
+
+  #add({ packed, instead, fresh, elements, gains, ask }: FromWorker & { kind: "splats" }): void {
     const stage = this.#stage;
     if (this.status.gaussians === 0) stage.begin(this.#size);
-    stage.add(splats);
+    stage.add(packed, instead);
+    this.#watch?.answered(ask);
+    if (gains) {
+      this.#gains = gains;
+      this.#show();
+    }
     this.status.gaussians = stage.count;
     this.panel.tell("Gaussians", stage.count.toLocaleString());
     this.#time("first");
-    if (stage.count >= this.#gaussians / 2) {
+    if (elements >= this.#gaussians / 2) {
       this.#time("half");
       stage.enough();
     }
-    if (stage.view) this.#concealSoon();
+    if (fresh && stage.view) this.#concealSoon();
   }
 
   #count({ counts, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
@@ -226,10 +249,13 @@ export class SplatWire extends HTMLElement {
   }
 
   #show(): void {
-    const lossless = this.#panel.settings.show === "lossless";
     this.#over.classList.remove("shown");
-    this.#stage.draw((view) => view.setGains(lossless ? null : this.#gains));
+    this.#applyGains();
     this.#moved();
+  }
+
+  #applyGains(): void {
+    this.#stage.draw((view) => view.setGains(this.#panel.settings.show === "lossless" ? null : this.#gains));
   }
 
   /** Once the picture stands still, the difference is drawn over it, and PSNR told. */
@@ -237,15 +263,18 @@ export class SplatWire extends HTMLElement {
     clearTimeout(this.#still);
     this.#over.classList.remove("shown");
     if (this.#panel.settings.show === "lossless" || !this.#gains) return;
-    this.#still = window.setTimeout(() => this.#compare().catch(() => undefined), STILL_MS);
+    this.#still = window.setTimeout(() => (this.#comparing = this.#comparing.then(() => this.#compare()).catch(() => undefined)), STILL_MS);
   }
 
   async #compare(): Promise<void> {
-    const { view } = this.#stage, gains = this.#gains, still = this.#still;
+    const { view } = this.#stage;
+    await view?.steady();
+    const gains = this.#gains, still = this.#still;
     if (!view) return;
     if (gains?.every((gain) => gain === 1)) return this.#panel.tell("PSNR", "no loss");
     view.setGains(null);
     await view.frame();
+    if (still !== this.#still) return this.#applyGains();
     const lossless = pixelsOf(view.canvas);
     view.setGains(gains);
     await view.frame();

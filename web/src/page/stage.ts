@@ -3,11 +3,11 @@
 import { Vec3 } from "playcanvas";
 
 import type { Viewpoint } from "../codec/decoder.ts";
-import type { Preview } from "../codec/preview.ts";
-import type { Splats } from "../codec/splats.ts";
+import type { Camera } from "../model/camera.ts";
 import { frameSplats } from "../render/framing.ts";
 import { loadView } from "../render/load.ts";
-import { Orbit } from "../render/orbit.ts";
+import { cameraOf, Orbit } from "../render/orbit.ts";
+import type { Packed } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
 import type { View } from "../render/view.ts";
 
@@ -16,13 +16,21 @@ const ENOUGH_GAUSSIANS = 50_000, ENOUGH_MS = 3000;
 /** A page that is not visible draws no frames: what should come after one comes then all the same. */
 const PATIENCE_MS = 100;
 
+/** Gaussians in front of a background. */
+export interface Shown {
+  readonly packed: Packed;
+  readonly background: readonly number[];
+}
+
 export class Stage {
   readonly canvas = document.createElement("canvas");
   /** Where the first pictures are painted, above the other one until that has something to show. */
   readonly first = document.createElement("canvas");
   readonly orbit = new Orbit(this.canvas, () => this.touch());
   view: View | null = null;
-  #parts: Splats[] = [];
+  /** Told of the camera of each picture. */
+  watcher: ((camera: Camera) => void) | null = null;
+  #parts: Packed[] = [];
   #size = 1;
   #count = 0;
   /** How many Gaussians there were when the camera was pointed at them. */
@@ -52,6 +60,7 @@ export class Stage {
     } catch (error) {
       throw new Error(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
     }
+    this.view.watcher = (camera) => this.watcher?.(camera);
     this.view.background(this.#background);
     this.view.begin(this.#size);
     for (const part of this.#parts) this.view.add(part);
@@ -68,10 +77,10 @@ export class Stage {
   }
 
   /** Shows a preview, if nothing is shown yet; resolves when it is on the screen. */
-  async preview({ splats, background }: Preview): Promise<void> {
+  async preview({ packed, background }: Shown): Promise<void> {
     if (this.#count) return;
     this.background(background);
-    this.add(splats);
+    this.add(packed);
     await this.shown();
   }
 
@@ -88,6 +97,18 @@ export class Stage {
     this.touch();
   }
 
+  /** Looks at a scene of which only the middle and the size are known, unless somebody moved before. */
+  face(middle: readonly number[], size: number): void {
+    if (this.orbit.touched || this.orbit.placed || this.#framed) return;
+    this.orbit.frame(middle.map((value) => value / this.#size), size / this.#size);
+    this.touch();
+  }
+
+  /** Where it is seen from, world units. */
+  get camera(): Camera {
+    return this.view?.camera ?? cameraOf(this.orbit.pose(), this.#size, this.canvas.clientWidth, this.canvas.clientHeight);
+  }
+
   /** Begins anew with Gaussians of a scene of this size (world units); the camera stays where it is. */
   begin(size: number): void {
     this.orbit.rescale(this.#size / size);
@@ -97,14 +118,15 @@ export class Stage {
     this.view?.begin(size);
   }
 
-  add(splats: Splats): void {
-    this.#parts.push(splats);
-    this.#count += splats.count;
+  /** Takes Gaussians in addition to those that are there, or instead of them. */
+  add(packed: Packed, instead = false): void {
+    this.#parts = instead ? [packed] : [...this.#parts, packed];
+    this.#count = instead ? packed.count : this.#count + packed.count;
     if (!this.orbit.touched && !this.orbit.placed && this.#count >= 1.5 * this.#framed) {
-      frameSplats(this.orbit, this.#parts, this.#size);
+      frameSplats(this.orbit, this.#parts);
       this.#framed = this.#count;
     }
-    this.view?.add(splats);
+    this.view?.add(packed, instead);
     if (this.#count > ENOUGH_GAUSSIANS) this.enough();
     this.touch();
   }
@@ -143,7 +165,8 @@ export class Stage {
     while (this.#stale && !this.view) {
       const shown = this.#shown.splice(0), began = performance.now();
       this.#stale = false;
-      paint(this.first, { parts: this.#parts, size: this.#size, background: this.#background, pose: this.orbit.pose() });
+      this.watcher?.(this.camera);
+      paint(this.first, { parts: this.#parts, background: this.#background, pose: this.orbit.pose() });
       const took = performance.now() - began;
       await painted();
       for (const resolve of shown) resolve();

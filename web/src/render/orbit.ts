@@ -2,6 +2,8 @@
 
 import { Quat, Vec3 } from "playcanvas";
 
+import type { Camera } from "../model/camera.ts";
+
 const TURN = 0.005, KEY_TURN = 0.08, KEY_ZOOM = 0.9, WHEEL = 0.0012, STEEPEST = 1.55;
 const UPSIDE_DOWN = new Quat().setFromEulerAngles(0, 0, 180);
 
@@ -11,6 +13,19 @@ export const FIELD_OF_VIEW = 50;
 export interface Pose {
   readonly position: Vec3;
   readonly rotation: Quat;
+}
+
+/** Share of the picture's side around it in which Gaussians of a view are asked for, too: the camera may turn before others are there. */
+const MARGIN = 0.25;
+
+/** The camera of a pose that is in units of `size`, for a picture of this size. */
+export function cameraOf({ position, rotation }: Pose, size: number, width: number, height: number): Camera {
+  const row = (x: number, y: number, z: number): number[] => {
+    const axis = rotation.transformVector(new Vec3(x, y, z), new Vec3());
+    return [axis.x, axis.y, axis.z, -(axis.x * position.x + axis.y * position.y + axis.z * position.z) * size];
+  };
+  const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
+  return { viewmat: [row(1, 0, 0), row(0, -1, 0), row(0, 0, -1)], focal, width, height, margin: MARGIN * Math.max(width, height) };
 }
 
 export class Orbit {

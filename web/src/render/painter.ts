@@ -2,8 +2,8 @@
 
 import { Vec3 } from "playcanvas";
 
-import type { Splats } from "../codec/splats.ts";
 import { FIELD_OF_VIEW, type Pose } from "./orbit.ts";
+import { FLOATS, type Packed } from "./packed.ts";
 
 /** Pixels of a picture: Gaussians of a preview are few and large. */
 const MOST_PIXELS = 65_000, PREVIEW_PIXELS = 10_000, PREVIEW_COUNT = 256;
@@ -14,19 +14,17 @@ const FARTHEST = 2 * Math.log(255), FALLOFF = Float32Array.from({ length: STEPS 
 const ROW = 11;
 
 export interface Painted {
-  readonly parts: readonly Splats[];
-  /** World units of one unit of the pose. */
-  readonly size: number;
+  readonly parts: readonly Packed[];
   readonly background: readonly number[];
   readonly pose: Pose;
 }
 
 /** Paints what `render/shaders.ts` would draw, without harmonics and in a picture of few pixels, on a canvas that is as large on the page. */
-export function paint(canvas: HTMLCanvasElement, { parts, size, background, pose }: Painted): void {
+export function paint(canvas: HTMLCanvasElement, { parts, background, pose }: Painted): void {
   const most = parts.length === 1 && parts[0].count < PREVIEW_COUNT ? PREVIEW_PIXELS : MOST_PIXELS;
   const shrink = Math.min(1, Math.sqrt(most / Math.max(canvas.clientWidth * canvas.clientHeight, 1)));
   const width = Math.max(Math.round(canvas.clientWidth * shrink), 1), height = Math.max(Math.round(canvas.clientHeight * shrink), 1);
-  const { rows, count } = project(parts, size, pose, width, height), light = new Float32Array(4 * width * height);
+  const { rows, count } = project(parts, pose, width, height), light = new Float32Array(4 * width * height);
   for (let p = 3; p < light.length; p += 4) light[p] = 1;
   for (const n of nearestFirst(rows, count)) splat(rows.subarray(ROW * n, ROW * (n + 1)), light, width, height);
   const picture = new ImageData(width, height), out = picture.data;
@@ -40,22 +38,22 @@ export function paint(canvas: HTMLCanvasElement, { parts, size, background, pose
 }
 
 /** Gaussians in front of the camera, as ellipses on the screen. */
-function project(parts: readonly Splats[], size: number, { position, rotation }: Pose, width: number, height: number): { rows: Float32Array; count: number } {
+function project(parts: readonly Packed[], { position, rotation }: Pose, width: number, height: number): { rows: Float32Array; count: number } {
   const rows = new Float32Array(ROW * parts.reduce((sum, part) => sum + part.count, 0)), back = rotation.clone().invert();
   const [r, u, b] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map(([x, y, z]) => back.transformVector(new Vec3(x, y, z), new Vec3()));
   const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360), limitX = (1.3 * width) / 2 / focal, limitY = (1.3 * height) / 2 / focal;
   let count = 0;
-  for (const { means, scales, quats, opacities, colours, count: number } of parts) {
+  for (const { centers, scales, turns, opacities, colours, count: number } of parts) {
     for (let i = 0; i < number; i++) {
-      const dx = means[3 * i] / size - position.x, dy = means[3 * i + 1] / size - position.y, dz = means[3 * i + 2] / size - position.z;
+      const dx = centers[4 * i] - position.x, dy = centers[4 * i + 1] - position.y, dz = centers[4 * i + 2] - position.z;
       const x = r.x * dx + u.x * dy + b.x * dz, y = r.y * dx + u.y * dy + b.y * dz, depth = -(r.z * dx + u.z * dy + b.z * dz);
       const opacity = opacities[i], reach = 2 * Math.log(opacity * 255);
       if (depth < NEAREST || !(reach > 0)) continue;
       const tx = Math.min(Math.max(x / depth, -limitX), limitX), ty = Math.min(Math.max(y / depth, -limitY), limitY), scale = focal / depth;
-      const qw = quats[4 * i], qx = quats[4 * i + 1], qy = quats[4 * i + 2], qz = quats[4 * i + 3];
+      const qw = FLOATS[turns[4 * i]], qx = FLOATS[turns[4 * i + 1]], qy = FLOATS[turns[4 * i + 2]], qz = FLOATS[turns[4 * i + 3]];
       let xx = BLUR, xy = 0, yy = BLUR;
       for (let axis = 0; axis < 3; axis++) {
-        const s = scales[3 * i + axis] / size;
+        const s = FLOATS[scales[4 * i + axis]];
         const vx = s * (axis === 0 ? 1 - 2 * (qy * qy + qz * qz) : axis === 1 ? 2 * (qx * qy - qw * qz) : 2 * (qx * qz + qw * qy));
         const vy = s * (axis === 0 ? 2 * (qx * qy + qw * qz) : axis === 1 ? 1 - 2 * (qx * qx + qz * qz) : 2 * (qy * qz - qw * qx));
         const vz = s * (axis === 0 ? 2 * (qx * qz - qw * qy) : axis === 1 ? 2 * (qy * qz + qw * qx) : 1 - 2 * (qx * qx + qy * qy));
@@ -76,7 +74,7 @@ function project(parts: readonly Splats[], size: number, { position, rotation }:
       rows[at + 5] = xx * one;
       rows[at + 6] = high;
       rows[at + 7] = opacity;
-      for (let c = 0; c < 3; c++) rows[at + 8 + c] = Math.max(colours[3 * i + c], 0);
+      for (let c = 0; c < 3; c++) rows[at + 8 + c] = Math.max(FLOATS[colours[4 * i + c]], 0);
     }
   }
   return { rows, count };

@@ -1,6 +1,8 @@
 // What of PlayCanvas's splat shader is replaced: the footprint and falloff of 3DGS as `splatwire.render` draws them, cut where
 // alpha falls below 1/255 and not at a fixed distance (its own cut and faded edge are 15 dB away).
 
+import { numShTextures } from "./packed.ts";
+
 export const CORNER = `
 uniform vec4 viewport_size;
 bool initCorner(SplatSource source, SplatCenter center, out SplatCorner corner) {
@@ -71,5 +73,3 @@ vec3 getScale() { return loadDataScale().xyz * max(cachedCenter.w, 1e-3); }
 vec4 getRotation() { return loadDataRotation(); }
 ${harmonics}`;
 }
-
-export const numShTextures = (degree: number): number => Math.ceil((3 * ((degree + 1) ** 2 - 1)) / 8);

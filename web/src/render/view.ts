@@ -5,9 +5,10 @@ import {
   RESOLUTION_FIXED, TONEMAP_NONE, WebglGraphicsDevice, WORKBUFFER_UPDATE_ONCE, type GSplatComponent,
 } from "playcanvas";
 
-import type { Splats } from "../codec/splats.ts";
+import type { Camera } from "../model/camera.ts";
 import { Gaussians } from "./container.ts";
-import { FIELD_OF_VIEW, type Orbit } from "./orbit.ts";
+import { cameraOf, FIELD_OF_VIEW, type Orbit } from "./orbit.ts";
+import type { Packed } from "./packed.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 
 const FIRST_ROOM = 4096;
@@ -26,13 +27,17 @@ export class View {
   readonly #camera: Entity;
   readonly #scene: Entity;
   #gaussians: Gaussians | null = null;
-  #all: Splats[] = [];
+  #all: Packed[] = [];
   #size = 1;
   #gains: Float32Array | null = null;
   #fixed: FixedCamera | null = null;
   #frame: (() => void)[] = [];
   #sorted: (() => void)[] = [];
   #isSorted = false;
+  /** Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen. */
+  #replaced = false;
+  /** Told of the camera of each frame, world units. */
+  watcher: ((camera: Camera) => void) | null = null;
 
   constructor(readonly canvas: HTMLCanvasElement, readonly orbit: Orbit) {
     const device = new WebglGraphicsDevice(canvas, { antialias: false, alpha: false, powerPreference: "high-performance" });
@@ -58,7 +63,7 @@ export class View {
     this.#app.root.addChild(this.#scene);
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
-    this.#app.scene.on("gsplat:sorted", () => (this.#isSorted = true));
+    this.#app.scene.on("gsplat:sorted", () => this.#afterSort());
     this.#app.on("postrender", () => this.#afterFrame());
     this.resize();
     this.#app.start();
@@ -85,7 +90,7 @@ export class View {
     this.touch();
   }
 
-  /** Begins anew with Gaussians of a scene of this size (world units). */
+  /** Begins anew with Gaussians of a scene of this size (world units), which lengths are in units of. */
   begin(size: number): void {
     this.#all = [];
     this.#gains = null;
@@ -95,11 +100,18 @@ export class View {
     this.#gaussians = null;
   }
 
-  add(splats: Splats): void {
-    this.#all.push(splats);
+  /** Takes Gaussians in addition to those that are there, or instead of them. */
+  add(packed: Packed, instead = false): void {
+    if (instead) {
+      this.#all = [];
+      this.#gains = null;
+      this.#gaussians?.clear();
+      this.#replaced = this.#gaussians !== null;
+    }
+    this.#all.push(packed);
     const count = this.#all.reduce((sum, part) => sum + part.count, 0);
-    if (!this.#gaussians || this.#gaussians.capacity < count) this.#enlarge(count, splats.degree);
-    else this.#gaussians.add(splats, this.#size);
+    if (!this.#gaussians || this.#gaussians.capacity < count) this.#enlarge(count, packed.degree);
+    else this.#gaussians.add(packed);
     this.#changed();
   }
 
@@ -108,6 +120,13 @@ export class View {
     this.#gains = gains;
     this.#gaussians?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
     this.#changed();
+  }
+
+  /** Where it looks from, world units. */
+  get camera(): Camera {
+    const { width, height } = this.canvas, fixed = this.#fixed;
+    if (fixed) return { viewmat: fixed.viewmat, focal: (fixed.focal * height) / fixed.height, width, height, margin: 0 };
+    return cameraOf(this.orbit.pose(), this.#size, width, height);
   }
 
   /** Looks through a camera of `splatwire`; null gives it back to the hand. */
@@ -132,16 +151,28 @@ export class View {
     });
   }
 
+  /** Resolves when what was added last is what is drawn. */
+  async steady(): Promise<void> {
+    if (this.#replaced) await this.sorted();
+  }
+
+  #afterSort(): void {
+    this.#isSorted = true;
+    if (!this.#replaced) return;
+    this.#replaced = false;
+    this.#changed();
+  }
+
   #changed(): void {
     const scene = this.#scene.gsplat as GSplatComponent | undefined;
-    if (scene) scene.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    if (scene && !this.#replaced) scene.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
     this.touch();
   }
 
   #enlarge(count: number, degree: number): void {
     const room = Math.max(FIRST_ROOM, 2 ** Math.ceil(Math.log2(count)));
     const larger = new Gaussians(this.#app.graphicsDevice, room, degree);
-    for (const part of this.#all) larger.add(part, this.#size);
+    for (const part of this.#all) larger.add(part);
     if (this.#gains) larger.setGains(this.#gains);
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
     this.#scene.addComponent("gsplat", { resource: larger });
@@ -155,6 +186,7 @@ export class View {
       this.#camera.setPosition(position.x, position.y, position.z);
       this.#camera.setRotation(rotation.x, rotation.y, rotation.z, rotation.w);
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
+    this.watcher?.(this.camera);
   }
 
   #afterFrame(): void {

@@ -1,13 +1,15 @@
 // What the page and its worker say to one another.
 
 import type { Viewpoint } from "../codec/decoder.ts";
-import type { Splats } from "../codec/splats.ts";
+import type { Camera } from "../model/camera.ts";
+import type { Packed } from "../render/packed.ts";
 import type { Counts } from "./events.ts";
 import type { Session } from "./webtransport.ts";
 
 export type ToWorker =
   | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
   | { kind: "conceal"; concealer: string; dropped: number; seed: number; ask: number }
+  | { kind: "look"; camera: Camera; ask: number }
   | { kind: "digest" };
 
 /** Facts of a stream that the panel shows. */
@@ -15,16 +17,24 @@ export interface Facts {
   readonly gaussians: number;
   readonly packets: number;
   readonly degree: number;
-  readonly sizeLog: number;
+  /** Whether the page has to say where it looks from, and hears of other Gaussians then. */
+  readonly viewDependent: boolean;
+  /** Size of the scene, and its middle where it is known so early; world units. */
+  readonly size: number;
+  readonly middle: readonly number[] | null;
   readonly background: readonly [number, number, number];
   readonly viewpoint: Viewpoint | null;
   readonly sideInfoBytes: number;
 }
 
 export type FromWorker =
-  | { kind: "preview"; splats: Splats; background: readonly [number, number, number] }
+  | { kind: "preview"; packed: Packed; background: readonly [number, number, number] }
   | { kind: "facts"; facts: Facts }
-  | { kind: "splats"; splats: Splats }
+  /**
+   * Gaussians in addition to those that are there or, with their gains, instead of them; whether some of packets that were not shown
+   * are among them; of how many elements there are some now; `ask` is that of the look that they are for.
+   */
+  | { kind: "splats"; packed: Packed; instead: boolean; fresh: boolean; elements: number; gains: Float32Array | null; ask: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
   | { kind: "gains"; gains: Float32Array; ask: number; shownPackets: number }
   | { kind: "note"; text: string }

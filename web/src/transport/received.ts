@@ -1,78 +1,97 @@
-// The Gaussians of a transfer in the order in which they came, and which of them are shown where packets are dropped on purpose.
+// The elements of a transfer in the order in which they came, what of them is drawn, and what is left where packets are dropped on purpose.
 
 import { StreamDecoder } from "../codec/decoder.ts";
-import { expectedElements, type Run } from "../codec/expected.ts";
-import { emptySplats, type Splats } from "../codec/splats.ts";
+import type { Part } from "../codec/schema.ts";
+import type { Splats } from "../codec/splats.ts";
 import { CONCEALERS, type Pause } from "../conceal/conceal.ts";
+import type { Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
 
-interface Arrived {
-  readonly block: number;
-  readonly lane: number;
-  /** First Gaussian in order of arrival. */
-  readonly first: number;
-  readonly splats: Splats;
+/** Gaussians to be drawn, part by part. */
+export interface Shown {
+  readonly parts: readonly Splats[];
+  /** Whether they are there instead of those that were drawn before, not in addition. */
+  readonly instead: boolean;
+  /** Whether some are of packets that were not drawn before. */
+  readonly fresh: boolean;
+  /** Of how many elements some are drawn now. */
+  readonly elements: number;
 }
 
 export class Received {
   readonly decoder: StreamDecoder;
-  readonly #arrived: Arrived[] = [];
+  readonly #parts: Part[] = [];
+  /** First element of each part, in order of arrival. */
+  readonly #firsts: number[] = [];
   #count = 0;
+  /** How many parts are drawn, and the elements of the Gaussians that are; null where they are the same. */
+  #drawn = 0;
+  #owners: Int32Array[] | null = null;
+  /** Gains of size and opacity of elements, as far as a concealer said. */
+  #gains: Float32Array | null = null;
 
   constructor(head: Head) {
     this.decoder = new StreamDecoder(head);
   }
 
-  get numPackets(): number {
-    return this.#arrived.length;
+  /** Whether there is something that is not drawn yet. */
+  get hasNew(): boolean {
+    return this.#drawn < this.#parts.length;
   }
 
   /** Decodes one packet. */
   take(bytes: Uint8Array): void {
     const part = this.decoder.take(bytes);
     if (!part) return;
-    this.#arrived.push({ block: part.packet.block, lane: part.packet.lane, first: this.#count, splats: part.splats });
-    this.#count += part.splats.count;
+    this.#parts.push(part);
+    this.#firsts.push(this.#count);
+    this.#count += part.count;
   }
 
-  /** Copies of the Gaussians of all packets from the n-th on, in one piece. */
-  since(packet: number): Splats {
-    const parts = this.#arrived.slice(packet), all = emptySplats(parts.reduce((sum, part) => sum + part.splats.count, 0), this.decoder.info.degree);
-    const number = this.decoder.info.numHarmonics;
-    let at = 0;
-    for (const { splats } of parts) {
-      all.means.set(splats.means, 3 * at);
-      all.quats.set(splats.quats, 4 * at);
-      all.scales.set(splats.scales, 3 * at);
-      all.opacities.set(splats.opacities, at);
-      all.colours.set(splats.colours, 3 * at);
-      all.harmonics.set(splats.harmonics, number * at);
-      at += splats.count;
+  /** The Gaussians that a camera sees: of all packets, or of those that are not drawn yet. */
+  async seen(camera: Camera, all: boolean, pause: Pause): Promise<Shown | null> {
+    const first = all ? 0 : this.#drawn, end = this.#parts.length, found: Splats[] = [], owners: Int32Array[] = [];
+    for (let p = first; p < end; p++) {
+      if (!(await pause())) return null;
+      const part = this.#parts[p], seen = part.seen(camera);
+      found.push(seen.splats);
+      if (seen.owners) owners.push(seen.owners.map((owner) => owner + this.#firsts[p]));
     }
-    return all;
+    const fresh = this.#drawn < end;
+    this.#drawn = end;
+    if (this.decoder.schema.viewDependent) this.#owners = all ? owners : [...(this.#owners ?? []), ...owners];
+    return { parts: found, instead: all, fresh, elements: this.#firsts[end] ?? this.#count };
   }
 
-  /** Gains of size and opacity of each Gaussian in order of arrival, 0 for those of packets that are dropped; and how many packets are left. */
-  async gains(concealer: string, dropped: number, seed: number, pause: Pause): Promise<{ gains: Float32Array; shownPackets: number } | null> {
-    const shown = this.#arrived.filter((part) => !isDropped(part, dropped, seed)), gains = new Float32Array(2 * this.#count);
-    const { plan } = this.decoder.intake, runs = Array.from({ length: plan.numBlocks }, (): Run[] => []), firsts: Arrived[][] = runs.map(() => []);
-    for (const part of [...shown].sort((a, b) => a.lane - b.lane)) firsts[part.block].push(part);
-    firsts.forEach((parts, block) => {
-      const there = parts.reduce((sum, part) => sum + part.splats.count, 0), lost = plan.blockCount(block) - there;
-      for (const part of parts) runs[block].push({ splats: part.splats, count: part.splats.count });
-      if (lost > 0) runs[block].push({ splats: null, count: lost });
-    });
-    const found = await (CONCEALERS[concealer] ?? CONCEALERS["drop"])(expectedElements(this.decoder.info, runs), pause);
+  /** Works out gains of elements, 0 for those of packets that are dropped; how many packets are left. */
+  async conceal(concealer: string, dropped: number, seed: number, pause: Pause): Promise<number | null> {
+    const count = this.#count, parts = this.#parts.map((part, p) => ({ part, first: this.#firsts[p] })).filter(({ part }) => !isDropped(part.packet, dropped, seed));
+    const received = parts.reduce((sum, { part }) => sum + part.count, 0), gains = new Float32Array(2 * count);
+    const elements = (): ReturnType<typeof schema.elements> => schema.elements(parts.map(({ part }) => part), pause), { schema } = this.decoder;
+    const found = await (CONCEALERS[concealer] ?? CONCEALERS["drop"])(received, elements, pause);
     if (!found) return null;
     let at = 0;
-    runs.forEach((list, block) => {
-      firsts[block].forEach((part) => {
-        gains.set(found.subarray(2 * at, 2 * (at + part.splats.count)), 2 * part.first);
-        at += part.splats.count;
-      });
-      at += list.reduce((sum, run) => sum + (run.splats ? 0 : run.count), 0);
-    });
-    return { gains, shownPackets: shown.length };
+    for (const { part, first } of parts) {
+      gains.set(found.subarray(2 * at, 2 * (at + part.count)), 2 * first);
+      at += part.count;
+    }
+    this.#gains = gains;
+    return parts.length;
+  }
+
+  /** Gains of the Gaussians that are drawn, in their order; of elements that came later there are none, they are drawn as they are. */
+  get gains(): Float32Array | null {
+    const gains = this.#gains, owners = this.#owners;
+    if (!gains || !owners) return gains && gains.slice();
+    const all = new Float32Array(2 * owners.reduce((sum, part) => sum + part.length, 0)).fill(1);
+    let at = 0;
+    for (const part of owners) {
+      for (const owner of part) {
+        if (2 * owner < gains.length) all.set(gains.subarray(2 * owner, 2 * owner + 2), at);
+        at += 2;
+      }
+    }
+    return all;
   }
 }
 

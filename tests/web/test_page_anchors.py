@@ -1,0 +1,96 @@
+"""The page with a stream of the causal codec: neural heads in a browser, asked anew when the camera turns."""
+
+import asyncio
+import base64
+import io
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenes import tiny_cameras, tiny_causal_scene
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.packets import Packetization, SceneStream, stream_to_bytes
+from splatwire.render import render_scene
+from splatwire.transport import make_program
+from splatwire.transport.pack import pack_stream
+from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import PageContent
+from transport.chromium import Browser, browser, executable
+
+ELEMENT = "document.querySelector('splat-wire')"
+STATUS = f"{ELEMENT}?.status"
+PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    packetization = Packetization(block_size=600, lanes=1, grouping="hashed", packet_bytes=900)
+    return encode_scene(tiny_causal_scene(seed=7, num_anchors=600), packetization)
+
+
+def test_a_packed_page_holds_anchors(stream: SceneStream) -> None:
+    held = pack_stream(stream, "anchors").decode().partition('id="stream">')[2].partition("<")[0]
+    assert base64.b64decode(held) == stream_to_bytes(stream)
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_a_browser_draws_anchors(stream: SceneStream) -> None:
+    """Integers, pictures, another camera, packets dropped on purpose."""
+
+    async def work() -> None:
+        async with PageServer(PageContent({"anchors": make_program(stream)})) as server:
+
+            def drive() -> None:
+                with browser() as page:
+                    page.open(server.url)
+                    page.wait_for(f"{STATUS} && {STATUS}.finished === 'complete' && {STATUS}.gaussians > 0", 60)
+                    assert page.resolve(f"{ELEMENT}.verify()") is True
+                    check_pictures(page, stream)
+                    check_turning(page)
+                    check_concealment(page)
+
+            await asyncio.to_thread(drive)
+
+    asyncio.run(asyncio.wait_for(work(), 240))
+
+
+def picture(page: Browser, camera: dict[str, Any]) -> np.ndarray:
+    data = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")) / 255.0
+
+
+def check_pictures(page: Browser, stream: SceneStream) -> None:
+    """What the page draws is what the renderer draws, heads evaluated for each camera."""
+    cameras = tiny_cameras(2, 240, 180)
+    page.evaluate(
+        f"{ELEMENT}.style.cssText = 'position: fixed; inset: auto; left: 0; top: 0; width: 240px; height: 180px'"
+    )
+    for view, expected in enumerate(render_scene(decode_stream(stream).scene, cameras)):
+        camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": 180}
+        error = ((picture(page, camera) - expected.numpy()) ** 2).mean()
+        assert -10 * np.log10(error) > 38, f"view {view}: {-10 * np.log10(error):.1f} dB"
+    page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.removeAttribute('style')")
+
+
+def check_turning(page: Browser) -> None:
+    """The Gaussians of a view are asked for when the camera turns."""
+    page.evaluate(
+        f"{{const view = {ELEMENT}.view, add = view.add.bind(view); window.answers = [];"
+        " view.add = (...given) => { window.answers.push(given[1]); add(...given); }}"
+    )
+    page.evaluate(f"{ELEMENT}.dispatchEvent(new KeyboardEvent('keydown', {{key: 'ArrowLeft', bubbles: true}}))")
+    page.wait_for("window.answers.length > 0 && window.answers.every((instead) => instead)")
+
+
+def check_concealment(page: Browser) -> None:
+    """Packets that are dropped on purpose cost picture, and `grow` makes the rest larger."""
+    for concealer in ("drop", "grow"):
+        page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'received', concealer: '{concealer}'}})")
+        try:
+            page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({PANEL})")
+        except TimeoutError:
+            raise AssertionError(page.evaluate(f"{PANEL} + JSON.stringify(window.answers)")) from None
+        assert not page.evaluate(f"/dropped on purpose\\s+0 packets/.test({PANEL})")

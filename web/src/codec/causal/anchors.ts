@@ -1,0 +1,46 @@
+// Decoded integers as anchors and heads: the only floats of the codec, at its very end.
+
+import type { Affine } from "../../model/affine.ts";
+import type { Anchors } from "../../model/anchors.ts";
+import type { Heads, Mlp } from "../../model/heads.ts";
+import { BIAS_BITS, WEIGHT_BITS } from "../integer_network.ts";
+import type { QuantisedLinear, QuantisedMlp } from "../weight_bytes.ts";
+import { logOf, type Decoded } from "./packet.ts";
+import { FORM, LOG_BITS, type SideInfo } from "./side_info.ts";
+
+const NUMBER = 2 ** 16, LOG = 2 ** LOG_BITS, MAX_LOG = 60, SLOPE = 0.01;
+
+export function toAnchors({ count, places, masks, numbers }: Decoded, info: SideInfo, heads: Heads): Anchors {
+  const { features: size, offsets: numOffsets, groups, steps } = info, width = size + FORM + 3 * numOffsets;
+  const featureSteps = groups.flatMap((channels, g) => Array.from({ length: channels }, () => steps[g] / NUMBER)), step = steps[groups.length] / NUMBER;
+  const scales = new Float32Array(count), sizes = new Float32Array(3 * count);
+  const features = new Float64Array(size * count), offsets = new Float32Array(3 * numOffsets * count);
+  for (let n = 0; n < count; n++) {
+    const row = n * width, form = row + size;
+    for (let c = 0; c < size; c++) features[n * size + c] = numbers[row + c] * featureSteps[c];
+    scales[n] = exponential(logOf(info, numbers[form], 0));
+    for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, numbers[form + 1 + a], 1 + a));
+    for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = numbers[form + FORM + c] * step;
+  }
+  return { count, numOffsets, positions: worldPlaces(places, info), scales, sizes, masks, offsets, hidden: heads.prepared(features) };
+}
+
+/** World coordinates of voxels from the origin. */
+export function worldPlaces(places: Int32Array, { positions: { origin }, voxelSize }: SideInfo): Float32Array {
+  return Float32Array.from(places, (place, at) => (place + origin[at % 3]) * voxelSize);
+}
+
+/** Two to the power of a logarithm with 24 fractional bits. */
+function exponential(log: number): number {
+  return 2 ** Math.min(Math.max(log / LOG, -MAX_LOG), MAX_LOG);
+}
+
+/** A network in the numbers that its integers stand for. */
+export function floatMlp({ hidden, output, leaky }: QuantisedMlp): Mlp {
+  return { hidden: affine(hidden), output: affine(output), slope: leaky ? SLOPE : 0 };
+}
+
+function affine({ inputs, outputs, symbols, rowSteps, columnShifts, bias }: QuantisedLinear): Affine {
+  const weights = symbols.map((symbol, at) => (symbol * rowSteps[Math.floor(at / inputs)] * 2 ** columnShifts[at % inputs]) / 2 ** WEIGHT_BITS);
+  return { inputs, outputs, weights, bias: bias.map((value) => value / 2 ** BIAS_BITS) };
+}

@@ -1,0 +1,153 @@
+// Decoding of packets of anchors: an anchor's numbers follow from its own place and its own numbers before. Any bytes decode to something.
+
+import { RangeDecoder } from "../../entropy/decoder.ts";
+import { centred } from "../../entropy/mixture.ts";
+import { ROWS } from "../../model/affine.ts";
+import { ACTIVATION_BITS, ACTIVATION_LIMIT, IntegerMlp } from "../integer_network.ts";
+import { decodePlaces } from "./positions.ts";
+import { OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
+import { existsOf, scaleOf } from "./tables.ts";
+
+const ONE = 2 ** ACTIVATION_BITS, FULL = 65536, LARGEST_SYMBOL = 15360;
+
+/** Decoded integers of some anchors. */
+export interface Decoded {
+  readonly count: number;
+  /** Coordinates in voxels from the origin, three each. */
+  readonly places: Int32Array;
+  /** Which offsets exist, 0 or 1, of one anchor after another. */
+  readonly masks: Uint8Array;
+  /** Numbers in steps, 16 fractional bits: feature, four logarithms, offsets (0 where there is none). */
+  readonly numbers: Int32Array;
+}
+
+/** Decodes packets of one stream, one after another. */
+export class PacketDecoder {
+  readonly #position: IntegerMlp;
+  readonly #networks: readonly IntegerMlp[];
+  /** Numbers of an anchor. */
+  readonly width: number;
+  /** What is known of an anchor so far, as inputs of networks: the numbers of its place, then its own. */
+  readonly #stride: number;
+  #known = new Float64Array();
+  #places = new Float64Array();
+  #outputs = new Float64Array();
+
+  constructor(readonly info: SideInfo) {
+    this.#position = new IntegerMlp(info.position);
+    this.#networks = info.networks.map((network) => new IntegerMlp(network));
+    const last = info.stages[info.stages.length - 1];
+    this.width = last.first + last.size;
+    this.#stride = info.context + last.first;
+  }
+
+  /** `ranks` are those of the packet's anchors, in its order. */
+  decode(payload: Uint8Array, ranks: Int32Array): Decoded {
+    const { info } = this, count = ranks.length, coder = new RangeDecoder(payload), last = info.stages[info.stages.length - 1];
+    const masks = new Uint8Array(count * info.offsets), numbers = new Int32Array(count * this.width);
+    const places = decodePlaces(coder, info.positions, ranks);
+    this.#begin(places, count);
+    for (const [s, stage] of info.stages.entries()) {
+      const outputs = this.#predict(s, count), width = this.#networks[s].outputs;
+      if (stage.masks) readMasks(coder, outputs, width, stage.masks, masks);
+      this.#read(coder, stage, outputs, width, stage === last ? masks : null, numbers);
+      if (stage !== last) this.#tell(stage, numbers, count);
+    }
+    return { count, places, masks, numbers };
+  }
+
+  /** Logarithms of the sizes that are expected of anchors of which only the place is known, three each; 24 fractional bits. */
+  expectedLogs(places: Int32Array): Float64Array {
+    const { info } = this, count = places.length / 3, numbers = new Int32Array(count * this.width), logs = new Float64Array(3 * count);
+    this.#begin(places, count);
+    for (const [s, stage] of info.stages.slice(0, -1).entries()) {
+      const outputs = this.#predict(s, count), width = this.#networks[s].outputs;
+      for (let n = 0; n < count; n++) for (let c = 0; c < stage.size; c++) numbers[n * this.width + stage.first + c] = outputs[n * width + stage.masks + c];
+      this.#tell(stage, numbers, count);
+    }
+    for (let n = 0; n < count; n++) for (let a = 0; a < 3; a++) logs[3 * n + a] = logOf(info, numbers[n * this.width + info.features + 1 + a], 1 + a);
+    return logs;
+  }
+
+  /** Evaluates the position network: what each anchor's place says. */
+  #begin(places: Int32Array, count: number): void {
+    const rows = Math.ceil(count / ROWS) * ROWS, inputs = 3 * (1 + OCTAVES), { context, middle, spread, positions: { origin } } = this.info;
+    const widest = Math.max(this.#position.outputs, ...this.#networks.map((network) => network.outputs));
+    if (this.#known.length < rows * this.#stride) this.#known = new Float64Array(rows * this.#stride);
+    if (this.#places.length < rows * inputs) this.#places = new Float64Array(rows * inputs);
+    if (this.#outputs.length < rows * widest) this.#outputs = new Float64Array(rows * widest);
+    for (let n = 0; n < count; n++) {
+      for (let a = 0; a < 3; a++) {
+        const u = contracted(places[3 * n + a] + origin[a] - middle[a], spread[a]), at = n * inputs + a;
+        this.#places[at] = u;
+        for (let octave = 1; octave <= OCTAVES; octave++) {
+          this.#places[at + 3 * octave] = Math.abs((((u << octave) - ONE) & (4 * ONE - 1)) - 2 * ONE) - ONE;
+        }
+      }
+    }
+    this.#position.run(this.#places, inputs, rows, this.#outputs);
+    const width = this.#position.outputs;
+    for (let n = 0; n < count; n++) {
+      for (let c = 0; c < context; c++) this.#known[n * this.#stride + c] = this.#outputs[n * width + c] >> 2;
+    }
+  }
+
+  #predict(stage: number, count: number): Float64Array {
+    this.#networks[stage].run(this.#known, this.#stride, Math.ceil(count / ROWS) * ROWS, this.#outputs);
+    return this.#outputs;
+  }
+
+  /** Numbers of a stage: the predicted mean, and whole steps from it; of offsets only those that exist. */
+  #read(coder: RangeDecoder, stage: Stage, outputs: Float64Array, width: number, there: Uint8Array | null, numbers: Int32Array): void {
+    const { first, size, masks } = stage;
+    for (let at = first, row = masks, mask = 0; at < numbers.length; at += this.width, row += width, mask += size / 3) {
+      for (let c = 0; c < size; c++) {
+        if (there && !there[mask + Math.floor(c / 3)]) continue;
+        const symbol = centred(scaleOf(outputs[row + size + c])).decode(coder);
+        numbers[at + c] = outputs[row + c] + Math.min(Math.max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL) * FULL;
+      }
+    }
+  }
+
+  /** Makes the numbers of a stage inputs of the next ones: a quarter of a step is 1. */
+  #tell({ first, size }: Stage, numbers: Int32Array, count: number): void {
+    for (let n = 0; n < count; n++) {
+      for (let c = 0, from = n * this.width + first, to = n * this.#stride + this.info.context + first; c < size; c++) {
+        this.#known[to + c] = Math.min(Math.max(numbers[from + c] >> 4, -ACTIVATION_LIMIT), ACTIVATION_LIMIT);
+      }
+    }
+  }
+}
+
+/** Binary logarithm of a scale (form 0) or size, 24 fractional bits. */
+export function logOf({ logSteps, centres }: SideInfo, number: number, form: number): number {
+  return Math.floor((number * logSteps[form ? 1 : 0]) / FULL) + centres[form];
+}
+
+function readMasks(coder: RangeDecoder, outputs: Float64Array, width: number, offsets: number, masks: Uint8Array): void {
+  for (let at = 0, row = 0; at < masks.length; row += width) {
+    for (let k = 0; k < offsets; k++, at++) {
+      const size = existsOf(outputs[row + k]);
+      masks[at] = coder.target(FULL) < size ? 1 : 0;
+      if (masks[at]) coder.advance(0, size, FULL);
+      else coder.advance(size, FULL - size, FULL);
+    }
+  }
+}
+
+/** A coordinate in spreads, contracted to within 1, with 14 fractional bits. */
+function contracted(away: number, spread: number): number {
+  const relative = quotient(away, spread);
+  return quotient(relative, ONE + Math.abs(relative));
+}
+
+/** Quotient with 14 fractional bits, rounded down: exact where `a` has at most 41 bits, and `b` too. */
+function quotient(a: number, b: number): number {
+  let whole = Math.floor(a / b), rest = a - whole * b;
+  for (let n = 0; n < 2; n++) {
+    const part = Math.floor((rest * 128) / b);
+    whole = whole * 128 + part;
+    rest = rest * 128 - part * b;
+  }
+  return whole;
+}

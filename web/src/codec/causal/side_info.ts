@@ -1,0 +1,108 @@
+// Side information of a stream of the causal codec: the twin of `splatwire.codec.schemas.causal.side_info`.
+
+import { BitstreamError, ByteReader } from "../../bytes.ts";
+import { readSections } from "../../packets/sections.ts";
+import { readMlp, type QuantisedMlp } from "../weight_bytes.ts";
+import { readPositions, type Positions } from "./positions.ts";
+
+export const LOG_BITS = 24, OCTAVES = 4, FORM = 4;
+const VERSION = 2, MAX_GROUPS = 32, MAX_FEATURES = 256, MAX_OFFSETS = 64, MAX_CONTEXT = 256;
+const MAX_LOG_STEP = 4 * 2 ** LOG_BITS, MAX_CENTRE = 32 * 2 ** LOG_BITS, MAX_PLACE = 2 ** 40;
+/** Weights of all networks together: what a page decodes of a head before it says no. */
+const MAX_WEIGHTS = 2 ** 21;
+
+/** Sizes of an anchor and what stands for its numbers. */
+export interface Header {
+  readonly groups: readonly number[];
+  readonly features: number;
+  readonly offsets: number;
+  /** Numbers that a place is described by. */
+  readonly context: number;
+  /** Of each feature group, then of the offsets. */
+  readonly steps: readonly number[];
+  readonly voxelSize: number;
+  /** Steps of the logarithms of scale and size, and what stands for zero of the four logarithms; 24 fractional bits. */
+  readonly logSteps: readonly number[];
+  readonly centres: readonly number[];
+  /** Middle and extent of the scene, voxels. */
+  readonly middle: readonly number[];
+  readonly spread: readonly number[];
+}
+
+/** Numbers of an anchor that are predicted together; the logits of the offsets' existence come before means and spreads. */
+export interface Stage {
+  readonly name: string;
+  /** The first of them, counted from the first number of the anchor. */
+  readonly first: number;
+  readonly size: number;
+  readonly masks: number;
+}
+
+export interface SideInfo extends Header {
+  readonly positions: Positions;
+  readonly position: QuantisedMlp;
+  readonly stages: readonly Stage[];
+  /** One for each stage. */
+  readonly networks: readonly QuantisedMlp[];
+  /** Opacity, covariance, colour. */
+  readonly heads: readonly QuantisedMlp[];
+  readonly sections: Map<string, Uint8Array>;
+}
+
+export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
+  const reader = new ByteReader(bytes, "side information");
+  const header = readHeader(reader.blob()), positions = readPositions(reader.blob(), count), networks = new ByteReader(reader.blob(), "networks");
+  const render = new ByteReader(reader.blob(), "render networks"), sections = readSections(reader.rest());
+  const { features, offsets, context } = header, stages = stagesOf(header);
+  let weights = 0;
+  const read = (from: ByteReader, what: string, inputs: number, outputs: number): QuantisedMlp => {
+    const network = readMlp(from, what, inputs, outputs);
+    weights += network.hidden.outputs * (inputs + outputs);
+    if (weights > MAX_WEIGHTS) throw new BitstreamError("side information: its networks are too large");
+    return network;
+  };
+  const position = read(networks, "position", 3 * (1 + OCTAVES), context);
+  const found = stages.map(({ name, first, size, masks }) => read(networks, name, context + first, masks + 2 * size));
+  networks.finish();
+  const heads = [["opacity", 1], ["covariance", 7], ["color", 3]].map(([name, each]) => read(render, name as string, features + 4, offsets * (each as number)));
+  render.finish();
+  checkFar(header, positions);
+  return { ...header, positions, position, stages, networks: found, heads, sections };
+}
+
+/** Places relative to the scene's extent are worked out in doubles, exactly as long as they are not this far away. */
+function checkFar({ middle, spread }: Header, { origin, bits }: Positions): void {
+  const far = middle.some((value, a) => Math.abs(origin[a] - value) + 2 ** (bits / 3) > 2 ** 26 * spread[a]);
+  if (far) throw new BitstreamError("side information: its anchors are too far away from the scene's middle");
+}
+
+/** Feature groups, which offsets exist and their scale, the base size, offsets: in the order of coding. */
+function stagesOf({ groups, features, offsets }: Header): Stage[] {
+  const stages: Stage[] = [];
+  groups.reduce((first, size, g) => (stages.push({ name: `feature${g}`, first, size, masks: 0 }), first + size), 0);
+  return [
+    ...stages,
+    { name: "form", first: features, size: 1, masks: offsets },
+    { name: "size", first: features + 1, size: 3, masks: 0 },
+    { name: "offset", first: features + FORM, size: 3 * offsets, masks: 0 },
+  ];
+}
+
+function readHeader(bytes: Uint8Array): Header {
+  const reader = new ByteReader(bytes, "side information header"), version = reader.u8();
+  if (version !== VERSION) throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
+  const offsets = reader.unsigned(), context = reader.unsigned(), numGroups = reader.unsigned();
+  if (numGroups < 1 || numGroups > MAX_GROUPS) throw new BitstreamError(`side information: ${numGroups} feature groups`);
+  const take = (count: number, next: () => number): number[] => Array.from({ length: count }, next);
+  const groups = take(numGroups, () => reader.unsigned()), steps = take(numGroups + 1, () => reader.f64()), voxelSize = reader.f64();
+  const logSteps = take(2, () => reader.unsigned()), spread = take(3, () => reader.unsigned());
+  const centres = take(FORM, () => reader.signed()), middle = take(3, () => reader.signed());
+  reader.finish();
+  const features = groups.reduce((sum, size) => sum + size, 0);
+  const within = (values: readonly number[], low: number, high: number): boolean => values.every((value) => value >= low && value <= high);
+  const fine = within(groups, 1, MAX_FEATURES) && features <= MAX_FEATURES && within([offsets], 1, MAX_OFFSETS) && within([context], 1, MAX_CONTEXT) &&
+    within([...steps, voxelSize], 1e-9, 1e9) && within(logSteps, 1, MAX_LOG_STEP) && within(centres, -MAX_CENTRE, MAX_CENTRE) &&
+    within(spread, 1, MAX_PLACE) && within(middle, -MAX_PLACE, MAX_PLACE);
+  if (!fine) throw new BitstreamError("side information: its header is impossible");
+  return { groups, features, offsets, context, steps, voxelSize, logSteps, centres, middle, spread };
+}

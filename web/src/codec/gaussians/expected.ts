@@ -1,0 +1,51 @@
+// Where lost Gaussians are expected, and how large: what a concealer needs of them.
+
+import type { Elements } from "../../conceal/conceal.ts";
+import type { Plan } from "../../packets/plan.ts";
+import { BITS, MAX_LOG, MAX_THIN } from "./layout.ts";
+import type { GaussianPart } from "./schema.ts";
+import type { SideInfo } from "./side_info.ts";
+import { THINNESS } from "./tables.ts";
+
+/** Powers of the plastic number's four-dimensional cousin: multiples of them fill a box evenly (Roberts, 2018). */
+const GOLDEN = [0.8191725134, 0.6710436067, 0.5497004779];
+
+/** The received elements of some packets as they are; behind them the lost ones, at places of received ones of their block, of its mean size. */
+export function expectedElements(info: SideInfo, plan: Plan, parts: readonly GaussianPart[]): Elements {
+  const { count } = plan.manifest, positions = new Float32Array(3 * count), sizes = new Float32Array(count), known = new Uint8Array(count);
+  const opacities = new Float32Array(count), blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []);
+  let at = 0;
+  for (const part of parts) {
+    const { splats } = part;
+    positions.set(splats.means, 3 * at);
+    opacities.set(splats.opacities, at);
+    known.fill(1, at, at + splats.count);
+    for (let i = 0; i < splats.count; i++, at++) sizes[at] = Math.cbrt(splats.scales[3 * i] * splats.scales[3 * i + 1] * splats.scales[3 * i + 2]);
+    blocks[part.packet.block].push(part);
+  }
+  blocks.forEach((there, block) => {
+    const near = new Float32Array(there.reduce((sum, part) => sum + 3 * part.splats.count, 0)), lost = plan.blockCount(block) - near.length / 3;
+    there.sort((a, b) => a.packet.lane - b.packet.lane).reduce((end, { splats }) => (near.set(splats.means, end), end + 3 * splats.count), 0);
+    sizes.fill(meanSize(info, block), at, at + lost);
+    for (let gone = 0; gone < lost; gone++, at++) positions.set(place(info, block, near, gone, lost), 3 * at);
+  });
+  return { positions, sizes, opacities, known };
+}
+
+function place(info: SideInfo, block: number, near: Float32Array, gone: number, lost: number): ArrayLike<number> {
+  if (near.length) {
+    const from = 3 * Math.floor((gone * (near.length / 3)) / lost);
+    return near.subarray(from, from + 3);
+  }
+  const unit = 2 ** (info.sizeLog - info.unit), { shifts, corners, extents } = info.boxes;
+  return GOLDEN.map((step, a) => {
+    const side = (extents[3 * block + a] + 1) * 2 ** shifts[block];
+    return (corners[3 * block + a] + side * ((0.5 + (gone + 1) * step) % 1)) * unit;
+  });
+}
+
+function meanSize(info: SideInfo, block: number): number {
+  const [, s0, long, thin] = info.defaults.subarray(7 * block, 7 * block + 7), clip = (v: number, a: number, b: number): number => Math.min(Math.max(v, a), b);
+  const first = clip(s0, -MAX_LOG, MAX_LOG), second = first - clip(long, 0, MAX_LOG);
+  return 2 ** (info.sizeLog + (first + 2 * second - THINNESS[clip(thin, 0, MAX_THIN)]) / 3 / 2 ** BITS);
+}

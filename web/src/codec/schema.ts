@@ -1,0 +1,38 @@
+// What a schema of elements has to know; which one a stream has is asked in `decoder.ts` and nowhere else.
+
+import type { Elements, Pause } from "../conceal/conceal.ts";
+import type { Camera } from "../model/camera.ts";
+import type { Packet } from "../packets/packet.ts";
+import type { Splats } from "./splats.ts";
+
+/** Gaussians, and the element of each; null where each element is one, in order. */
+export interface Seen {
+  readonly splats: Splats;
+  readonly owners: Int32Array | null;
+}
+
+/** Elements of one packet, as they were received. */
+export interface Part {
+  readonly packet: Packet;
+  readonly count: number;
+  /** What a camera sees of them; where elements look the same to all, the camera does not matter. */
+  seen(camera: Camera): Seen;
+}
+
+export interface Schema<P extends Part = Part> {
+  /** Whether another camera sees other Gaussians. */
+  readonly viewDependent: boolean;
+  /** Degree of the Gaussians' harmonics. */
+  readonly degree: number;
+  /** Size of the scene, world units. */
+  readonly size: number;
+  /** Middle of the scene, where it is known before any element. */
+  readonly middle: readonly number[] | null;
+  readonly sections: Map<string, Uint8Array>;
+  /** Decodes a packet that fits the plan; any payload gives something. */
+  read(packet: Packet): P;
+  /** Digest of all decoded integers, given the packets of each block in order. */
+  digest(blocks: readonly (readonly Packet[])[]): string;
+  /** What is known of all elements: first those of the given parts, in order, then the lost ones; null where nobody waits any more. */
+  elements(parts: readonly P[], pause: Pause): Promise<Elements | null>;
+}

@@ -1,0 +1,45 @@
+// Which element is in which tier: a named section of the side information that only streams with tiers have.
+
+import { BitstreamError } from "../bytes.ts";
+import { RangeDecoder } from "../entropy/decoder.ts";
+import type { Manifest } from "../packets/manifest.ts";
+
+const COUNTS = 16, STATES = 4 * COUNTS;
+
+/** Rank of the element at each place of the plan; null where they are the same because there is one tier. */
+export function ranksInOrder(sections: Map<string, Uint8Array>, { tiers: shapes, count }: Manifest): Int32Array | null {
+  const section = sections.get("tiers");
+  if ((section !== undefined) !== shapes.length > 0) throw new BitstreamError("manifest and side information disagree on whether there are tiers");
+  if (!section) return null;
+  const tiers = decodeTiers(section, count, shapes.length), next = new Int32Array(shapes.length), order = new Int32Array(count);
+  shapes.slice(0, -1).reduce((sum, shape, tier) => (next[tier + 1] = sum + shape.count), 0);
+  const ends = shapes.map((shape, tier) => next[tier] + shape.count);
+  tiers.forEach((tier, rank) => {
+    if (next[tier] >= ends[tier]) throw new BitstreamError("the side information has tiers that the manifest denies");
+    order[next[tier]++] = rank;
+  });
+  return order;
+}
+
+/** A run of bits for each element: is it tier 0, and if not, is it tier 1, ... */
+function decodeTiers(bytes: Uint8Array, count: number, numTiers: number): Uint8Array {
+  const coder = new RangeDecoder(bytes), models = new Int32Array(2 * (numTiers - 1) * STATES).fill(32768), tiers = new Uint8Array(count);
+  const counts = new Int32Array(numTiers), recents = new Int32Array(numTiers);
+  for (let n = 0; n < count; n++) {
+    let found = numTiers - 1;
+    for (let tier = 0; tier < numTiers - 1; tier++) {
+      if (found === numTiers - 1 && coder.bit(models, context(tier, counts[tier], recents[tier]))) found = tier;
+      const important = found <= tier;
+      counts[tier] += ((important ? 65535 : 0) - counts[tier]) >> 3;
+      recents[tier] = (2 * recents[tier] + (important ? 1 : 0)) & 3;
+    }
+    tiers[n] = found;
+  }
+  return tiers;
+}
+
+function context(tier: number, count: number, recent: number): number {
+  let step = 0;
+  for (let value = count >> 4; value && step < COUNTS - 1; step++) value = (value * 5) >> 3;
+  return tier * STATES + 4 * step + recent;
+}

@@ -1,0 +1,152 @@
+// Neural heads: anchors become the Gaussians that a camera sees. The twin of `splatwire.model.gaussian_heads`.
+
+import { emptySplats, firstOf, type Splats } from "../codec/splats.ts";
+import { affine, padded, ROWS, type Affine } from "./affine.ts";
+import { inView, type Anchors } from "./anchors.ts";
+import { eyeOf, type Camera } from "./camera.ts";
+
+/** What gives an opacity of 1/255. */
+const LEAST_LOGIT = Math.atanh(1 / 255), LEAST_NORM = 1e-12;
+/** Inputs behind the feature: direction from the camera, distance. */
+const VIEW_INPUTS = 4;
+
+/** Two layers with a rectifier between them, of this slope below zero. */
+export interface Mlp {
+  readonly hidden: Affine;
+  readonly output: Affine;
+  readonly slope: number;
+}
+
+/** The Gaussians of some anchors, and the anchor of each. */
+export interface Spawned {
+  readonly splats: Splats;
+  readonly owners: Int32Array;
+}
+
+/**
+ * The networks of opacity, covariance and colour. What features say to their hidden layers is the same in every view: it is
+ * worked out once, and takes the features' place.
+ */
+export class Heads {
+  readonly #networks: readonly Mlp[];
+  /** The hidden layers of all three as far as they read features, and as far as they read direction and distance. */
+  readonly #featureLayer: Affine;
+  readonly #viewWeights: Float64Array;
+  /** Where the hidden numbers of each network begin among those of all; the end. */
+  readonly #firsts: readonly number[];
+  /** How many there are, even. */
+  readonly #width: number;
+  readonly #active: Float64Array;
+  readonly #shape = new Float64Array(7);
+  readonly #color = new Float64Array(3);
+
+  constructor(opacity: Mlp, covariance: Mlp, color: Mlp) {
+    this.#networks = [opacity, covariance, color];
+    const hidden = this.#networks.map((network) => network.hidden), inputs = hidden[0].inputs, features = inputs - VIEW_INPUTS;
+    const rows = hidden.flatMap(({ weights, outputs }) => Array.from({ length: outputs }, (_, o) => weights.subarray(o * inputs, (o + 1) * inputs)));
+    const join = (parts: Float64Array[]): Float64Array => Float64Array.from(parts.flatMap((part) => [...part]));
+    this.#viewWeights = join(rows.map((row) => row.subarray(features)));
+    this.#featureLayer = padded({ inputs: features, outputs: rows.length, weights: join(rows.map((row) => row.subarray(0, features))), bias: join(hidden.map(({ bias }) => bias)) });
+    this.#firsts = hidden.reduce((firsts, { outputs }) => [...firsts, firsts[firsts.length - 1] + outputs], [0]);
+    this.#width = this.#featureLayer.outputs;
+    this.#active = new Float64Array(this.#width);
+  }
+
+  /** What features, one anchor's after another's, say to the hidden layers. */
+  prepared(features: Float64Array): Float32Array {
+    const inputs = this.#featureLayer.inputs, count = features.length / inputs, rows = Math.ceil(count / ROWS) * ROWS;
+    const all = new Float64Array(rows * inputs), out = new Float64Array(rows * this.#width);
+    all.set(features);
+    affine(this.#featureLayer, all, inputs, rows, out);
+    return new Float32Array(out.subarray(0, count * this.#width));
+  }
+
+  /** The Gaussians of all anchors that the camera may see whose opacity is at least 1/255, anchor by anchor. */
+  spawn(anchors: Anchors, camera: Camera): Spawned {
+    const { count, numOffsets, positions, scales, masks } = anchors, most = masks.reduce((sum, there) => sum + there, 0);
+    const splats = emptySplats(most, 0), owners = new Int32Array(most), eye = eyeOf(camera);
+    let found = 0;
+    for (let n = 0; n < count; n++) {
+      const x = positions[3 * n], y = positions[3 * n + 1], z = positions[3 * n + 2];
+      if (!inView(camera, x, y, z, scales[n])) continue;
+      const dx = x - eye[0], dy = y - eye[1], dz = z - eye[2], distance = Math.sqrt(dx * dx + dy * dy + dz * dz), first = found;
+      this.#activate(0, anchors.hidden, n, dx / distance, dy / distance, dz / distance, distance);
+      for (let k = 0; k < numOffsets; k++) {
+        if (!masks[n * numOffsets + k]) continue;
+        const logit = this.#output(0, k);
+        if (!(logit >= LEAST_LOGIT)) continue;
+        if (first === found) {
+          for (const network of [1, 2]) this.#activate(network, anchors.hidden, n, dx / distance, dy / distance, dz / distance, distance);
+        }
+        splats.opacities[found] = Math.tanh(logit);
+        owners[found] = n;
+        this.#write(anchors, n, k, splats, found++);
+      }
+    }
+    return { splats: firstOf(splats, found), owners: owners.subarray(0, found) };
+  }
+
+  /** The hidden layer of a network. */
+  #activate(network: number, prepared: Float32Array, anchor: number, x: number, y: number, z: number, distance: number): void {
+    const { slope } = this.#networks[network], weights = this.#viewWeights, active = this.#active, end = this.#firsts[network + 1];
+    for (let o = this.#firsts[network], from = anchor * this.#width + o, at = o * VIEW_INPUTS; o < end; o++, from++, at += VIEW_INPUTS) {
+      const sum = prepared[from] + weights[at] * x + weights[at + 1] * y + weights[at + 2] * z + weights[at + 3] * distance;
+      active[o] = sum > 0 ? sum : sum * slope;
+    }
+  }
+
+  /** Outputs of a network from the n-th on, as many as `out` has (one, three or seven): sums that do not wait for one another. */
+  #outputs(network: number, n: number, out: Float64Array): void {
+    const { inputs, weights, bias } = this.#networks[network].output, first = this.#firsts[network], active = this.#active;
+    let o = 0;
+    for (; o + 1 < out.length; o += 2) {
+      let a = bias[n + o], b = bias[n + o + 1], c = 0, d = 0, i = 0;
+      const at = (n + o) * inputs, next = at + inputs;
+      for (; i + 1 < inputs; i += 2) {
+        const u = active[first + i], v = active[first + i + 1];
+        a += weights[at + i] * u;
+        b += weights[next + i] * u;
+        c += weights[at + i + 1] * v;
+        d += weights[next + i + 1] * v;
+      }
+      if (i < inputs) {
+        a += weights[at + i] * active[first + i];
+        b += weights[next + i] * active[first + i];
+      }
+      out[o] = a + c;
+      out[o + 1] = b + d;
+    }
+    if (o < out.length) out[o] = this.#output(network, n + o);
+  }
+
+  #output(network: number, n: number): number {
+    const { inputs, weights, bias } = this.#networks[network].output, first = this.#firsts[network], active = this.#active, at = n * inputs;
+    let a = bias[n], b = 0, c = 0, d = 0, i = 0;
+    for (; i + 3 < inputs; i += 4) {
+      a += weights[at + i] * active[first + i];
+      b += weights[at + i + 1] * active[first + i + 1];
+      c += weights[at + i + 2] * active[first + i + 2];
+      d += weights[at + i + 3] * active[first + i + 3];
+    }
+    for (; i < inputs; i++) a += weights[at + i] * active[first + i];
+    return a + b + (c + d);
+  }
+
+  /** Mean, quaternion, scale and colour of a Gaussian. */
+  #write({ numOffsets, positions, scales, sizes, offsets }: Anchors, n: number, k: number, splats: Splats, at: number): void {
+    const shape = this.#shape, color = this.#color;
+    this.#outputs(1, 7 * k, shape);
+    this.#outputs(2, 3 * k, color);
+    const norm = Math.max(Math.sqrt(shape[3] * shape[3] + shape[4] * shape[4] + shape[5] * shape[5] + shape[6] * shape[6]), LEAST_NORM);
+    for (let a = 0; a < 3; a++) {
+      splats.means[3 * at + a] = positions[3 * n + a] + offsets[3 * (n * numOffsets + k) + a] * scales[n];
+      splats.scales[3 * at + a] = sizes[3 * n + a] * sigmoid(shape[a]);
+      splats.colours[3 * at + a] = sigmoid(color[a]);
+    }
+    for (let a = 0; a < 4; a++) splats.quats[4 * at + a] = shape[3 + a] / norm;
+  }
+}
+
+function sigmoid(value: number): number {
+  return 1 / (1 + Math.exp(-value));
+}
