@@ -1,6 +1,7 @@
 """The receiver in a browser, measured in headless Chromium; prints one JSON object.
 
     python benchmarks/browser.py [scene.swz] [--pages 20] [--rate 4] > benchmarks/results/browser.json
+    python benchmarks/browser.py [scene.swz] --minutes 10 > benchmarks/results/browser_open.json
 
 The stream is one of explicit Gaussians in datagrams (`splatwire encode scene.ply -o scene.swz --preset datagram`), or
 the bundled scene's.
@@ -13,6 +14,9 @@ the bundled scene's.
   which the page itself carries, the first packets, and half of the Gaussians. Each time in a fresh page of a browser
   that runs; the page comes over loopback and not through the relay. `threads_busy` is the machine's load meanwhile.
 * `pages`: so many pages of one browser at once: how many got every packet, and how many datagrams the path lost.
+
+The second is a page that is left open over a link that is gone for 3 of every 10 seconds, at a rate at which the stream
+takes most of that time: packets that never came, and megabytes that the page's processes keep, every half minute.
 
 Software WebGL on two cores: what draws here would not wait on a graphics card.
 """
@@ -155,6 +159,39 @@ def many(url: str, count: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
+    """A page over a link that comes and goes."""
+    program, began, every = make_program(stream), time.monotonic(), 30.0
+    limits = ServerLimits(fixed_rate=stream.num_bytes / (0.5 * 60 * minutes))
+    server = QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY, limits=limits)
+    await server.start()
+
+    def gone() -> bool:
+        return (time.monotonic() - began) % 10 > 7
+
+    relay = Relay(server.port, gone, gone, delay_s=0.02)
+    link = Link(relay.port, WEBTRANSPORT_PATH, IDENTITY.fingerprint)
+    async with PageServer(PageContent({"scene": program}, link)) as pages:
+
+        def drive() -> dict[str, Any]:
+            kept, seconds = [], []
+            with browser() as page:
+                page.open(pages.url)
+                for n in range(1, round(60 * minutes / every) + 1):
+                    time.sleep(max(began + n * every - time.monotonic(), 0))
+                    kept.append(round(page.memory() / 1e6))
+                    seconds.append(round(time.monotonic() - began))
+                status = json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status)"))
+            lacking = len(stream.packets) - status["packets"]
+            return {"minutes": minutes, "ended": status["finished"], "way": status["way"], "packets_lacking": lacking,
+                    "datagrams_lost": relay.num_lost, "seconds": seconds, "megabytes": kept}  # fmt: skip
+
+        found = await asyncio.to_thread(drive)
+    relay.close()
+    server.close()
+    return found
+
+
 async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any]:
     program = make_program(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
@@ -194,12 +231,17 @@ def main() -> None:
     parser.add_argument("stream", type=Path, nargs="?")
     parser.add_argument("--pages", type=int, default=20)
     parser.add_argument("--rate", type=float, default=4.0)
+    parser.add_argument("--minutes", type=float, default=0.0)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         path = options.stream or Path(folder) / SPLATS
         if options.stream is None:
             write_stream(bundled_datagrams(SPLATS), path)
-        print(json.dumps(measured(path, options.rate, options.pages), indent=1))
+        if options.minutes:
+            found = asyncio.run(left_open(read_stream(path)[0], options.minutes))
+        else:
+            found = measured(path, options.rate, options.pages)
+        print(json.dumps(found, indent=1))
 
 
 def measured(path: Path, rate: float, pages: int) -> dict[str, Any]:

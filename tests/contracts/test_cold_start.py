@@ -8,7 +8,7 @@ import pytest
 
 from splatwire.cli.main import VERBS
 
-HEAVY = {"torch", "numba", "scipy", "matplotlib", "PIL", "viser", "ray", "pyarrow", "aioquic", "numpy"}
+HEAVY = {"torch", "numba", "scipy", "matplotlib", "PIL", "ray", "pyarrow", "aioquic", "numpy"}
 _COUNT = """
 import json, sys
 import numpy as np

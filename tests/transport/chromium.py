@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 FLAGS = (
@@ -70,6 +71,46 @@ class Browser:
                 return value
             time.sleep(0.05)
         raise TimeoutError(f"{expression} did not come true: {self.evaluate('document.body.innerText')}")
+
+    def memory(self) -> int:
+        """Bytes of memory that are the browser's pages' own."""
+        processes = self._call("SystemInfo.getProcessInfo")["processInfo"]
+        kept = [
+            Path(f"/proc/{process['id']}/smaps_rollup").read_text()
+            for process in processes
+            if process["type"] == "renderer"
+        ]
+        return sum(
+            int(line.split()[1]) << 10 for text in kept for line in text.splitlines() if line.startswith("Private")
+        )
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float], button: str = "left") -> None:
+        held = {"left": 1, "right": 2}[button]
+        self._mouse("mousePressed", *start, button=button, buttons=held, clickCount=1)
+        for share in (0.25, 0.5, 0.75, 1.0):
+            x, y = (a + (b - a) * share for a, b in zip(start, end, strict=True))
+            self._mouse("mouseMoved", x, y, button=button, buttons=held)
+        self._mouse("mouseReleased", *end, button=button, clickCount=1)
+
+    def wheel(self, x: float, y: float, turn: float) -> None:
+        self._mouse("mouseWheel", x, y, deltaX=0, deltaY=turn)
+
+    def touch(self, *moments: list[tuple[float, float]]) -> None:
+        """Fingers on the screen, moment by moment; they are lifted in the end."""
+        for n, fingers in enumerate([*moments, []]):
+            kind = "touchEnd" if not fingers else "touchMove" if n else "touchStart"
+            points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(fingers)]
+            self._call("Input.dispatchTouchEvent", self._session, type=kind, touchPoints=points)
+
+    def key(self, key: str) -> None:
+        text = {"text": key} if len(key) == 1 else {}
+        for kind in ("keyDown", "keyUp"):
+            self._call(
+                "Input.dispatchKeyEvent", self._session, type=kind, key=key, **(text if kind == "keyDown" else {})
+            )
+
+    def _mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
+        self._call("Input.dispatchMouseEvent", self._session, type=kind, x=x, y=y, **more)
 
     def screenshot(self) -> str:
         """A PNG in base 64."""

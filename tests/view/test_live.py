@@ -1,6 +1,7 @@
 """A scene that arrives over UDP while it is looked at."""
 
 import asyncio
+import json
 import queue
 import threading
 import time
@@ -28,8 +29,9 @@ from splatwire.transport import (
 )
 from splatwire.transport.address import parse_url
 from splatwire.view.live import LiveTransfer
-from splatwire.view.looks import first_look
 from splatwire.view.model import LAYERS, Settings, Viewer
+from splatwire.view.page import page_of_pictures
+from view.test_pictures import ASKED
 
 CAMERA = tiny_cameras(num_views=1, width=48, height=32)
 
@@ -149,7 +151,6 @@ def test_a_preview_is_shown_until_there_is_a_scene(stream):
         assert (frame.status.bytes_sent, frame.status.psnr, frame.status.note) == (
             len(preview), None, "a preview, until the scene is there",
         )  # fmt: skip
-    assert first_look(source.positions, None).fov > 0
     assert not source.has_scene
     script.hand_over(*arrival(stream))
     wait_for(lambda: source.has_scene)
@@ -194,25 +195,23 @@ def test_a_damaged_preview_is_told_and_does_no_harm(stream):
 
 
 def test_the_page_goes_over_to_the_scene(stream):
-    pytest.importorskip("viser", reason="the viewer's extra is not installed")
-    from splatwire.view.server import ViewerServer
-
+    """It asks again for as long as something is pending."""
     script = Scripted(Welcomed(len(stream.packets), 1000, preview_bytes()))
     transfer = LiveTransfer("udp://somewhere", script)
     source = transfer.start(lambda *_: None)
-    viewer = Viewer(source)
-    server = ViewerServer(viewer, Settings(), first_look(source.positions, None), ("grow",), port=0)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        assert source.progressive is None
-        script.hand_over(*arrival(stream))
-        wait_for(lambda: source.progressive is not None)
-        wait_for(lambda: "drop" in server.concealers)
-    finally:
-        server.stop()
-        thread.join(30)
-        transfer.stop()
+    content = page_of_pictures(source, None, "127.0.0.1", "cpu", None, lambda *_: None)
+    assert "live" in content.attributes
+    assert content.pictures is not None
+    before, told = content.pictures(ASKED)
+    assert json.loads(told)["pending"]
+    assert json.loads(told)["total"] == 0
+    script.hand_over(*arrival(stream))
+    wait_for(lambda: source.note == "everything has arrived")
+    after, told = content.pictures(ASKED)
+    assert not json.loads(told)["pending"]
+    assert json.loads(told)["known"] == stream.manifest.num_anchors
+    assert before != after
+    transfer.stop()
 
 
 def test_a_transfer_can_be_stopped_at_any_time(port):

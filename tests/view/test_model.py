@@ -5,7 +5,6 @@ import math
 from importlib import resources
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -20,9 +19,7 @@ from splatwire.packets import PacketIntake, Packetization, SceneStream, read_str
 from splatwire.render import render_scene
 from splatwire.transport import PacketArrived, SideInfoArrived
 from splatwire.view import ProgressiveScene, plan_transfer
-from splatwire.view.looks import Look, Pace, first_look, heat
-from splatwire.view.model import LAYERS, LIVE_LAYERS, Settings, Status, Viewer
-from splatwire.view.panel import status_text
+from splatwire.view.model import Settings, Viewer, heat
 from splatwire.view.sources import FileSource, LiveSource
 
 
@@ -101,9 +98,6 @@ def test_what_is_behind_a_scene_is_behind_its_lossless_picture():
 
 
 def test_heat_maps_show_damage(viewer):
-    hurt = viewer.frame(Settings(loss=0.9, layer="losses"), CAMERA).image.float().mean()
-    whole = viewer.frame(Settings(loss=0.0, layer="losses"), CAMERA).image.float().mean()
-    assert hurt > 1.5 * whole
     assert viewer.frame(Settings(loss=0.9, concealer="drop", layer="difference"), CAMERA).image.float().mean() > 0
 
 
@@ -112,7 +106,7 @@ def test_scores_are_left_out_while_moving(viewer):
 
 
 def test_what_makes_no_sense_is_refused(viewer):
-    with pytest.raises(InvalidValueError, match="losses"):
+    with pytest.raises(InvalidValueError, match="difference"):
         viewer.frame(Settings(layer="depth"), CAMERA)
     with pytest.raises(UnknownNameError):
         viewer.frame(Settings(concealer="magic"), CAMERA)
@@ -222,67 +216,3 @@ def test_a_scene_that_decodes_wrongly_says_so_once_and_goes_on(stream):
     with scene.reading() as current:
         assert torch.equal(current.anchors.features, decode_stream(stream).scene.anchors.features)
     assert scene.add(stream.packets) == 0
-
-
-def test_looks_are_pinhole_cameras():
-    cameras = tiny_cameras(num_views=3)
-    start = first_look(tiny_scene(num_anchors=50).anchors.positions, cameras)
-    assert start.position == pytest.approx(cameras.centers[0].tolist(), abs=1e-5)
-    straight = torch.tensor(start.look_at) - torch.tensor(start.position)
-    torch.testing.assert_close(straight / straight.norm(), cameras.viewmats[0, 2, :3], atol=1e-5, rtol=0)
-    assert start.up == pytest.approx((0, -1, 0), abs=0.2)
-    assert start.fov == pytest.approx(2 * math.atan(64 / 2 / 96))
-    look = Look((1.0, 2.0, 3.0), (1.0, 0.0, 0.0, 0.0), math.pi / 2, 1.5)
-    camera = look.cameras(100)
-    assert (camera.width, camera.height) == (150, 100)
-    assert float(camera.Ks[0, 1, 1]) == pytest.approx(50.0)
-    assert camera.centers[0].tolist() == pytest.approx([1.0, 2.0, 3.0])
-    turned = dataclasses.replace(look, wxyz=(math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0)).cameras(10)
-    assert turned.viewmats[0, 2, :3].tolist() == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)  # looks along +x
-    assert math.isfinite(first_look(tiny_scene(num_anchors=50).anchors.positions, None).fov)
-
-
-def test_a_first_look_is_the_picture_of_its_camera():
-    scene, camera = tiny_scene(num_anchors=50), tiny_cameras(num_views=1)
-    found = first_look(scene.anchors.positions, camera).look(camera.width / camera.height).cameras(camera.height)
-    torch.testing.assert_close(found.viewmats, camera.viewmats, atol=1e-4, rtol=0)
-    torch.testing.assert_close(found.Ks, camera.Ks, atol=1e-3, rtol=0)
-
-
-def test_limits_let_through_what_cameras_saw_and_bring_back_the_rest():
-    cameras = tiny_cameras(num_views=3)
-    start = first_look(tiny_scene(num_anchors=50).anchors.positions, cameras)
-    limits, target = start.limits, start.look_at
-    for center in cameras.centers.tolist():
-        assert limits.within(tuple(center), target) == (pytest.approx(center, abs=1e-5), pytest.approx(target))
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        position, look_at = limits.within(tuple(rng.normal(0, 9, 3)), tuple(rng.normal(0, 9, 3)))
-        again = limits.within(position, look_at)
-        assert again[0] == pytest.approx(position, abs=1e-6)
-        assert again[1] == pytest.approx(look_at, abs=1e-6)
-        assert limits.nearest <= math.dist(position, look_at) + 1e-9 <= limits.farthest + 1e-6
-        away = np.subtract(position, look_at)
-        cosines = limits.cameras @ away / np.linalg.norm(limits.cameras, axis=1) / np.linalg.norm(away)
-        assert cosines.max() >= math.cos(limits.aside) - 1e-9
-    assert first_look(tiny_scene(num_anchors=50).anchors.positions, None).limits.aside == math.pi
-
-
-def test_the_pace_settles_at_its_target():
-    pace = Pace(target_s=0.1, low=32, high=1000, height=700)
-    for _ in range(40):
-        pace = pace.after(pace.height, 0.02 + 2e-6 * pace.height**2)
-    assert 0.08 < 0.02 + 2e-6 * pace.height**2 < 0.12
-    assert Pace(height=96).after(96, 10.0).height == 96
-    assert Pace(height=540).after(540, 0.001).height == 540
-
-
-def test_the_overlay_names_bytes_and_quality():
-    status = Status(250_000, 1_000_000, 0.25, 20, 80, 50, 200, psnr=31.234, draw_ms=12.0, note="hello")
-    text = status_text(status)
-    for words in ("250 of 1,000 kB", "20 of 80 packets", "25.0 %", "31.23 dB", "12 ms", "hello"):
-        assert words in text
-    assert "PSNR" not in status_text(dataclasses.replace(status, psnr=None), live=True)
-    assert "identical" in status_text(dataclasses.replace(status, psnr=math.inf))
-    assert set(LIVE_LAYERS) < set(LAYERS)
-    assert set(LAYERS) == {"received", "lossless", "difference", "losses"}

@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import gzip
 import io
 import json
 import random
@@ -229,3 +230,13 @@ def test_noise_is_no_request(programs: dict[str, Program]) -> None:
                 writer.close()
 
     run(work())
+
+
+def test_scripts_are_packed_for_who_takes_it_and_a_preview_comes_with_the_page(stream: SceneStream) -> None:
+    content = PageContent({"ball": make_program(stream, preview=b"<seen>")})
+    request = b"GET /splatwire-view.js HTTP/1.1\r\nHost: 127.0.0.1"
+    plain = content.answer(request).partition(b"\r\n\r\n")[2]
+    head, _, packed = content.answer(request + b"\r\nAccept-Encoding: br, gzip").partition(b"\r\n\r\n")
+    assert b"Content-Encoding: gzip" in head
+    assert gzip.decompress(packed) == plain
+    assert b'preview="PHNlZW4+"' in content.answer(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip")

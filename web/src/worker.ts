@@ -122,12 +122,12 @@ class Reception implements Listener {
     }
   }
 
-  async conceal({ concealer, dropped, seed, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
+  async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
     const received = this.#received;
     if (!received) return;
     this.#ask = ask;
     await this.#draw();
-    const shownPackets = await received.conceal(concealer, dropped, seed, pausing(() => this.#ask === ask)), { gains } = received;
+    const shownPackets = await received.conceal(choice, pausing(() => this.#ask === ask)), { gains } = received;
     if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }
 

@@ -39,13 +39,14 @@ test("what nobody waits for any more stops", async () => {
   assert.deepEqual(Object.keys(CONCEALERS), ["drop", "grow"]);
 });
 
+const GROW = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
 const expected = process.env["EXPECTED"] ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { grown: Record<string, number[]> }) : null;
 
 test("gains are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
   for (const [path, gains] of Object.entries(expected!.grown)) {
     const { head, packets } = readStream(path), received = new Received(head);
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
-    assert.equal(await received.conceal("grow", 0, 0, always), Math.ceil(packets.length / 2));
+    assert.equal(await received.conceal(GROW, always), Math.ceil(packets.length / 2));
     const found = received.gains!;
     assert.equal(found.length, gains.length);
     // Lost ones are expected where received ones lie: of two that are equally far, either may be the last of the 64.
@@ -61,7 +62,7 @@ for (const path of STREAMS) {
     const { head, packets } = readStream(path), received = new Received(head), whole = new Received(head);
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
     const first = await received.seen(CAMERA, true, always);
-    await received.conceal("grow", 0.3, 1, always);
+    await received.conceal({ ...GROW, dropped: 0.3, seed: 1 }, always);
     for (const bytes of packets) received.take(bytes);
     const second = (await received.seen(CAMERA, false, always))!;
     for (const bytes of packets) whole.take(bytes);
@@ -69,7 +70,7 @@ for (const path of STREAMS) {
     assert.ok(second.fresh || packets.length === 1);
     assert.equal(count(first!.parts) + count(second.parts), count(all.parts));
     assert.equal(second.elements, head.manifest.count);
-    assert.equal(await received.conceal("grow", 0, 0, always), packets.length);
+    assert.equal(await received.conceal(GROW, always), packets.length);
     assert.equal(received.gains!.length, 2 * count(all.parts));
     assert.ok(received.gains!.every((gain) => gain === 1));
   });

@@ -1,9 +1,8 @@
-"""`splatwire view`: a scene, its losses and how they are hidden, in a browser."""
+"""`splatwire view`: the page that shows a stream, its losses and how they are hidden."""
 
+import asyncio
 import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,12 +11,15 @@ import tyro
 
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, is_stream
-from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
+from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import BitstreamError, InvalidValueError
 
 if TYPE_CHECKING:
-    from splatwire.view.live import LiveTransfer, Receive
+    from splatwire.packets import SceneStream
+    from splatwire.scene import Cameras
+    from splatwire.transport.page_content import PageContent
+    from splatwire.view.live import Receive
     from splatwire.view.model import Source
 
 
@@ -28,27 +30,15 @@ class View:
     stream: tyro.conf.Positional[str] = ""
     """Stream, udp:// or quic://HOST[:PORT][/NAME] of a server, or - for standard input; the bundled scene if absent."""
     cameras: Path | None = None
-    """Cameras file, whose first view is where the viewer starts."""
+    """Cameras file, whose first view is where the page begins."""
     host: str = "127.0.0.1"
     """Address to listen on; others than this machine get in only if you choose an address that they can reach."""
     port: int = 8080
     """Port of the page; 0 lets the system choose."""
-    loss: float = 0.2
-    """Share of packets that is lost at first, 0 to 0.9."""
-    burst: float = 1.0
-    """Mean length of bursts at first, in packets; 1 loses each on its own."""
-    seed: int = 0
-    """Seed of the losses at first."""
-    conceal: str = "grow"
-    """Concealer at first."""
-    rate: float = 10.0
-    """Rate of the link that is played, Mbit/s."""
-    height: int = 720
-    """Height of a sharp picture, pixels."""
     renderer: str = "cpu"
-    """Renderer: cpu or gsplat."""
+    """What draws streams of format 1: cpu or gsplat. All others are drawn by the browser."""
     background: BackgroundOption = None
-    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
+    """RGB from 0 to 1 behind streams of format 1; what the scene was trained in front of where absent."""
     fingerprint: str | None = None
     """With quic://: SHA-256 of the server's certificate, as the server tells it; nothing else about it matters then."""
     insecure: bool = False
@@ -58,79 +48,57 @@ class View:
 
     def run(self) -> None:
         """Runs the verb until Ctrl-C."""
-        from splatwire.conceal import concealer_names, create_concealer
-        from splatwire.model import SplatScene
-        from splatwire.render.importance import cameras_around
-        from splatwire.view.looks import first_look
-        from splatwire.view.model import Settings, Viewer
-        from splatwire.view.server import ViewerServer, require_viser
-
-        self._check()
-        background = chosen_background(self.background)
-        require_viser()
-        create_concealer(self.conceal)
-        settings = Settings(self.loss, self.burst, self.seed, self.conceal)
-        settings.loss_model()
-        with progress_bars() as show:
-            source, transfer, cameras = self._open(show)
-        names = source.progressive.concealers if source.progressive else concealer_names()
-        names = names if self.conceal in names else (*names, self.conceal)
-        try:
-            play_s = getattr(source, "transfer_seconds", 10.0)
-            viewer = Viewer(source, self.renderer, background)
-            with progress_bars() as show:  # what is compiled for the first picture is, before anybody looks
-                show("drawing a picture", 0.0)
-                viewer.frame(settings, cameras_around(source.positions, 1, 96))
-            server = ViewerServer(
-                viewer, settings, first_look(source.positions, cameras), names,
-                host=self.host, port=self.port, still_height=self.height, play_s=max(play_s, 2.0),
-            )  # fmt: skip
-            count, early = len(source.positions), source.preview is not None
-            elements = source.progressive.decoder.manifest.elements if source.progressive else SplatScene.ELEMENTS
-            with _stopping(server.stop):
-                if self.json:
-                    about = {elements.lower(): count, "preview": early, "live": source.live, "concealers": names}
-                    print_json({"url": server.url, **about})
-                else:
-                    what = f"a preview of {count} Gaussians" if early else f"{count:,} {elements}"
-                    print_summary(f"{what} at {server.url} (Ctrl-C ends it)")
-                server.run()
-        finally:
-            if transfer is not None:
-                transfer.stop()
-
-    def _check(self) -> None:
-        for what, value, low, high in (
-            ("--loss", self.loss, 0, 0.9),
-            ("--burst", self.burst, 1, 50),
-            ("--rate", self.rate, 0.001, 1e6),
-            ("--height", self.height, 64, 4320),
-            ("--seed", self.seed, 0, 2**31),
-        ):
-            if not low <= value <= high:
-                raise InvalidValueError(f"{what} must be from {low:g} to {high:g}, not {value:g}")
-
-    def _open(self, show: Reporter):  # type: ignore[no-untyped-def]
-        """The source, its transfer if it is live, and cameras if there are any."""
         from splatwire.data import load_cameras
-        from splatwire.packets import read_stream
-        from splatwire.view.live import LiveTransfer
-        from splatwire.view.sources import FileSource
 
+        if not 0 <= self.port < 1 << 16:
+            raise InvalidValueError(f"a port is a number from 0 to 65535, {self.port} is not")
         cameras = None if self.cameras is None else load_cameras(self.cameras)
-        if "://" in self.stream:
-            transfer = LiveTransfer(self.stream, self._receive())
-            return _started(transfer, show), transfer, cameras
         if not self.stream and cameras is None:
             cameras = load_cameras(ASSETS / CAMERAS)
+        with ExitStack() as stack:
+            asyncio.run(self._serve(self._content(cameras, stack)))
+
+    def _content(self, cameras: "Cameras | None", stack: ExitStack) -> "PageContent":
+        """What is served: a stream that the browser draws, or pictures."""
+        from splatwire.packets import ANCHORS
+        from splatwire.view.live import LiveTransfer
+        from splatwire.view.page import page_of_pictures, page_of_stream
+        from splatwire.view.sources import FileSource
+
+        chosen = chosen_background(self.background)
+        with progress_bars() as show:
+            source: Source
+            if "://" in self.stream:
+                transfer = LiveTransfer(self.stream, self._receive())
+                stack.callback(transfer.stop)
+                source = transfer.start(show)
+            else:
+                stream = self._read()
+                if stream.manifest.codec != ANCHORS:
+                    return page_of_stream(stream, cameras, self.host)
+                source = FileSource(stream, progress=lambda share: show("decoding", share))
+            return page_of_pictures(source, cameras, self.host, self.renderer, chosen, show)
+
+    def _read(self) -> "SceneStream":
+        from splatwire.packets import read_stream
+
         with input_path(self.stream or str(ASSETS / SCENE)) as path:
             if not is_stream(path):
                 raise BitstreamError(f"{path} is not a splatwire stream; `splatwire encode` makes one of a scene")
-            stream, _ = read_stream(path)
-        source = FileSource(
-            stream, bytes_per_second=self.rate * 125_000, progress=lambda share: show("decoding", share)
-        )
-        return source, None, cameras
+            return read_stream(path)[0]
+
+    async def _serve(self, content: "PageContent") -> None:
+        from splatwire.transport.page import PageServer
+
+        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stop.set)
+        async with PageServer(content, self.port) as page:
+            if self.json:
+                print_json({"url": page.url, "drawn_by": "browser" if content.pictures is None else "server"})
+            else:
+                print_summary(f"{page.url} (Ctrl-C ends it)")
+            await stop.wait()
 
     def _receive(self) -> "Receive":
         """What receives the stream that the address names."""
@@ -152,25 +120,3 @@ class View:
 
         trust = Trust(fingerprint=self.fingerprint, insecure=self.insecure)
         return lambda note: receive_quic(address, options, trust, note)
-
-
-def _started(transfer: "LiveTransfer", show: Reporter) -> "Source":
-    try:
-        return transfer.start(show)
-    except BaseException:
-        transfer.stop()
-        raise
-
-
-@contextmanager
-def _stopping(stop) -> Iterator[None]:  # type: ignore[no-untyped-def]
-    """Ctrl-C and a polite end of the process stop the server instead of tearing it down in the middle."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

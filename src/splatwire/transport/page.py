@@ -64,7 +64,7 @@ class PageServer:
         try:
             head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), PATIENCE_S)
             if self._at_once <= MOST_AT_ONCE:
-                answer = self._content.answer(head)
+                answer = await asyncio.to_thread(self._content.answer, head)  # a picture takes its time
                 writer.write(answer)
                 await asyncio.wait_for(writer.drain(), PATIENCE_S + len(answer) / SLOWEST_BYTES_S)
         except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, OSError):

@@ -7,13 +7,14 @@ import ipaddress
 import json
 import re
 import socket
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 from urllib.parse import quote, unquote
 
+from splatwire.errors import SplatwireError
 from splatwire.packets.manifest import manifest_to_bytes
 from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION, RECORD_PREFIX
 from splatwire.transport.layout import Segments, split_head_object
@@ -22,7 +23,9 @@ from splatwire.transport.program import Program
 SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
 """What receives, what it loads to draw with, and what the page looks like."""
 FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
-STREAMS = "/streams/"
+STREAMS, PICTURE = "/streams/", "/picture"
+ASKED_BY_PAGE = "splatwire-page"
+"""A header that pictures are asked for with: other sites' pages cannot send it, so they cannot have any drawn."""
 _SHARED = "Access-Control-Allow-Origin: *\r\n"
 """Scripts and streams may be used by pages of other sites, into which the scene is embedded."""
 
@@ -46,16 +49,21 @@ class PageContent:
     """Everything that is served.
 
     Attributes:
-        programs: Streams by name; the page shows the first one, or that of its query `stream`.
+        programs: Streams by name, or the bytes of their files; the page shows the first one, or that of its query
+            `stream`.
         link: Where datagrams are to be had; None where there are none.
         host: The address that the server was told to listen on, by which it may be called.
         origins: Web pages that may use the streams; None lets all.
+        attributes: More of what the page's element is told (docs/browser.md).
+        pictures: Draws what the page asks for where the browser does not: a query in, a JPEG and figures out.
     """
 
-    programs: Mapping[str, Program]
+    programs: Mapping[str, Program | bytes]
     link: Link | None = None
     host: str = "127.0.0.1"
     origins: tuple[str, ...] | None = None
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    pictures: Callable[[str], tuple[bytes, str]] | None = None
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
 
     def answer(self, head: bytes) -> bytes:
@@ -79,6 +87,8 @@ class PageContent:
                 "403 Forbidden", body=b"open this page by the IP address of its server, or start it with --host NAME\n"
             )
         target, _, query = words[1].partition("?")
+        if target == PICTURE and self.pictures is not None:
+            return self._picture(query) if ASKED_BY_PAGE in headers else _response("403 Forbidden")
         found = self._find(target, query, called, headers.get("origin"))
         if found is None:
             return _response("404 Not Found")
@@ -99,15 +109,24 @@ class PageContent:
             return "200 OK", "application/octet-stream", self._file(name), shared
         return None
 
+    def _picture(self, query: str) -> bytes:
+        assert self.pictures is not None
+        try:
+            body, told = self.pictures(query)
+        except SplatwireError as error:
+            return _response("400 Bad Request", body=f"{error}\n".encode())
+        return _response("200 OK", "image/jpeg", body, f"Splatwire-Picture: {told}\r\n")
+
     def _page(self, query: str, called: str) -> str:
         wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
-        name = unquote(wanted[1]) if wanted else next(iter(self.programs))
-        attributes = {"src": stream_path(name)}
+        name = unquote(wanted[1]) if wanted else next(iter(self.programs), "")
+        attributes = {"src": stream_path(name), **self.attributes} if name else dict(self.attributes)
         if self.link:
             attributes["session"] = f"https://{called}:{self.link.port}{self.link.path}"
             attributes["fingerprint"] = self.link.fingerprint or ""
-        if name in self.programs and (preview := self.programs[name].preview):
-            attributes["preview"] = base64.b64encode(preview).decode()
+        program = self.programs.get(name)
+        if isinstance(program, Program) and program.preview:
+            attributes["preview"] = base64.b64encode(program.preview).decode()
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
         return web_file("index.html").replace("$attributes", words)
 
@@ -127,7 +146,8 @@ class PageContent:
 
     def _file(self, name: str) -> bytes:
         if name not in self._files:
-            self._files[name] = program_file(self.programs[name])
+            program = self.programs[name]
+            self._files[name] = program if isinstance(program, bytes) else program_file(program)
         return self._files[name]
 
     def _is_ours(self, name: str) -> bool:

@@ -1,4 +1,4 @@
-"""What a viewer shows under which settings: pictures and figures, no browser."""
+"""What is shown under which settings: pictures and figures, no browser."""
 
 import dataclasses
 import math
@@ -6,29 +6,25 @@ import time
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 import torch
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from splatwire.channel import Bernoulli, GilbertElliott, LossModel
-from splatwire.conceal.grow import lost_share
 from splatwire.errors import InvalidValueError
 from splatwire.metrics import psnr
 from splatwire.model import SplatScene
-from splatwire.model.appearance import Scene, spawned_gaussians
+from splatwire.model.appearance import Scene
 from splatwire.render import render_scene
 from splatwire.render.backends import create_renderer
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
-from splatwire.view.looks import heat
 from splatwire.view.progressive_scene import ProgressiveScene
 
-LAYERS = ("received", "lossless", "difference", "losses")
-"""What can be shown: the concealed scene, the reference, the error of each pixel, the loss around each element."""
-LIVE_LAYERS = ("received", "losses")
-"""Of these, what needs no reference."""
+LAYERS = ("received", "lossless", "difference")
+"""What can be shown: the concealed scene, the reference, the error of each pixel."""
 ERROR_AT_FULL_HEAT = 0.1
-LOST_NEIGHBORS = 16
 
 
 @dataclass(frozen=True)
@@ -105,8 +101,8 @@ class Source(Protocol):
     """Where the scene comes from: a file whose transfer is played, or a server that sends it now."""
 
     @property
-    def live(self) -> bool:
-        """Whether losses are real, so that nobody may choose them."""
+    def pending(self) -> bool:
+        """Whether more may come by itself."""
 
     @property
     def positions(self) -> Float[Tensor, "N 3"]:
@@ -151,7 +147,6 @@ class Viewer:
         self._background = None if background is None else torch.tensor(background)
         self._render = create_renderer(renderer)
         self._reference: tuple[Cameras, Tensor] | None = None
-        self._shares: tuple[Tensor, Tensor] | None = None
 
     def frame(self, settings: Settings, cameras: Cameras, *, score: bool = True) -> Frame:
         """Draws one picture.
@@ -181,8 +176,6 @@ class Viewer:
         self, settings: Settings, scene: Scene, cameras: Cameras, score: bool
     ) -> tuple[Float[Tensor, "H W 3"], float | None]:
         lossless = self.source.reference()
-        if settings.layer == "losses":
-            return self._losses(lossless or scene, scene, cameras), None
         if settings.layer == "lossless" and lossless is not None:
             return self._lossless(lossless, cameras), None
         picture = self._picture(scene, cameras)
@@ -194,15 +187,6 @@ class Viewer:
             picture = heat((picture - truth).abs().mean(dim=2) / ERROR_AT_FULL_HEAT)
         return picture, quality
 
-    def _damage(self, positions: Float[Tensor, "N 3"]) -> Float[Tensor, "N"]:
-        """Share of lost elements around each one, 1 for those that are lost; kept while nothing arrives."""
-        assert self.source.progressive is not None
-        known = self.source.progressive.known
-        if self._shares is None or not torch.equal(self._shares[0], known):
-            share = lost_share(positions, known, LOST_NEIGHBORS)
-            self._shares = (known.clone(), torch.where(known, share, 1.0))
-        return self._shares[1]
-
     def _lossless(self, scene: Scene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
         """The reference picture; the last one is kept, because settings change while the view stays."""
         if self._reference is None or not _same(self._reference[0], cameras):
@@ -212,16 +196,15 @@ class Viewer:
     def _picture(self, scene: Scene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
         return render_scene(scene, cameras, renderer=self._render, background=self._background)[0]
 
-    @torch.no_grad()
-    def _losses(self, shape: Scene, scene: Scene, cameras: Cameras) -> Float[Tensor, "H W 3"]:
-        """The Gaussians of the reference in the colours of what was lost around their elements."""
-        share, spawned = self._damage(shape.positions), spawned_gaussians(shape, cameras, 0)
-        colors = heat(0.1 + 0.9 * share)[spawned.anchor_index]
-        gaussians = dataclasses.replace(spawned.gaussians, colors=colors)
-        behind = torch.tensor(shape.background) if self._background is None else self._background
-        return self._render(gaussians, cameras, background=behind)[0].clamp(0, 1)
-
 
 def _same(a: Cameras, b: Cameras) -> bool:
     size = (a.width, a.height) == (b.width, b.height)
     return size and torch.equal(a.viewmats, b.viewmats) and torch.equal(a.Ks, b.Ks)
+
+
+def heat(values: Float[Tensor, "*shape"]) -> Float[Tensor, "*shape 3"]:
+    """Colours of damage from dark (0) over red to bright yellow (1): matplotlib's `inferno`."""
+    import matplotlib
+
+    table = torch.from_numpy(matplotlib.colormaps["inferno"](np.linspace(0, 1, 256))[:, :3].astype(np.float32))
+    return table[(values.clamp(0, 1) * 255).round().long()]

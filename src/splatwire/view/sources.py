@@ -28,7 +28,6 @@ class FileSource:
 
     Args:
         stream: The stream; packets that it lacks are lost under every setting.
-        bytes_per_second: Rate of the link that is played.
         progress: Called with the share of the decoding that is done, 0 to 1.
 
     Raises:
@@ -36,17 +35,16 @@ class FileSource:
         DesyncError: If the decoded integers are not those that were encoded.
     """
 
-    live = False
+    pending = False
     preview = None
 
     def __init__(
         self,
         stream: SceneStream,
         *,
-        bytes_per_second: float | int = 1_250_000,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        self._stream, self._rate = stream, bytes_per_second
+        self._stream = stream
         self._concealer = "drop"
         self.progressive = ProgressiveScene(stream.manifest, stream.side_info, self._concealer, progress=progress)
         self.progressive.add(stream.packets)
@@ -59,11 +57,6 @@ class FileSource:
     def positions(self) -> Float[Tensor, "N 3"]:
         """See `Source`."""
         return self.progressive.positions
-
-    @property
-    def transfer_seconds(self) -> float:
-        """Time that a transfer without loss takes."""
-        return plan_transfer(self._stream, Settings(loss=0).loss_model(), seed=0, bytes_per_second=self._rate).seconds
 
     def advance(self) -> bool:
         """See `Source`."""
@@ -97,9 +90,7 @@ class FileSource:
     def _planned(self, settings: Settings) -> Playback:
         key = (float(settings.loss), float(settings.burst), settings.seed)
         if self._playback is None or self._playback[0] != key:
-            model = settings.loss_model()
-            plan = plan_transfer(self._stream, model, seed=settings.seed, bytes_per_second=self._rate)
-            self._playback = (key, plan)
+            self._playback = (key, plan_transfer(self._stream, settings.loss_model(), seed=settings.seed))
         return self._playback[1]
 
 
@@ -108,8 +99,6 @@ class LiveSource:
 
     Whoever receives hands over what arrives, in any thread; one other thread draws.
     """
-
-    live = True
 
     def __init__(self) -> None:
         self.preview: SplatScene | None = None
@@ -121,9 +110,14 @@ class LiveSource:
         self._waiting: queue.SimpleQueue[Packet] = queue.SimpleQueue()
         self._bytes = 0
         self._damaged = ""
-        self.has_scene = False
+        self.has_scene = self._over = False
         self.seconds = 0.0
         self.note = "receiving"
+
+    @property
+    def pending(self) -> bool:
+        """See `Source`."""
+        return not self._over or self._arrived is not None or not self._waiting.empty()
 
     @property
     def positions(self) -> Float[Tensor, "N 3"]:
@@ -154,6 +148,7 @@ class LiveSource:
 
     def end(self, reason: str) -> None:
         """Says that nothing more will come, and why."""
+        self._over = True
         self.note = reason if self.has_scene else f"no scene arrived ({reason}): this is its preview"
 
     def _take_preview(self, preview: bytes) -> None:

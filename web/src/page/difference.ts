@@ -1,7 +1,61 @@
-// The difference of two pictures, and PSNR.
+// What losses cost: the difference of two pictures, and PSNR.
+
+import type { Show } from "./panel.ts";
+import type { Stage } from "./stage.ts";
+
+const STILL_MS = 300;
+
+/** Shows the gains of what is there; once the picture stands still, the difference is drawn over it, and PSNR told. */
+export class Comparison {
+  /** Lies over the picture. */
+  readonly canvas = document.createElement("canvas");
+  #gains: Float32Array | null = null;
+  #still = 0;
+  #comparing = Promise.resolve();
+
+  constructor(readonly stage: Stage, readonly wanted: () => Show, readonly tell: (psnr: string) => void) {
+    this.canvas.className = "over";
+  }
+
+  show(gains: Float32Array): void {
+    this.#gains = gains;
+    this.#apply();
+    this.moved();
+  }
+
+  /** Hears that the picture changed. */
+  moved(): void {
+    clearTimeout(this.#still);
+    this.canvas.classList.remove("shown");
+    if (this.wanted() === "lossless" || !this.#gains) return;
+    this.#still = window.setTimeout(() => (this.#comparing = this.#comparing.then(() => this.#compare()).catch(() => undefined)), STILL_MS);
+  }
+
+  #apply(): void {
+    this.stage.draw((view) => view.setGains(this.wanted() === "lossless" ? null : this.#gains));
+  }
+
+  async #compare(): Promise<void> {
+    const { view } = this.stage;
+    await view?.steady();
+    const gains = this.#gains, still = this.#still;
+    if (!view) return;
+    if (gains?.every((gain) => gain === 1)) return this.tell("no loss");
+    view.setGains(null);
+    await view.frame();
+    if (still !== this.#still) return this.#apply();
+    const lossless = pixelsOf(view.canvas);
+    view.setGains(gains);
+    await view.frame();
+    if (still !== this.#still) return;
+    const psnr = drawDifference(pixelsOf(view.canvas), lossless, this.canvas);
+    this.tell(psnr === Infinity ? "no loss" : `${psnr.toFixed(1)} dB`);
+    this.canvas.classList.toggle("shown", this.wanted() === "difference");
+  }
+}
 
 /** Error of each pixel, from black (none) to yellow (a tenth of the range or more), drawn on `target`; PSNR in dB. */
-export function drawDifference(a: ImageData, b: ImageData, target: HTMLCanvasElement): number {
+function drawDifference(a: ImageData, b: ImageData, target: HTMLCanvasElement): number {
   const out = new ImageData(a.width, a.height);
   let squares = 0;
   for (let i = 0; i < a.data.length; i += 4) {
@@ -24,7 +78,7 @@ export function drawDifference(a: ImageData, b: ImageData, target: HTMLCanvasEle
 }
 
 /** A canvas of WebGL, copied in the task in which it was drawn. */
-export function pixelsOf(canvas: HTMLCanvasElement): ImageData {
+function pixelsOf(canvas: HTMLCanvasElement): ImageData {
   const copy = new OffscreenCanvas(canvas.width, canvas.height), context = copy.getContext("2d", { willReadFrequently: true })!;
   context.drawImage(canvas, 0, 0);
   return context.getImageData(0, 0, canvas.width, canvas.height);

@@ -2,18 +2,21 @@
 
 import SOURCE from "worker:receiver";
 
+import { CONCEALERS } from "../conceal/conceal.ts";
 import { readPreview } from "../codec/preview.ts";
 import { pack } from "../render/packed.ts";
 import type { FixedCamera, View } from "../render/view.ts";
 import { Watch } from "../render/watch.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { resolveSource } from "./address.ts";
-import { drawDifference, pixelsOf } from "./difference.ts";
+import { Comparison } from "./difference.ts";
+import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
 import { Panel } from "./panel.ts";
+import { Pictures, tellPicture, type PictureStatus } from "./pictures.ts";
 import { Stage, type Shown } from "./stage.ts";
 import { STYLE } from "./style.ts";
 
-const AGAIN_MS = 400, STILL_MS = 300;
+const AGAIN_MS = 400;
 
 /** What tests and other pages read. */
 export interface Status {
@@ -34,18 +37,15 @@ export class SplatWire extends HTMLElement {
   #worker: Worker | null = null;
   readonly #stage = new Stage();
   #panel!: Panel;
-  #over!: HTMLCanvasElement;
+  #comparison!: Comparison;
   /** Elements of the whole scene. */
   #gaussians = 0;
   #size = 1;
   #watch: Watch | null = null;
-  #ask = 0;
+  #asked = 0;
   #gained = 0;
   #timer = 0;
-  #still = 0;
   /** Pictures to compare are drawn one after another: each needs the screen for itself. */
-  #comparing: Promise<unknown> = Promise.resolve();
-  #gains: Float32Array | null = null;
   #digest: ((same: boolean) => void) | null = null;
 
   connectedCallback(): void {
@@ -53,14 +53,17 @@ export class SplatWire extends HTMLElement {
     const root = this.attachShadow({ mode: "open" }), style = new CSSStyleSheet();
     style.replaceSync(STYLE);
     root.adoptedStyleSheets = [style];
-    this.#over = document.createElement("canvas");
-    this.#over.className = "over";
-    this.#panel = new Panel(() => this.#settingsChanged(), () => this.#flip(), { "copy link": () => this.#link(), "copy embed code": () => this.#embed() });
-    root.append(this.#stage.canvas, this.#stage.first, this.#over, this.#panel.element);
+    const link = (): string => writeLink(this.#panel.settings, this.#stage.orbit.turned), src = this.getAttribute("src");
+    const copies = { "copy link": link, ...(src ? { "copy embed code": () => embedCode(src) } : {}) };
+    const concealers = this.getAttribute("concealers")?.split(" ") ?? Object.keys(CONCEALERS);
+    this.#panel = new Panel(concealers, this.hasAttribute("live"), () => this.#settingsChanged(), () => this.#flip(), copies);
+    this.#comparison = new Comparison(this.#stage, () => this.#panel.settings.show, (psnr) => this.#panel.tell("PSNR", psnr));
+    root.append(this.#stage.canvas, this.#stage.first, this.#comparison.canvas, this.#panel.element);
     if (this.getAttribute("panel") === "none") this.#panel.element.hidden = true;
     this.#panel.element.open = this.clientWidth > 560;
-    this.#readAddress();
     const fail = (error: unknown): void => this.#fail((error as Error).message);
+    const pictures = this.getAttribute("pictures");
+    if (pictures) return this.#drawnElsewhere(pictures);
     // First of all packets come, in a thread of their own: making ready to draw takes longer than the first of them.
     this.#open().catch(fail);
     this.#begin();
@@ -91,7 +94,7 @@ export class SplatWire extends HTMLElement {
     const view = await new Promise<View>((resolve) => this.#stage.draw(resolve));
     view.fix(camera);
     await view.frame();
-    while (this.#gained !== this.#ask || this.#watch?.settled === false) await pause(50);
+    while (this.#gained !== this.#asked || this.#watch?.settled === false) await pause(50);
     await view.frame();
     await view.sorted();
     // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
@@ -105,9 +108,11 @@ export class SplatWire extends HTMLElement {
   }
 
   #begin(): void {
-    const { canvas, orbit } = this.#stage, preview = this.getAttribute("preview");
-    if (this.getAttribute("up") === "-y") orbit.yDown();
-    orbit.turned = this.#fields().get("turned") === "1";
+    const { canvas, orbit } = this.#stage, preview = this.getAttribute("preview"), link = readLink(), begin = this.getAttribute("viewpoint")?.split(" ").map(Number);
+    if (this.getAttribute("up") === "y") orbit.yUp();
+    orbit.turned = link.turned;
+    this.#panel.set(link.settings);
+    if (begin?.length === 9) this.#stage.start(viewpointOf(begin));
     if (preview) this.#preview(() => {
       const { splats, background } = readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0)));
       return { packed: pack([splats], 0, 1), background };
@@ -115,8 +120,21 @@ export class SplatWire extends HTMLElement {
     new ResizeObserver(() => this.#stage.resize()).observe(this);
     canvas.addEventListener("webglcontextlost", () => this.#fail("The browser took the graphics card away; load the page again."));
     this.addEventListener("keydown", (event) => this.#key(event));
-    canvas.addEventListener("pointermove", () => this.#moved());
-    canvas.addEventListener("wheel", () => this.#moved(), { passive: true });
+    canvas.addEventListener("pointermove", () => this.#comparison.moved());
+    canvas.addEventListener("wheel", () => this.#comparison.moved(), { passive: true });
+  }
+
+  /** The server draws: the page asks it for pictures. */
+  #drawnElsewhere(url: string): void {
+    const { orbit, first } = this.#stage, panel = this.#panel, { status } = this;
+    const told = (picture: PictureStatus, sharp: boolean): void => {
+      tellPicture(panel, picture, sharp);
+      [status.packets, status.gaussians, status.way] = [picture.packets, picture.known, "pictures"];
+      if (sharp && !picture.pending) [status.finished, status.complete] = [picture.note || "drawn", picture.packets === picture.expected];
+    };
+    this.#stage.pictures = new Pictures(url, first, orbit, () => panel.settings, told, (text) => this.#fail(text));
+    this.#begin();
+    this.#stage.touch();
   }
 
   async #open(): Promise<void> {
@@ -148,11 +166,10 @@ export class SplatWire extends HTMLElement {
       case "counts":
         return this.#count(message);
       case "gains":
-        if (message.ask !== this.#ask) return;
+        if (message.ask !== this.#asked) return;
         this.#gained = message.ask;
-        this.#gains = message.gains;
         panel.tell("dropped on purpose", `${this.status.packets - message.shownPackets} packets`);
-        return this.#show();
+        return this.#comparison.show(message.gains);
       case "note":
         return panel.say(message.text);
       case "finished":
@@ -195,10 +212,7 @@ export class SplatWire extends HTMLElement {
     if (this.status.gaussians === 0) stage.begin(this.#size);
     stage.add(packed, instead);
     this.#watch?.answered(ask);
-    if (gains) {
-      this.#gains = gains;
-      this.#show();
-    }
+    if (gains) this.#comparison.show(gains);
     this.status.gaussians = stage.count;
     this.panel.tell("Gaussians", stage.count.toLocaleString());
     this.#time("first");
@@ -231,6 +245,7 @@ export class SplatWire extends HTMLElement {
   }
 
   #settingsChanged(): void {
+    if (this.#stage.pictures) return this.#stage.touch();
     this.#concealSoon(0);
   }
 
@@ -242,51 +257,15 @@ export class SplatWire extends HTMLElement {
   }
 
   #conceal(): void {
-    const { concealer, dropped, seed } = this.#panel.settings;
+    const { show: _, ...choice } = this.#panel.settings;
     clearTimeout(this.#timer);
     this.#timer = 0;
-    this.#send({ kind: "conceal", concealer, dropped, seed, ask: ++this.#ask });
-  }
-
-  #show(): void {
-    this.#over.classList.remove("shown");
-    this.#applyGains();
-    this.#moved();
-  }
-
-  #applyGains(): void {
-    this.#stage.draw((view) => view.setGains(this.#panel.settings.show === "lossless" ? null : this.#gains));
-  }
-
-  /** Once the picture stands still, the difference is drawn over it, and PSNR told. */
-  #moved(): void {
-    clearTimeout(this.#still);
-    this.#over.classList.remove("shown");
-    if (this.#panel.settings.show === "lossless" || !this.#gains) return;
-    this.#still = window.setTimeout(() => (this.#comparing = this.#comparing.then(() => this.#compare()).catch(() => undefined)), STILL_MS);
-  }
-
-  async #compare(): Promise<void> {
-    const { view } = this.#stage;
-    await view?.steady();
-    const gains = this.#gains, still = this.#still;
-    if (!view) return;
-    if (gains?.every((gain) => gain === 1)) return this.#panel.tell("PSNR", "no loss");
-    view.setGains(null);
-    await view.frame();
-    if (still !== this.#still) return this.#applyGains();
-    const lossless = pixelsOf(view.canvas);
-    view.setGains(gains);
-    await view.frame();
-    if (still !== this.#still) return;
-    const psnr = drawDifference(pixelsOf(view.canvas), lossless, this.#over);
-    this.#panel.tell("PSNR", psnr === Infinity ? "no loss" : `${psnr.toFixed(1)} dB`);
-    this.#over.classList.toggle("shown", this.#panel.settings.show === "difference");
+    this.#send({ kind: "conceal", choice, ask: ++this.#asked });
   }
 
   #flip(): void {
     this.#stage.orbit.flip();
-    this.#moved();
+    this.#comparison.moved();
   }
 
   #key(event: KeyboardEvent): void {
@@ -295,31 +274,8 @@ export class SplatWire extends HTMLElement {
     if (event.key === "f") this.#flip();
     else if (event.key === "h") this.#panel.element.hidden = !this.#panel.element.hidden;
     else if (!this.#stage.orbit.key(event.key, event.shiftKey)) return;
-    this.#moved();
+    this.#comparison.moved();
     event.preventDefault();
-  }
-
-  /** What a link says behind its #. */
-  #fields(): URLSearchParams {
-    return new URLSearchParams(location.hash.slice(1));
-  }
-
-  #readAddress(): void {
-    const fields = this.#fields(), dropped = Number(fields.get("drop") ?? 0);
-    const concealer = fields.get("concealer");
-    this.#panel.set({ dropped: dropped > 0 && dropped < 1 ? dropped : 0, ...(concealer ? { concealer } : {}) });
-  }
-
-  #link(): string {
-    const { concealer, dropped } = this.#panel.settings, address = new URL(location.href);
-    const turned = this.#stage.orbit.turned ? { turned: "1" } : {};
-    address.hash = new URLSearchParams({ concealer, drop: String(dropped), ...turned }).toString();
-    return address.href;
-  }
-
-  #embed(): string {
-    const script = new URL("/splatwire.js", location.href).href, src = new URL(this.getAttribute("src") ?? "", document.baseURI).href;
-    return `<script type="module" src="${script}"></script>\n<splat-wire src="${src}" style="height: 30rem"></splat-wire>`;
   }
 
   #time(name: string): void {

@@ -1,17 +1,14 @@
 // The panel: what arrived, and what can be changed.
 
-import { CONCEALERS } from "../conceal/conceal.ts";
+import type { Choice } from "../transport/losses.ts";
 
 export type Show = "received" | "lossless" | "difference";
 
-export interface Settings {
-  concealer: string;
-  /** Share of the packets that is dropped on purpose. */
-  dropped: number;
-  seed: number;
-  show: Show;
+export interface Settings extends Choice {
+  readonly show: Show;
 }
 
+type Slider = "dropped" | "burst" | "sent";
 type Child = Node | string;
 
 function make<K extends keyof HTMLElementTagNameMap>(tag: K, fields: Record<string, string> = {}, ...children: Child[]): HTMLElementTagNameMap[K] {
@@ -21,35 +18,41 @@ function make<K extends keyof HTMLElementTagNameMap>(tag: K, fields: Record<stri
   return element;
 }
 
-const ROWS = ["packets", "Gaussians", "received", "rate", "lost on the way", "dropped on purpose", "time", "decoding", "way"] as const;
-export type Row = (typeof ROWS)[number] | "PSNR";
+const PLAY_MS = 10_000;
 const HELP = "Drag turns, right button or two fingers move, wheel or pinch zooms; arrows, + and - do, too. F turns the scene upside down, H hides this.";
 
 export class Panel {
   readonly element = make("details", { class: "panel", open: "" });
-  readonly settings: Settings = { concealer: "grow", dropped: 0, seed: 0, show: "received" };
+  settings: Settings = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1, show: "received" };
   readonly #state = make("p", { class: "state", role: "status" });
   readonly #bar = make("progress", { max: "1", value: "0", "aria-label": "what has arrived" });
-  readonly #values = new Map<Row, HTMLElement>();
+  readonly #values = new Map<string, HTMLElement>();
   readonly #facts = make("dl");
-  readonly #share = make("output");
-  readonly #slider = make("input", { type: "range", min: "0", max: "0.95", step: "0.01", value: "0", "aria-label": "packets dropped on purpose" });
-  readonly #choice = make("select", { "aria-label": "concealer" }, ...Object.keys(CONCEALERS).map((name) => make("option", { value: name }, name)));
+  readonly #choice = make("select", { "aria-label": "concealer" });
+  readonly #sliders = new Map<Slider, { slider: HTMLInputElement; told: HTMLElement }>();
+  #playing = 0;
 
-  /** `changed` is called with every change of the settings; `copies` gives texts for the clipboard by the words on their button. */
-  constructor(readonly changed: () => void, readonly flip: () => void, readonly copies: Record<string, () => string>) {
-    for (const row of ROWS) this.#row(row);
-    this.#choice.value = this.settings.concealer;
+  /**
+   * `live` says that losses are real, so that none can be chosen; `changed` is called with every change of the settings;
+   * `copies` gives texts for the clipboard by the words on their button.
+   */
+  constructor(concealers: string[], live: boolean, readonly changed: () => void, readonly flip: () => void, readonly copies: Record<string, () => string>) {
+    this.#choice.append(...concealers.map((name) => make("option", { value: name }, name)));
     this.#choice.addEventListener("change", () => this.set({ concealer: this.#choice.value }));
-    this.#slider.addEventListener("input", () => this.set({ dropped: Number(this.#slider.value) }));
     const again = make("button", { type: "button", title: "loses other packets" }, "others");
     again.addEventListener("click", () => this.set({ seed: this.settings.seed + 1 }));
     const turn = make("button", { type: "button" }, "upside down");
     turn.addEventListener("click", flip);
+    const play = make("button", { type: "button", title: "shows the packets in the order in which they are sent" }, "play");
+    play.addEventListener("click", () => this.#play());
+    const losses = [
+      this.#slider("dropped", "Drop packets on purpose: ", 0, 0.95, 0.01), this.#slider("burst", "In bursts of ", 1, 50, 1), again,
+      this.#slider("sent", "Sent: ", 0, 1, 0.01), play, this.#shows(),
+    ];
     this.element.append(
       make("summary", {}, "splatwire"), this.#state, this.#bar, this.#facts,
       make("label", {}, "Concealer ", this.#choice),
-      make("label", {}, "Drop packets on purpose: ", this.#share, " ", this.#slider), again, turn, this.#shows(),
+      ...(live ? [] : losses), turn,
       ...Object.entries(copies).map(([words, text]) => this.#copier(words, text)),
       make("p", { class: "help" }, HELP),
     );
@@ -57,10 +60,13 @@ export class Panel {
   }
 
   set(some: Partial<Settings>): void {
-    Object.assign(this.settings, some);
+    this.settings = { ...this.settings, ...some };
     this.#choice.value = this.settings.concealer;
-    this.#slider.value = String(this.settings.dropped);
-    this.#share.textContent = `${Math.round(100 * this.settings.dropped)} %`;
+    for (const [name, { slider, told }] of this.#sliders) {
+      const value = this.settings[name];
+      slider.value = String(value);
+      told.textContent = name === "burst" ? `${value} packets` : `${Math.round(100 * value)} %`;
+    }
     for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]")) input.checked = input.value === this.settings.show;
     this.changed();
   }
@@ -74,15 +80,33 @@ export class Panel {
     this.#bar.value = share;
   }
 
-  tell(row: Row, text: string): void {
+  tell(row: string, text: string): void {
     (this.#values.get(row) ?? this.#row(row)).textContent = text;
   }
 
-  #row(row: Row): HTMLElement {
+  #row(row: string): HTMLElement {
     const value = make("dd", {}, "-");
     this.#facts.append(make("dt", {}, row), value);
     this.#values.set(row, value);
     return value;
+  }
+
+  #slider(name: Slider, words: string, min: number, max: number, step: number): HTMLElement {
+    const slider = make("input", { type: "range", min: String(min), max: String(max), step: String(step) }), told = make("output");
+    slider.addEventListener("input", () => this.set({ [name]: Number(slider.value) }));
+    this.#sliders.set(name, { slider, told });
+    return make("label", {}, words, told, " ", slider);
+  }
+
+  /** Lets the packets come again. */
+  #play(): void {
+    const began = performance.now();
+    clearInterval(this.#playing);
+    this.#playing = window.setInterval(() => {
+      const sent = Math.min((performance.now() - began) / PLAY_MS, 1);
+      if (sent === 1) clearInterval(this.#playing);
+      this.set({ sent });
+    }, 250);
   }
 
   #shows(): HTMLElement {

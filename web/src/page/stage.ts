@@ -10,6 +10,7 @@ import { cameraOf, Orbit } from "../render/orbit.ts";
 import type { Packed } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
 import type { View } from "../render/view.ts";
+import type { Pictures } from "./pictures.ts";
 
 /** Setting up WebGL holds up the page, for a second where the processor does it: not before so much has come, or so long has passed. */
 const ENOUGH_GAUSSIANS = 50_000, ENOUGH_MS = 3000;
@@ -30,6 +31,8 @@ export class Stage {
   view: View | null = null;
   /** Told of the camera of each picture. */
   watcher: ((camera: Camera) => void) | null = null;
+  /** Where the server draws. */
+  pictures: Pictures | null = null;
   #parts: Packed[] = [];
   #size = 1;
   #count = 0;
@@ -89,9 +92,9 @@ export class Stage {
     this.view?.background(colour);
   }
 
-  /** Begins where the stream says, unless somebody moved before. */
+  /** Begins where the page or the stream says, unless somebody moved before; who says it first is heard. */
   start({ eye, target, up }: Viewpoint): void {
-    if (this.orbit.touched) return;
+    if (this.orbit.touched || this.orbit.placed) return;
     const scaled = (point: readonly number[]): Vec3 => new Vec3(...point.map((value) => value / this.#size));
     this.orbit.place(scaled(eye), scaled(target), new Vec3(...up));
     this.touch();
@@ -154,7 +157,8 @@ export class Stage {
 
   touch(): void {
     this.#stale = true;
-    if (this.view) this.view.touch();
+    if (this.pictures) this.pictures.change();
+    else if (this.view) this.view.touch();
     else if (this.#count) this.#painting ??= this.#paint();
   }
 

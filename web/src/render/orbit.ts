@@ -35,8 +35,8 @@ export class Orbit {
   pitch = -0.25;
   /** Whether what `base` calls up is down: a person's choice, which holds wherever the scene begins. */
   turned = false;
-  /** Turns the y axis to what is up. */
-  base = new Quat();
+  /** Turns the y axis to what is up: y is down in scenes, as it is for the cameras of 3DGS, until somebody says otherwise. */
+  base = UPSIDE_DOWN.clone();
   /** Whether it began where a stream said. */
   placed = false;
   /** Whether somebody moved it. */
@@ -75,9 +75,9 @@ export class Orbit {
     this.placed = true;
   }
 
-  /** Has y down, as it is for cameras of 3DGS, until a stream says what is up. */
-  yDown(): void {
-    this.base.copy(UPSIDE_DOWN);
+  /** Has y up until a stream says what is up. */
+  yUp(): void {
+    this.base.set(0, 0, 0, 1);
   }
 
   /** Units become so many times smaller. */

@@ -4,11 +4,12 @@ import type { Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packed } from "../render/packed.ts";
 import type { Counts } from "./events.ts";
+import type { Choice } from "./losses.ts";
 import type { Session } from "./webtransport.ts";
 
 export type ToWorker =
   | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
-  | { kind: "conceal"; concealer: string; dropped: number; seed: number; ask: number }
+  | { kind: "conceal"; choice: Choice; ask: number }
   | { kind: "look"; camera: Camera; ask: number }
   | { kind: "digest" };
 

@@ -6,6 +6,7 @@ import type { Splats } from "../codec/splats.ts";
 import { CONCEALERS, type Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
+import { shownPackets, type Choice } from "./losses.ts";
 
 /** Gaussians to be drawn, part by part. */
 export interface Shown {
@@ -64,11 +65,12 @@ export class Received {
   }
 
   /** Works out gains of elements, 0 for those of packets that are dropped; how many packets are left. */
-  async conceal(concealer: string, dropped: number, seed: number, pause: Pause): Promise<number | null> {
-    const count = this.#count, parts = this.#parts.map((part, p) => ({ part, first: this.#firsts[p] })).filter(({ part }) => !isDropped(part.packet, dropped, seed));
+  async conceal(choice: Choice, pause: Pause): Promise<number | null> {
+    const count = this.#count, shown = shownPackets(this.#parts.map(({ packet }) => packet), choice);
+    const parts = this.#parts.map((part, p) => ({ part, first: this.#firsts[p] })).filter((_, p) => shown[p]);
     const received = parts.reduce((sum, { part }) => sum + part.count, 0), gains = new Float32Array(2 * count);
     const elements = (): ReturnType<typeof schema.elements> => schema.elements(parts.map(({ part }) => part), pause), { schema } = this.decoder;
-    const found = await (CONCEALERS[concealer] ?? CONCEALERS["drop"])(received, elements, pause);
+    const found = await (CONCEALERS[choice.concealer] ?? CONCEALERS["drop"])(received, elements, pause);
     if (!found) return null;
     let at = 0;
     for (const { part, first } of parts) {
@@ -93,12 +95,4 @@ export class Received {
     }
     return all;
   }
-}
-
-/** Whether a packet is dropped on purpose; more of them with a larger share, and never another one instead. */
-function isDropped({ block, lane }: { block: number; lane: number }, share: number, seed: number): boolean {
-  let hash = Math.imul(block + 1, 0x9e3779b1) ^ Math.imul(lane + 1, 0x85ebca6b) ^ Math.imul(seed + 1, 0xc2b2ae35);
-  hash = Math.imul(hash ^ (hash >>> 15), 0x2c1b3c6d);
-  hash = Math.imul(hash ^ (hash >>> 12), 0x297a2d39);
-  return ((hash ^ (hash >>> 15)) >>> 0) / 2 ** 32 < share;
 }

@@ -1,0 +1,146 @@
+"""What people do with the page: mouse, touch and keys, another site around it, a link that comes and goes."""
+
+import asyncio
+import time
+from contextlib import AsyncExitStack
+from typing import Any
+
+import pytest
+
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.packets import SceneStream
+from splatwire.transport import Program, ServerLimits, make_program
+from splatwire.transport.certificate import self_signed
+from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import Link, PageContent
+from splatwire.transport.quic import WEBTRANSPORT_PATH
+from splatwire.transport.quic_server import QuicServer
+from transport.chromium import Browser, browser, executable
+from transport.relay import Relay
+from web.test_page import ELEMENT, SMALL, STATUS, ball, run, status
+
+pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+ORBIT = f"{ELEMENT}.view.orbit"
+LOOK = f"[{ORBIT}.yaw, {ORBIT}.pitch, {ORBIT}.distance, ...{ORBIT}.target.toArray()]"
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    return encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0))
+
+
+@pytest.fixture(scope="module")
+def program(stream: SceneStream) -> Program:
+    return make_program(stream)
+
+
+def loaded(page: Browser, url: str) -> None:
+    page.open(url)
+    page.wait_for(f"{STATUS} && ({STATUS}.finished || {STATUS}.failed) && {ELEMENT}.view", 60)
+
+
+def changed(page: Browser, before: list[float]) -> list[bool]:
+    return [abs(a - b) > 1e-4 for a, b in zip(page.evaluate(LOOK), before, strict=True)]
+
+
+def test_mouse_touch_and_keys_move_the_camera(program: Program) -> None:
+    async def work() -> None:
+        async with PageServer(PageContent({"ball": program})) as server:
+
+            def drive() -> None:
+                with browser() as page:
+                    loaded(page, server.url)
+                    check_hands(page)
+
+            await asyncio.to_thread(drive)
+
+    run(work())
+
+
+def check_hands(page: Browser) -> None:
+    """What each movement changes: yaw and pitch, distance, or the point around which the camera turns."""
+    for act, what in (
+        (lambda: page.drag((200, 300), (260, 340)), "turn"),
+        (lambda: page.wheel(200, 300, -120), "zoom"),
+        (lambda: page.drag((200, 300), (260, 340), "right"), "move"),
+        (lambda: page.touch([(200, 300)], [(240, 330)]), "turn"),
+        (lambda: page.touch([(150, 300), (250, 300)], [(140, 300), (260, 300)], [(100, 300), (300, 300)]), "pinch"),
+        (lambda: page.key("ArrowLeft"), "turn"),
+        (lambda: page.key("+"), "zoom"),
+    ):
+        before = page.evaluate(LOOK)
+        act()
+        page.wait_for(f"String({LOOK}) !== '{page.evaluate(f'String({before})')}'", 5)
+        yaw, _, distance, *target = changed(page, before)
+        assert [yaw, distance] == [what == "turn", what in ("zoom", "pinch")], what
+        if what != "pinch":  # fingers that part are no perfect mirror image of one another
+            assert any(target) == (what == "move"), what
+    page.key("f")
+    assert page.evaluate(f"{ORBIT}.turned")
+    page.key("h")
+    assert page.evaluate(f"{ELEMENT}.panel.element.hidden")
+
+
+def test_another_site_embeds_the_element(program: Program) -> None:
+    async def work() -> None:
+        async with AsyncExitStack() as stack:
+            server = await stack.enter_async_context(PageServer(PageContent({"ball": program})))
+            page_of_theirs = (
+                f'<!doctype html><script type="module" src="{server.url}splatwire.js"></script><p>Their words.</p>'
+                f'<splat-wire src="{server.url}streams/ball.swz" style="height: 20rem"></splat-wire>'
+            ).encode()
+
+            async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+                await reader.readuntil(b"\r\n\r\n")
+                writer.write(
+                    b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nConnection: close\r\n\r\n" + page_of_theirs
+                )
+                await writer.drain()
+                writer.close()
+
+            theirs = await stack.enter_async_context(await asyncio.start_server(answer, "127.0.0.1", 0))
+            url = f"http://localhost:{theirs.sockets[0].getsockname()[1]}/"
+
+            def drive() -> None:
+                with browser() as page:
+                    loaded(page, url)
+                    assert status(page, "complete")
+                    assert page.evaluate("location.origin") not in server.url
+                    assert page.resolve(f"{ELEMENT}.verify()") is True
+                    assert page.evaluate(f"{ELEMENT}.view.canvas.height") == 320
+                    assert "Their words." in page.evaluate("document.body.innerText")
+
+            await asyncio.to_thread(drive)
+
+    run(work())
+
+
+def test_a_link_that_comes_and_goes_costs_what_it_loses_and_no_more(stream: SceneStream, program: Program) -> None:
+    """Gone for two of every three quarters of a second; the transfer takes several of them."""
+    identity, began = self_signed(), time.monotonic()
+
+    def gone() -> bool:
+        return (time.monotonic() - began) % 0.75 > 0.25
+
+    async def work() -> None:
+        async with AsyncExitStack() as stack:
+            limits = ServerLimits(fixed_rate=20_000.0)
+            server = QuicServer({"ball": program}, "127.0.0.1", 0, identity=identity, limits=limits)
+            stack.callback(server.close)
+            await server.start()
+            relay = Relay(server.port, gone, gone, delay_s=0.003)
+            stack.callback(relay.close)
+            content = PageContent({"ball": program}, Link(relay.port, WEBTRANSPORT_PATH, identity.fingerprint))
+            page_server = await stack.enter_async_context(PageServer(content))
+
+            def drive() -> Any:
+                with browser() as page:
+                    loaded(page, page_server.url)
+                    return status(page, "finished"), status(page, "way"), status(page, "packets")
+
+            ended, way, packets = await asyncio.to_thread(drive)
+            assert (ended, way, packets) == ("complete", "WebTransport datagrams", len(stream.packets))
+            assert relay.num_lost > 20
+
+    run(work())

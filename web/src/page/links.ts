@@ -1,0 +1,32 @@
+// What a link says behind its #, and code for other pages.
+
+import type { Viewpoint } from "../codec/decoder.ts";
+import type { Settings } from "./panel.ts";
+
+export interface Linked {
+  readonly settings: Partial<Settings>;
+  /** Whether the scene was turned upside down. */
+  readonly turned: boolean;
+}
+
+export function readLink(): Linked {
+  const fields = new URLSearchParams(location.hash.slice(1)), dropped = Number(fields.get("drop") ?? 0), concealer = fields.get("concealer");
+  const settings = { dropped: dropped > 0 && dropped < 1 ? dropped : 0, ...(concealer ? { concealer } : {}) };
+  return { settings, turned: fields.get("turned") === "1" };
+}
+
+export function writeLink({ concealer, dropped }: Settings, turned: boolean): string {
+  const address = new URL(location.href);
+  address.hash = new URLSearchParams({ concealer, drop: String(dropped), ...(turned ? { turned: "1" } : {}) }).toString();
+  return address.href;
+}
+
+export function embedCode(stream: string): string {
+  const script = new URL("/splatwire.js", location.href).href, src = new URL(stream, document.baseURI).href;
+  return `<script type="module" src="${script}"></script>\n<splat-wire src="${src}" style="height: 30rem"></splat-wire>`;
+}
+
+/** Nine numbers: eye, the point that it looks at, what is up there. */
+export function viewpointOf([ex, ey, ez, tx, ty, tz, ux, uy, uz]: number[]): Viewpoint {
+  return { eye: [ex, ey, ez], target: [tx, ty, tz], up: [ux, uy, uz] };
+}
