@@ -6,10 +6,13 @@ picture, the mean of three losses, by concealer). Processor times are those of o
 scenes of each model and more, `bd_rate` is how many bytes the causal model takes against format 1 at equal PSNR
 (Bjontegaard's mean over the overlap, of piecewise cubics).
 
+A stream in place of a scene is measured as it is, without what it has for concealers.
+
     python benchmarks/causal.py --photos lego=DIR lego=lego_12.scene ... [--output results/causal.json] [--plot rd.png]
 """
 
 import argparse
+import hashlib
 import itertools
 import time
 from collections import defaultdict
@@ -22,12 +25,14 @@ import torch
 from figures import publish
 from scipy.interpolate import PchipInterpolator
 
+from splatwire.byte_io import ByteReader
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.decoding import open_decoder
+from splatwire.codec.decoding import decode_anchors, open_decoder
 from splatwire.codec.schemas.causal.context import CodingContext
 from splatwire.codec.schemas.causal.packet_coder import anchor_bits, quantise
 from splatwire.codec.schemas.causal.side_info import read_side_info
+from splatwire.codec.weight_bytes import framed
 from splatwire.conceal import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.entropy.tables import inverse_scale_table
@@ -35,7 +40,8 @@ from splatwire.model import AnchorScene, CausalCoding
 from splatwire.model.scene_file import load_scene
 from splatwire.model.voxels import voxel_indices
 from splatwire.ops.morton import morton_encode
-from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.packets import CAUSAL, SceneStream, read_stream, stream_to_bytes
+from splatwire.packets.sections import CAUSAL_SECTIONS, FIXED_SECTIONS
 from splatwire.train.causal import number_bits
 from splatwire.train.quality import assess_scene
 
@@ -45,9 +51,14 @@ FEWEST = 4
 """Points of a curve that a mean over it needs."""
 
 
-def measured(scene: AnchorScene, photos: Path) -> dict[str, Any]:
+def measured(file: Path, photos: Path) -> dict[str, Any]:
     """Bytes, quality and time of a scene as a stream."""
-    stream = encode_scene(scene)
+    if file.suffix == ".swz":
+        stream = plain(read_stream(file)[0])
+        scene = decode_anchors(stream).scene
+    else:
+        scene = load_scene(file)
+        stream = encode_scene(scene)
     data = stream_to_bytes(stream)
     test = open_dataset(photos, split="test")
     partial = decode_stream(stream)
@@ -65,6 +76,17 @@ def measured(scene: AnchorScene, photos: Path) -> dict[str, Any]:
     if isinstance(scene.coding, CausalCoding):
         row["bits_of_an_anchor"] = attribute_bits(partial.scene, stream)
     return row
+
+
+def plain(stream: SceneStream) -> SceneStream:
+    """The stream without named sections: what it shows of a complete transfer is the same (but for a background)."""
+    fixed = ByteReader(stream.side_info, "side information")
+    num_sections = len(CAUSAL_SECTIONS if stream.manifest.codec == CAUSAL else FIXED_SECTIONS)
+    side_info = b"".join(framed(fixed.blob()) for _ in range(num_sections))
+    manifest = replace(
+        stream.manifest, side_info_bytes=len(side_info), side_info_digest=hashlib.sha256(side_info).hexdigest()
+    )
+    return SceneStream(manifest, side_info, stream.packets)
 
 
 def lossy_psnr(stream: SceneStream, test: Dataset, concealer: str) -> float:
@@ -168,7 +190,7 @@ def main() -> None:
     photos, found = dict(text.split("=", 1) for text in options.photos), defaultdict(list)
     for text in options.scenes:
         name, file = text.split("=", 1)
-        found[name].append({"scene": Path(file).stem, **measured(load_scene(Path(file)), Path(photos[name]))})
+        found[name].append({"scene": Path(file).stem, **measured(Path(file), Path(photos[name]))})
     publish({name: {"bd_rate": bd_rate(rows), "scenes": rows} for name, rows in found.items()}, options.output)
     if options.plot:
         plot(found, options.plot)

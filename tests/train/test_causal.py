@@ -1,6 +1,8 @@
 """The causal model in training: it is priced as the coder prices it, and a run with it ends in a scene that decodes."""
 
 import dataclasses
+import math
+from pathlib import Path
 
 import pytest
 import torch
@@ -8,10 +10,15 @@ import torch
 from scenes import SMALL_CAUSAL
 from splatwire.codec import decode_stream
 from splatwire.codec.encoding import encode_anchors
+from splatwire.codec.schemas.causal._place_kernels import place_bits
+from splatwire.codec.schemas.causal.side_info import read_side_info
 from splatwire.data import Dataset
-from splatwire.errors import UnknownNameError
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.model.voxels import voxel_indices
+from splatwire.ops.morton import morton_encode
 from splatwire.train import create_config, train_scene
 from splatwire.train.causal import TrainedCausal, anchor_bits, calibrate_causal, channel_steps, noisy_numbers, place_of
+from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import RefineConfig, TrainConfig
 from splatwire.train.context import AnchorCache
 from splatwire.train.export import export_scene
@@ -19,7 +26,8 @@ from splatwire.train.finetune import fine_tuning, state_of_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED, uniform_from_host
 from splatwire.train.refine import refine_context
-from splatwire.train.state import TrainState
+from splatwire.train.size import FURTHEST, INTEGRAL, TIMES, is_time, steer, steered, stream_bytes
+from splatwire.train.state import Steering, TrainState
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +56,7 @@ def _estimate(state: TrainState, config: TrainConfig) -> float:
     values = noisy_numbers(state, torch.arange(state.num_anchors), steps, uniform_from_host)
     mask = state.masks(config.mask_threshold).float()
     found = anchor_bits(state, config.causal, place_of(state), values, steps, (mask, mask.amax(dim=1)))
-    return float(found.sum()) - 16 * state.num_anchors  # less what places cost, which are side information
+    return float(found.sum()) - 16 * state.num_anchors  # less what places are taken to cost
 
 
 def test_the_rate_is_what_the_encoder_writes(dataset: Dataset, recipe: TrainConfig) -> None:
@@ -58,7 +66,11 @@ def test_the_rate_is_what_the_encoder_writes(dataset: Dataset, recipe: TrainConf
     estimate = _estimate(state, recipe)
     assert estimate < 0.8 * before
     stream = encode_anchors(export_scene(state, recipe), noise=0.005)
-    real = stream.parts()["packet_payloads"]
+    places = read_side_info(stream.side_info, stream.manifest.num_anchors).places
+    voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size).numpy()
+    codes = morton_encode(voxels - places.known.origin)
+    pairs = zip(codes, places.known.unknown, strict=True)
+    real = stream.parts()["packet_payloads"] - sum(place_bits(*pair, places.chances) for pair in pairs) / 8
     assert abs(estimate / 8 + 2.1 * len(stream.packets) - real) < 0.012 * real
 
 
@@ -101,3 +113,36 @@ def test_masks_learn_when_they_are_paid_for(dataset: Dataset, recipe: TrainConfi
 def test_an_unknown_model_is_told() -> None:
     with pytest.raises(UnknownNameError, match="model"):
         create_config(model="other")
+
+
+@pytest.mark.parametrize("exponent", [-0.3, -0.5, -0.8])
+@pytest.mark.parametrize("wanted", [0.5, 2.0])
+def test_lambda_is_steered_to_a_size(exponent: float, wanted: float) -> None:
+    # a scene that takes some measurements until it has the size that lambda gives it in the long run
+    steering, log_size = Steering(), 0.0
+    for _ in range(TIMES):
+        steering = steered(steering, log_size - math.log(wanted))
+        log_size += 0.25 * (exponent * steering.log_rate - log_size)
+    assert abs(log_size - math.log(wanted)) < 0.03
+    assert abs(steering.log_rate) < FURTHEST
+
+
+def test_a_run_is_steered_and_goes_on_steered(dataset: Dataset, recipe: TrainConfig, tmp_path: Path) -> None:
+    wanted = dataclasses.replace(recipe, weights=dataclasses.replace(recipe.weights, size=20_000))
+    state = initial_state(dataset, wanted)
+    times = [i for i in range(1, wanted.marks.iterations + 1) if is_time(wanted.marks, i)]
+    assert times[0] > wanted.marks.context_start
+    assert times[-1] > 0.9 * wanted.marks.iterations
+    for iteration in (times[0] - 1, times[0]):
+        state.iteration = iteration
+        steer(state, wanted)
+        assert (state.steering == Steering()) == (iteration < times[0])
+    missing = math.log(stream_bytes(export_scene(state, wanted)) / 20_000)
+    assert state.steering == Steering(INTEGRAL * missing, missing)
+    assert state.rate(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
+    save_checkpoint(state, wanted, tmp_path / "a.checkpoint")
+    assert load_checkpoint(tmp_path / "a.checkpoint")[0].steering == state.steering
+    steer(state, recipe)
+    assert state.steering.miss == missing
+    with pytest.raises(InvalidValueError, match="lambda above 0"):
+        create_config(lmbda=0.0, size=1000)

@@ -87,6 +87,7 @@ def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> N
         (("--device", "tpu"), "cuda"),
         (("--device", "cuda"), "CPU"),
         (("--lmbda", "-1"), "lambda"),
+        (("--size", "half a MB"), "500kB"),
         (("--resume",), "no such file"),
         (("--checkpoint-interval", "0"), "checkpoint-interval"),
     ],

@@ -1,16 +1,25 @@
 """How a training run shows itself: a bar on a terminal, a line now and then elsewhere, and what Ctrl-C does."""
 
+import re
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from splatwire.errors import InvalidValueError
+
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
+    from splatwire.model import AnchorScene
     from splatwire.train import Listener, Progress, QualityReport
 
+_SIZE = re.compile(r"(\d+(?:\.\d+)?) *(B|kB|KB|MB)?")
+_UNITS = {"": 1, "B": 1, "kB": 1000, "KB": 1000, "MB": 1_000_000}
+_NEAR = 0.03
+"""A size that is missed by more is told."""
 _PLAIN_INTERVAL_S = 30.0
 """Without a terminal, a line this often."""
 
@@ -79,3 +88,29 @@ def line(now: "Progress") -> str:
     size = f", ~{now.estimated_bytes / 1e6:.2f} MB" if now.estimated_bytes is not None else ""
     speed = f"{now.iterations_per_second:.1f} it/s"
     return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_anchors:,} anchors{size}, {speed}"
+
+
+def parsed_size(text: str) -> int:
+    """Bytes that a text such as `500kB` asks for.
+
+    Raises:
+        InvalidValueError: If it is none, or less than a byte.
+    """
+    found = _SIZE.fullmatch(text.strip())
+    num_bytes = round(float(found[1]) * _UNITS[found[2] or ""]) if found else 0
+    if num_bytes < 1:
+        raise InvalidValueError(f"--size takes bytes such as 500kB, 1.2MB or 500000, not {text!r}")
+    return num_bytes
+
+
+def told_size(scene: "AnchorScene", wanted: int) -> int | None:
+    """Bytes of a scene's stream, if some were asked for; says so if they were missed."""
+    if not wanted:
+        return None
+    from splatwire.train.size import stream_bytes
+
+    num_bytes = stream_bytes(scene)
+    if abs(num_bytes / wanted - 1) > _NEAR:
+        advice = "a longer run or another --lmbda comes closer"
+        print(f"the stream has {num_bytes:,} bytes where --size asks for {wanted:,}: {advice}", file=sys.stderr)
+    return num_bytes

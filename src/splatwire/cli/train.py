@@ -11,7 +11,7 @@ import tyro
 from splatwire.cli._files import prepared_output
 from splatwire.cli._output import JsonFlag, print_json, print_summary
 from splatwire.cli._scenes import BackgroundOption, chosen_background
-from splatwire.cli._training import watch
+from splatwire.cli._training import parsed_size, told_size, watch
 from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -45,6 +45,9 @@ class Train:
     finished scene keeps its own."""
     lmbda: float | None = None
     """Weight of the rate (lambda): larger makes smaller scenes. The recipe's own if absent; its unit is the model's."""
+    size: str | None = None
+    """Bytes that the encoded scene is to have, as 500kB, 1.2MB or 500000: lambda is steered there in the second half of
+    the run, from --lmbda on."""
     iterations: int | None = None
     """Length of the run; all phases keep their proportions. 2,400 if absent, 240 with a scene to go on with (the
     published schedules have 30,000)."""
@@ -190,6 +193,7 @@ class Train:
             preset,
             model=self.model or "hacpp",
             lmbda=self.lmbda,
+            size=0 if self.size is None else parsed_size(self.size),
             iterations=CPU_ITERATIONS if self.iterations is None else self.iterations,
             voxel_size=self.voxel_size,
             growth_interval=self.growth_interval,
@@ -222,7 +226,7 @@ class Train:
             return train, None
 
     def _report(self, result: "TrainResult", config: "TrainConfig") -> None:
-        test, scene = result.test, result.scene
+        test, scene, size = result.test, result.scene, told_size(result.scene, config.weights.size)
         if self.json:
             print_json(
                 {
@@ -232,12 +236,14 @@ class Train:
                     "num_gaussians": int(scene.anchors.mask.sum()),
                     "test_psnr": test.psnr if test else None,
                     "test_ssim": test.ssim if test else None,
+                    **({"stream_bytes": size} if size else {}),
                     "seconds": result.seconds,
                     "recipe": dataclasses.asdict(config),
                 }
             )
             return
         quality = f", test PSNR {test.psnr:.2f} dB, SSIM {test.ssim:.4f}" if test else ""
+        quality += f", {size:,} bytes as a stream" if size else ""
         print_summary(f"{scene.anchors.num_anchors:,} anchors{quality}, {result.seconds:,.0f} s -> {self.output}")
 
 

@@ -85,7 +85,7 @@ class TrainedCausal:
     def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
         """Lambda times the megabytes of the scene, estimated from a sample."""
         share = state.num_anchors / max(rate.num_anchors, 1)
-        return self._config.weights.rate * rate.bits * share / RATE_UNIT
+        return state.rate(self._config.weights) * rate.bits * share / RATE_UNIT
 
     def _rate(self, state: TrainState, sample: Int64[Tensor, "M"], steps: tuple[Tensor, Tensor, Tensor]) -> SampleRate:
         masks = straight_through_masks(state, self._config, sample)

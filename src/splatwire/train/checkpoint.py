@@ -4,6 +4,7 @@ Going on from a checkpoint gives bit for bit what an uninterrupted run gives (on
 """
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -14,7 +15,7 @@ from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
 from splatwire.model.tensor_file import read_tensors, write_tensors
 from splatwire.train.config import TrainConfig
 from splatwire.train.initial import parameter_shapes
-from splatwire.train.state import GrowthStatistics, Moments, TrainState
+from splatwire.train.state import GrowthStatistics, Moments, Steering, TrainState
 
 FORMAT = "splatwire-checkpoint"
 VERSION = 2
@@ -48,6 +49,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "voxel_size": state.voxel_size.hex(),
         "camera_extent": state.camera_extent.hex(),
         "queue": state.queue,
+        "steering": [state.steering.log_rate, state.steering.miss],
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "config": dataclasses.asdict(config),
     }
@@ -94,8 +96,16 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         camera_extent=float.fromhex(header["camera_extent"]),
         generator=generator,
         queue=[int(view) for view in header["queue"]],
+        steering=_steering(header["steering"]),
     )
     return state, config
+
+
+def _steering(value: list[float | None]) -> Steering:
+    log_rate, miss = value
+    if log_rate is None or not all(part is None or math.isfinite(part) for part in value):
+        raise ValueError("the steering of lambda is not finite")
+    return Steering(float(log_rate), None if miss is None else float(miss))
 
 
 def _expect(

@@ -131,12 +131,18 @@ class LossWeights:
         volume: Of the mean product of the Gaussians' three sizes.
         rate: Lambda: of the bits per parameter, or of the megabytes of a scene with the causal model.
         sample_share: Share of the anchors whose rate is estimated in each iteration.
+        size: Bytes that the stream is to have; lambda is steered there (`splatwire.train.size`). 0: lambda stays.
     """
 
     dssim: float = 0.2
     volume: float = 0.01
     rate: float = 0.004
     sample_share: float = 0.05
+    size: int = 0
+
+    def __post_init__(self) -> None:
+        if self.size < 0 or (self.size and not self.rate):
+            raise InvalidValueError(f"a size is 1 byte or more and needs a lambda above 0 to be steered by, not {self}")
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ class TrainedContext:
 
     def rate_loss(self, state: TrainState, rate: SampleRate) -> Float[Tensor, ""]:
         """Lambda times the bits of an average number of the scene."""
-        return self._config.weights.rate * self.bits_per_parameter(state, rate)
+        return state.rate(self._config.weights) * self.bits_per_parameter(state, rate)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
         """The scalings that the hash grid predicts: all that a receiver knows of the size of what is lost."""

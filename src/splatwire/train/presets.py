@@ -68,6 +68,7 @@ def create_config(
     *,
     model: str = "hacpp",
     lmbda: float | None = None,
+    size: int = 0,
     iterations: int = FULL_ITERATIONS,
     voxel_size: float | None = None,
     growth_interval: int | None = None,
@@ -83,11 +84,11 @@ def create_config(
         preset: A key of `PRESETS`.
         model: One of `MODELS`.
         lmbda: Weight of the rate; the preset's where absent.
+        size: As `LossWeights.size`.
         iterations: Length of the run; all phases keep their proportions.
         voxel_size: Spacing of anchor positions, world units, 0 to derive it from the points; the preset's where absent.
         growth_interval: Iterations between two changes of the anchors; in proportion, and at least 50, where absent.
-        refine_steps: Steps in which the context model is fitted again at the end; where absent a quarter of the
-            iterations, and at most those of `RefineConfig`.
+        refine_steps: As `RefineConfig.steps`; where absent a quarter of the iterations, and at most its default.
         losses: What the scene is trained for, as `loss_training` reads it; nothing for none.
         loss_concealer: As `LossTraining.concealer`.
         background: RGB behind the scene.
@@ -114,7 +115,7 @@ def create_config(
         marks=marks,
         rates=LearningRates(mask_logits=LearningRate(0.01, mask_rate)),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
-        weights=LossWeights(rate=rate),
+        weights=LossWeights(rate=rate, size=size),
         refine=RefineConfig(steps=steps, seed=seed),
         losses=loss_training(losses, loss_concealer),
         background=background,

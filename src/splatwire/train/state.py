@@ -1,5 +1,6 @@
 """The state of a run: plain tensors, and the one place where rows of anchors are added and removed."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -9,6 +10,7 @@ from torch import Tensor
 
 from splatwire.model import GaussianHeads, Linear, Mlp
 from splatwire.model.voxels import voxel_positions
+from splatwire.train.config import LossWeights
 
 ANCHOR_PARAMETERS = ("features", "log_scalings", "offsets", "mask_logits")
 """Parameters with one row per anchor."""
@@ -94,6 +96,19 @@ class Networks:
         return Networks(GaussianHeads(*(mlp(f"heads.{name}") for name in HEADS)), prior, channel)
 
 
+@dataclass(frozen=True)
+class Steering:
+    """How lambda is steered to a size (`splatwire.train.size`).
+
+    Attributes:
+        log_rate: Logarithm of what lambda is multiplied with.
+        miss: Logarithm of the size over the wanted one when it was measured last; None before.
+    """
+
+    log_rate: float = 0.0
+    miss: float | None = None
+
+
 @dataclass
 class TrainState:
     """Everything that a run needs to go on, and nothing else.
@@ -112,6 +127,7 @@ class TrainState:
         camera_extent: See `splatwire.train.schedule.learning_rates`.
         generator: Source of everything random, on the CPU.
         queue: Training views still to be shown before all have been.
+        steering: How lambda is steered, if it is.
         networks: The networks over the tensors of `parameters`, which training changes in place.
     """
 
@@ -126,10 +142,15 @@ class TrainState:
     camera_extent: float
     generator: torch.Generator
     queue: list[int] = field(default_factory=list)
+    steering: Steering = Steering()
     networks: "Networks" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self.networks = Networks.of(self.parameters)
+
+    def rate(self, weights: LossWeights) -> float:
+        """Lambda as it is now."""
+        return weights.rate * math.exp(self.steering.log_rate)
 
     @property
     def num_anchors(self) -> int:

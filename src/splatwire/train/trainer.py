@@ -20,6 +20,7 @@ from splatwire.train.photos import PhotoStore, check_photos
 from splatwire.train.progress import Listener, RunningMeans
 from splatwire.train.quality import QualityReport, assess_scene
 from splatwire.train.refine import refine_context
+from splatwire.train.size import steer
 from splatwire.train.state import TrainState, move_state
 from splatwire.train.step import TrainingStep
 
@@ -133,6 +134,7 @@ class _Run:
                 state.queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
             view = state.queue.pop()
             report = step(state, view, photos.photo(view))
+            steer(state, self.config)
             elapsed = time.perf_counter() - started
             self.seconds += elapsed
             self.listener.progress(means.after(state, report, elapsed, self.seconds))
