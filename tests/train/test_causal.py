@@ -26,7 +26,18 @@ from splatwire.train.finetune import fine_tuning, state_of_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED, uniform_from_host
 from splatwire.train.refine import refine_context
-from splatwire.train.size import FURTHEST, INTEGRAL, TIMES, is_time, steer, steered, stream_bytes
+from splatwire.train.size import (
+    FURTHEST,
+    HEADROOM,
+    INTEGRAL,
+    LAST,
+    TIMES,
+    headroom,
+    is_time,
+    steer,
+    steered,
+    stream_bytes,
+)
 from splatwire.train.state import Steering, TrainState
 
 
@@ -137,7 +148,9 @@ def test_a_run_is_steered_and_goes_on_steered(dataset: Dataset, recipe: TrainCon
         state.iteration = iteration
         steer(state, wanted)
         assert (state.steering == Steering()) == (iteration < times[0])
-    missing = math.log(stream_bytes(export_scene(state, wanted)) / 20_000)
+    assert HEADROOM > headroom(wanted.marks, times[0]) > headroom(wanted.marks, wanted.marks.iterations) == LAST
+    aim = 20_000 * (1 + headroom(wanted.marks, times[0]))
+    missing = math.log(stream_bytes(export_scene(state, wanted)) / aim)
     assert state.steering == Steering(INTEGRAL * missing, missing)
     assert state.rate(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
     save_checkpoint(state, wanted, tmp_path / "a.checkpoint")

@@ -14,6 +14,7 @@ from splatwire.entropy.coder import decode_symbols, encode_symbols
 from splatwire.entropy.integers import MAX_SYMBOL, read_integers, scale_index, write_integers, zero_mean_cells
 from splatwire.entropy.tables import NUM_SCALES, SCALE_STEPS
 from splatwire.errors import BitstreamError
+from splatwire.scene import AnchorLayout
 
 MAX_WIDTH = 4096
 MAX_WEIGHTS = 1 << 20
@@ -80,6 +81,18 @@ def read_networks(data: bytes, shapes: Iterable[tuple[str, int, int]]) -> list[Q
     networks = [read_mlp(reader, name, inputs, outputs) for name, inputs, outputs in shapes]
     reader.finish()
     return networks
+
+
+def read_heads(data: bytes, layout: AnchorLayout) -> tuple[QuantisedMlp, QuantisedMlp, QuantisedMlp]:
+    """Reads the rendering networks of anchors: opacity, covariance, colour.
+
+    Raises:
+        BitstreamError: If the bytes are damaged or something else.
+    """
+    inputs, num = layout.feature_dim + 4, layout.num_offsets
+    shapes = (("opacity", inputs, num), ("covariance", inputs, 7 * num), ("color", inputs, 3 * num))
+    opacity, covariance, color = read_networks(data, shapes)
+    return opacity, covariance, color
 
 
 def framed(data: bytes) -> bytes:

@@ -14,6 +14,9 @@ TIMES = 30
 PROPORTIONAL, INTEGRAL = 2.0, 0.7
 """By how much the logarithm of lambda follows a change of the logarithm of the size, and what is still missing of it.
 Size falls with about the root of lambda, within some hundred of 2,400 iterations: it is approached without swinging."""
+HEADROOM, LAST = 0.12, 0.007
+"""How far above the size, relative to it, a run is held when it is measured first, and at its end, since the last fit
+takes so much. A scene that has become too small hardly grows again: what lambda took is not there to be improved."""
 FURTHEST = math.log(64)
 """Lambda stays within this of the recipe's."""
 
@@ -29,15 +32,25 @@ def steer(state: TrainState, config: TrainConfig) -> None:
         InvalidValueError: If no anchor is left.
     """
     if config.weights.size and is_time(config.marks, state.iteration):
-        num_bytes = stream_bytes(export_scene(state, config))
-        state.steering = steered(state.steering, math.log(num_bytes / config.weights.size))
+        aim = config.weights.size * (1 + headroom(config.marks, state.iteration))
+        state.steering = steered(state.steering, math.log(stream_bytes(export_scene(state, config)) / aim))
+
+
+def first_measured(marks: Marks) -> int:
+    """Iteration after which a run is measured: in the middle of growing with the rate on."""
+    return (marks.context_start + max(marks.growth_end, marks.context_start)) // 2
 
 
 def is_time(marks: Marks, iteration: int) -> bool:
-    """Whether a run is measured after an iteration: from the middle of the rate's growing part on."""
-    start = (marks.context_start + max(marks.growth_end, marks.context_start)) // 2
-    done = iteration - start
-    return done > 0 and done % max((marks.iterations - start) // TIMES, 1) == 0
+    """Whether a run is measured after an iteration."""
+    start = first_measured(marks)
+    return iteration > start and (iteration - start) % max((marks.iterations - start) // TIMES, 1) == 0
+
+
+def headroom(marks: Marks, iteration: int) -> float:
+    """How far above the size a run is held after an iteration, relative to it."""
+    left = (marks.iterations - iteration) / max(marks.iterations - first_measured(marks), 1)
+    return LAST + (HEADROOM - LAST) * left
 
 
 def steered(before: Steering, miss: float) -> Steering:

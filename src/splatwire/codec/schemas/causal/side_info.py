@@ -7,7 +7,7 @@ import numpy as np
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.schemas.causal.places import SharedPlaces, read_places
-from splatwire.codec.weight_bytes import framed, read_networks, write_networks
+from splatwire.codec.weight_bytes import framed, read_heads, read_networks, write_networks
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model.causal import FORM, CausalConfig
@@ -24,7 +24,6 @@ MAX_CONTEXT = 256
 MAX_LOG_STEP = 4 << LOG_BITS
 MAX_CENTRE = 32 << LOG_BITS
 MAX_PLACE = 1 << 40
-HEADS = ("opacity", "covariance", "color")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,13 +91,11 @@ def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
     info = _read_header(header, read_places(positions, num_anchors))
     config = info.config
     shapes = [(name, *shape) for name, shape in config.shapes().items()]
-    features, offsets = config.layout.feature_dim, config.layout.num_offsets
-    outputs = zip(HEADS, (offsets, 7 * offsets, 3 * offsets), strict=True)
     found = read_networks(networks, shapes)
     return replace(
         info,
         networks={name: network for (name, *_), network in zip(shapes, found, strict=True)},
-        heads=tuple(read_networks(render, [(name, features + 4, out) for name, out in outputs])),
+        heads=read_heads(render, config.layout),
         sections=sections,
     )
 

@@ -13,7 +13,7 @@ from splatwire.codec.geometry import decode_positions, encode_positions
 from splatwire.codec.schemas.hacpp.coding_params import CodingContext
 from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, touched_rows, unit_coordinates
 from splatwire.codec.schemas.hacpp.grid_signs import decode_signs, encode_signs
-from splatwire.codec.weight_bytes import framed, read_networks, write_networks
+from splatwire.codec.weight_bytes import framed, read_heads, read_networks, write_networks
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model import HashGridConfig, ModelConfig
@@ -27,7 +27,6 @@ MAX_GRID_VALUES = 1 << 24
 MAX_LEVELS = 64
 MAX_OFFSETS = 64
 MAX_FEATURES = 1024
-HEADS = ("opacity", "covariance", "color")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,11 +127,9 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
         raise BitstreamError(f"side information: {len(blobs[6])} mask models, not {MASK_CONTEXTS * offsets}")
     prior = read_networks(blobs[3], [("prior", config.grid.context_dim, config.prior_dim)])
     shapes = [("channel", int(b) + 3 * features, 3 * g) for b, g in zip(before, groups, strict=False)]
-    outputs = zip(HEADS, (offsets, 7 * offsets, 3 * offsets), strict=True)
-    heads = read_networks(blobs[5], [(name, features + 4, out) for name, out in outputs])
     return SideInfo(
         config, voxel_size, *bounds, voxels, decode_signs(blobs[2], touched, config.grid),
-        prior[0], tuple(read_networks(blobs[4], shapes)), (heads[0], heads[1], heads[2]),
+        prior[0], tuple(read_networks(blobs[4], shapes)), read_heads(blobs[5], config.layout),
         np.clip(np.frombuffer(blobs[6], dtype=np.uint8).astype(np.int64), 1, 255), sections,
     )  # fmt: skip
 
