@@ -96,7 +96,7 @@ class Serve:
                 )
         streams = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
         if not streams:
-            bundled = _bundled.SCENE if self.page is None else _bundled.SPLATS  # browsers do not draw anchors
+            bundled = _bundled.SCENE if self.page is None else _bundled.SPLATS  # pages do not draw format 1
             streams = {Path(bundled).stem: ("the bundled scene", bundled_datagrams(bundled))}
         for path, stream in streams.values():
             if planned is not None and stream.manifest.stream_id != planned:

@@ -14,8 +14,6 @@ export interface Anchors {
   /** Which offsets exist, and the offsets in units of the scale, three each. */
   readonly masks: Uint8Array;
   readonly offsets: Float32Array;
-  /** What features say to the heads (`Heads.prepared`). */
-  readonly hidden: Float32Array;
 }
 
 const NEAR_DEPTH = 0.2, DILATION = 0.3, FRUSTUM_MARGIN = 0.3, TILE = 16;

@@ -53,7 +53,7 @@ export class Heads {
   }
 
   /** What features, one anchor's after another's, say to the hidden layers. */
-  prepared(features: Float64Array): Float32Array {
+  prepared(features: Float32Array): Float32Array {
     const inputs = this.#featureLayer.inputs, count = features.length / inputs, rows = Math.ceil(count / ROWS) * ROWS;
     const all = new Float64Array(rows * inputs), out = new Float64Array(rows * this.#width);
     all.set(features);
@@ -61,8 +61,8 @@ export class Heads {
     return new Float32Array(out.subarray(0, count * this.#width));
   }
 
-  /** The Gaussians of all anchors that the camera may see whose opacity is at least 1/255, anchor by anchor. */
-  spawn(anchors: Anchors, camera: Camera): Spawned {
+  /** The Gaussians of all anchors that the camera may see whose opacity is at least 1/255, anchor by anchor; `hidden` is what their features say. */
+  spawn(anchors: Anchors, hidden: Float32Array, camera: Camera): Spawned {
     const { count, numOffsets, positions, scales, masks } = anchors, most = masks.reduce((sum, there) => sum + there, 0);
     const splats = emptySplats(most, 0), owners = new Int32Array(most), eye = eyeOf(camera);
     let found = 0;
@@ -70,13 +70,13 @@ export class Heads {
       const x = positions[3 * n], y = positions[3 * n + 1], z = positions[3 * n + 2];
       if (!inView(camera, x, y, z, scales[n])) continue;
       const dx = x - eye[0], dy = y - eye[1], dz = z - eye[2], distance = Math.sqrt(dx * dx + dy * dy + dz * dz), first = found;
-      this.#activate(0, anchors.hidden, n, dx / distance, dy / distance, dz / distance, distance);
+      this.#activate(0, hidden, n, dx / distance, dy / distance, dz / distance, distance);
       for (let k = 0; k < numOffsets; k++) {
         if (!masks[n * numOffsets + k]) continue;
         const logit = this.#output(0, k);
         if (!(logit >= LEAST_LOGIT)) continue;
         if (first === found) {
-          for (const network of [1, 2]) this.#activate(network, anchors.hidden, n, dx / distance, dy / distance, dz / distance, distance);
+          for (const network of [1, 2]) this.#activate(network, hidden, n, dx / distance, dy / distance, dz / distance, distance);
         }
         splats.opacities[found] = Math.tanh(logit);
         owners[found] = n;

@@ -33,6 +33,7 @@ export class View {
   #fixed: FixedCamera | null = null;
   #frame: (() => void)[] = [];
   #sorted: (() => void)[] = [];
+  #steady: (() => void)[] = [];
   #isSorted = false;
   /** Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen. */
   #replaced = false;
@@ -63,7 +64,8 @@ export class View {
     this.#app.root.addChild(this.#scene);
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
-    this.#app.scene.on("gsplat:sorted", () => this.#afterSort());
+    this.#app.scene.on("gsplat:sorted", () => (this.#isSorted = true));
+    this.#app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) => this.#isReady(ready));
     this.#app.on("postrender", () => this.#afterFrame());
     this.resize();
     this.#app.start();
@@ -152,15 +154,21 @@ export class View {
   }
 
   /** Resolves when what was added last is what is drawn. */
-  async steady(): Promise<void> {
-    if (this.#replaced) await this.sorted();
+  steady(): Promise<void> {
+    if (!this.#replaced) return Promise.resolve();
+    this.touch();
+    return new Promise((resolve) => {
+      this.#steady.push(resolve);
+      setTimeout(resolve, SORT_MS);
+    });
   }
 
-  #afterSort(): void {
-    this.#isSorted = true;
-    if (!this.#replaced) return;
+  /** Told in each frame whether all that was added is sorted. */
+  #isReady(ready: boolean): void {
+    if (!ready || !this.#replaced) return;
     this.#replaced = false;
     this.#changed();
+    for (const resolve of this.#steady.splice(0)) resolve();
   }
 
   #changed(): void {

@@ -2,7 +2,7 @@
 
 import type { Affine } from "../../model/affine.ts";
 import type { Anchors } from "../../model/anchors.ts";
-import type { Heads, Mlp } from "../../model/heads.ts";
+import type { Mlp } from "../../model/heads.ts";
 import { BIAS_BITS, WEIGHT_BITS } from "../integer_network.ts";
 import type { QuantisedLinear, QuantisedMlp } from "../weight_bytes.ts";
 import { logOf, type Decoded } from "./packet.ts";
@@ -10,11 +10,12 @@ import { FORM, LOG_BITS, type SideInfo } from "./side_info.ts";
 
 const NUMBER = 2 ** 16, LOG = 2 ** LOG_BITS, MAX_LOG = 60, SLOPE = 0.01;
 
-export function toAnchors({ count, places, masks, numbers }: Decoded, info: SideInfo, heads: Heads): Anchors {
+/** Anchors, and their features, one anchor's after another's. */
+export function toAnchors({ count, places, masks, numbers }: Decoded, info: SideInfo): { anchors: Anchors; features: Float32Array } {
   const { features: size, offsets: numOffsets, groups, steps } = info, width = size + FORM + 3 * numOffsets;
   const featureSteps = groups.flatMap((channels, g) => Array.from({ length: channels }, () => steps[g] / NUMBER)), step = steps[groups.length] / NUMBER;
   const scales = new Float32Array(count), sizes = new Float32Array(3 * count);
-  const features = new Float64Array(size * count), offsets = new Float32Array(3 * numOffsets * count);
+  const features = new Float32Array(size * count), offsets = new Float32Array(3 * numOffsets * count);
   for (let n = 0; n < count; n++) {
     const row = n * width, form = row + size;
     for (let c = 0; c < size; c++) features[n * size + c] = numbers[row + c] * featureSteps[c];
@@ -22,7 +23,7 @@ export function toAnchors({ count, places, masks, numbers }: Decoded, info: Side
     for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, numbers[form + 1 + a], 1 + a));
     for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = numbers[form + FORM + c] * step;
   }
-  return { count, numOffsets, positions: worldPlaces(places, info), scales, sizes, masks, offsets, hidden: heads.prepared(features) };
+  return { anchors: { count, numOffsets, positions: worldPlaces(places, info), scales, sizes, masks, offsets }, features };
 }
 
 /** World coordinates of voxels from the origin. */

@@ -13,18 +13,31 @@ import type { Part, Schema, Seen } from "../schema.ts";
 import { ranksInOrder } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
 import { Expected } from "./expected.ts";
-import { PacketDecoder } from "./packet.ts";
+import { PacketDecoder, type Decoded } from "./packet.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 
 class AnchorPart implements Part {
-  constructor(readonly packet: Packet, readonly ranks: Int32Array, readonly anchors: Anchors, readonly heads: Heads) {}
+  readonly ranks: Int32Array;
+  readonly #anchors: Anchors;
+  /** Features, until somebody looks; then what they say to the heads. */
+  #features: Float32Array | null;
+  #hidden: Float32Array = new Float32Array();
+
+  constructor(readonly packet: Packet, ranks: Int32Array, decoded: Decoded, info: SideInfo, readonly heads: Heads) {
+    const { anchors, features } = toAnchors(decoded, info);
+    this.ranks = ranks;
+    this.#anchors = anchors;
+    this.#features = features;
+  }
 
   get count(): number {
     return this.ranks.length;
   }
 
   seen(camera: Camera): Seen {
-    return this.heads.spawn(this.anchors, camera);
+    if (this.#features) this.#hidden = this.heads.prepared(this.#features);
+    this.#features = null;
+    return this.heads.spawn(this.#anchors, this.#hidden, camera);
   }
 }
 
@@ -61,7 +74,7 @@ export class CausalSchema implements Schema<AnchorPart> {
 
   read(packet: Packet): AnchorPart {
     const ranks = this.#ranks(packet);
-    return new AnchorPart(packet, ranks, toAnchors(this.#packets.decode(packet.payload, ranks), this.info, this.heads), this.heads);
+    return new AnchorPart(packet, ranks, this.#packets.decode(packet.payload, ranks), this.info, this.heads);
   }
 
   /** Places, masks and numbers as 32-bit integers, anchor by anchor. */
