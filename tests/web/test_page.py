@@ -6,6 +6,7 @@ import gzip
 import io
 import json
 import random
+import struct
 from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,10 @@ import torch
 from PIL import Image
 
 from scenes import tiny_cameras, tiny_scene
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.codec.viewpoint import SECTION
 from splatwire.errors import InvalidValueError
 from splatwire.packets import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.render import render_scene
@@ -240,3 +242,6 @@ def test_scripts_are_packed_for_who_takes_it_and_a_preview_comes_with_the_page(s
     assert b"Content-Encoding: gzip" in head
     assert gzip.decompress(packed) == plain
     assert b'preview="PHNlZW4+"' in content.answer(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip")
+    begins = add_concealment(stream, SECTION, struct.pack("<9f", 1, 2.5, -3, 0, 0, 0, 0, -1, 0))
+    content = PageContent({"ball": make_program(begins, preview=b"<seen>")})
+    assert b'viewpoint="1 2.5 -3 0 0 0 0 -1 0"' in content.answer(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")

@@ -10,8 +10,9 @@ import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Received } from "./transport/received.ts";
 import { receiveBytes, receiveFile } from "./transport/reliable.ts";
 import { receiveDatagrams } from "./transport/webtransport.ts";
+import { nextTurn } from "./turns.ts";
 
-const SHOW_MS = 60, SLICE_MS = 8;
+const SHOW_MS = 60, COUNT_MS = 100, SLICE_MS = 8;
 
 /** For what looks the same to all cameras. */
 const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
@@ -29,6 +30,7 @@ class Reception implements Listener {
   #drawing: Promise<void> | null = null;
   #decodeMs = 0;
   #counts: Counts | null = null;
+  #countedAt = 0;
   #waiting: Uint8Array[] = [];
   #working: Promise<void> | null = null;
 
@@ -69,6 +71,11 @@ class Reception implements Listener {
 
   counts(counts: Counts): void {
     this.#counts = counts;
+    if (performance.now() - this.#countedAt > COUNT_MS) this.#tell(counts);
+  }
+
+  #tell(counts: Counts): void {
+    this.#countedAt = performance.now();
     const intake = this.#received?.decoder.intake, packets = Math.max(counts.packets, intake?.size ?? 0);
     say({ kind: "counts", counts: { ...counts, packets }, decodeMs: this.#decodeMs, corrupt: intake?.counts.corrupt ?? 0 });
   }
@@ -77,7 +84,7 @@ class Reception implements Listener {
   async settled(): Promise<void> {
     await this.#working;
     await this.#draw();
-    if (this.#counts) this.counts(this.#counts);
+    if (this.#counts) this.#tell(this.#counts);
   }
 
   /** Decodes what waits, a little at a time: the session must be served meanwhile. */
@@ -87,7 +94,7 @@ class Reception implements Listener {
       while (next < this.#waiting.length && performance.now() - began < SLICE_MS) this.#received!.take(this.#waiting[next++]);
       this.#decodeMs += performance.now() - began;
       if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
-      await new Promise((resolve) => setTimeout(resolve));
+      await nextTurn();
     }
     this.#waiting = [];
     this.#working = null;
@@ -146,7 +153,7 @@ function pausing(wanted: () => boolean): Pause {
   let since = performance.now();
   return async () => {
     if (performance.now() - since > SLICE_MS) {
-      await new Promise((resolve) => setTimeout(resolve));
+      await nextTurn();
       since = performance.now();
     }
     return wanted();

@@ -7,6 +7,7 @@ import ipaddress
 import json
 import re
 import socket
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -15,8 +16,9 @@ from typing import NamedTuple
 from urllib.parse import quote, unquote
 
 from splatwire.errors import SplatwireError
-from splatwire.packets.manifest import manifest_to_bytes
+from splatwire.packets.manifest import Manifest, manifest_to_bytes
 from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION, RECORD_PREFIX
+from splatwire.packets.sections import split_sections
 from splatwire.transport.layout import Segments, split_head_object
 from splatwire.transport.program import Program
 
@@ -127,6 +129,7 @@ class PageContent:
         program = self.programs.get(name)
         if isinstance(program, Program) and program.preview:
             attributes["preview"] = base64.b64encode(program.preview).decode()
+            attributes |= _viewpoint(program)  # for the preview is on the screen before the stream says where to begin
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
         return web_file("index.html").replace("$attributes", words)
 
@@ -171,14 +174,29 @@ def stream_path(name: str) -> str:
 
 def program_file(program: Program) -> bytes:
     """A stream as one file (docs/format.md), its packets in the order in which they are sent."""
-    segments = Segments(program.head_bytes, program.symbol_bytes)
-    symbols = (symbol for number, segment in enumerate(program.head) for symbol in segment[: segments.size(number)])
-    manifest, side_info, _ = split_head_object(b"".join(symbols)[: program.head_bytes])
+    manifest, side_info = _head(program)
     text = manifest_to_bytes(manifest)
     pieces = [FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(text)), text, side_info]
     for packet in program.packets:
         pieces += [RECORD_PREFIX.pack(len(packet)), packet]
     return b"".join(pieces)
+
+
+def _head(program: Program) -> tuple[Manifest, bytes]:
+    """Manifest and side information of what is served."""
+    segments = Segments(program.head_bytes, program.symbol_bytes)
+    symbols = (symbol for number, segment in enumerate(program.head) for symbol in segment[: segments.size(number)])
+    manifest, side_info, _ = split_head_object(b"".join(symbols)[: program.head_bytes])
+    return manifest, side_info
+
+
+def _viewpoint(program: Program) -> dict[str, str]:
+    """Where the stream says to begin, as the page's element is told."""
+    manifest, side_info = _head(program)
+    section = split_sections(side_info, manifest.codec)[1].get("viewpoint", b"")
+    numbers = struct.iter_unpack("<f", section) if len(section) == 36 else ()
+    words = " ".join(f"{value:.6g}" for (value,) in numbers)
+    return {"viewpoint": words} if words else {}
 
 
 def _hostname(asked: str) -> str:

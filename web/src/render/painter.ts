@@ -24,17 +24,22 @@ export function paint(canvas: HTMLCanvasElement, { parts, background, pose }: Pa
   const most = parts.length === 1 && parts[0].count < PREVIEW_COUNT ? PREVIEW_PIXELS : MOST_PIXELS;
   const shrink = Math.min(1, Math.sqrt(most / Math.max(canvas.clientWidth * canvas.clientHeight, 1)));
   const width = Math.max(Math.round(canvas.clientWidth * shrink), 1), height = Math.max(Math.round(canvas.clientHeight * shrink), 1);
+  canvas.width = width;
+  canvas.height = height;
+  canvas.getContext("2d")!.putImageData(new ImageData(pixels({ parts, background, pose }, width, height), width, height), 0, 0);
+}
+
+/** The picture: red, green, blue and 255 of each pixel. */
+export function pixels({ parts, background, pose }: Painted, width: number, height: number): Uint8ClampedArray<ArrayBuffer> {
   const { rows, count } = project(parts, pose, width, height), light = new Float32Array(4 * width * height);
   for (let p = 3; p < light.length; p += 4) light[p] = 1;
-  for (const n of nearestFirst(rows, count)) splat(rows.subarray(ROW * n, ROW * (n + 1)), light, width, height);
-  const picture = new ImageData(width, height), out = picture.data;
+  for (const n of nearestFirst(rows, count)) splat(rows, ROW * n, light, width, height);
+  const out = new Uint8ClampedArray(light.length);
   for (let p = 0; p < out.length; p += 4) {
     for (let c = 0; c < 3; c++) out[p + c] = 255 * (light[p + c] + light[p + 3] * background[c]);
     out[p + 3] = 255;
   }
-  canvas.width = width;
-  canvas.height = height;
-  canvas.getContext("2d")!.putImageData(picture, 0, 0);
+  return out;
 }
 
 /** Gaussians in front of the camera, as ellipses on the screen. */
@@ -89,28 +94,32 @@ function nearestFirst(rows: Float32Array, count: number): Uint32Array {
     high = Math.max(high, rows[ROW * n]);
   }
   const scale = (BUCKETS - 1) / Math.max(Math.log(high / low), 1e-9);
-  for (let n = 0; n < count; n++) firsts[(keys[n] = scale * Math.log(rows[ROW * n] / low)) + 1]++;
+  for (let n = 0; n < count; n++) {
+    keys[n] = scale * Math.log(rows[ROW * n] / low);
+    firsts[keys[n] + 1]++;
+  }
   for (let k = 0; k < BUCKETS; k++) firsts[k + 1] += firsts[k];
   for (let n = 0; n < count; n++) order[firsts[keys[n]]++] = n;
   return order;
 }
 
 /** Adds one Gaussian behind those that are there: `light` holds red, green, blue and the share of light that still passes. */
-function splat(row: Float32Array, light: Float32Array, width: number, height: number): void {
-  const [, px, py, a, b, c, high, opacity, red, green, blue] = row, reach = 2 * Math.log(opacity * 255);
+function splat(rows: Float32Array, at: number, light: Float32Array, width: number, height: number): void {
+  const px = rows[at + 1], py = rows[at + 2], a = rows[at + 3], b = rows[at + 4], c = rows[at + 5], high = rows[at + 6], opacity = rows[at + 7];
+  const red = rows[at + 8], green = rows[at + 9], blue = rows[at + 10], reach = 2 * Math.log(opacity * 255);
   for (let y = Math.max(Math.ceil(py - high - 0.5), 0), last = Math.min(py + high - 0.5, height - 1); y <= last; y++) {
     const dy = y + 0.5 - py, inside = b * b * dy * dy - a * (c * dy * dy - reach);
     if (inside <= 0) continue;
     const middle = px - (b * dy) / a - 0.5, half = Math.sqrt(inside) / a, end = Math.min(middle + half, width - 1);
     for (let x = Math.max(Math.ceil(middle - half), 0); x <= end; x++) {
-      const at = 4 * (y * width + x), passes = light[at + 3];
+      const p = 4 * (y * width + x), passes = light[p + 3];
       if (passes < OPAQUE) continue;
       const dx = x + 0.5 - px, q = a * dx * dx + 2 * b * dx * dy + c * dy * dy;
       const alpha = Math.min(opacity * FALLOFF[Math.min((q * (STEPS / FARTHEST)) | 0, STEPS)], 0.99), weight = alpha * passes;
-      light[at] += weight * red;
-      light[at + 1] += weight * green;
-      light[at + 2] += weight * blue;
-      light[at + 3] = passes - weight;
+      light[p] += weight * red;
+      light[p + 1] += weight * green;
+      light[p + 2] += weight * blue;
+      light[p + 3] = passes - weight;
     }
   }
 }
