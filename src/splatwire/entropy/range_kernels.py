@@ -129,7 +129,7 @@ def encode_raw(buffer, state, bit):
 @no_type_check
 def decode_raw(data, end, state):
     """Reads a bit that is as likely one as zero."""
-    bit = decode_target(state, ONE)
+    bit = ONE if state[0] >= state[1] >> ONE else ZERO
     decode_advance(data, end, state, bit, ONE, ONE)
     return bit
 
@@ -168,7 +168,8 @@ def encode_bit(buffer, state, model, context, bit):
 def decode_bit(data, end, state, model, context):
     """Decodes one bit with an adaptive model and updates it."""
     zero = adaptive_size(model, context)
-    bit = 1 if decode_target(state, ADAPTIVE_BITS) >= zero else 0
+    # What `decode_target(...) >= zero` says, without its division.
+    bit = 1 if state[0] >= zero * (state[1] >> ADAPTIVE_BITS) else 0
     if bit:
         decode_advance(data, end, state, zero, 65536 - zero, ADAPTIVE_BITS)
     else:

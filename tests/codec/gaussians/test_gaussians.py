@@ -13,8 +13,10 @@ from splatwire.codec.schemas.gaussians.packet_reference import ReferencePacket
 from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
 from splatwire.codec.schemas.gaussians.side_info import read_side_info, write_side_info
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, UnknownNameError
-from splatwire.packets import PRESETS, Packetization, SceneStream, arrange, make_packet
+from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, SceneStream, arrange, make_packet
+from splatwire.packets.manifest import FREE_ANCHORS
 from splatwire.packets.packet import Packet
+from splatwire.packets.packetization import MAX_BLOCK_SIZE
 from splatwire.render.reference import rotation_matrices
 from splatwire.scene.splats import Splats
 
@@ -205,7 +207,8 @@ def test_datagrams_are_as_large_as_they_may_be() -> None:
     sizes = [p.num_bytes for p in stream.packets]
     last = {p.id.block: p.num_bytes for p in stream.packets}
     assert max(sizes) <= 400
-    assert min(p.num_bytes for p in stream.packets if p.num_bytes != last[p.id.block]) > 360
+    full = [p.num_bytes for p in stream.packets if p.num_bytes != last[p.id.block]]
+    assert min(full) >= HEADER_BYTES + (400 - HEADER_BYTES) * 7 // 8
 
 
 def test_a_forged_symbol_is_noticed(stream: SceneStream) -> None:
@@ -258,3 +261,17 @@ def test_axes_are_sorted_by_scale() -> None:
     scales = 2.0 ** (sources.logs[:, 1:] / 4096 + scene_log(splats))
     rebuilt = np.einsum("nij,nj,nkj->nik", sources.axes, scales**2, sources.axes)
     np.testing.assert_allclose(rebuilt, covariances(splats).numpy(), rtol=1e-2, atol=1e-6)
+
+
+def test_few_bytes_of_side_information_announce_no_more_than_their_boxes_could_hold() -> None:
+    """The most that a manifest may say, and one more; and what it may say is refused where the boxes are not there."""
+    stream = encode_splats(some_splats(20), SMALL)
+    manifest, size = stream.manifest, len(stream.side_info)
+    most = FREE_ANCHORS + MAX_BLOCK_SIZE // 7 * size
+    large = replace(SMALL, block_size=MAX_BLOCK_SIZE, lanes=1)
+    blocks = -(-most // MAX_BLOCK_SIZE)
+    said = replace(manifest, packetization=large, num_anchors=most, num_packets=blocks)
+    with pytest.raises(InvalidValueError, match="cannot place"):
+        replace(said, num_anchors=most + 1)
+    with pytest.raises(BitstreamError, match=f"cannot hold {blocks} boxes"):
+        decode_splats(SceneStream(said, stream.side_info, ()))

@@ -16,9 +16,11 @@ from splatwire.entropy.range_kernels import (
     ZERO,
     decode_advance,
     decode_bit,
+    decode_raw,
     decode_target,
     encode_bit,
     encode_interval,
+    encode_raw,
 )
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.ops.compiled import njit
@@ -65,6 +67,16 @@ def code_bit(coder, context, bit):
         return decode_bit(coder.data, coder.end, coder.state, coder.models, context)
     encode_bit(coder.data, coder.state, coder.models, context, bit)
     coder.bits[context, bit] += 1
+    return bit
+
+
+@njit(error_model="numpy")
+@no_type_check
+def code_flag(coder, bit):
+    """Codes a bit that is as likely one as zero."""
+    if coder.decoding:
+        return decode_raw(coder.data, coder.end, coder.state)
+    encode_raw(coder.data, coder.state, bit)
     return bit
 
 

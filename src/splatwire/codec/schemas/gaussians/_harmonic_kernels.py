@@ -4,7 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_escape, code_raw
+from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_escape, code_flag
 from splatwire.codec.schemas.gaussians._gaussian_kernels import exponent
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
@@ -56,7 +56,7 @@ def code_harmonics(coder, values, i, source, bases, level):
 def _code_level(coder, value, zero_context, context):
     if not code_bit(coder, zero_context, ONE if value != 0 else ZERO):
         return np.int64(0)
-    negative = code_raw(coder, ONE if value < 0 else ZERO, ONE)
+    negative = code_flag(coder, ONE if value < 0 else ZERO)
     magnitude, base = abs(value), FIRST_MAGNITUDE + context * 3
     found = np.int64(1)
     while found < 15:

@@ -35,6 +35,11 @@ from splatwire.entropy.range_kernels import ONE, ZERO, decoder_start, encoder_fi
 from splatwire.ops.compiled import njit
 
 CELLS_AT_BITS = np.int64(6)
+AIM, ENOUGH = 5, 3
+"""Packets are aimed at a share `1 - 2 ** -AIM` of their size and taken from `1 - 2 ** -ENOUGH` on:
+then most are encoded once, which is what takes the time."""
+FIRST = 20
+"""Bytes of a Gaussian in the first try of a block, which only tells how many they are."""
 SLACK = 64
 """Bytes of a packet's buffer besides those of its Gaussians."""
 
@@ -216,7 +221,8 @@ def encode_cut(
     A Gaussian that does not fit alone makes a packet of its own that is too large. Returns the number of packets.
     """
     total, begin, at, packets = len(rows), 0, 0, 0
-    guess = max(most // 6, 1)
+    aim = most - (most >> AIM)
+    guess = max(most // FIRST, 1)
     while begin < total:
         left = total - begin
         low, high, tries, last, length = 0, left + 1, 0, 0, 0
@@ -229,12 +235,11 @@ def encode_cut(
             tries, last = tries + 1, n
             if length <= most or n == 1:
                 low = n
-                if n == left or length * 16 >= most * 15 or tries > 6:
+                if n == left or length >= most - (most >> ENOUGH) or tries > 6:
                     break
             else:
                 high = n
-            aim = n * (most - (most >> 6)) // max(length, 1)
-            n = min(max(aim, low + 1), high - 1)
+            n = min(max(n * aim // max(length, 1), low + 1), high - 1)
         if last != low:
             length = _encode_packet(
                 tables, stream, models, statistics, box_bits, defaults, _part(source, begin, low),
@@ -242,8 +247,8 @@ def encode_cut(
             )  # fmt: skip
         at += length
         sizes[packets], ends[packets] = low, at
-        guess = max(low * (most - (most >> 6)) // max(length, 1), 1)
         begin += low
+        guess = max(begin * aim // max(at, 1), 1)
         packets += 1
     return packets
 

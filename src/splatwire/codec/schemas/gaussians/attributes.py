@@ -88,16 +88,28 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
         splats: The Gaussians.
         size_log: `scene_log` of the scene.
     """
-    logs = np.log2(splats.scales.numpy().astype(np.float64)) - size_log
-    order = np.argsort(-logs, axis=1, kind="stable")
+    order = np.argsort(-splats.scales.numpy(), axis=1, kind="stable")
     axes = np.take_along_axis(_matrices(splats.quats.numpy().astype(np.float64)), order[:, None, :], axis=2)
-    logs = np.take_along_axis(_fixed(logs, -MAX_LOG, MAX_LOG), order, axis=1)
+    return Sources(to_logs(splats, size_log), axes, to_colours(splats), to_harmonics(splats))
+
+
+def to_logs(splats: Splats, size_log: int) -> np.ndarray:
+    """Opacity and scales by falling size as logarithms in fixed point, int64 (N, 4); `size_log` as in `to_sources`."""
+    scales = np.log2(np.sort(splats.scales.numpy(), axis=1)[:, ::-1].astype(np.float64)) - size_log
     opacity = _fixed(np.log2(splats.opacities.numpy().astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
-    sh = splats.sh.numpy().astype(np.float64) @ _LUMA_CHROMA.T
-    grey = _LUMA_CHROMA.sum(axis=1) / 2
-    colours = _fixed(grey + DC * sh[:, 0], -MAX_COLOUR, MAX_COLOUR)
-    harmonics = _fixed(sh[:, 1:], -MAX_COLOUR, MAX_COLOUR)
-    return Sources(np.concatenate([opacity[:, None], logs], axis=1), axes, colours, harmonics)
+    return np.concatenate([opacity[:, None], _fixed(scales, -MAX_LOG, MAX_LOG)], axis=1)
+
+
+def to_colours(splats: Splats) -> np.ndarray:
+    """Y Co Cg in fixed point, int64 (N, 3)."""
+    base = splats.sh[:, 0].numpy().astype(np.float64) @ _LUMA_CHROMA.T
+    return _fixed(_LUMA_CHROMA.sum(axis=1) / 2 + DC * base, -MAX_COLOUR, MAX_COLOUR)
+
+
+def to_harmonics(splats: Splats) -> np.ndarray:
+    """Y Co Cg of each harmonic in fixed point, int64 (N, K, 3)."""
+    flat = splats.sh[:, 1:].numpy().astype(np.float64).reshape(-1, 3) @ _LUMA_CHROMA.T
+    return _fixed(flat, -MAX_COLOUR, MAX_COLOUR).reshape(splats.num_gaussians, -1, 3)
 
 
 def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -110,8 +122,8 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
     Returns:
         int64 (K, K), an axis to a row.
     """
-    values = harmonics * weights[:, None, None]
-    covariance = np.einsum("njc,nkc->jk", values, values)
+    values = (harmonics * weights[:, None, None]).swapaxes(1, 2).reshape(-1, harmonics.shape[1])
+    covariance = values.T @ values
     axes = np.linalg.eigh(covariance + 1e-9 * np.eye(len(covariance)))[1].T[::-1]
     # The sign of an axis is free: positive where it is largest, so that machines agree.
     axes = axes * np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)])[:, None]
@@ -126,7 +138,8 @@ def transformed(harmonics: np.ndarray, transform: np.ndarray) -> np.ndarray:
         transform: See `fit_transform`.
     """
     inverse = np.linalg.inv(transform / TRANSFORM_UNIT)
-    return np.rint(np.einsum("nbc,bk->nkc", harmonics, inverse)).astype(np.int64).reshape(len(harmonics), -1)
+    numbers = harmonics.reshape(len(harmonics), -1).astype(np.float64) @ np.kron(inverse, np.eye(3))
+    return np.rint(numbers, out=numbers).astype(np.int64)
 
 
 def to_splats(
@@ -146,17 +159,17 @@ def to_splats(
     s0 = rows[:, SCALE0] + (size_log << BITS)
     s1 = s0 - rows[:, SCALE1]
     scales = power_of_two(np.stack([s0, s1, s1 - thinness_table()[rows[:, SCALE2]]], axis=1))
-    sh = np.empty((len(rows), 1 + harmonics.shape[1] // 3, 3))
+    sh = np.empty((len(rows), 3 + harmonics.shape[1]))
     grey = _LUMA_CHROMA.sum(axis=1) / 2
-    sh[:, 0] = ((rows[:, LUMA : LUMA + 3] * 2.0**-BITS - grey) / DC) @ _LUMA_CHROMA
-    levels = harmonics.reshape(len(rows), -1, 3) * (2.0**-BITS / TRANSFORM_UNIT)
-    sh[:, 1:] = np.einsum("nkd,kb->nbd", levels, transform) @ _LUMA_CHROMA
+    sh[:, :3] = ((rows[:, LUMA : LUMA + 3] * 2.0**-BITS - grey) / DC) @ _LUMA_CHROMA
+    # One product of matrices for the transform and for Y Co Cg.
+    sh[:, 3:] = harmonics.astype(np.float64) @ np.kron(transform * (2.0**-BITS / TRANSFORM_UNIT), _LUMA_CHROMA)
     return Splats(
         torch.from_numpy(means.astype(np.float32)),
         torch.from_numpy(_quaternions(_frames(rows)).astype(np.float32)),
         torch.from_numpy(scales.astype(np.float32)),
         torch.from_numpy(power_of_two(rows[:, OPACITY]).astype(np.float32)),
-        torch.from_numpy(sh.astype(np.float32)),
+        torch.from_numpy(sh.astype(np.float32)).view(len(rows), -1, 3),
     )
 
 

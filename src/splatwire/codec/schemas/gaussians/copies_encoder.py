@@ -10,7 +10,7 @@ from splatwire.codec.schemas.gaussians.copies import write_head, write_places
 from splatwire.codec.schemas.gaussians.encoder import encode_block
 from splatwire.codec.schemas.gaussians.layout import MAX_CLASSES
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, write_blocks
-from splatwire.codec.schemas.gaussians.source_scene import SourceScene, block_means
+from splatwire.codec.schemas.gaussians.source_scene import SourceScene
 from splatwire.errors import InvalidValueError
 from splatwire.scene.splats import Splats
 
@@ -40,7 +40,7 @@ def write_copies(
     scene = SourceScene(
         splats, places, np.array([0, count]), lattice, classes, info.size_log, info.unit, info.bases, True
     )
-    here = replace(info, boxes=boxes, defaults=np.clip([block_means(scene.sources(0))], -511, 511))
+    here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))
     payload = encode_block(scene, here, 0, np.array([count]), 0).payloads[0]
     head = write_head(growth, count, write_blocks(boxes, here.defaults))
     return head + write_places(places, splats.num_gaussians) + payload

@@ -12,6 +12,7 @@ from splatwire.codec.schemas.gaussians.attributes import (
     check_finite,
     empty_rows,
     fit_transform,
+    to_harmonics,
 )
 from splatwire.codec.schemas.gaussians.blocks import (
     make_boxes,
@@ -23,7 +24,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info, write_side_info
-from splatwire.codec.schemas.gaussians.source_scene import SourceScene, block_means
+from splatwire.codec.schemas.gaussians.source_scene import SourceScene
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers
@@ -103,7 +104,7 @@ def encode_splats(
 def _fit(scene: SourceScene, sections: Mapping[str, bytes], threads: int | None) -> SideInfo:
     """Side information: boxes and means of blocks, and tables fitted to a part of the scene."""
     boxes = make_boxes(scene.places, np.diff(scene.edges))
-    means = list(ordered_map(lambda block: block_means(scene.sources(block)), range(scene.num_blocks), threads))
+    means = list(ordered_map(scene.means, range(scene.num_blocks), threads))
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
     transform = _transform(scene)
     fields = (scene.splats.degree, scene.size_log, scene.unit, scene.bases, transform, boxes, np.clip(means, -511, 511))
@@ -127,7 +128,7 @@ def _transform(scene: SourceScene) -> np.ndarray:
         return np.zeros((0, 0), dtype=np.int64)
     blocks = scene.some_blocks()
     weights = np.concatenate([2.0 ** scene.classes[scene.edges[b] : scene.edges[b + 1]] for b in blocks])
-    return fit_transform(np.concatenate([scene.sources(b).harmonics for b in blocks]), weights)
+    return fit_transform(np.concatenate([to_harmonics(scene.block(b)) for b in blocks]), weights)
 
 
 @dataclass(frozen=True, eq=False)

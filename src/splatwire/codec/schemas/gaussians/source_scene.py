@@ -6,7 +6,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from splatwire.codec.schemas.gaussians.attributes import Sources, scene_log, to_sources, transformed
+from splatwire.codec.schemas.gaussians.attributes import (
+    Sources,
+    scene_log,
+    to_colours,
+    to_logs,
+    to_sources,
+    transformed,
+)
 from splatwire.codec.schemas.gaussians.blocks import (
     arrange_block,
     block_codes,
@@ -29,7 +36,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.packets import PacketPlan
 from splatwire.scene.splats import Splats
 
-FITTED_BLOCKS = 48
+FITTED_BLOCKS = 32
 """Tables are fitted to at most so many blocks, spread over the scene."""
 
 
@@ -95,8 +102,22 @@ class SourceScene:
 
     def sources(self, block: int) -> Sources:
         """What a block's Gaussians are quantised from, as they come in `order`."""
+        return to_sources(self.block(block), self.size_log)
+
+    def block(self, block: int) -> Splats:
+        """A block's Gaussians, as they come in `order`."""
         index = self.order[self.edges[block] : self.edges[block + 1]]
-        return to_sources(self.splats.select(torch.from_numpy(index)), self.size_log)
+        return self.splats.select(torch.from_numpy(index))
+
+    def means(self, block: int) -> np.ndarray:
+        """Means of a block's opacity, scales as they are sent, and colour, in sixteenths."""
+        here = self.block(block)
+        logs = to_logs(here, self.size_log).astype(np.float64)
+        ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
+        thin = (1 - 2.0**-ratio) / np.log(2) * (1 << BITS)
+        values = np.stack([logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin], axis=1)
+        means = np.concatenate([values.mean(axis=0), to_colours(here).mean(axis=0)])
+        return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
 
     def arranged(self, block: int, info: SideInfo) -> tuple[Any, ...]:
         """What the kernels encode of a block, in the order in which packets are filled."""
@@ -126,13 +147,3 @@ def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_lo
     finest = np.maximum(finest, 1 - logs[:, 1])
     far = np.log2(np.abs(splats.means.numpy().astype(np.float64)).max() + 1e-30) - size_log
     return int(np.clip(np.ceil(finest.max()), 0, max(min(MAX_LATTICE_BITS - 2 - np.ceil(far), 38), 0)))
-
-
-def block_means(sources: Sources) -> np.ndarray:
-    """Means of opacity, scales as they are sent, and colour, in sixteenths."""
-    logs = sources.logs.astype(np.float64)
-    ratio = (logs[:, 2] - logs[:, 3]) / (1 << BITS)
-    thin = (1 - 2.0**-ratio) / np.log(2) * (1 << BITS)
-    values = np.stack([logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2], thin], axis=1)
-    means = np.concatenate([values.mean(axis=0), sources.colours.mean(axis=0)])
-    return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)

@@ -1,0 +1,147 @@
+"""Explicit Gaussians at 20 % lost datagrams, with and without a sketch; and what packets cost over one stream, as JSON.
+
+    python benchmarks/splats_loss.py conceal luigi.ply truck.splat --shares 0.01 0.04 -o splats_loss.json
+    python benchmarks/splats_loss.py packets luigi.ply truck.splat -o splats_packets.json
+
+Pictures are compared with the file's own from views around it, others than those that the sketch is calibrated on.
+One stream of the same symbols: the payloads of a block's packets coded without a break, models go on, no headers. One
+stream of neighbours: Gaussians as they lie along the Morton curve, each predicted from whatever came before it.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+import torch
+from figures import publish
+
+from splatwire.calibrate.sketch import SketchConfig
+from splatwire.calibrate.sketch_of import sketch_of
+from splatwire.calibrate.views import CalibrationViews
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
+from splatwire.codec.schemas.gaussians._coder_kernels import Coder
+from splatwire.codec.schemas.gaussians.attributes import empty_rows
+from splatwire.codec.schemas.gaussians.fit import empty_statistics
+from splatwire.codec.schemas.gaussians.quality import QUALITIES
+from splatwire.codec.schemas.gaussians.side_info import read_side_info
+from splatwire.codec.schemas.gaussians.source_scene import SourceScene
+from splatwire.conceal import conceal
+from splatwire.entropy.range_kernels import encoder_finish, encoder_start
+from splatwire.evaluate.scenes import complete_scene
+from splatwire.metrics import psnr
+from splatwire.model import SplatScene
+from splatwire.ops.compiled import njit
+from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, SceneStream
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import classes_of
+
+CONFIG = SketchConfig(views=12, scored_views=4, masks=1, held_out_masks=1)
+WHOLE = Packetization(block_size=(1 << 16) - 1, lanes=1, grouping="contiguous")
+
+
+def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
+    scene = complete_scene(path)
+    stream = encode_scene(scene, PRESETS["datagram"], classes=classes_of(scene))
+    cameras = surrounding_cameras(scene, options.views, options.width)
+    truth, loss = list(iterate_views(scene, cameras)), parse_loss("bernoulli:0.2", "datagram")
+
+    def quality(shown) -> float:  # type: ignore[no-untyped-def]
+        pairs = zip(iterate_views(shown, cameras), truth, strict=True)
+        return sum(float(psnr(a[None], b[None])[0]) for a, b in pairs) / len(truth)
+
+    def concealed(sent, name: str) -> float:  # type: ignore[no-untyped-def]
+        """Mean over losses; a section changes neither packets nor which of them are lost."""
+        lossy = [decode_stream(transmit(sent, loss, seed=seed)[0]) for seed in options.seeds]
+        return sum(quality(conceal(partial, name)) for partial in lossy) / len(lossy)
+
+    complete = decode_stream(stream)
+    rows = {
+        name: {"psnr": concealed(stream, name), "bytes": stream.num_bytes} for name in ("drop", "grow", "scene_free")
+    }
+    views = CalibrationViews(surrounding_cameras(complete.scene))
+    for share in options.shares:
+        made = sketch_of(stream, complete, views, SketchConfig(**{**vars(CONFIG), "share": share}))
+        richer = add_concealment(stream, "sketch", made.section)
+        rows[f"sketch {share}"] = {
+            "psnr": concealed(richer, "sketch"), "bytes": richer.num_bytes, "copies": made.num_sketched,
+            "growth": [number / 64 for number in made.section[1:4]],
+        }  # fmt: skip
+    print(path.name, {name: round(row["psnr"], 2) for name, row in rows.items()}, file=sys.stderr, flush=True)
+    return {"gaussians": scene.num_elements, "no loss": quality(complete.scene), "rows": rows}
+
+
+@njit(error_model="numpy")
+def _encode_joined(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics):  # type: ignore[no-untyped-def]
+    scales, inverses, widths, normal = tables
+    state, begin = np.empty(3, np.int64), 0
+    encoder_start(state)
+    coder = Coder(False, buffer, 0, state, models, statistics[0], scales, statistics[1], inverses, widths, normal)
+    for size in sizes:
+        end = begin + size
+        part = kernels._part(source, begin, size)
+        kernels._code_packet(coder, stream, box_bits, defaults, part, rows[begin:end], harmonics[begin:end])
+        begin = end
+    return encoder_finish(buffer, state)
+
+
+def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> int:
+    """Bytes of a stream whose packets of a block are one, side information and manifest as they are."""
+    plan = stream.manifest.plan
+    info = read_side_info(stream.side_info, plan.num_blocks)
+    source, total = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), 0
+    for block in range(plan.num_blocks):
+        sizes = np.array([p.num_anchors for p in stream.packets if p.id.block == block])
+        rows, harmonics = empty_rows(int(sizes.sum()), info.num_harmonics)
+        total += _encode_joined(
+            info.kernel_tables(), info.kernel_stream(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
+            info.block_defaults()[block], source.arranged(block, info), sizes,
+            np.zeros(700 * len(rows), np.uint8), rows, harmonics,
+        )  # fmt: skip
+    return int(total) + stream.num_bytes - sum(packet.num_bytes for packet in stream.packets)
+
+
+def packets_of(path: Path) -> dict[str, object]:
+    scene = complete_scene(path)
+    classes = classes_of(scene)
+    whole = encode_scene(scene, WHOLE, classes=classes)
+    near = whole.num_bytes - HEADER_BYTES * len(whole.packets)
+    found: dict[str, object] = {"gaussians": scene.num_elements, "one stream of neighbours": near}
+    for name, preset in (("pak", "paper"), ("datagrams", "datagram")):
+        stream = encode_scene(scene, PRESETS[preset], classes=classes)
+        joined = joined_bytes(scene, stream, classes)
+        found[name] = {
+            "bytes": stream.num_bytes, "over one stream of the same symbols": stream.num_bytes / joined - 1,
+            "over one stream of neighbours": stream.num_bytes / near - 1,
+        }  # fmt: skip
+    print(path.name, found, file=sys.stderr, flush=True)
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("conceal", "packets"))
+    parser.add_argument("scenes", nargs="+", type=Path)
+    parser.add_argument("--shares", type=float, nargs="*", default=[0.01, 0.04])
+    parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1, 2])
+    parser.add_argument("--views", type=int, default=7)
+    parser.add_argument("--width", type=int, default=224)
+    parser.add_argument("-o", "--output", type=Path)
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    scenes: dict[str, dict] = {}
+    for path in options.scenes:
+        scenes[path.name] = conceal_scene(path, options) if options.what == "conceal" else packets_of(path)
+        result: dict[str, object] = {"scenes": scenes}
+        if options.what == "conceal":
+            names = next(iter(scenes.values()))["rows"]
+            gains = {n: [s["rows"][n]["psnr"] - s["rows"]["drop"]["psnr"] for s in scenes.values()] for n in names}
+            result["gain over drop, mean of scenes"] = {n: sum(g) / len(g) for n, g in gains.items()}
+        publish(result, options.output)
+
+
+if __name__ == "__main__":
+    main()
