@@ -2,6 +2,7 @@
 
     python benchmarks/splats_loss.py conceal luigi.ply truck.splat --shares 0.01 0.04 -o splats_loss.json
     python benchmarks/splats_loss.py packets luigi.ply truck.splat -o splats_packets.json
+    python benchmarks/splats_loss.py places luigi.ply truck.splat -o splats_places.json
 
 Pictures are compared with the file's own from views around it, others than those that the sketch is calibrated on.
 One stream of the same symbols: the payloads of a block's packets coded without a break, models go on, no headers. One
@@ -10,6 +11,7 @@ stream of neighbours: Gaussians as they lie along the Morton curve, each predict
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
 from splatwire.codec.schemas.gaussians._coder_kernels import Coder
 from splatwire.codec.schemas.gaussians.attributes import empty_rows
 from splatwire.codec.schemas.gaussians.fit import empty_statistics
+from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS
 from splatwire.codec.schemas.gaussians.quality import QUALITIES
 from splatwire.codec.schemas.gaussians.side_info import read_side_info
 from splatwire.codec.schemas.gaussians.source_scene import SourceScene
@@ -104,7 +107,7 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
     return int(total) + stream.num_bytes - sum(packet.num_bytes for packet in stream.packets)
 
 
-def packets_of(path: Path) -> dict[str, object]:
+def packets_of(path: Path, _: argparse.Namespace) -> dict[str, object]:
     scene = complete_scene(path)
     classes = classes_of(scene)
     whole = encode_scene(scene, WHOLE, classes=classes)
@@ -121,9 +124,70 @@ def packets_of(path: Path) -> dict[str, object]:
     return found
 
 
+@njit(error_model="numpy")
+def _encode_cells(tables, models, statistics, source, box_bits, sizes, buffer):  # type: ignore[no-untyped-def]
+    scales, inverses, widths, normal = tables
+    state, begin, total = np.empty(3, np.int64), 0, 0
+    for size in sizes:
+        encoder_start(state)
+        coder = Coder(
+            False, buffer, 0, state, models.copy(), statistics[0], scales, statistics[1], inverses, widths, normal
+        )
+        at, spread, codes = kernels._part(source, begin, size)[:3]
+        low = max(box_bits - MAX_CELL_BITS, 0)
+        kernels._code_codes(
+            coder, codes >> (3 * (at - low)), 3 * (box_bits - at), spread if len(sizes) > 1 else spread * 0
+        )
+        total += encoder_finish(buffer, state)
+        begin += size
+    return total
+
+
+def cell_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> dict[str, int]:
+    """Bytes of all cells, those of each packet on their own, and those of each block at once."""
+    plan = stream.manifest.plan
+    info = read_side_info(stream.side_info, plan.num_blocks)
+    source, found = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), {"packets": 0, "head": 0}
+    for block in range(plan.num_blocks):
+        sizes = np.array([p.num_anchors for p in stream.packets if p.id.block == block])
+        for name, parts in (("packets", sizes), ("head", sizes.sum(keepdims=True))):
+            found[name] += _encode_cells(
+                info.kernel_tables(), info.models(), empty_statistics(), source.arranged(block, info),
+                int(info.boxes.bits[block]), parts, np.zeros(40 * int(sizes.sum()) + 64, np.uint8),
+            )  # fmt: skip
+    return found
+
+
+def places_of(path: Path, options: argparse.Namespace) -> dict[str, object]:
+    """What it costs, and brings, to send the cells of all Gaussians apart from packets, where they are not lost."""
+    scene = complete_scene(path)
+    classes = classes_of(scene)
+    stream = encode_scene(scene, PRESETS["datagram"], classes=classes)
+    cameras = surrounding_cameras(scene, options.views, options.width)
+    truth, loss = list(iterate_views(scene, cameras)), parse_loss("bernoulli:0.2", "datagram")
+    complete = decode_stream(stream)
+    places, figures = complete.scene.splats.means, dict[str, list[float]]()
+    for seed in options.seeds:
+        partial = decode_stream(transmit(stream, loss, seed=seed)[0])
+        told = replace(partial, scene=replace(partial.scene, splats=replace(partial.scene.splats, means=places)))
+        for where, known in (("packets", partial), ("head", told)):
+            for name in ("drop", "grow", "scene_free"):
+                shown = zip(iterate_views(conceal(known, name), cameras), truth, strict=True)
+                each = [float(psnr(a[None], b[None])[0]) for a, b in shown]
+                figures.setdefault(f"{where}, {name}", []).append(sum(each) / len(each))
+    cells = cell_bytes(scene, stream, classes)
+    found = {
+        "bytes": {"packets": stream.num_bytes, "head": stream.num_bytes - cells["packets"] + cells["head"]},
+        "protected": {"packets": len(stream.side_info), "head": len(stream.side_info) + cells["head"]},
+        "psnr": {name: sum(values) / len(values) for name, values in figures.items()},
+    }
+    print(path.name, found, file=sys.stderr, flush=True)
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("conceal", "packets"))
+    parser.add_argument("what", choices=("conceal", "packets", "places"))
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("--shares", type=float, nargs="*", default=[0.01, 0.04])
     parser.add_argument("--seeds", type=int, nargs="*", default=[0, 1, 2])
@@ -134,7 +198,8 @@ def main() -> None:
     torch.set_num_threads(1)
     scenes: dict[str, dict] = {}
     for path in options.scenes:
-        scenes[path.name] = conceal_scene(path, options) if options.what == "conceal" else packets_of(path)
+        made = {"conceal": conceal_scene, "places": places_of, "packets": packets_of}[options.what](path, options)
+        scenes[path.name] = made
         result: dict[str, object] = {"scenes": scenes}
         if options.what == "conceal":
             names = next(iter(scenes.values()))["rows"]
