@@ -96,7 +96,8 @@ def decoder_start(data, begin, end, state):
 @no_type_check
 def decode_target(state, total_bits):
     """Number in `[0, 2**total_bits)` that the code points at."""
-    return min(state[0] // (state[1] >> total_bits), (1 << total_bits) - 1)
+    # Bytes that no encoder wrote may bring the code beyond its span, and then, shifted on, beyond 63 bits.
+    return max(min(state[0] // (state[1] >> total_bits), (1 << total_bits) - 1), 0)
 
 
 @njit(error_model="numpy", forceinline=True)
