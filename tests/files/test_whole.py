@@ -147,3 +147,18 @@ def test_a_folder_that_was_taken_for_a_dead_writers_is_made_anew(tmp_path, monke
     write_whole(tmp_path / "a", b"whole")
     assert len(calls) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_folder_that_is_gone_before_it_is_locked_is_made_anew(tmp_path, monkeypatch):
+    opened, tried = os.open, []
+
+    def too_late(path, flags, *rest, **more):
+        if str(path).endswith(".part") and not tried:
+            tried.append(path)
+            os.rmdir(path)
+        return opened(path, flags, *rest, **more)
+
+    monkeypatch.setattr(os, "open", too_late)
+    write_whole(tmp_path / "a", b"1")
+    assert tried
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]

@@ -115,10 +115,12 @@ def _workspace(folder: Path) -> Iterator[Path]:
         if fcntl is None:
             handle = None
             break
-        handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY)
-        if _lock(handle) is not False and os.fstat(handle).st_nlink:
-            break
-        os.close(handle)  # another process was quicker and took it for a dead writer's
+        # Another process may be quicker and take it for a dead writer's: then it is gone, locked or without a name.
+        with suppress(FileNotFoundError):
+            handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY)
+            if _lock(handle) is not False and os.fstat(handle).st_nlink:
+                break
+            os.close(handle)
     try:
         yield space
     finally:
