@@ -115,7 +115,7 @@ def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):
     assert "explicit Gaussians, not anchors" in run("calibrate", "gnn", stream, "-o", tmp_path / "gnn.swz").err
 
 
-def test_cameras_say_where_the_scene_is_looked_at_first(run, ply, stream, tmp_path):
+def test_cameras_say_where_the_scene_is_looked_at_first(run, journey, ply, stream, tmp_path):
     from scenes import tiny_cameras
     from splatwire.codec.viewpoint import SECTION, viewpoint_section
     from splatwire.data import load_cameras, save_cameras
@@ -123,9 +123,10 @@ def test_cameras_say_where_the_scene_is_looked_at_first(run, ply, stream, tmp_pa
 
     save_cameras(tiny_cameras(), tmp_path / "cameras.json")
     words = ("-o", tmp_path / "seen.swz", "--cameras", tmp_path / "cameras.json")
-    assert run("encode", ply, *words).status == 0
     expected = viewpoint_section(load_cameras(tmp_path / "cameras.json"))
-    assert sections_of(read_stream(tmp_path / "seen.swz")[0])[SECTION] == expected
+    for source in (ply, journey / "tiny.scene"):
+        assert run("encode", source, *words).status == 0
+        assert sections_of(read_stream(tmp_path / "seen.swz")[0])[SECTION] == expected
     assert SECTION not in sections_of(read_stream(stream)[0])
 
 

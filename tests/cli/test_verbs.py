@@ -64,7 +64,7 @@ def test_encode_gives_important_anchors_packets_of_their_own(run, journey, tmp_p
     assert digests[0] == digests[1]
 
 
-@pytest.mark.parametrize("words", [("--tiers", 0), ("--tiers", 0.6, 0.5), ("--data", "photos"), ("--tiers", 0.001)])
+@pytest.mark.parametrize("words", [("--tiers", 0), ("--tiers", 0.6, 0.5), ("--tiers", 0.001)])
 def test_impossible_tiers_are_said(run, journey, tmp_path, words):
     outcome = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", *words)
     assert outcome.status == 2

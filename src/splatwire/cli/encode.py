@@ -45,7 +45,8 @@ class Encode:
     keep: float = 1.0
     """Share of the elements that is kept: 0.6 leaves out the 40 % that no view would miss, and says what that costs."""
     data: Path | None = None
-    """Photos whose training cameras say what is important; views around the scene if not given."""
+    """Photos whose training cameras say what is important, and the first of them where a page begins; views around the
+    scene if not given."""
     cameras: Path | None = None
     """The same, a cameras file."""
     refine: int = 0
@@ -86,7 +87,7 @@ class Encode:
         if config.steps and not isinstance(scene, AnchorScene):
             raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
         scene = scene if background is None else replace(scene, background=background)
-        cameras = self._cameras(scene)
+        cameras = self._cameras()
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
             if config.steps and isinstance(scene, AnchorScene):
                 from splatwire.train.refine import refine_context
@@ -131,16 +132,12 @@ class Encode:
                 text = f"{text} ({self.keep:.0%} kept: {kept_psnr:.2f} dB against pictures of all)"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)
 
-    def _cameras(self, scene: "Scene") -> "Cameras | None":
+    def _cameras(self) -> "Cameras | None":
         """Where the scene is looked at from, if the user says so."""
         from splatwire.data import load_cameras, open_dataset
-        from splatwire.model import AnchorScene
 
         if self.data is not None and self.cameras is not None:
             raise InvalidValueError("give either --cameras FILE or --data FOLDER")
-        given = self.data is not None or self.cameras is not None
-        if given and not self.tiers and self.keep == 1 and isinstance(scene, AnchorScene):
-            raise InvalidValueError("--data and --cameras say what is important, which needs --tiers or --keep")
         if self.cameras is not None:
             return load_cameras(self.cameras)
         return None if self.data is None else open_dataset(self.data, split="train").cameras
