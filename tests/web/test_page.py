@@ -16,14 +16,13 @@ import pytest
 import torch
 from PIL import Image
 
-from scenes import tiny_cameras, tiny_scene
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from scenes import tiny_scene
+from splatwire.codec import add_concealment, encode_scene
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.viewpoint import SECTION
 from splatwire.errors import InvalidValueError
 from splatwire.packets import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
-from splatwire.render import render_scene
 from splatwire.scene.splats import Splats
 from splatwire.transport import Program, make_program
 from splatwire.transport.pack import pack_stream
@@ -32,13 +31,13 @@ from splatwire.transport.page_content import Link, PageContent, program_file
 from transport.chromium import Browser, browser, executable
 from transport.network import bernoulli
 from transport.relay import Relay
+from web.pictures import ELEMENT, check_pictures
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from splatwire.transport.certificate import self_signed
 from splatwire.transport.quic import WEBTRANSPORT_PATH
 from splatwire.transport.quic_server import QuicServer
 
-ELEMENT = "document.querySelector('splat-wire')"
 STATUS = f"{ELEMENT}?.status"
 SMALL = Packetization(block_size=600, lanes=1, grouping="hashed", packet_bytes=700)
 
@@ -107,7 +106,7 @@ def test_a_browser_receives_decodes_and_draws(
                 with browser() as page:
                     assert opened(page, lossy.url) == "complete"
                     check_stream(page, stream, "WebTransport datagrams")
-                    check_pictures(page, stream)
+                    check_pictures(page, stream, 40)
                     check_settings(page)
                     assert opened(page, packed.as_uri()) == "complete"
                     check_stream(page, stream, "in this file")
@@ -131,21 +130,6 @@ def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
     assert status(page, "way") == way
     assert page.resolve(f"{ELEMENT}.verify()") is True
     page.wait_for(f"{STATUS}.gaussians === {stream.manifest.num_anchors}")
-
-
-def check_pictures(page: Browser, stream: SceneStream) -> None:
-    """What the page draws is what the renderer draws, from the same cameras."""
-    cameras = tiny_cameras(2, 240, 180)
-    page.evaluate(
-        f"{ELEMENT}.style.cssText = 'position: fixed; inset: auto; left: 0; top: 0; width: 240px; height: 180px'"
-    )
-    for view, expected in enumerate(render_scene(decode_stream(stream).scene, cameras)):
-        camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": 180}
-        picture = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
-        found = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0
-        error = ((found - expected.numpy()) ** 2).mean()
-        assert -10 * np.log10(error) > 40, f"view {view}: {-10 * np.log10(error):.1f} dB"
-    page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.removeAttribute('style')")
 
 
 def check_settings(page: Browser) -> None:

@@ -2,25 +2,19 @@
 
 import asyncio
 import base64
-import io
-import json
-from typing import Any
 
-import numpy as np
 import pytest
-from PIL import Image
 
-from scenes import tiny_cameras, tiny_causal_scene
-from splatwire.codec import decode_stream, encode_scene
+from scenes import tiny_causal_scene
+from splatwire.codec import encode_scene
 from splatwire.packets import Packetization, SceneStream, stream_to_bytes
-from splatwire.render import render_scene
 from splatwire.transport import make_program
 from splatwire.transport.pack import pack_stream
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import PageContent
 from transport.chromium import Browser, browser, executable
+from web.pictures import ELEMENT, check_pictures
 
-ELEMENT = "document.querySelector('splat-wire')"
 STATUS = f"{ELEMENT}?.status"
 PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
 
@@ -48,31 +42,13 @@ def test_a_browser_draws_anchors(stream: SceneStream) -> None:
                     page.open(server.url)
                     page.wait_for(f"{STATUS} && {STATUS}.finished === 'complete' && {STATUS}.gaussians > 0", 60)
                     assert page.resolve(f"{ELEMENT}.verify()") is True
-                    check_pictures(page, stream)
+                    check_pictures(page, stream, 38)
                     check_turning(page)
                     check_concealment(page)
 
             await asyncio.to_thread(drive)
 
     asyncio.run(asyncio.wait_for(work(), 240))
-
-
-def picture(page: Browser, camera: dict[str, Any]) -> np.ndarray:
-    data = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
-    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")) / 255.0
-
-
-def check_pictures(page: Browser, stream: SceneStream) -> None:
-    """What the page draws is what the renderer draws, heads evaluated for each camera."""
-    cameras = tiny_cameras(2, 240, 180)
-    page.evaluate(
-        f"{ELEMENT}.style.cssText = 'position: fixed; inset: auto; left: 0; top: 0; width: 240px; height: 180px'"
-    )
-    for view, expected in enumerate(render_scene(decode_stream(stream).scene, cameras)):
-        camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": 180}
-        error = ((picture(page, camera) - expected.numpy()) ** 2).mean()
-        assert -10 * np.log10(error) > 38, f"view {view}: {-10 * np.log10(error):.1f} dB"
-    page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.removeAttribute('style')")
 
 
 def check_turning(page: Browser) -> None:

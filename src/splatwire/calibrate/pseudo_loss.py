@@ -58,12 +58,16 @@ def calibration_data(stream: SceneStream, complete: PartialScene, cameras: Camer
     return CalibrationData(complete.scene, context_of(complete).to_cpu(), groups, cameras)
 
 
+def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
+    """Draws which of so many packets are dropped: a share of them, at least one and not all."""
+    return np.random.default_rng(seed).permutation(count)[: min(max(round(rate * count), 1), count - 1)].tolist()
+
+
 def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) -> Bool[Tensor, "N"]:
     """Draws which anchors are known after a share of the packets, at least one and not all, was dropped."""
     count = len(groups.starts) - 1
-    dropped = np.random.default_rng(seed).permutation(count)[: min(max(round(rate * count), 1), count - 1)]
     known = torch.ones(num_anchors, dtype=torch.bool)
-    for group in dropped:
+    for group in dropped_packets(count, rate, seed):
         known[torch.from_numpy(groups.ranks[groups.starts[group] : groups.starts[group + 1]])] = False
     return known
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from splatwire.calibrate.pseudo_loss import dropped_packets
 from splatwire.calibrate.sketch import SketchConfig, SketchResult
 from splatwire.calibrate.views import CalibrationViews, Progress, References
 from splatwire.codec import decode_stream
@@ -98,10 +99,9 @@ def _as_many_as_fit(size: Callable[[int], int], most: int, limit: float) -> int:
 
 
 def _lossy(stream: SceneStream, rate: float, seed: int) -> SceneStream:
-    """The stream without a share of its packets, at least one."""
-    number = len(stream.packets)
-    left = np.random.default_rng(seed).permutation(number)[max(round(rate * number), 1) :]
-    return stream.with_packets([stream.packets[k] for k in np.sort(left)])
+    """The stream without a share of its packets."""
+    dropped = set(dropped_packets(len(stream.packets), rate, seed))
+    return stream.with_packets([packet for k, packet in enumerate(stream.packets) if k not in dropped])
 
 
 class _Scores:

@@ -76,7 +76,6 @@ def study_of(settings: "Evaluate") -> "Study":
 
 
 def _replaced_scene(settings: "Evaluate") -> "SceneEntry | None":
-
     from splatwire.cli._files import is_stream
     from splatwire.evaluate.study import SceneEntry
 

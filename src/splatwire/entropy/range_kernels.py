@@ -18,7 +18,7 @@ TOP = 48
 BOTTOM = 1 << 40
 LOW_MASK = (1 << 40) - 1
 
-ADAPTIVE_BITS = np.int64(16)
+ADAPTIVE_BITS, RAW_BITS = np.int64(16), np.int64(16)
 ZERO, ONE = np.int64(0), np.int64(1)
 
 ADAPTIVE_SLOW = 7
@@ -133,6 +133,48 @@ def decode_raw(data, end, state):
     bit = ONE if state[0] >= state[1] >> ONE else ZERO
     decode_advance(data, end, state, bit, ONE, ONE)
     return bit
+
+
+@njit(error_model="numpy")
+@no_type_check
+def encode_bits(buffer, state, value, bits):
+    """Writes up to 63 equiprobable bits of a number, the high ones first."""
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        encode_interval(buffer, state, (value >> bits) & ((ONE << some) - ONE), ONE, some)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def decode_bits(data, end, state, bits):
+    """Reads what `encode_bits` wrote."""
+    value = np.int64(0)
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        part = decode_target(state, some)
+        decode_advance(data, end, state, part, ONE, some)
+        value = (value << some) | part
+    return value
+
+
+@njit(error_model="numpy")
+@no_type_check
+def encode_below(buffer, state, value, count):
+    """Writes a number below `count`, at most 2**16, all alike probable."""
+    start = (value << RAW_BITS) // count
+    encode_interval(buffer, state, start, ((value + ONE) << RAW_BITS) // count - start, RAW_BITS)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def decode_below(data, end, state, count):
+    """Reads what `encode_below` wrote."""
+    value = ((decode_target(state, RAW_BITS) + ONE) * count - ONE) >> RAW_BITS
+    start = (value << RAW_BITS) // count
+    decode_advance(data, end, state, start, ((value + ONE) << RAW_BITS) // count - start, RAW_BITS)
+    return value
 
 
 @njit(error_model="numpy", forceinline=True)

@@ -194,9 +194,12 @@ def _viewpoint(program: Program) -> dict[str, str]:
     """Where the stream says to begin, as the page's element is told."""
     manifest, side_info = _head(program)
     section = split_sections(side_info, manifest.codec)[1].get("viewpoint", b"")
-    numbers = struct.iter_unpack("<f", section) if len(section) == 36 else ()
-    words = " ".join(f"{value:.6g}" for (value,) in numbers)
-    return {"viewpoint": words} if words else {}
+    return {"viewpoint": viewpoint_words(section)} if len(section) == 36 else {}
+
+
+def viewpoint_words(section: bytes) -> str:
+    """Where a page begins, as its element is told: the numbers of a stream's section `viewpoint`."""
+    return " ".join(f"{value:.6g}" for (value,) in struct.iter_unpack("<f", section))
 
 
 def _hostname(asked: str) -> str:

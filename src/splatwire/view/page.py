@@ -8,7 +8,7 @@ from splatwire.packets import SceneStream, send_sequence, stream_to_bytes
 from splatwire.render.importance import cameras_around
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
-from splatwire.transport.page_content import PICTURE, PageContent
+from splatwire.transport.page_content import PICTURE, PageContent, viewpoint_words
 from splatwire.view.model import Settings, Source, Viewer
 from splatwire.view.pictures import Pictures
 
@@ -25,7 +25,7 @@ def page_of_stream(stream: SceneStream, cameras: Cameras | None, host: str) -> P
         host: The address that the page is served on.
     """
     ordered = stream.with_packets(send_sequence(stream, "tiers"))
-    attributes = {} if cameras is None else {"viewpoint": viewpoint(cameras)}
+    attributes = {} if cameras is None else {"viewpoint": viewpoint_words(viewpoint_section(cameras))}
     return PageContent({"scene": stream_to_bytes(ordered)}, host=host, attributes=attributes)
 
 
@@ -58,14 +58,11 @@ def page_of_pictures(
     around = cameras_around(source.positions, AROUND)
     begin = cameras or around.select([AROUND // 2, *range(AROUND)])
     names = source.progressive.concealers if source.progressive else concealer_names()
-    attributes = {"pictures": PICTURE, "viewpoint": viewpoint(begin), "concealers": " ".join(names)}
+    attributes = {
+        "pictures": PICTURE,
+        "viewpoint": viewpoint_words(viewpoint_section(begin)),
+        "concealers": " ".join(names),
+    }
     if source.pending:
         attributes["live"] = ""
     return PageContent({}, host=host, attributes=attributes, pictures=Pictures(viewer).answer)
-
-
-def viewpoint(cameras: Cameras) -> str:
-    """Where a page begins, as its element is told: nine numbers, as in a stream's section of that name."""
-    import numpy as np
-
-    return " ".join(f"{value:.6g}" for value in np.frombuffer(viewpoint_section(cameras), "<f4").tolist())

@@ -14,13 +14,18 @@ import numpy as np
 from splatwire.codec._geometry_kernels import split
 from splatwire.entropy.range_kernels import (
     ONE,
+    RAW_BITS,
     ZERO,
     decode_advance,
+    decode_below,
     decode_bit,
+    decode_bits,
     decode_raw,
     decode_target,
     decoder_start,
+    encode_below,
     encode_bit,
+    encode_bits,
     encode_interval,
     encode_raw,
     encoder_finish,
@@ -29,7 +34,6 @@ from splatwire.entropy.range_kernels import (
 from splatwire.ops.compiled import njit
 
 CHANCE_BITS = np.int64(8)
-RAW_BITS = np.int64(16)
 DEPTH = 65
 RUNS = 4
 SIZES = 8
@@ -55,22 +59,6 @@ def _coarse(count):
     return shift
 
 
-@njit(error_model="numpy")
-@no_type_check
-def _encode_below(out, state, value, count):
-    start = (value << RAW_BITS) // count
-    encode_interval(out, state, start, ((value + 1) << RAW_BITS) // count - start, RAW_BITS)
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _decode_below(data, end, state, count):
-    value = ((decode_target(state, RAW_BITS) + 1) * count - 1) >> RAW_BITS
-    start = (value << RAW_BITS) // count
-    decode_advance(data, end, state, start, ((value + 1) << RAW_BITS) // count - start, RAW_BITS)
-    return value
-
-
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_tree(codes, bits, leaf, models, buffer):
@@ -91,7 +79,7 @@ def encode_tree(codes, bits, leaf, models, buffer):
             encode_raw(buffer, state, np.int64(1 if middle == end else 0))
         else:
             number, shift = middle - begin - 1, _coarse(n - 1)
-            _encode_below(buffer, state, number >> shift, ((n - 2) >> shift) + 1)
+            encode_below(buffer, state, number >> shift, ((n - 2) >> shift) + 1)
             if shift:
                 encode_interval(buffer, state, number & ((ONE << shift) - 1), ONE, shift)
         run = min(run + 1, RUNS - 1) if together else 0
@@ -122,7 +110,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
             zeros = n if decode_raw(data, len(data), state) else 0
         else:
             shift = _coarse(n - 1)
-            number = _decode_below(data, len(data), state, ((n - 2) >> shift) + 1)
+            number = decode_below(data, len(data), state, ((n - 2) >> shift) + 1)
             if shift:
                 low = decode_target(state, shift)
                 decode_advance(data, len(data), state, low, ONE, shift)
@@ -162,14 +150,10 @@ def encode_place(out, state, code, unknown, chances):
     encode_interval(out, state, ZERO, chances[triples, level], CHANCE_BITS)
     left = unknown - 3 * level
     low = min(left, 3)
-    bits = left - low
-    while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        encode_interval(out, state, (rest >> (3 * level + low + bits)) & ((ONE << some) - 1), ONE, some)
+    encode_bits(out, state, rest >> (3 * level + low), left - low)
     if low > 1:
         others = (ONE << low) - 1
-        _encode_below(out, state, ((rest >> (3 * level)) & others) - 1, others)
+        encode_below(out, state, ((rest >> (3 * level)) & others) - 1, others)
 
 
 @njit(error_model="numpy")
@@ -189,14 +173,8 @@ def decode_place(data, end, state, code, unknown, chances):
         return known
     left = unknown - 3 * level
     low = min(left, 3)
-    bits, rest = left - low, np.int64(0)
-    while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        part = decode_target(state, some)
-        decode_advance(data, end, state, part, ONE, some)
-        rest = (rest << some) | part
-    value = _decode_below(data, end, state, (ONE << low) - 1) if low > 1 else ZERO
+    rest = decode_bits(data, end, state, left - low)
+    value = decode_below(data, end, state, (ONE << low) - 1) if low > 1 else ZERO
     return known | (((rest << low) | (value + 1)) << (3 * level))
 
 

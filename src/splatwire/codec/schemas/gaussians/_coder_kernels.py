@@ -11,21 +11,20 @@ import numpy as np
 from splatwire.codec.schemas.gaussians.layout import MAX_RESIDUAL, NARROW_WEIGHT, WIDE
 from splatwire.entropy.normal_kernels import decode_escape, decode_symbol, encode_escape, encode_symbol
 from splatwire.entropy.range_kernels import (
-    ADAPTIVE_BITS,
     ONE,
     ZERO,
-    decode_advance,
+    decode_below,
     decode_bit,
+    decode_bits,
     decode_raw,
-    decode_target,
+    encode_below,
     encode_bit,
-    encode_interval,
+    encode_bits,
     encode_raw,
 )
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.ops.compiled import njit
 
-RAW_BITS = np.int64(16)
 WEIGHT = np.int64(NARROW_WEIGHT)
 
 
@@ -84,18 +83,10 @@ def code_flag(coder, bit):
 @no_type_check
 def code_raw(coder, value, bits):
     """Codes up to 63 equiprobable bits, the high ones first."""
-    result = np.int64(0)
-    while bits > 0:
-        some = min(bits, RAW_BITS)
-        bits -= some
-        if coder.decoding:
-            part = decode_target(coder.state, some)
-            decode_advance(coder.data, coder.end, coder.state, part, ONE, some)
-        else:
-            part = (value >> bits) & ((1 << some) - 1)
-            encode_interval(coder.data, coder.state, part, ONE, some)
-        result = (result << some) | part
-    return result
+    if coder.decoding:
+        return decode_bits(coder.data, coder.end, coder.state, bits)
+    encode_bits(coder.data, coder.state, value, bits)
+    return value & ((ONE << bits) - ONE)
 
 
 @njit(error_model="numpy")
@@ -103,14 +94,8 @@ def code_raw(coder, value, bits):
 def code_below(coder, value, count):
     """Codes a number below `count`, at most 2**16, all alike probable."""
     if coder.decoding:
-        target = decode_target(coder.state, ADAPTIVE_BITS)
-        value = ((target + 1) * count - 1) >> 16
-    start = (value << 16) // count
-    size = ((value + 1) << 16) // count - start
-    if coder.decoding:
-        decode_advance(coder.data, coder.end, coder.state, start, size, ADAPTIVE_BITS)
-    else:
-        encode_interval(coder.data, coder.state, start, size, ADAPTIVE_BITS)
+        return decode_below(coder.data, coder.end, coder.state, count)
+    encode_below(coder.data, coder.state, value, count)
     return value
 
 

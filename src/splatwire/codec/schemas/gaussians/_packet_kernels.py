@@ -108,7 +108,10 @@ def _code_spin(coder, row, axes, primary, bits):
 @njit(error_model="numpy")
 @no_type_check
 def _turn(row, axes, primary):
-    """Angle from the frame that `attributes.frames` builds on a decoded axis to the axis after the primary one."""
+    """Angle from the frame that `attributes.frames` builds on a decoded axis to the axis after the primary one.
+
+    Number by number: with `np.cross` and sums of arrays it takes numba seconds more to compile.
+    """
     x, y, z = np.float64(row[AXIS]), np.float64(row[AXIS + 1]), np.float64(row[AXIS + 2])
     norm = np.sqrt(x * x + y * y + z * z)
     x, y, z = x / norm, y / norm, z / norm

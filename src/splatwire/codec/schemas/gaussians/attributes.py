@@ -124,8 +124,10 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """
     values = (harmonics * weights[:, None, None]).swapaxes(1, 2).reshape(-1, harmonics.shape[1])
     covariance = values.T @ values
-    axes = np.linalg.eigh(covariance + 1e-9 * np.eye(len(covariance)))[1].T[::-1]
-    # The sign of an axis is free: positive where it is largest, so that machines agree.
+    # Axes without variance are free, and so is every sign: a slope along the diagonal and the largest number positive
+    # settle both, so that machines agree.
+    slope = np.diag(np.linspace(1.0, 0.0, len(covariance)))
+    axes = np.linalg.eigh(covariance + (1e-7 * np.trace(covariance) + 1e-9) * slope)[1].T[::-1]
     axes = axes * np.sign(axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)])[:, None]
     return np.rint(axes * TRANSFORM_UNIT).astype(np.int64)
 
