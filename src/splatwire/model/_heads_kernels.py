@@ -58,10 +58,10 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
 
 @njit(inline="always")
 @no_type_check
-def _in_view(position, scaling, camera):
+def _in_view(positions, scalings, n, camera):
     """The pre-filter of HACPP_SPEC 2 step 1, see `gaussian_heads.visible_anchors`."""
     pose, (fx, fy, cx, cy), _, width, height = camera
-    p0, p1, p2 = np.float64(position[0]), np.float64(position[1]), np.float64(position[2])
+    p0, p1, p2 = np.float64(positions[n, 0]), np.float64(positions[n, 1]), np.float64(positions[n, 2])
     z = pose[2, 0] * p0 + pose[2, 1] * p1 + pose[2, 2] * p2 + pose[2, 3]
     if not z > NEAR_DEPTH:
         return False
@@ -74,8 +74,8 @@ def _in_view(position, scaling, camera):
     xx = yy = DILATION
     xy = 0.0
     for k in range(3):
-        a = fx / z * (pose[0, k] - x * pose[2, k]) * scaling[k]
-        b = fy / z * (pose[1, k] - y * pose[2, k]) * scaling[k]
+        a = fx / z * (pose[0, k] - x * pose[2, k]) * scalings[n, k]
+        b = fy / z * (pose[1, k] - y * pose[2, k]) * scalings[n, k]
         xx, xy, yy = xx + a * a, xy + a * b, yy + b * b
     middle = (xx + yy) / 2
     radius = math.ceil(3 * math.sqrt(middle + math.sqrt(max(middle * middle - (xx * yy - xy * xy), 0.1))))
@@ -90,7 +90,7 @@ def _choose_anchors(n, last, anchors, hints, camera, chosen):
     count = 0
     while n < last and count < LANES:
         left_out = hints[0].shape[0] > 0 and hints[0][n]
-        if not left_out and _in_view(anchors[0][n], anchors[2][n], camera):
+        if not left_out and _in_view(anchors[0], anchors[2], n, camera):
             chosen[count] = n
             count += 1
         n += 1

@@ -39,6 +39,7 @@ from splatwire.render._cpu_kernels import (
     ask_for,
     finished,
     new_buffer,
+    splat_numbers,
 )
 
 SUMS = 9
@@ -92,7 +93,7 @@ def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row
     store_first(out, row * SUMS, pairs(pairs(quarter, next_quarter), pairs(last, last)), SUMS)
 
 
-@njit()
+@njit(error_model="numpy")
 @no_type_check
 def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_of_sums):
     height, width = image.shape[:2]
@@ -108,15 +109,15 @@ def _tile_back(splats, ids, spans, begin, end, left, top, image, d_image, rows_o
                 rest += d * image[top + row, left + column, c]
             buf[i + REST] = rest
     for k in range(begin, end):
-        s = splats[ids[k]]
         ask_for(splats, ids, k + AHEAD)
-        x, y = s[0] - np.float32(left), s[1] - np.float32(top)
-        _blend_back(buf, spans[k, 0], spans[k, 1], x, y, s[2], s[3], s[4], s[5], s[6], s[7], s[8], rows_of_sums, k)
+        x, y, A, B, C, level, red, green, blue = splat_numbers(splats, ids[k], left, top)
+        low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])
+        _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, rows_of_sums, k)
         if (k - begin) % 16 == 15 and finished(buf):
             break
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_image, rows_of_sums, first, last):
     """Fills `rows_of_sums` (zeroed by the caller), one row per entry, for the tiles [first, last)."""
@@ -125,7 +126,7 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
         _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
     """Adds each Gaussian's rows to its `sums`, in the order of its tiles."""

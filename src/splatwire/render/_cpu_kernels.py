@@ -10,7 +10,7 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.ops.compiled import njit
-from splatwire.ops.lanes import choose, load, power_of_two, prefetch, smaller, spread, store
+from splatwire.ops.lanes import choose, load, pick, power_of_two, prefetch, smaller, spread, store
 from splatwire.render._cpu_project import SPLAT
 
 TILE = 16
@@ -87,7 +87,22 @@ def ask_for(splats, ids, k):
         prefetch(splats, np.int64(ids[k]) * SPLAT)
 
 
-@njit()
+@njit(inline="always")
+@no_type_check
+def splat_numbers(splats, g, left, top):
+    """Of a splat what the pixels of a tile depend on, its place relative to the tile's.
+
+    Without a view of the splat's row: whoever makes one counts it, which takes as long as a row of pixels.
+    """
+    at = np.int64(g) * SPLAT
+    x, y = pick(splats, at) - np.float32(left), pick(splats, at + 1) - np.float32(top)
+    return (
+        x, y, pick(splats, at + 2), pick(splats, at + 3), pick(splats, at + 4), pick(splats, at + 5),
+        pick(splats, at + 6), pick(splats, at + 7), pick(splats, at + 8),
+    )  # fmt: skip
+
+
+@njit(error_model="numpy")
 @no_type_check
 def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, left_over):
     """Draws one tile into `image` and keeps what light passes through it in `left_over`."""
@@ -95,10 +110,10 @@ def _draw_tile(splats, ids, spans, begin, end, left, top, background, image, lef
     rows, columns = min(TILE, height - top), min(TILE, width - left)
     buf = new_buffer(columns, rows)
     for k in range(begin, end):
-        s = splats[ids[k]]
         ask_for(splats, ids, k + AHEAD)
-        x, y = s[0] - np.float32(left), s[1] - np.float32(top)
-        _blend(buf, spans[k, 0], spans[k, 1], x, y, s[2], s[3], s[4], s[5], s[6], s[7], s[8])
+        low, high = np.int64(spans[k, 0]), np.int64(spans[k, 1])  # of unsigned ones a loop is slower
+        x, y, A, B, C, level, red, green, blue = splat_numbers(splats, ids[k], left, top)
+        _blend(buf, low, high, x, y, A, B, C, level, red, green, blue)
         if (k - begin) % 16 == 15 and finished(buf):
             break
     for row in range(rows):

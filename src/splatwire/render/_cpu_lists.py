@@ -14,11 +14,12 @@ from splatwire.render._cpu_kernels import MIN_LEVEL, TILE
 from splatwire.render._cpu_project import DEPTH, HALF_HEIGHT, SPLAT, TILES
 
 AHEAD = 16
+TILE_BITS = np.int64(TILE.bit_length() - 1)
 _MARGIN = 1e-2  # of the exponent: far more than rounding can add to it in the tile kernels
 _LOWEST = -200.0  # exponents end here, however opaque a Gaussian is said to be
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def row_entries(tiles, grid_y):
     """Number of (Gaussian, tile) pairs in each row of tiles."""
@@ -30,7 +31,7 @@ def row_entries(tiles, grid_y):
     return np.cumsum(entries)[:-1]
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def depth_order(splats, tiles, first_row, last_row):
     """Indices of the Gaussians in the tile rows [first_row, last_row), nearest first (radix sort).
@@ -67,68 +68,74 @@ def depth_order(splats, tiles, first_row, last_row):
 
 @njit(inline="always", error_model="numpy")
 @no_type_check
-def _reach(splat, left, columns, top, bottom, strips):
+def _reach(splats, g, left, columns, top, bottom, strips, strip):
     """Writes down, for each column of tiles, which rows in [top, bottom) a splat's ellipse of alpha >= 1/255 reaches.
 
     The ellipse is lowest where dx = `lowest` and highest at the mirrored place, or as near to that as the column goes.
     Within a single column it is not cut: nearly all of it lies there.
     """
-    y = np.float64(splat[1])
+    y, first_row, end_row = np.float64(splats[g, 1]), np.float64(top), np.float64(bottom)
     if columns == 1:
-        strips[0, 0], strips[0, 1] = _rows_between(y - splat[HALF_HEIGHT], y + splat[HALF_HEIGHT], top, bottom)
+        half = np.float64(splats[g, HALF_HEIGHT])
+        strips[strip, 0], strips[strip, 1] = _rows_between(y - half, y + half, first_row, end_row)
         return
-    A, B, C = np.float64(splat[2]), np.float64(splat[3]), np.float64(splat[4])
-    level, inside = max(MIN_LEVEL - _MARGIN - splat[5], _LOWEST), B * B - 4 * A * C
+    A, B, C = np.float64(splats[g, 2]), np.float64(splats[g, 3]), np.float64(splats[g, 4])
+    level, inside = max(MIN_LEVEL - _MARGIN - splats[g, 5], _LOWEST), B * B - 4 * A * C
     if not (inside < 0 and A < 0):  # rounding made it something other than an ellipse
-        strips[:, 0], strips[:, 1] = top, bottom
+        for i in range(strip, strip + columns):
+            strips[i, 0], strips[i, 1] = top, bottom
         return
     lowest, half = B * np.sqrt(level / (-A * inside)), -0.5 / C
     for i in range(columns):
-        first = (left + i) * TILE - np.float64(splat[0])
+        first = (left + i) * TILE - np.float64(splats[g, 0])
         low_dx, high_dx = min(max(-lowest, first), first + TILE - 1), min(max(lowest, first), first + TILE - 1)
         above, below = inside * low_dx * low_dx + 4 * C * level, inside * high_dx * high_dx + 4 * C * level
-        strips[i, 0] = strips[i, 1] = 0
+        begin, end = np.int32(0), np.int32(0)
         if above >= 0 and below >= 0:
             low = y + half * (B * low_dx - np.sqrt(above))
             high = y + half * (B * high_dx + np.sqrt(below))
-            strips[i, 0], strips[i, 1] = _rows_between(low, high, top, bottom)
+            begin, end = _rows_between(low, high, first_row, end_row)
+        strips[strip + i, 0], strips[strip + i, 1] = begin, end
 
 
 @njit(inline="always")
 @no_type_check
 def _rows_between(low, high, top, bottom):
     """The whole numbers of [low, high] in [top, bottom), as a first one and one past the last."""
-    return np.int32(np.ceil(min(max(low, top), bottom))), np.int32(
-        np.floor(min(max(high, top - 1.0), bottom - 1.0))
-    ) + 1
+    first, last = np.ceil(min(max(low, top), bottom)), np.floor(min(max(high, top - 1.0), bottom - 1.0))
+    return np.int32(first), np.int32(last) + np.int32(1)
 
 
-@njit(nogil=True)
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     """Lists the Gaussians of each tile in the tile rows [first_row, last_row), in the given order.
+
+    Numbers of rows are not negative: shifted, since a division that could be of negative ones takes several times
+    longer; and no views of arrays, which are counted one by one.
 
     Returns where each tile's list starts; the lists; for each entry the rows of the tile that the Gaussian reaches;
     the places of each Gaussian's entries, Gaussian by Gaussian in the given order; where each one's places start.
     """
     strips, starts = np.empty((num_columns, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
     corners = np.empty((order.shape[0], 2), np.int32)  # the tile of the first column in the first row, and the columns
-    place_starts, strip = np.zeros(order.shape[0] + 1, np.int64), 0
+    place_starts, place, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
     for k in range(order.shape[0]):
         if k + AHEAD < order.shape[0]:
             prefetch(splats, np.int64(order[k + AHEAD]) * SPLAT)
-        splat, place = splats[order[k]], place_starts[k]
-        left, columns = np.int64(splat[TILES]), np.int64(splat[TILES + 2]) - np.int64(splat[TILES])
-        top, bottom = (
-            max(np.int64(splat[TILES + 1]), first_row) * TILE,
-            min(np.int64(splat[TILES + 3]), last_row) * TILE,
-        )
-        _reach(splat, left, columns, top, bottom, strips[strip : strip + columns])
-        corners[k, 0], corners[k, 1] = left - first_row * grid_x, columns
+        g = np.int64(order[k])
+        left = np.int64(splats[g, TILES])
+        columns, corner = np.int64(splats[g, TILES + 2]) - left, left - first_row * grid_x
+        top = max(np.int64(splats[g, TILES + 1]), first_row) * TILE
+        bottom = min(np.int64(splats[g, TILES + 3]), last_row) * TILE
+        _reach(splats, g, left, columns, top, bottom, strips, strip)
+        corners[k, 0], corners[k, 1] = corner, columns
         for i in range(columns):
-            low, high = _tile_rows(strips[strip + i])
-            for ty in range(low, high):
-                starts[corners[k, 0] + i + ty * grid_x + 1] += 1
+            low, high = _tile_rows(strips[strip + i, 0], strips[strip + i, 1])
+            tile = corner + i + low * grid_x + 1
+            for _ in range(low, high):
+                starts[tile] += 1
+                tile += grid_x
             place += high - low
         strip += columns
         place_starts[k + 1] = place
@@ -137,30 +144,31 @@ def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     return starts, *_entries(order, corners, strips, starts, grid_x), place_starts
 
 
-@njit(inline="always")
+@njit(inline="always", error_model="numpy")
 @no_type_check
 def _entries(order, corners, strips, starts, grid_x):
     """The lists, their rows and their places, see `fill_tiles`."""
     num, heads, place, strip = starts[-1], starts[:-1].copy(), 0, 0
     ids, spans, places = np.empty(num, np.int32), np.empty((num, 2), np.uint8), np.empty(num, np.int32)
     for k in range(order.shape[0]):
-        for i in range(corners[k, 1]):
-            top, bottom = strips[strip]
-            low, high = _tile_rows(strips[strip])
+        for i in range(np.int64(corners[k, 1])):
+            top, bottom = np.int64(strips[strip, 0]), np.int64(strips[strip, 1])
+            low, high = _tile_rows(top, bottom)
+            tile = np.int64(corners[k, 0]) + i + low * grid_x
             for ty in range(low, high):
-                tile = corners[k, 0] + i + ty * grid_x
                 at = heads[tile]
                 heads[tile] = at + 1
                 ids[at], places[place] = order[k], at
                 spans[at, 0], spans[at, 1] = max(top - ty * TILE, 0), min(bottom - ty * TILE, TILE)
                 place += 1
+                tile += grid_x
             strip += 1
     return ids, spans, places
 
 
 @njit(inline="always")
 @no_type_check
-def _tile_rows(strip):
-    """The rows of tiles in which rows of pixels lie, none if there are none."""
-    low = strip[0] // TILE
-    return low, (strip[1] + TILE - 1) // TILE if strip[1] > strip[0] else low
+def _tile_rows(top, bottom):
+    """The rows of tiles in which the rows of pixels [top, bottom) lie, none if there are none."""
+    low = np.int64(top) >> TILE_BITS
+    return low, (np.int64(bottom) + TILE - 1) >> TILE_BITS if bottom > top else low
