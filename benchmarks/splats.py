@@ -3,6 +3,7 @@
     python benchmarks/splats.py rates luigi.ply tiger.ply --others DIR --ready biker.spz -o splats.json
     python benchmarks/splats.py plot splats.json -o splats.svg
     python benchmarks/splats.py scale truck.splat --counts 100000 1000000 -o splats_scale.json
+    python benchmarks/splats.py scale export.ply --counts 500000 --threads 2 -o splats_threads.json
 
 DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm; what it lacks is written by
 our own `formats` and marked so. A file after --ready is its own source: bytes are compared with its own.
@@ -51,12 +52,15 @@ def mean_psnr(splats: Splats | SplatScene, cameras: Cameras, reference: list[tor
     return float(np.mean(-10 * np.log10(errors)))
 
 
-def coded(splats: Splats, classes: np.ndarray, quality: Quality, preset: str = "datagram") -> tuple[SceneStream, dict]:
-    started = time.process_time()
-    stream = encode_splats(splats, PRESETS[preset], classes=classes, quality=quality, threads=1)
-    encoded = time.process_time()
-    decoded = decode_splats(stream, threads=1)[0]
-    ended, count = time.process_time(), splats.num_gaussians
+def coded(
+    splats: Splats, classes: np.ndarray, quality: Quality, preset: str = "datagram", threads: int = 1
+) -> tuple[SceneStream, dict]:
+    clock = time.process_time if threads == 1 else time.perf_counter
+    started = clock()
+    stream = encode_splats(splats, PRESETS[preset], classes=classes, quality=quality, threads=threads)
+    encoded = clock()
+    decoded = decode_splats(stream, threads=threads)[0]
+    ended, count = clock(), splats.num_gaussians
     return stream, {
         "bytes": stream.num_bytes,
         "bits_per_gaussian": 8 * stream.num_bytes / count,
@@ -150,20 +154,21 @@ def tiled(splats: Splats, count: int) -> Splats:
     return Splats(**many)
 
 
-def scale(path: Path, counts: list[int]) -> dict:
+def scale(path: Path, counts: list[int], threads: int) -> dict:
     """Time and memory of a codec call by the number of Gaussians; the most of a process, so counts should rise."""
     splats, rows = read_splats(path), []
-    coded(splats, np.zeros(splats.num_gaussians, int), QUALITIES["default"])
+    classes = precision_classes(splats) if splats.degree else np.zeros(splats.num_gaussians, int)
+    coded(splats, classes, QUALITIES["default"])
     for count in counts:
         many = tiled(splats, count)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        row = coded(many, np.zeros(count, int), QUALITIES["default"])[1]
+        row = coded(many, np.resize(classes, count), QUALITIES["default"], threads=threads)[1]
         row.pop("decoded")
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         rows.append({"gaussians": count, **row, "input_mib": sum(v.nbytes for v in vars(many).values()) / 2**20,
                      "peak_mib_before": before, "peak_mib": peak})  # fmt: skip
         print(rows[-1], file=sys.stderr)
-    return {"source": path.name, "rows": rows}
+    return {"source": path.name, "degree": splats.degree, "threads": threads, "rows": rows}
 
 
 def plot(results: dict, output: Path) -> None:
@@ -195,6 +200,7 @@ def main() -> None:
     parser.add_argument("--ready", nargs="*", type=Path, default=[])
     parser.add_argument("--cameras", nargs="*", default=[], metavar="NAME=FILE", help="cameras of a file, by its stem")
     parser.add_argument("--counts", nargs="*", type=int, default=[100_000, 1_000_000])
+    parser.add_argument("--threads", type=int, default=1, help="of scale: processor time of 1, seconds of more")
     parser.add_argument("-o", "--output", type=Path)
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -202,7 +208,7 @@ def main() -> None:
         plot(json.loads(args.files[0].read_text()), args.output)
         return
     if args.what == "scale":
-        publish(scale(args.files[0], args.counts), args.output)
+        publish(scale(args.files[0], args.counts, args.threads), args.output)
         return
     cameras = dict(pair.split("=", 1) for pair in args.cameras)
     scenes = {}

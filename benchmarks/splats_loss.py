@@ -24,7 +24,7 @@ from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
-from splatwire.codec.schemas.gaussians._coder_kernels import Coder
+from splatwire.codec.schemas.gaussians._coder_kernels import ENCODING, new_coder
 from splatwire.codec.schemas.gaussians.attributes import empty_rows
 from splatwire.codec.schemas.gaussians.fit import empty_statistics
 from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS
@@ -32,7 +32,7 @@ from splatwire.codec.schemas.gaussians.quality import QUALITIES
 from splatwire.codec.schemas.gaussians.side_info import read_side_info
 from splatwire.codec.schemas.gaussians.source_scene import SourceScene
 from splatwire.conceal import conceal
-from splatwire.entropy.range_kernels import encoder_finish, encoder_start
+from splatwire.entropy.range_kernels import ZERO, encoder_finish, encoder_start
 from splatwire.evaluate.scenes import complete_scene
 from splatwire.metrics import psnr
 from splatwire.model import SplatScene
@@ -79,16 +79,16 @@ def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
 
 @njit(error_model="numpy")
 def _encode_joined(tables, stream, models, statistics, box_bits, defaults, source, sizes, buffer, rows, harmonics):  # type: ignore[no-untyped-def]
-    scales, inverses, widths, normal = tables
-    state, begin = np.empty(3, np.int64), 0
-    encoder_start(state)
-    coder = Coder(False, buffer, 0, state, models, statistics[0], scales, statistics[1], inverses, widths, normal)
+    begin, coder = 0, new_coder(ENCODING, buffer, ZERO, models, statistics, tables)
+    encoder_start(coder.state)
     for size in sizes:
         end = begin + size
         part = kernels._part(source, begin, size)
-        kernels._code_packet(coder, stream, box_bits, defaults, part, rows[begin:end], harmonics[begin:end])
+        kernels._code_packet(
+            coder, stream, box_bits, defaults, part, rows[begin:end], harmonics[begin:end], kernels.new_scratch(size)
+        )
         begin = end
-    return encoder_finish(buffer, state)
+    return encoder_finish(buffer, coder.state)
 
 
 def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> int:
@@ -126,19 +126,17 @@ def packets_of(path: Path, _: argparse.Namespace) -> dict[str, object]:
 
 @njit(error_model="numpy")
 def _encode_cells(tables, models, statistics, source, box_bits, sizes, buffer):  # type: ignore[no-untyped-def]
-    scales, inverses, widths, normal = tables
-    state, begin, total = np.empty(3, np.int64), 0, 0
+    begin, total = 0, 0
     for size in sizes:
-        encoder_start(state)
-        coder = Coder(
-            False, buffer, 0, state, models.copy(), statistics[0], scales, statistics[1], inverses, widths, normal
-        )
+        coder = new_coder(ENCODING, buffer, ZERO, models.copy(), statistics, tables)
+        encoder_start(coder.state)
         at, spread, codes = kernels._part(source, begin, size)[:3]
         low = max(box_bits - MAX_CELL_BITS, 0)
         kernels._code_codes(
-            coder, codes >> (3 * (at - low)), 3 * (box_bits - at), spread if len(sizes) > 1 else spread * 0
-        )
-        total += encoder_finish(buffer, state)
+            coder, codes >> (3 * (at - low)), 3 * (box_bits - at), spread if len(sizes) > 1 else spread * 0,
+            np.empty(size, np.int64), kernels.new_scratch(size)[2],
+        )  # fmt: skip
+        total += encoder_finish(buffer, coder.state)
         begin += size
     return total
 

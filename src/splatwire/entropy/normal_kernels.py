@@ -27,7 +27,7 @@ NORMAL = np.int64(1 << 16)
 """Weight that makes a mixture a plain normal."""
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def normal_cdf(boundary, mean, inverse, table):
     """Distribution function, out of 2**24, at `boundary` (both in steps with MEAN_BITS fractional bits)."""
@@ -42,7 +42,7 @@ def normal_cdf(boundary, mean, inverse, table):
     return base + (((table[cell + 1] - base) * (z & Z_FRACTION)) >> Z_CELL_BITS)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, table):
     """Start of the interval of `symbol` in `[low, high + 1]`: mixture CDF below it, and one unit for each symbol."""
@@ -58,7 +58,7 @@ def cumulative(symbol, low, high, mean0, inverse0, mean1, inverse1, weight, tabl
     return ((below * (TOTAL - ESCAPE - count)) >> TOTAL_BITS) + (symbol - low)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def window(mean0, scale0, mean1, scale1, weight, widths):
     """First and last symbol that have an interval of their own."""
@@ -74,7 +74,7 @@ def window(mean0, scale0, mean1, scale1, weight, widths):
     return low, high
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_escape(buffer, state, excess):
     """Codes a distance >= 0 beyond the window: Elias gamma of `excess + 1`, at most 32 bits."""
@@ -89,7 +89,7 @@ def encode_escape(buffer, state, excess):
         encode_raw(buffer, state, (value >> i) & 1)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_escape(data, end, state):
     """Inverse of `encode_escape`; hostile codes stop at 32 bits."""
@@ -102,7 +102,7 @@ def decode_escape(data, end, state):
     return value - 1
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """Codes an integer under a normal (weight 65536) or a mixture of two."""
@@ -118,7 +118,7 @@ def encode_symbol(buffer, state, symbol, mean0, scale0, mean1, scale1, weight, i
     encode_escape(buffer, state, symbol - high - 1 if above else low - 1 - symbol)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_symbol(data, end, state, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """Inverse of `encode_symbol`: brackets the symbol outwards from the heavier mean, then bisects."""

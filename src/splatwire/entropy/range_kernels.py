@@ -25,7 +25,7 @@ ADAPTIVE_SLOW = 7
 ADAPTIVE_FAST = 4
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_interval(buffer, state, start, size, total_bits):
     """Narrows the encoder to `[start, start + size)` out of `2**total_bits`."""
@@ -50,7 +50,7 @@ def encode_interval(buffer, state, start, size, total_bits):
     state[2] = position
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_start(state):
     """Puts a fresh encoder into `state`."""
@@ -59,7 +59,7 @@ def encoder_start(state):
     state[2] = 0
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def encoder_finish(buffer, state):
     """Writes the shortest tail that decodes right when followed by zero bytes; returns the length of the code."""
@@ -78,7 +78,7 @@ def encoder_finish(buffer, state):
     return position
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decoder_start(data, begin, end, state):
     """Puts a decoder of `data[begin:end]` into `state`."""
@@ -92,7 +92,7 @@ def decoder_start(data, begin, end, state):
     state[2] = begin + 6
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_target(state, total_bits):
     """Number in `[0, 2**total_bits)` that the code points at."""
@@ -100,7 +100,7 @@ def decode_target(state, total_bits):
     return max(min(state[0] // (state[1] >> total_bits), (1 << total_bits) - 1), 0)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_advance(data, end, state, start, size, total_bits):
     """Removes `[start, start + size)` from the code and reads what is needed next; past `end` zeros are read."""
@@ -119,14 +119,14 @@ def decode_advance(data, end, state, start, size, total_bits):
     state[2] = position
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_raw(buffer, state, bit):
     """Writes a bit that is as likely one as zero."""
     encode_interval(buffer, state, bit, ONE, ONE)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_raw(data, end, state):
     """Reads a bit that is as likely one as zero."""
@@ -135,7 +135,7 @@ def decode_raw(data, end, state):
     return bit
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_bits(buffer, state, value, bits):
     """Writes up to 63 equiprobable bits of a number, the high ones first."""
@@ -145,7 +145,7 @@ def encode_bits(buffer, state, value, bits):
         encode_interval(buffer, state, (value >> bits) & ((ONE << some) - ONE), ONE, some)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def decode_bits(data, end, state, bits):
     """Reads what `encode_bits` wrote."""
@@ -159,7 +159,7 @@ def decode_bits(data, end, state, bits):
     return value
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_below(buffer, state, value, count):
     """Writes a number below `count`, at most 2**16, all alike probable."""
@@ -167,7 +167,7 @@ def encode_below(buffer, state, value, count):
     encode_interval(buffer, state, start, ((value + ONE) << RAW_BITS) // count - start, RAW_BITS)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def decode_below(data, end, state, count):
     """Reads what `encode_below` wrote."""
@@ -177,7 +177,7 @@ def decode_below(data, end, state, count):
     return value
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_update(model, context, bit):
     """Moves a model's two estimates of P(bit = 0), in units of 2**-16, one fast and one slow."""
@@ -186,7 +186,7 @@ def adaptive_update(model, context, bit):
         model[context, column] = p - (p >> rate) if bit else p + ((65536 - p) >> rate)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def adaptive_size(model, context):
     """Size of the interval of a zero bit out of 2**16: the mean of the two estimates, kept off the ends."""
@@ -194,7 +194,7 @@ def adaptive_size(model, context):
     return min(max(p, 32), 65536 - 32)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def encode_bit(buffer, state, model, context, bit):
     """Codes one bit with an adaptive model and updates it."""
@@ -206,7 +206,7 @@ def encode_bit(buffer, state, model, context, bit):
     adaptive_update(model, context, bit)
 
 
-@njit(error_model="numpy", forceinline=True)
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_bit(data, end, state, model, context):
     """Decodes one bit with an adaptive model and updates it."""

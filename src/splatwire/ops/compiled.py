@@ -24,7 +24,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _LOCK = threading.Lock()
 
 
-def njit(**options: Any) -> Callable[[_F], _F]:
+def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
     """`numba.njit` with a cache that has a place wherever the package is installed.
 
     numba keeps machine code in the folder that `NUMBA_CACHE_DIR` names, beside the source, or in the user's home. Where
@@ -32,8 +32,13 @@ def njit(**options: Any) -> Callable[[_F], _F]:
     temporary folder of the user takes its place, and where there is none either, nothing is kept.
 
     Args:
+        borrows: Whether a function only uses the arrays that it is given, makes none, and returns none that it made.
+            Then nobody counts who holds them; each such count is an atomic operation, and small functions that pass
+            arrays on to each other spend most of their time on it.
         options: Those of `numba.njit`; `cache` is always on.
     """
+    if borrows:
+        options["_nrt"] = False
 
     def decorate(function: _F) -> _F:
         try:

@@ -6,8 +6,6 @@ and if not, how many have a zero there. What order they are in is not sent: a pa
 
 from typing import no_type_check
 
-import numpy as np
-
 from splatwire.codec._geometry_kernels import split
 from splatwire.codec.schemas.gaussians._coder_kernels import code_below, code_bit, code_raw
 from splatwire.entropy.range_kernels import ONE, ZERO
@@ -16,11 +14,10 @@ from splatwire.ops.compiled import njit
 RUNS = 4
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_cells(coder, codes, bits):
+def code_cells(coder, codes, bits, stack):
     """Codes sorted Morton codes of `bits` bits; decoding fills `codes` in ascending order."""
-    stack = np.empty((66, 5), np.int64)
     _push(stack, 0, 0, len(codes), bits - 1, 0, 0)
     top = 0
     while top >= 0:
@@ -43,14 +40,14 @@ def code_cells(coder, codes, bits):
         top += 2
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _push(stack, top, begin, end, bit, run, prefix):
     """A row, number by number: to assign a tuple takes numba seconds to compile."""
     stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3], stack[top, 4] = begin, end, bit, run, prefix
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _code_zeros(coder, n, zeros, run):
     size = 0

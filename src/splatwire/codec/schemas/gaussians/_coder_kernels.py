@@ -26,6 +26,7 @@ from splatwire.entropy.tables import NUM_SCALES
 from splatwire.ops.compiled import njit
 
 WEIGHT = np.int64(NARROW_WEIGHT)
+DECODING, ENCODING = np.bool_(True), np.bool_(False)
 
 
 class Coder(NamedTuple):
@@ -60,6 +61,15 @@ class Coder(NamedTuple):
 
 @njit(error_model="numpy")
 @no_type_check
+def new_coder(decoding, data, end, models, statistics, tables):
+    """A coder of a packet; its state is to be started."""
+    bits, residuals = statistics
+    scales, inverses, widths, normal = tables
+    return Coder(decoding, data, end, np.empty(3, np.int64), models, bits, scales, residuals, inverses, widths, normal)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
 def code_bit(coder, context, bit):
     """Codes a bit with an adaptive model."""
     if coder.decoding:
@@ -69,7 +79,7 @@ def code_bit(coder, context, bit):
     return bit
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_flag(coder, bit):
     """Codes a bit that is as likely one as zero."""
@@ -79,7 +89,7 @@ def code_flag(coder, bit):
     return bit
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_raw(coder, value, bits):
     """Codes up to 63 equiprobable bits, the high ones first."""
@@ -89,7 +99,7 @@ def code_raw(coder, value, bits):
     return value & ((ONE << bits) - ONE)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_below(coder, value, count):
     """Codes a number below `count`, at most 2**16, all alike probable."""
@@ -99,7 +109,7 @@ def code_below(coder, value, count):
     return value
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_escape(coder, excess):
     """Codes a number >= 0 in Elias gamma."""
@@ -109,7 +119,7 @@ def code_escape(coder, excess):
     return excess
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_residual(coder, stream, spread, second, residual, shift):
     """Codes a residual in steps of `1 << shift` as a mixture of two normals of mean 0; returns the decoded residual."""

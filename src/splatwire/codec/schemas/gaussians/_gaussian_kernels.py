@@ -48,11 +48,10 @@ from splatwire.ops.compiled import njit
 UNIT = 1 << DIRECTION_BITS
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def find_neighbours(cells, i, who, weight):
-    """The nearest of the Gaussians just before i, nearest first, weighed by inverse squares; returns how many."""
-    far = np.empty(NUM_NEIGHBOURS, np.int64)
+def find_neighbours(cells, i, who, far):
+    """The nearest of the Gaussians just before i, nearest first; `far` ends as their weights. Returns how many."""
     count = 0
     for j in range(i - 1, max(i - WINDOW, 0) - 1, -1):
         x, y, z = cells[i, 0] - cells[j, 0], cells[i, 1] - cells[j, 1], cells[i, 2] - cells[j, 2]
@@ -65,29 +64,31 @@ def find_neighbours(cells, i, who, weight):
             at -= 1
         far[at], who[at] = d, j
         count = min(count + 1, NUM_NEIGHBOURS)
+    nearest = (far[0] + 1) << 12
     for m in range(count):
-        weight[m] = ((far[0] + 1) << 12) // (far[m] + 1)
+        far[m] = nearest // (far[m] + 1)
     return count
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def predict(rows, column, default, count, who, weight):
-    """Weighted mean of a column of the neighbours, and their weighted mean deviation from it."""
-    if count == 0:
+def predict(rows, column, default, near):
+    """Weighted mean of a column of the neighbours `near` (which, weight), and their weighted mean deviation from it."""
+    who, weight = near
+    if len(who) == 0:
         return default, np.int64(0)
     total, sums = np.int64(0), np.int64(0)
-    for m in range(count):
+    for m in range(len(who)):
         total += weight[m]
         sums += weight[m] * rows[who[m], column]
     mean = sums // total
     deviation = np.int64(0)
-    for m in range(count):
+    for m in range(len(who)):
         deviation += weight[m] * abs(rows[who[m], column] - mean)
     return mean, deviation // total
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def spread_context(count, deviation, shift):
     """Context of a residual: no neighbour, too few, or how much they differ in steps, in octaves."""
@@ -100,14 +101,14 @@ def spread_context(count, deviation, shift):
     return 2 + octave
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def follow(running, residual, shift):
     """Running magnitude of a Gaussian's residuals in sixteenths of a step, after one more."""
     return (running + (min(abs(residual) >> shift, 1 << 14) << 4)) >> 1
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def octave_of(running):
     """Context of a residual: how large those before it in the same Gaussian were, in octaves."""
@@ -117,7 +118,7 @@ def octave_of(running):
     return octave
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def exponent(bases, which, level, area, long, thin, opacity):
     """`-log2` of a step, rounded: finer with the class, and as `COEFFICIENTS` says."""
@@ -127,48 +128,49 @@ def exponent(bases, which, level, area, long, thin, opacity):
     return (sums + (1 << (BITS + STEP_BITS - 1))) >> (BITS + STEP_BITS)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_class(coder, rows, i, value, count, who, weight):
+def code_class(coder, rows, value, near):
     """Codes the class as three bits, in the context of the mean class of the neighbours in half classes."""
+    who, weight = near
     total, sums = np.int64(0), np.int64(0)
-    for m in range(count):
+    for m in range(len(who)):
         total += weight[m]
         sums += weight[m] * rows[who[m], CLASS]
-    context = 0 if count == 0 else 1 + (4 * sums + total) // (2 * total)
+    context = 0 if len(who) == 0 else 1 + (4 * sums + total) // (2 * total)
     base, node = FIRST_CLASS + context * MAX_CLASSES, 1
     for shift in range(2, -1, -1):
         node = 2 * node + code_bit(coder, base + node, (value >> shift) & 1)
     return node - MAX_CLASSES
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight, thinness):
+def code_logs(coder, rows, i, source, bases, defaults, level, near, thinness):
     """Codes opacity and scales, each from the neighbours' and with a step from what is known already."""
-    mean, deviation = predict(rows, OPACITY, defaults[0], count, who, weight)
+    mean, deviation = predict(rows, OPACITY, defaults[0], near)
     shift = min(max(BITS - exponent(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO), 0), BITS)
-    spread = spread_context(count, deviation, shift)
+    spread = spread_context(len(near[0]), deviation, shift)
     residual = code_residual(coder, R_OPACITY, spread, shift, source[0] - mean, shift)
     running, opacity = follow(np.int64(16), residual, shift), mean + residual
     opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
-    mean, deviation = predict(rows, SCALE0, defaults[1], count, who, weight)
+    mean, deviation = predict(rows, SCALE0, defaults[1], near)
     area = 2 * mean - (2 << BITS)
     shift = min(max(BITS - exponent(bases, S_SCALE0, level, area, ZERO, ZERO, opacity), 0), BITS - 1)
-    spread = spread_context(count, deviation, shift)
+    spread = spread_context(len(near[0]), deviation, shift)
     residual = code_residual(coder, R_SCALE0, spread, shift, source[1] - mean, shift)
     running, s0 = follow(running, residual, shift), mean + residual
     s0 = min(max(s0, -MAX_LOG), MAX_LOG)
-    mean, deviation = predict(rows, SCALE1, defaults[2], count, who, weight)
+    mean, deviation = predict(rows, SCALE1, defaults[2], near)
     area = 2 * s0 - (2 << BITS)
     shift = min(max(BITS - exponent(bases, S_SCALE1, level, area, ZERO, ZERO, opacity), 0), BITS - 1)
-    spread = spread_context(count, deviation, shift)
+    spread = spread_context(len(near[0]), deviation, shift)
     residual = code_residual(coder, R_SCALE1, spread, octave_of(running), s0 - source[2] - mean, shift)
     running, long = follow(running, residual, shift), mean + residual
     long = min(max(long, 0), MAX_LOG)
-    mean, deviation = predict(rows, SCALE2, defaults[3], count, who, weight)
+    mean, deviation = predict(rows, SCALE2, defaults[3], near)
     shift = min(max(BITS - exponent(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity), 0), BITS - 1)
-    spread = spread_context(count, deviation, shift)
+    spread = spread_context(len(near[0]), deviation, shift)
     target = np.int64(0)
     if not coder.decoding:
         ratio = max(s0 - long - source[3], 0) / (1 << BITS)
@@ -180,13 +182,14 @@ def code_logs(coder, rows, i, source, bases, defaults, level, count, who, weight
     return s0, long, thinness[thin], opacity, running
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def predict_axis(rows, primary, count, who, weight, axis):
+def predict_axis(rows, primary, near, axis):
     """Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; and their mean deviation."""
+    who, weight = near
     total, nearest = np.int64(0), -1
     axis[0] = axis[1] = axis[2] = 0
-    for m in range(count):
+    for m in range(len(who)):
         j = who[m]
         if rows[j, PRIMARY] == primary:
             nearest = j if nearest < 0 else nearest
@@ -201,7 +204,7 @@ def predict_axis(rows, primary, count, who, weight, axis):
         axis[2] = UNIT
         return np.int64(0), 0
     deviation, same = np.int64(0), 0
-    for m in range(count):
+    for m in range(len(who)):
         j = who[m]
         if rows[j, PRIMARY] == primary:
             near, opposite = np.int64(0), np.int64(0)
@@ -214,12 +217,11 @@ def predict_axis(rows, primary, count, who, weight, axis):
     return deviation // total, same
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_axis(coder, rows, i, primary, source, shift, count, who, weight, running):
+def code_axis(coder, rows, i, primary, source, shift, near, running, axis):
     """Codes an axis on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis."""
-    axis = np.empty(3, np.int64)
-    deviation, same = predict_axis(rows, primary, count, who, weight, axis)
+    deviation, same = predict_axis(rows, primary, near, axis)
     pole = 0
     for a in range(1, 3):
         if abs(axis[a]) > abs(axis[pole]):
@@ -248,14 +250,14 @@ def code_axis(coder, rows, i, primary, source, shift, count, who, weight, runnin
     return running
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_colour(coder, rows, i, source, bases, defaults, level, count, who, weight, running):
+def code_colour(coder, rows, i, source, bases, defaults, level, near, running):
     """Codes luma and chroma; the magnitude of the component before is a context."""
     shift = min(max(BITS - exponent(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
     for c in range(3):
-        mean, deviation = predict(rows, LUMA + c, defaults[4 + c], count, who, weight)
-        spread = spread_context(count, deviation, shift)
+        mean, deviation = predict(rows, LUMA + c, defaults[4 + c], near)
+        spread = spread_context(len(near[0]), deviation, shift)
         residual = code_residual(coder, R_LUMA + c, spread, octave_of(running), source[c] - mean, shift)
         rows[i, LUMA + c] = min(max(mean + residual, -MAX_COLOUR), MAX_COLOUR)
         running = follow(running, residual, shift)

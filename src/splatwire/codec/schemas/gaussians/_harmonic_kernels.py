@@ -21,7 +21,7 @@ RUNNING = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
 """Least running magnitude, in sixteenths, of each context of a harmonic."""
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def code_harmonics(coder, values, i, source, bases, level):
     """Codes harmonics, Y Co Cg of one after another; most are 0, and those before in the Gaussian are the context."""
@@ -51,7 +51,7 @@ def code_harmonics(coder, values, i, source, bases, level):
         running = ((running * 13) >> 4) + (min(magnitude, 1 << 16) << 4)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _code_level(coder, value, zero_context, context):
     if not code_bit(coder, zero_context, ONE if value != 0 else ZERO):

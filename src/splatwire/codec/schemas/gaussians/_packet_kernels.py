@@ -5,7 +5,7 @@ from typing import no_type_check
 import numpy as np
 
 from splatwire.codec.schemas.gaussians._cell_kernels import code_cells
-from splatwire.codec.schemas.gaussians._coder_kernels import Coder, code_below, code_raw
+from splatwire.codec.schemas.gaussians._coder_kernels import DECODING, ENCODING, code_below, code_raw, new_coder
 from splatwire.codec.schemas.gaussians._gaussian_kernels import (
     code_axis,
     code_class,
@@ -44,7 +44,7 @@ SLACK = 64
 """Bytes of a packet's buffer besides those of its Gaussians."""
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _spread_cells(codes, cells, bits):
     for i in range(len(codes)):
@@ -55,7 +55,7 @@ def _spread_cells(codes, cells, bits):
             cells[i, a] = value
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def slot_of(code, bits):
     """The lowest bits of a code in reverse order: cells whose slots are close are far apart, and evenly spread."""
@@ -65,27 +65,27 @@ def slot_of(code, bits):
     return slot
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_codes(coder, codes, bits, spread):
+def _code_codes(coder, codes, bits, spread, slots, stack):
     """Codes Morton codes of `bits` bits, of a spread packet all but their slots as a tree, then its run of slots."""
     spread = code_raw(coder, spread, ONE)
     size = min(bits, SLOT_BITS) if spread else 0
     first, last = np.int64(1 << size), np.int64(0)
     if not coder.decoding:
         for i in range(len(codes)):
-            slot = slot_of(codes[i], size)
-            first, last = min(first, slot), max(last, slot)
+            slots[i] = slot_of(codes[i], size)
+            codes[i] >>= size
+            first, last = min(first, slots[i]), max(last, slots[i])
     first = code_raw(coder, first, size)
     count = code_raw(coder, last - first, size) + 1
-    upper = codes >> size
-    code_cells(coder, upper, bits - size)
+    code_cells(coder, codes, bits - size, stack)
     for i in range(len(codes)):
-        slot = code_below(coder, slot_of(codes[i], size) - first, count) if spread else 0
-        codes[i] = (upper[i] << size) | slot_of((first + slot) & ((1 << size) - 1), size)
+        slot = code_below(coder, slots[i] - first, count) if spread else 0
+        codes[i] = (codes[i] << size) | slot_of((first + slot) & ((1 << size) - 1), size)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _code_place(coder, row, cell, place, cells_at, shift):
     """Codes the bits of a place between the first grid and the Gaussian's own step."""
@@ -95,7 +95,7 @@ def _code_place(coder, row, cell, place, cells_at, shift):
         row[LATTICE + a] = (((cell[a] << (cells_at - low)) | fine) << (low + 1)) | (1 << low)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _code_spin(coder, row, axes, primary, bits):
     """Codes the turn about the primary axis, from 0 to pi in `1 << bits` steps, as it is."""
@@ -105,7 +105,7 @@ def _code_spin(coder, row, axes, primary, bits):
     row[SPIN_BITS], row[SPIN] = bits, code_raw(coder, value, bits)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _turn(row, axes, primary):
     """Angle from the frame that `attributes.frames` builds on a decoded axis to the axis after the primary one.
@@ -129,55 +129,62 @@ def _turn(row, axes, primary):
     return np.arctan2(across, vx * tx + vy * ty + vz * tz)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics):
+def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scratch):
     """Codes one packet; `source` is (codes, places, classes, logs, axes, colours, harmonics) of an encoder."""
     bases, unit, thinness = stream
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
+    cells, packed, stack, who, weight, axis = scratch
     n = len(rows)
     at = code_raw(coder, cells_at, CELLS_AT_BITS)
     at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
-    cells, packed = np.empty((n, 3), np.int64), np.zeros(n, np.int64)
     if not coder.decoding:
         for i in range(n):
             packed[i] = codes[i] >> (3 * (at - max(box_bits - MAX_CELL_BITS, 0)))
-    _code_codes(coder, packed, 3 * (box_bits - at), spread)
+    _code_codes(coder, packed, 3 * (box_bits - at), spread, cells[:, 0], stack)
     _spread_cells(packed, cells, box_bits - at)
-    who, weight = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     for i in range(n):
         j = 0 if coder.decoding else i
         count = find_neighbours(cells, i, who, weight)
-        level = code_class(coder, rows, i, classes[j], count, who, weight)
-        rows[i, CLASS] = level
-        s0, long, thin, opacity, running = code_logs(
-            coder, rows, i, logs[j], bases, defaults, level, count, who, weight, thinness
-        )
+        near = who[:count], weight[:count]
+        rows[i, CLASS] = level = code_class(coder, rows, classes[j], near)
+        s0, long, thin, opacity, running = code_logs(coder, rows, i, logs[j], bases, defaults, level, near, thinness)
         area = 2 * s0 - long
         e = max(exponent(bases, S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS))
         _code_place(coder, rows[i], cells[i], places[j], at, min(max(unit - e, 0), box_bits))
         rows[i, PRIMARY] = primary = 2 if thin >= long else 0
         e = exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
-        running = code_axis(coder, rows, i, primary, axes[j, :, primary], shift, count, who, weight, running)
+        running = code_axis(coder, rows, i, primary, axes[j, :, primary], shift, near, running, axis)
         e = exponent(bases, S_SPIN, level, area, long, thin, opacity)
         _code_spin(coder, rows[i], axes[j], primary, min(max(e, 0), DIRECTION_BITS))
-        code_colour(coder, rows, i, colours[j], bases, defaults, level, count, who, weight, running)
+        code_colour(coder, rows, i, colours[j], bases, defaults, level, near, running)
         if harmonics.shape[1]:
             code_harmonics(coder, harmonics, i, levels, bases, level)
 
 
 @njit(error_model="numpy")
 @no_type_check
-def _encode_packet(tables, stream, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
-    scales, inverses, widths, normal = tables
-    state = np.empty(3, np.int64)
-    encoder_start(state)
-    coder = Coder(
-        False, buffer, 0, state, models.copy(), statistics[0], scales, statistics[1], inverses, widths, normal
+def new_scratch(n):
+    """Room to code a packet of n: cells, their codes, the stack of `code_cells`, neighbours, weights, a mean axis."""
+    return (
+        np.empty((n, 3), np.int64),
+        np.zeros(n, np.int64),
+        np.empty((66, 5), np.int64),
+        np.empty(NUM_NEIGHBOURS, np.int64),
+        np.empty(NUM_NEIGHBOURS, np.int64),
+        np.empty(3, np.int64),
     )
-    _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics)
-    return encoder_finish(buffer, state)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def _encode_packet(tables, stream, models, statistics, box_bits, defaults, source, buffer, rows, harmonics):
+    coder = new_coder(ENCODING, buffer, ZERO, models.copy(), statistics, tables)
+    encoder_start(coder.state)
+    _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, new_scratch(len(rows)))
+    return encoder_finish(buffer, coder.state)
 
 
 @njit(error_model="numpy")
@@ -260,14 +267,20 @@ def encode_cut(
 @no_type_check
 def decode_packets(tables, stream, models, data, ends, starts, box_bits, defaults, rows, harmonics):
     """Decodes packets; packet p has the rows `starts[p]:starts[p + 1]` and bytes `ends[p]:ends[p + 1]`."""
-    scales, inverses, widths, normal = tables
-    state = np.empty(3, np.int64)
-    none = np.zeros((1, 2), np.int64)
-    counts = np.zeros((1, 1, 1, 2), np.int64)
+    statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
     one, three, four = np.zeros(1, np.int64), np.zeros((1, 3), np.int64), np.zeros((1, 4), np.int64)
     source = (ZERO, ZERO, one, three, one, four, np.zeros((1, 3, 3)), three, three)
     for p in range(len(starts) - 1):
-        decoder_start(data, ends[p], ends[p + 1], state)
-        coder = Coder(True, data, ends[p + 1], state, models.copy(), none, scales, counts, inverses, widths, normal)
         begin, end = starts[p], starts[p + 1]
-        _code_packet(coder, stream, box_bits[p], defaults[p], source, rows[begin:end], harmonics[begin:end])
+        coder = new_coder(DECODING, data, ends[p + 1], models.copy(), statistics, tables)
+        decoder_start(data, ends[p], ends[p + 1], coder.state)
+        _code_packet(
+            coder,
+            stream,
+            box_bits[p],
+            defaults[p],
+            source,
+            rows[begin:end],
+            harmonics[begin:end],
+            new_scratch(end - begin),
+        )
