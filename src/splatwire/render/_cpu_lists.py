@@ -38,32 +38,28 @@ def depth_order(splats, tiles, first_row, last_row):
 
     Equal depths keep their own order. Also returns the number of columns of tiles that each has, all together.
     """
-    count, columns = 0, 0
-    for g in range(tiles.shape[0]):
-        here = (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row)
-        count += here
-        columns += here * (tiles[g, 2] - tiles[g, 0])
-    order, spare = np.empty(count, np.int32), np.empty(count, np.int32)
-    keys, spare_keys = np.empty(count, np.uint32), np.empty(count, np.uint32)
-    k = 0
-    for g in range(tiles.shape[0]):
+    room, count, columns = tiles.shape[0], 0, np.int64(0)
+    order, spare = np.empty(room, np.int32), np.empty(room, np.int32)
+    keys, spare_keys = np.empty(room, np.uint32), np.empty(room, np.uint32)
+    starts, mask = np.zeros((3, 2049), np.int64), np.uint32(2047)
+    for g in range(room):
         if (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row):
-            order[k] = g
-            keys[k] = np.float32(splats[g, DEPTH]).view(np.uint32)  # positive floats sort like their bits
-            k += 1
+            key = np.float32(splats[g, DEPTH]).view(np.uint32)  # positive floats sort like their bits
+            order[count], keys[count] = g, key
+            count += 1
+            columns += tiles[g, 2] - tiles[g, 0]
+            for digit in range(3):
+                starts[digit, np.int64((key >> np.uint32(11 * digit)) & mask) + 1] += 1
     for digit in range(3):
-        shift = np.uint32(11 * digit)
-        starts = np.zeros(2049, np.int64)
-        for i in range(count):
-            starts[((keys[i] >> shift) & np.uint32(2047)) + 1] += 1
         for d in range(2048):
-            starts[d + 1] += starts[d]
+            starts[digit, d + 1] += starts[digit, d]
         for i in range(count):
-            d = (keys[i] >> shift) & np.uint32(2047)
-            spare[starts[d]], spare_keys[starts[d]] = order[i], keys[i]
-            starts[d] += 1
+            d = np.int64((keys[i] >> np.uint32(11 * digit)) & mask)
+            at = starts[digit, d]
+            spare[at], spare_keys[at] = order[i], keys[i]
+            starts[digit, d] = at + 1
         order, spare, keys, spare_keys = spare, order, spare_keys, keys
-    return order, columns
+    return order[:count], columns
 
 
 @njit(inline="always", error_model="numpy")

@@ -77,7 +77,8 @@ def render_scene(
     """
     images = torch.empty(cameras.num_views, cameras.height, cameras.width, 3)
     for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
-        images[view] = image
+        with one_torch_thread():  # see `_views`
+            images[view] = image
         if progress is not None:
             progress(view + 1, cameras.num_views)
     return images
