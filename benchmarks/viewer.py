@@ -1,9 +1,11 @@
-"""Opens an exported PLY in a web viewer in headless Chromium and compares its picture with ours, as JSON.
+"""Opens a PLY or an SPZ in a web viewer in headless Chromium and compares its picture with ours, as JSON.
 
 The viewer is Spark (MIT) on three.js, which are not dependencies of splatwire: install them anywhere with
 
     npm install three @sparkjsdev/spark
-    python benchmarks/viewer.py FILE.ply CAMERAS.json --modules node_modules [--view 0] [--picture out.jpg]
+    python benchmarks/viewer.py FILE.ply --modules node_modules [--cameras CAMERAS.json] [--view 0] [--picture out.jpg]
+
+Without cameras, views are from around the scene. SPZ has y up, so its Gaussians are turned back for the same view.
 
 Chromium draws in software (SwiftShader). The page posts its picture back to the server that it came from; nothing
 leaves the machine. In the picture: the viewer on the left, ours on the right.
@@ -30,6 +32,7 @@ from splatwire.formats import read_splats
 from splatwire.metrics import psnr
 from splatwire.model import SplatScene
 from splatwire.render import render_scene
+from splatwire.render.importance import cameras_around
 from splatwire.scene import Cameras
 
 PAGE = """<!doctype html><meta charset="utf-8"><style>body{margin:0}</style>
@@ -49,7 +52,8 @@ try {
   document.body.appendChild(renderer.domElement);
   const scene = new THREE.Scene();
   scene.add(new SparkRenderer({renderer, preBlurAmount: 0.3, blurAmount: 0.0}));
-  const splats = new SplatMesh({url: "/file.ply"});
+  const splats = new SplatMesh({url: view.url});
+  splats.scale.set(1, ...view.turn);
   scene.add(splats);
   await splats.initialized;
   const camera = new THREE.PerspectiveCamera(view.fov, view.width / view.height, 0.05, 1000);
@@ -109,19 +113,19 @@ class Server(SimpleHTTPRequestHandler):
         pass
 
 
-def view_description(cameras: Cameras, view: int, frames: int) -> dict:
+def view_description(cameras: Cameras, view: int, kind: str, frames: int) -> dict:
     """A camera in the words of three.js: its pose (y up, z backward), and its vertical field of view in degrees."""
     pose = np.linalg.inv(cameras.viewmats[view].double().numpy()) @ np.diag([1.0, -1.0, -1.0, 1.0])
     focal = float(cameras.Ks[view, 1, 1])
     fov = 2 * np.degrees(np.arctan(cameras.height / 2 / focal))
     return {"width": cameras.width, "height": cameras.height, "fov": fov, "pose": pose.flatten().tolist(),
-            "frames": frames}  # fmt: skip
+            "frames": frames, "url": f"/file{kind}", "turn": [-1, -1] if kind == ".spz" else [1, 1]}  # fmt: skip
 
 
 def photograph(file: Path, cameras: Cameras, view: int, modules: Path, browser: str, seconds: float) -> dict:
     """Lets the viewer draw a view; returns what the page posted."""
-    description = json.dumps(view_description(cameras, view, frames=8)).encode()
-    content = {"/": PAGE.encode(), "/file.ply": file.read_bytes(), "/view.json": description}
+    description = json.dumps(view_description(cameras, view, file.suffix, frames=8)).encode()
+    content = {"/": PAGE.encode(), f"/file{file.suffix}": file.read_bytes(), "/view.json": description}
     results: dict[str, bytes] = {}
     done = threading.Event()
     server = ThreadingHTTPServer(
@@ -150,7 +154,7 @@ def photograph(file: Path, cameras: Cameras, view: int, modules: Path, browser: 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("file", type=Path)
-    parser.add_argument("cameras", type=Path)
+    parser.add_argument("--cameras", type=Path)
     parser.add_argument("--modules", type=Path, default=Path("node_modules"), help="npm's folder node_modules")
     parser.add_argument("--view", type=int, default=0)
     parser.add_argument("--picture", type=Path, help="JPEG to write: the viewer's picture and ours")
@@ -159,13 +163,13 @@ def main() -> None:
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None or not (arguments.modules / "@sparkjsdev" / "spark").is_dir():
         raise SystemExit("needs chromium on PATH, and --modules with three and @sparkjsdev/spark")
-    cameras = load_cameras(arguments.cameras)
+    splats = read_splats(arguments.file)
+    cameras = load_cameras(arguments.cameras) if arguments.cameras else cameras_around(splats.means, 8, 512)
     posted = photograph(
         arguments.file, cameras, arguments.view, arguments.modules.resolve(), browser, arguments.seconds
     )
     png = base64.b64decode(posted["picture"].partition(",")[2])
     theirs = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=np.float32) / 255
-    splats = read_splats(arguments.file)
     ours = render_scene(SplatScene(splats), cameras.select([arguments.view]))[0]
     if arguments.picture:
         both = np.concatenate([theirs, ours.numpy()], axis=1)

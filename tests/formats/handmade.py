@@ -1,12 +1,14 @@
 """Files of explicit Gaussians put together by hand from the descriptions of their formats, and Gaussians for them."""
 
 import gzip
+import itertools
 import json
 import struct
 from pathlib import Path
 
 import numpy as np
 import torch
+import zstandard
 
 from splatwire.scene.splats import Splats
 
@@ -36,6 +38,19 @@ def legacy_spz(version: int = 2, degree: int = 1, count: int = 2, raw: bytes | N
         raw = struct.pack("<4sIIBBBB", b"NGSP", version, count, degree, 12, 0, 0) + positions
         raw += b"\xff\x00" + b"\x80" * 6 + b"\x90" * 6 + rotation * 2 + bytes(range(100, 100 + rest)) * 2
     return gzip.compress(raw)
+
+
+def modern_spz(legacy: bytes) -> bytes:
+    """SPZ of version 4 of the numbers of one of version 3."""
+    raw = gzip.decompress(legacy)
+    _, _, count, degree, bits, _, _ = struct.unpack_from("<4sIIBBBB", raw)
+    widths = [w for w in (9, 1, 3, 3, 4, 3 * ((degree + 1) ** 2 - 1)) if w]
+    ends = np.cumsum([16, *(w * count for w in widths)])
+    columns = [raw[a:b] for a, b in itertools.pairwise(ends)]
+    streams = [zstandard.ZstdCompressor().compress(column) for column in columns]
+    head = struct.pack("<4sIIBBBBI", b"NGSP", 4, count, degree, bits, 0, len(streams), 32).ljust(32, b"\0")
+    table = b"".join(struct.pack("<QQ", len(s), len(c)) for s, c in zip(streams, columns, strict=True))
+    return head + table + b"".join(streams)
 
 
 def ksplat(level: int = 1, degree: int = 1, count: int = 3, sections: int = 1) -> bytes:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from formats.handmade import glb, ksplat, legacy_spz, some_splats, write
+from formats.handmade import glb, ksplat, legacy_spz, modern_spz, some_splats, write
 from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
 from splatwire.formats import read_splats, splats_kind, write_splats
 from splatwire.formats._axes import GLTF_FLIPS, SPZ_FLIPS, flip_axes
@@ -163,6 +163,14 @@ def test_what_is_wrong_with_a_sog_is_said(change: dict[str, object], drop: str, 
     with pytest.raises(DatasetError, match=reason) as caught:
         read_splats(path)
     assert "a.sog" in str(caught.value)
+
+
+def test_spz_of_version_4_is_that_of_version_3(tmp_path: Path) -> None:
+    for degree in (0, 3):
+        write_splats([some_splats(50, degree)], tmp_path / "a.spz")
+        write(tmp_path / "b.spz", modern_spz((tmp_path / "a.spz").read_bytes()))
+        one, two = (vars(read_splats(tmp_path / name)) for name in ("a.spz", "b.spz"))
+        assert all(torch.equal(one[name], two[name]) for name in one)
 
 
 def test_bombs_are_not_unpacked(tmp_path: Path) -> None:

@@ -28,7 +28,6 @@ _HEADER = struct.Struct("<4sIIBBBB")
 _TABLE_OFFSET, _TABLE_ROW = struct.Struct("<I"), struct.Struct("<QQ")
 _PLAIN_HEADER_BYTES = 32
 _MAX_FRACTION_BITS, _FRACTION_BITS = 24, 12
-_ZSTD_LEVEL = 12
 _MAX_RATIO, _FREE_BYTES = 256, 16 << 20
 _COLOR_SCALE = 0.15
 _MAGNITUDE = 511
@@ -175,7 +174,7 @@ def _smallest_three(data: np.ndarray) -> np.ndarray:
 
 
 def write_spz(parts: Iterable[Splats], path: Path) -> int:
-    """Writes an SPZ file of version 4 with harmonics in 8 bits; what lies outside of a byte's range is cut.
+    """Writes an SPZ file of version 3, which all viewers read, with harmonics in 8 bits; they are cut to their range.
 
     Args:
         parts: The Gaussians, all of one degree.
@@ -190,15 +189,10 @@ def write_spz(parts: Iterable[Splats], path: Path) -> int:
     """
     splats = flip_axes(join(path, parts), SPZ_FLIPS)
     bits = _fraction_bits(float(splats.means.abs().max()))
-    packer = zstandard.ZstdCompressor(level=_ZSTD_LEVEL)
-    columns = _columns(splats, bits)
-    streams = [packer.compress(column.tobytes()) for column in columns]
-    with written_whole(path) as unfinished, unfinished.open("wb") as file:
-        file.write(_HEADER.pack(MAGIC, 4, splats.num_gaussians, splats.degree, bits, 0, len(streams)))
-        file.write(_TABLE_OFFSET.pack(_PLAIN_HEADER_BYTES).ljust(_PLAIN_HEADER_BYTES - _HEADER.size, b"\0"))
-        for stream, column in zip(streams, columns, strict=True):
-            file.write(_TABLE_ROW.pack(len(stream), column.nbytes))
-        file.writelines(streams)
+    header = _HEADER.pack(MAGIC, 3, splats.num_gaussians, splats.degree, bits, 0, 0)
+    content = header + b"".join(column.tobytes() for column in _columns(splats, bits))
+    with written_whole(path) as unfinished:
+        unfinished.write_bytes(gzip.compress(content, mtime=0))
     return splats.num_gaussians
 
 
