@@ -53,7 +53,7 @@ from splatwire.transport.certificate import self_signed
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import DRAWING, SCRIPT, Link, PageContent, web_file
 from splatwire.transport.preview import stream_preview
-from splatwire.transport.quic import WEBTRANSPORT_PATH
+from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits
 from splatwire.transport.quic_server import QuicServer
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
@@ -196,7 +196,8 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
     program = make_program(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
     def server(limits: ServerLimits) -> QuicServer:
-        return QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY, limits=limits)
+        ours = QuicLimits(128, 128)
+        return QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY, limits=limits, quic_limits=ours)
 
     plain = server(ServerLimits(64, 64))
     slow = server(ServerLimits(64, 64, fixed_rate=rate * 1e6 / 8))

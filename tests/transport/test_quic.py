@@ -58,7 +58,7 @@ async def fetch(
     return await receive_quic(address, options or ReceiverOptions(), trust, on_event)
 
 
-def test_a_stream_crosses_in_the_order_of_the_program_and_no_byte_twice():
+def test_a_stream_crosses_side_information_first_and_hardly_a_byte_twice():
     async def work() -> None:
         events: list[Any] = []
         async with serving() as server:

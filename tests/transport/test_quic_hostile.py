@@ -11,7 +11,7 @@ import pytest
 
 from splatwire.transport import ReceiverOptions
 from splatwire.transport.frames import Feedback, Request
-from splatwire.transport.wire import DATA, encode
+from splatwire.transport.wire import DATA, SIDE, WELCOME, encode, kind_of
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.asyncio.protocol import QuicConnectionProtocol
@@ -22,6 +22,8 @@ from aioquic.quic.connection import QuicConnection
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.quic import ALPN, WEBTRANSPORT_PATH, FrameReader, QuicLimits, configuration, stream_frame
+from splatwire.transport.quic_server import GREETINGS
+from splatwire.transport.quic_sessions import HELD
 from transport.test_quic import OTHER, fetch, run, serving
 
 
@@ -35,10 +37,15 @@ class Client(QuicConnectionProtocol):
         self.http: H3Connection | None = None
         self.statuses: list[int] = []
         self.got = 0
+        self.frames: list[bytes] = []
+        self.stream: int | None = None
+        self._reader = FrameReader()
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
         if isinstance(event, events.ConnectionTerminated):
             self.ended = event
+        if isinstance(event, events.StreamDataReceived) and event.stream_id == self.stream:
+            self.frames += self._reader.feed(event.data)
         self.got += isinstance(event, (events.StreamDataReceived, events.DatagramFrameReceived))
         for told in self.http.handle_event(event) if self.http else []:
             if isinstance(told, HeadersReceived):
@@ -138,11 +145,14 @@ def test_thousands_of_wrong_frames_change_nothing():
     run(work())
 
 
-def test_an_address_without_a_token_gets_one_small_answer():
-    """What a spoofed victim would get for each greeting."""
+@pytest.mark.parametrize("busy", [False, True])
+def test_an_address_that_shows_nothing_gets_little(busy):
+    """What a spoofed victim would get for each greeting: three times its bytes, one small answer where many greet."""
 
     async def work() -> None:
         async with serving() as server:
+            if busy:
+                server.greeting |= {object() for _ in range(GREETINGS)}
             settings = configuration(is_client=True, alpn=[ALPN], idle_s=5.0)
             settings.server_name = "localhost"
             quic = QuicConnection(configuration=settings)
@@ -152,16 +162,60 @@ def test_an_address_without_a_token_gets_one_small_answer():
                 victim.setblocking(False)
                 for data in hello:
                     victim.sendto(data, ("127.0.0.1", server.port))
-                await asyncio.sleep(0.7)
+                await asyncio.sleep(1.5)
                 answers = []
                 while True:
                     try:
                         answers.append(victim.recv(2048))
                     except BlockingIOError:
                         break
-            assert len(answers) == len(hello)
-            assert 5 * sum(map(len, answers)) < sum(map(len, hello))
-            assert not server.connections
+            assert answers
+            assert sum(map(len, answers)) <= (0.2 if busy else 3) * sum(map(len, hello))
+            assert len(server.connections) == (not busy)
+            if busy:
+                await still_serves(server.port)
+
+    run(work())
+
+
+def request(nonce: int = 1) -> bytes:
+    return encode(Request(nonce, bytes(16), "other"))
+
+
+def test_a_datagram_asks_before_the_stream_is_there_and_the_stream_brings_what_was_said():
+    async def work() -> None:
+        async with serving() as server:
+            client = await connected(server.port, "h3")
+            session = client.connect_to()
+            await until(lambda: client.statuses == [200])
+            client.http.send_datagram(session, request())
+            client.transmit()
+            await until(lambda: server.core.num_served)
+            client.stream = client.http.create_webtransport_stream(session)
+            client.quic.send_stream_data(client.stream, stream_frame(request()))
+            client.transmit()
+            await until(lambda: {WELCOME, SIDE} <= {kind_of(frame) for frame in client.frames})
+            assert server.core.num_served == 1
+            assert server.num_malformed == 0
+            await hang_up(client)
+
+    run(work())
+
+
+def test_a_session_without_a_stream_keeps_little():
+    async def work() -> None:
+        async with serving() as server:
+            client = await connected(server.port, "h3")
+            client.connect_to()
+            await until(lambda: client.statuses == [200])
+            (connection,) = server.connections
+            for _ in range(HELD):
+                connection._sessions._session.send(request())
+            assert server.num_malformed == 0
+            connection._sessions._session.send(request())
+            assert server.num_malformed == 1
+            await until(lambda: client.ended)
+            await hang_up(client)
 
     run(work())
 

@@ -12,7 +12,7 @@ import { receiveBytes, receiveFile } from "./transport/reliable.ts";
 import { receiveDatagrams } from "./transport/webtransport.ts";
 import { nextTurn } from "./turns.ts";
 
-const SHOW_MS = 60, COUNT_MS = 100, SLICE_MS = 8;
+const SHOW_MS = 30, COUNT_MS = 100, SLICE_MS = 8;
 
 /** For what looks the same to all cameras. */
 const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };

@@ -67,9 +67,8 @@ test("what the checksum does not hold for is counted and left", () => {
   assert.equal(transfer.counts.rejected, 1);
 });
 
-test("a report names places that are missing behind the furthest, each not too often", () => {
-  const transfer = new Transfer("", 7n, 0);
-  transfer.receive(welcome((numbers) => numbers.setUint32(59, 1000, true)), 0);
+/** A datagram with an empty packet of block 0 for a place of the sending order. */
+function empty(place: number): Uint8Array {
   const packet = new Uint8Array(24), numbers = viewOf(packet);
   packet[0] = 1;
   numbers.setUint32(1, 3, true);
@@ -78,9 +77,27 @@ test("a report names places that are missing behind the furthest, each not too o
   const datagram = new Uint8Array(13 + packet.length);
   datagram[0] = 0x36;
   viewOf(datagram).setUint32(1, 2, true);
-  viewOf(datagram).setUint32(9, 100, true);
+  viewOf(datagram).setUint32(9, place, true);
   datagram.set(packet, 13);
-  transfer.receive(datagram, 5);
+  return datagram;
+}
+
+test("what overtakes the welcome is kept, not without end", () => {
+  const transfer = new Transfer("", 7n, 0), many = new Transfer("", 7n, 0);
+  for (const place of [3, 4]) transfer.receive(empty(place), 1);
+  transfer.receive(welcome(), 2);
+  assert.deepEqual([transfer.counts.packets, transfer.counts.rejected, transfer.counts.bytes], [2, 0, 2 * empty(0).length + welcome().length]);
+  for (let place = 0; place < 100; place++) many.receive(empty(place), 1);
+  many.receive(welcome((numbers) => numbers.setUint32(59, 1000, true)), 2);
+  assert.deepEqual([many.counts.packets, many.counts.rejected], [64, 36]);
+  many.receive(welcome(), 3);
+  assert.equal(many.counts.rejected, 36);
+});
+
+test("a report names places that are missing behind the furthest, each not too often", () => {
+  const transfer = new Transfer("", 7n, 0);
+  transfer.receive(welcome((numbers) => numbers.setUint32(59, 1000, true)), 0);
+  transfer.receive(empty(100), 5);
   assert.equal(transfer.counts.packets, 1);
   const lost = (bytes: Uint8Array): number => viewOf(bytes).getUint16(21, true);
   assert.equal(lost(transfer.feedback(10)), 100 + 1 - 48);

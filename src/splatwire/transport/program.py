@@ -68,9 +68,10 @@ class Program:
 
     @functools.cached_property
     def reliable_schedule(self) -> tuple[tuple[int, int, int], ...]:
-        """The same order where the head object travels on a reliable stream: without its repair symbols."""
+        """The order where the head object travels on a reliable stream: at once, for nothing is decoded without it."""
         segments = Segments(self.head_bytes, self.symbol_bytes)
-        return tuple(item for item in self.schedule if item[0] != SIDE or item[2] < segments.size(item[1]))
+        head = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
+        return (*head, *(item for item in self.schedule if item[0] != SIDE))
 
     @functools.cached_property
     def head_reserve(self) -> int:

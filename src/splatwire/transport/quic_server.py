@@ -8,8 +8,11 @@ from typing import Any
 
 from aioquic.asyncio.protocol import QuicConnectionProtocol
 from aioquic.asyncio.server import QuicServer as AioquicServer
+from aioquic.buffer import Buffer
 from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
+from aioquic.quic.packet import pull_quic_header
+from aioquic.quic.retry import QuicRetryTokenHandler
 
 from splatwire.transport.admission import network_of
 from splatwire.transport.certificate import Identity
@@ -24,6 +27,8 @@ BATCH = 64
 """Datagrams that are handed to QUIC before reading gets its turn."""
 SPARE = 16
 """Connections beyond twice the allowed number that may begin, so that even a server without places can say so."""
+GREETINGS = 8
+"""Handshakes at once from which on addresses have to show that they are theirs before one begins."""
 GREETING_S = 10.0
 """A connection that has asked for nothing after this time is closed."""
 
@@ -31,7 +36,9 @@ GREETING_S = 10.0
 class QuicServer:
     """Serves programs on one UDP socket until it is closed; use it inside a running event loop.
 
-    Every address has to return a token (a QUIC Retry) before anything but that token is sent to it.
+    While `GREETINGS` handshakes or more are going on, an address has to return a token (a QUIC Retry) before anything
+    but that token is sent to it. Otherwise it gets at most three times the bytes that came from it until it has shown
+    that it reads them (RFC 9000, 8.1): a Retry takes a round trip, and may be lost.
 
     Args:
         programs: Streams by name.
@@ -57,6 +64,7 @@ class QuicServer:
         self.bytes_sent = 0
         self.connections: set[_Connection] = set()
         self.networks: Counter[Hashable] = Counter()
+        self.greeting: set[_Connection] = set()
         self._socket = bound_socket(host, port)
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
@@ -124,10 +132,12 @@ class QuicServer:
     def accept(self, connection: "_Connection") -> None:
         """Counts a connection that begins."""
         self.connections.add(connection)
+        self.greeting.add(connection)
         self.networks[connection.network] += 1
 
     def leave(self, connection: "_Connection") -> None:
         """Counts a connection that has ended, once."""
+        self.greeting.discard(connection)
         if connection in self.connections:
             self.connections.remove(connection)
             self.networks -= Counter([connection.network])
@@ -142,9 +152,11 @@ class _Endpoint(AioquicServer):
     """aioquic's listening socket, whose bytes are counted."""
 
     def __init__(self, owner: QuicServer, settings: Any) -> None:
-        super().__init__(configuration=settings, create_protocol=self._accept, retry=True)
+        super().__init__(configuration=settings, create_protocol=self._accept)
         self._owner = owner
         self._network: Hashable = None
+        self._retries: Any = QuicRetryTokenHandler()
+        self._retry: Any = None
 
     def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
         connection = _Connection(quic, self._owner, self._network)
@@ -162,10 +174,19 @@ class _Endpoint(AioquicServer):
             if self._owner.crowded(self._network, begins=True):
                 self._owner.num_refused += 1
                 return
+            self._retry = self._retries if len(self._owner.greeting) >= GREETINGS or _has_token(data) else None
         super().datagram_received(data, addr)
 
     def error_received(self, exc: Exception) -> None:
         """What an earlier datagram met with, e.g. a port that nobody listens on any more."""
+
+
+def _has_token(data: bytes) -> bool:
+    """Whether a packet with a long header shows what an earlier Retry gave."""
+    try:
+        return bool(pull_quic_header(Buffer(data=data)).token)
+    except ValueError:
+        return False
 
 
 class _Watched:
@@ -199,11 +220,11 @@ class _Connection(QuicConnectionProtocol):
         match event:
             case events.ProtocolNegotiated():
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
-            case events.HandshakeCompleted() if self.owner.crowded(self.network):
-                self.owner.num_refused += 1
-                self.end(
-                    FULL, "the server is full, or your network has its share of it"
-                )  # not before: the reason would not reach the client
+            case events.HandshakeCompleted():
+                self.owner.greeting.discard(self)
+                if self.owner.crowded(self.network):  # not told before: the reason would not reach the client
+                    self.owner.num_refused += 1
+                    self.end(FULL, "the server is full, or your network has its share of it")
             case events.ConnectionTerminated():
                 self._ended()
             case _ if self._sessions is not None and not self._over:

@@ -11,28 +11,53 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.quic import STREAM, WEBTRANSPORT_PATH, FrameReader, on_stream, stream_frame
 from splatwire.transport.wire import MAX_DATAGRAM
 
+COPIED = 8
+"""Frames of a reliable stream that leave as DATAGRAM, too: a welcome and the heads of most streams, without which
+nothing can be used. Whichever comes first counts; on a stream alone, what is lost comes two round trips later."""
+HELD = 64
+"""Frames that may wait for their stream, which the client opens: the datagram that asks may overtake it."""
+
 
 class Session:
     """A way to one client; what it is equal to is itself, so that it can stand for the client's address.
 
     Args:
         connection: The connection: has `quic`, its `owner` (the server), `transmit`, `end` and `malformed`.
-        stream: Stream that carries frames reliably.
+        stream: Stream that carries frames reliably; None until the client opens it.
         prefix: What every DATAGRAM of the session begins with.
     """
 
-    def __init__(self, connection: Any, stream: int, prefix: bytes = b"") -> None:
+    def __init__(self, connection: Any, stream: int | None, prefix: bytes = b"") -> None:
         self.connection = connection
-        self._stream = stream
+        self.stream = stream
         self._prefix = prefix
         self._reader = FrameReader()
+        self._copies = COPIED
+        self._held: list[bytes] = []
 
     def send(self, data: bytes) -> None:
         """Hands a frame to QUIC; `connection.transmit` sends it."""
+        copied = on_stream(data) and self._copies > 0
         if on_stream(data):
-            self.connection.quic.send_stream_data(self._stream, stream_frame(data))
-        else:
+            self._on_stream(stream_frame(data))
+        if copied or not on_stream(data):
+            self._copies -= copied
             self.connection.quic.send_datagram_frame(self._prefix + data)
+
+    def _on_stream(self, frame: bytes) -> None:
+        if self.stream is not None:
+            self.connection.quic.send_stream_data(self.stream, frame)
+        elif len(self._held) < HELD:
+            self._held.append(frame)
+        else:
+            self.connection.malformed("no stream for what was asked for")
+
+    def opened(self, stream: int) -> None:
+        """Takes the stream that the client opened."""
+        self.stream = stream
+        for frame in self._held:
+            self._on_stream(frame)
+        self._held.clear()
 
     def stream_data(self, data: bytes) -> None:
         """Takes bytes of the reliable stream.
@@ -94,7 +119,6 @@ class WebTransportSessions:
         self._connection = connection
         self._http = H3Connection(connection.quic, enable_webtransport=True)
         self._id: int | None = None
-        self._stream: int | None = None
         self._session: Session | None = None
         self.asked = False
 
@@ -119,6 +143,7 @@ class WebTransportSessions:
             case WebTransportStreamDataReceived():
                 self._stream_data(event)
             case DatagramReceived() if self._session is not None and event.stream_id == self._id:
+                self.asked = True
                 self._session.datagram(event.data)
 
     def _status(self, headers: dict[bytes, bytes]) -> int:
@@ -139,18 +164,18 @@ class WebTransportSessions:
     def _answer(self, stream_id: int, status: int) -> None:
         headers = [(b":status", str(status).encode())]
         if status == 200:
-            self._id = stream_id
+            self._id, self._session = stream_id, Session(self._connection, None, encode_uint_var(stream_id // 4))
             headers.append((b"sec-webtransport-http3-draft", b"draft02"))
         self._http.send_headers(stream_id, headers, end_stream=status != 200)
 
     def _stream_data(self, event: WebTransportStreamDataReceived) -> None:
-        if self._id is None or event.session_id != self._id or event.stream_id % 4:
+        if self._session is None or event.session_id != self._id or event.stream_id % 4:
             self._connection.malformed(f"a stream {event.stream_id} of no session")
             return
-        if self._session is None:
-            self._stream, self.asked = event.stream_id, True
-            self._session = Session(self._connection, event.stream_id, encode_uint_var(self._id // 4))
-        if event.stream_id != self._stream:
+        if self._session.stream is None:
+            self.asked = True
+            self._session.opened(event.stream_id)
+        if event.stream_id != self._session.stream:
             self._connection.malformed("a second stream")
             return
         try:

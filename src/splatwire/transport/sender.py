@@ -166,6 +166,7 @@ class Server:
         self._sessions[(key[0], session)], self._networks[key] = key, network
         self._starts.note(network, key[1], now)
         self.num_served += 1
+        self._plan(key)
         return None
 
     def _new_session(self, address: Hashable) -> int:

@@ -74,7 +74,7 @@ class ServerTransfer:
         self._next = 0
         self._sequence = 0
         self._counted_bytes = 0
-        self._heard = self._reported = False
+        self._heard, self._reported = reliable_head, False
         self._again: deque[tuple[int, int, int]] = deque()
         self._sent_again: dict[tuple[int, int, int], float] = {}
         self._waiting: set[tuple[int, int, int]] = set()
@@ -103,7 +103,8 @@ class ServerTransfer:
     def next_at(self) -> float | None:
         """When `poll` has something to send next.
 
-        None before the first feedback, while the client is quiet, and once it had its share.
+        None before the first feedback (who has a session need not wait for it), while the client is quiet, and once it
+        had its share.
         """
         if self.spent or not self._heard:
             return None

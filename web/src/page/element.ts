@@ -50,6 +50,7 @@ export class SplatWire extends HTMLElement {
 
   connectedCallback(): void {
     if (this.shadowRoot) return;
+    if (!this.hasAttribute("pictures")) this.#start(); // first of all: a thread takes a while to begin
     const root = this.attachShadow({ mode: "open" }), style = new CSSStyleSheet();
     style.replaceSync(STYLE);
     root.adoptedStyleSheets = [style];
@@ -137,12 +138,15 @@ export class SplatWire extends HTMLElement {
     this.#stage.touch();
   }
 
-  async #open(): Promise<void> {
-    const inside = document.getElementById(this.getAttribute("data") ?? "");
-    this.#panel.say("Connecting ...");
+  #start(): void {
     this.#worker = new Worker(URL.createObjectURL(new Blob([SOURCE], { type: "text/javascript" })));
     this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#heard(data));
     this.#worker.addEventListener("error", (event) => this.#fail(event.message || "the worker could not be started"));
+  }
+
+  async #open(): Promise<void> {
+    const inside = document.getElementById(this.getAttribute("data") ?? "");
+    this.#panel.say("Connecting ...");
     if (inside) {
       const bytes = Uint8Array.from(atob(inside.textContent!.trim()), (c) => c.charCodeAt(0));
       return this.#send({ kind: "open", session: null, name: "", file: "", bytes });

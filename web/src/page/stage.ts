@@ -174,11 +174,13 @@ export class Stage {
       const took = performance.now() - began;
       await painted();
       for (const resolve of shown) resolve();
-      await new Promise((resolve) => setTimeout(resolve, took)); // half of the time is left to the packets
+      await Promise.race([this.#isEnough, pause(took)]); // half of the time is left to the packets
     }
     this.#painting = null;
   }
 }
+
+const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 /** Resolves when what was painted is on the screen. */
 function painted(): Promise<void> {

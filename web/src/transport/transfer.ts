@@ -11,7 +11,7 @@ import {
 } from "./frames.ts";
 
 const REFUSALS = ["", "no such stream", "the server is full", "the server stopped", "too many transfers from this network"];
-const AGAIN_MS = 120, REORDER = 48, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17, ENDS_IN_VAIN = 25;
+const AGAIN_MS = 120, REORDER = 48, MOST_EARLY = 64, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17, ENDS_IN_VAIN = 25;
 
 export class Transfer {
   welcome: Welcome | null = null;
@@ -36,6 +36,8 @@ export class Transfer {
   #lowest = 0;
   #ended = false;
   #endsInVain = 0;
+  /** What overtook the welcome. */
+  #early: Uint8Array[] = [];
 
   constructor(readonly name: string, readonly nonce: bigint, readonly began: number) {
     this.#largestAt = began;
@@ -60,9 +62,11 @@ export class Transfer {
     if (this.finished) return;
     const kind = kindOf(bytes);
     this.counts.bytes += bytes.length;
-    if (kind === WELCOME && !this.welcome) return this.#welcomed(bytes);
+    if (kind === WELCOME && !this.welcome) return this.#welcomed(bytes, now);
+    if (kind === WELCOME) return; // once more, another way
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const known = kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
+    if (!this.welcome && known && this.#early.length < MOST_EARLY) return void this.#early.push(bytes);
     if (!this.welcome || !known || viewOf(bytes).getUint32(1, true) !== this.welcome.session) return void this.counts.rejected++;
     if (kind === SIDE) return this.#side(bytes, now);
     const sequence = viewOf(bytes).getUint32(5, true);
@@ -104,7 +108,7 @@ export class Transfer {
     return writeBye(this.welcome!.session);
   }
 
-  #welcomed(bytes: Uint8Array): void {
+  #welcomed(bytes: Uint8Array, now: number): void {
     const welcome = readWelcome(bytes, this.nonce);
     if (!welcome) return void (this.finished = "the server announces something impossible");
     this.welcome = welcome;
@@ -113,6 +117,10 @@ export class Transfer {
     this.#object = new Uint8Array(welcome.headBytes);
     this.#seen = new Uint8Array(this.numSymbols);
     this.#there = new Uint8Array(welcome.packets);
+    for (const early of this.#early.splice(0)) {
+      this.counts.bytes -= early.length; // it was counted when it came
+      this.receive(early, now);
+    }
   }
 
   #side(bytes: Uint8Array, now: number): void {
@@ -120,7 +128,8 @@ export class Transfer {
     const segment = numbers.getUint16(9, true), payload = bytes.subarray(15, bytes.length - 4);
     const first = Math.floor((this.numSymbols * segment) / this.#segments), at = first + numbers.getUint32(11, true);
     const next = Math.floor((this.numSymbols * (segment + 1)) / this.#segments);
-    if (segment >= this.#segments || at >= next || payload.length !== symbolBytes || this.#seen[at]) return void this.counts.rejected++;
+    if (segment >= this.#segments || at >= next || payload.length !== symbolBytes) return void this.counts.rejected++;
+    if (this.#seen[at]) return; // once more, another way
     this.#object.set(payload.subarray(0, Math.min(symbolBytes, headBytes - at * symbolBytes)), at * symbolBytes);
     this.#seen[at] = 1;
     if (++this.headSymbols < this.numSymbols) return;

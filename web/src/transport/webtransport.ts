@@ -5,8 +5,10 @@ import { FrameReader } from "./frames.ts";
 import { Transfer } from "./transfer.ts";
 
 const FEEDBACK_MS = 20, PATIENCE_MS = 4000, SILENCE_MS = 10000;
+/** Datagrams that wait for a thread that is busy; a browser throws away what is beyond. */
+const MOST_WAITING = 1024;
 /** When handshakes begin, as long as none has come about. */
-const HANDSHAKES_MS = [0, 200, 500, 900, 1400];
+const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
 
 export interface Session {
   readonly url: string;
@@ -20,9 +22,11 @@ export async function receiveDatagrams(session: Session, name: string, listener:
   const transport = await open(session), transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now());
   const end = (error: unknown): void => void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
   transport.closed.then(end, end);
+  transport.datagrams.incomingHighWaterMark = MOST_WAITING;
   const stream = await transport.createBidirectionalStream();
   const onStream = stream.writable.getWriter(), datagrams = transport.datagrams.writable.getWriter(), request = transfer.request();
-  await onStream.write(Uint8Array.of(request.length & 255, request.length >> 8, ...request));
+  datagrams.write(request).catch(() => undefined); // beside the stream, which waits longer where the first is lost
+  onStream.write(Uint8Array.of(request.length & 255, request.length >> 8, ...request)).catch(() => undefined);
   let heardAt = performance.now();
   const frames = new FrameReader();
   readAll(stream.readable, (chunk) => {
@@ -39,7 +43,7 @@ export async function receiveDatagrams(session: Session, name: string, listener:
     const now = performance.now();
     if (listener.stopped()) transfer.finished = "stopped";
     else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
-    else if (transfer.welcome) datagrams.write(transfer.feedback(now)).catch(() => undefined);
+    else datagrams.write(transfer.welcome ? transfer.feedback(now) : request).catch(() => undefined);
     progress.tell();
   }
   progress.tell();
