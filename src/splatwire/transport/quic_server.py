@@ -27,7 +27,7 @@ BATCH = 64
 """Datagrams that are handed to QUIC before reading gets its turn."""
 SPARE = 16
 """Connections beyond twice the allowed number that may begin, so that even a server without places can say so."""
-GREETINGS = 8
+GREETINGS = 4
 """Handshakes at once from which on addresses have to show that they are theirs before one begins."""
 GREETING_S = 10.0
 """A connection that has asked for nothing after this time is closed."""
