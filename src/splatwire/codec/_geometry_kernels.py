@@ -24,7 +24,7 @@ TREE = PAIR + 2 * MAX_BITS * RUNS
 NUM_CONTEXTS = TREE + 3 * SMALL * SMALL
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def large_count_normal(n):
     """Mean (12 fractional bits) and scale index of the zero count of a node with many points: scale about n / 4."""
@@ -34,7 +34,7 @@ def large_count_normal(n):
     return np.int64(n) << 11, min((exponent - 2 + 6) << 4, 319)
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def split(codes, begin, end, bit):
     """First index in `[begin, end)` whose code has a one in `bit`."""
@@ -48,7 +48,7 @@ def split(codes, begin, end, bit):
     return low
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, table):
     """Codes how many of a node's n points have a zero in `bit`."""
@@ -74,7 +74,7 @@ def encode_count(buffer, state, models, n, zeros, bit, run, inverses, widths, ta
         encode_symbol(buffer, state, zeros, mean, scale, ZERO, ZERO, NORMAL, inverses, widths, table)
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def decode_count(data, end, state, models, n, bit, run, inverses, widths, table):
     """Inverse of `encode_count`; hostile codes are clipped to 0..n."""

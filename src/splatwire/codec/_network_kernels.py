@@ -24,7 +24,7 @@ LIMIT = float(ACTIVATION_LIMIT)
 OUT_LIMIT = float(OUTPUT_LIMIT)
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def finish_hidden(sums, bias, leaky):
     """Adds the bias, rounds down to activation precision, rectifies and clips, in place."""
@@ -37,7 +37,7 @@ def finish_hidden(sums, bias, leaky):
             sums[n, c] = min(max(value, -LIMIT), LIMIT)
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def finish_output(sums, bias, out):
     """Adds the bias, rounds down to output precision and clips."""
@@ -47,7 +47,7 @@ def finish_output(sums, bias, out):
             out[n, c] = np.int32(min(max(value, -OUT_LIMIT), OUT_LIMIT))
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def narrow(outputs, inputs):
     """Turns the first columns of network outputs into network inputs."""
@@ -56,7 +56,7 @@ def narrow(outputs, inputs):
             inputs[n, c] = outputs[n, c] >> (OUTPUT_BITS - ACTIVATION_BITS)
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def feature_activations(symbols, factors, base, activations):
     """Turns decoded feature symbols into network inputs; `base` is the base step with 16 fractional bits."""

@@ -13,7 +13,7 @@ STATES = 4 * COUNTS
 """Contexts of a tier's bit: that count, and the same bit of the two anchors before."""
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def tier_context(tier, count, recent):
     """Context of a bit: the count, 0 to 1 in 16 bits, is quantised finely near zero."""
@@ -24,7 +24,7 @@ def tier_context(tier, count, recent):
     return tier * STATES + 4 * step + recent
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def remember(counts, recents, tier, important):
     """Updates what later anchors know of this one."""

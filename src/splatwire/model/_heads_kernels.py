@@ -26,7 +26,7 @@ _MOST, _ZERO, _ONE = np.float32(126), np.float32(0), np.float32(1)
 _MIN_ALPHA, _LEAST_NORM = 1.0 / 255.0, np.float32(1e-12)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _layer(packed, num_inputs, num_groups, x, slope, out):
     """An affine layer and a rectifier (none with a slope of 1) for sixteen anchors, one in each lane."""

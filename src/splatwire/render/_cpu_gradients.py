@@ -49,7 +49,7 @@ SPARE = LANES - SUMS
 _AHEAD_ROWS = 16
 
 
-@njit(inline="never", error_model="numpy")
+@njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend_back(buf, low, high, x, y, A, B, C, level, red, green, blue, out, row):
     """Repeats `_blend` and writes its sums to a row of `out`.
@@ -126,7 +126,7 @@ def draw_tiles_back(splats, starts, ids, spans, grid_x, first_row, image, d_imag
         _tile_back(splats, ids, spans, starts[t], starts[t + 1], left, top, image, d_image, rows_of_sums)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_rows(rows_of_sums, members, places, place_starts, sums):
     """Adds each Gaussian's rows to its `sums`, in the order of its tiles."""

@@ -25,7 +25,7 @@ LIVE, RED, GREEN, BLUE, REST, COLUMN = (k * PIXELS for k in range(6))
 ZERO, ONE = np.float32(0), np.float32(1)
 
 
-@njit(inline="never", error_model="numpy")
+@njit(borrows=True, inline="never", error_model="numpy")
 @no_type_check
 def _blend(buf, low, high, x, y, A, B, C, level, red, green, blue):
     """Lays one Gaussian over the rows [low, high) of a tile; `level` is the logarithm of its opacity, base two.
@@ -69,7 +69,7 @@ def new_buffer(columns, rows):
     return buf
 
 
-@njit(fastmath=True)
+@njit(borrows=True, fastmath=True)
 @no_type_check
 def finished(buf):
     """Whether no pixel of a tile lets light through any more."""

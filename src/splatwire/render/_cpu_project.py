@@ -44,7 +44,7 @@ def _clamped(value, focal, center, size, margin):
     return min(max(value, -center / focal - extra), (size - center) / focal + extra)
 
 
-@njit(error_model="numpy", fastmath={"nsz", "arcp", "contract"})
+@njit(borrows=True, error_model="numpy", fastmath={"nsz", "arcp", "contract"})
 @no_type_check
 def _project_chunk(work, pose, intrinsics, width, height, constants):
     """Works out one chunk's `OUT` from its means, quaternions, scales and levels; no branch, so that lanes do it."""
@@ -127,7 +127,7 @@ def _scaled_axis(row_x, row_y, axis, scale):
     return along_x * scale, along_y * scale
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def project_back(
     means, quats, scales, opacities, pose, intrinsics, width, height, constants, splats, tiles, sums,
@@ -153,7 +153,7 @@ def project_back(
         )  # fmt: skip
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def _project_back_one(
     mean, quat, scale, pose, intrinsics, width, height, margin, du, dv, dxx, dxy, dyy, d_mean, d_quat, d_scale

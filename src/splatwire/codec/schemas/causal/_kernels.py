@@ -36,7 +36,7 @@ MASK_BITS = np.int64(16)
 MASK_ROOM = np.int64(32)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def activate(numbers, inputs):
     """Turns numbers into inputs of networks."""
@@ -46,7 +46,7 @@ def activate(numbers, inputs):
             inputs[n, c] = min(max(value, -ACTIVATION_LIMIT), ACTIVATION_LIMIT)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def scale_indices(spreads, powers, indices):
     """Entries of the scale table: octave, and sixteenths of the fraction's power of two."""
@@ -57,7 +57,7 @@ def scale_indices(spreads, powers, indices):
             indices[n, c] = min(max(((spread >> 16) << 4) + fraction, 0), 319)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_symbols(symbols, outputs, first, numbers):
     """Numbers of symbols: the predicted mean and whole steps from it."""
@@ -67,12 +67,42 @@ def add_symbols(symbols, outputs, first, numbers):
             numbers[n, c] = np.int64(outputs[n, first + c]) + (symbol << 16)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_size(weights, logit):
     """How probable it is that an offset exists, out of 2**16."""
     index = min(max(((np.int64(logit) + 2048) >> 12) + 128, 0), 255)
     return min(max(weights[index], MASK_ROOM), (1 << 16) - MASK_ROOM)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _encode_packet(
+    begin, end, codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights, inverses, widths, table,
+    out, state,
+):  # fmt: skip
+    """Codes the anchors [begin, end) into `out`; returns the number of bytes."""
+    last = len(firsts) - 2
+    encoder_start(state)
+    for n in range(begin, end):
+        encode_place(out, state, codes[n], unknown[n], chances)
+    for s in range(len(firsts) - 1):
+        if s == form:
+            for n in range(begin, end):
+                for k in range(masks.shape[1]):
+                    size = mask_size(weights, logits[n, k])
+                    if masks[n, k]:
+                        encode_interval(out, state, ZERO, size, MASK_BITS)
+                    else:
+                        encode_interval(out, state, size, (ONE << MASK_BITS) - size, MASK_BITS)
+        for n in range(begin, end):
+            for c in range(firsts[s], firsts[s + 1]):
+                if s < last or masks[n, (c - firsts[s]) // 3]:
+                    encode_symbol(
+                        out, state, np.int64(symbols[n, c]), ZERO, np.int64(scales[n, c]), ZERO, ZERO, NORMAL,
+                        inverses, widths, table,
+                    )  # fmt: skip
+    return encoder_finish(out, state)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -85,36 +115,15 @@ def encode_packets(
 
     Stage s has the columns `firsts[s]:firsts[s + 1]`; the masks come before stage `form`, offsets are the last stage.
     """
-    num_offsets, columns = masks.shape[1], symbols.shape[1]
-    room = (num_offsets + columns + PLACE_SYMBOLS) * BYTES_PER_SYMBOL
-    last = len(firsts) - 2
+    room, state = (masks.shape[1] + symbols.shape[1] + PLACE_SYMBOLS) * BYTES_PER_SYMBOL, np.empty(3, np.int64)
     for p in range(len(starts) - 1):
-        begin, end = starts[p], starts[p + 1]
-        out = buffer[begin * room + 64 * p :]
-        state = np.empty(3, np.int64)
-        encoder_start(state)
-        for n in range(begin, end):
-            encode_place(out, state, codes[n], unknown[n], chances)
-        for s in range(len(firsts) - 1):
-            if s == form:
-                for n in range(begin, end):
-                    for k in range(num_offsets):
-                        size = mask_size(weights, logits[n, k])
-                        if masks[n, k]:
-                            encode_interval(out, state, ZERO, size, MASK_BITS)
-                        else:
-                            encode_interval(out, state, size, (ONE << MASK_BITS) - size, MASK_BITS)
-            for n in range(begin, end):
-                for c in range(firsts[s], firsts[s + 1]):
-                    if s < last or masks[n, (c - firsts[s]) // 3]:
-                        encode_symbol(
-                            out, state, np.int64(symbols[n, c]), ZERO, np.int64(scales[n, c]), ZERO, ZERO, NORMAL,
-                            inverses, widths, table,
-                        )  # fmt: skip
-        lengths[p] = encoder_finish(out, state)
+        lengths[p] = _encode_packet(
+            starts[p], starts[p + 1], codes, unknown, chances, masks, logits, symbols, scales, firsts, form, weights,
+            inverses, widths, table, buffer[starts[p] * room + 64 * p :], state,
+        )  # fmt: skip
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def anchor_bits(
     codes, unknown, chances, masks, logits, symbols, scales, offsets, weights, inverses, widths, table, bits
@@ -141,7 +150,7 @@ def anchor_bits(
         bits[n] = total
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def start_packets(data, ends, states):
     """Starts the decoder of every packet; `ends[p]:ends[p + 1]` are the packet's bytes."""
@@ -149,7 +158,7 @@ def start_packets(data, ends, states):
         decoder_start(data, ends[p], ends[p + 1], states[p])
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_masks(data, ends, starts, states, logits, weights, masks):
     """Reads which offsets exist."""
@@ -165,7 +174,7 @@ def decode_masks(data, ends, starts, states, logits, weights, masks):
                     decode_advance(data, ends[p + 1], states[p], size, (ONE << MASK_BITS) - size, MASK_BITS)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, table, symbols):
     """Reads the symbols of a stage; number c is there if `coded[n, c // 3]`, and 0 if not."""

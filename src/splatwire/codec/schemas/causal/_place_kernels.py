@@ -40,7 +40,7 @@ SIZES = 8
 NUM_CONTEXTS = SIZES * RUNS
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _context(n, run):
     size = 0
@@ -49,7 +49,7 @@ def _context(n, run):
     return (size - 1) * RUNS + run
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def _coarse(count):
     """How many low bits of a number below `count` are coded as they are, since an interval has 16 bits."""
@@ -124,7 +124,7 @@ def decode_tree(data, bits, leaf, models, codes, unknown):
         stack[top, 3], stack[top, 4] = run, prefix << 1
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def guess(i, n, bits):
     """What code i of a node's n is taken for in the bits that are not known: the middle of a part of the node."""
@@ -135,7 +135,7 @@ def guess(i, n, bits):
     return value << shift if shift >= 0 else value >> -shift
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def encode_place(out, state, code, unknown, chances):
     """Codes the low bits of a code that are not known."""
@@ -156,7 +156,7 @@ def encode_place(out, state, code, unknown, chances):
         encode_below(out, state, ((rest >> (3 * level)) & others) - 1, others)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def decode_place(data, end, state, code, unknown, chances):
     """The code with the bits that were not known."""
@@ -178,7 +178,7 @@ def decode_place(data, end, state, code, unknown, chances):
     return known | (((rest << low) | (value + 1)) << (3 * level))
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def place_bits(code, unknown, chances):
     """Bits that `encode_place` takes."""
@@ -193,7 +193,7 @@ def place_bits(code, unknown, chances):
     return total
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_places(data, ends, starts, states, codes, unknown, chances):
     """Completes the codes of all packets' anchors in place."""

@@ -15,7 +15,7 @@ HALF = 1 << (UNIT_BITS - 1)
 CELL = 1 << CELL_BITS
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def row_of(x, y, z, resolution, rows, dims):
     """Row of a grid corner in its level's table: dense where the level fits, hashed elsewhere (HACPP_SPEC 3)."""
@@ -28,7 +28,7 @@ def row_of(x, y, z, resolution, rows, dims):
     return np.int64(hashed) % rows
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def locate(unit, resolution):
     """Lower corner and fraction (`CELL_BITS` bits) of a unit coordinate on one axis of a level."""
@@ -36,7 +36,7 @@ def locate(unit, resolution):
     return scaled >> CELL_BITS, scaled & (CELL - 1)
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def corner_weight(corner, bit, fraction, resolution):
     """Weight of one axis of a corner; zero where the corner lies on the border and is dropped."""
@@ -46,7 +46,7 @@ def corner_weight(corner, bit, fraction, resolution):
     return fraction if bit else CELL - fraction
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def inside_box(units, n, axes, level, dims):
     """Tells whether an anchor lies in the box on every axis of a level."""
@@ -58,7 +58,7 @@ def inside_box(units, n, axes, level, dims):
     return inside
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def cell_of(units, n, axes, level, dims, resolution):
     """Lower corner and fractions of an anchor's cell in a level; zero on the axis that a plane does not have."""
@@ -114,7 +114,7 @@ def lookup(units, signs, starts, resolutions, rows, axes, out):
                 out[n, level * depth + d] = value
 
 
-@njit(nogil=True)
+@njit(borrows=True, nogil=True)
 @no_type_check
 def touch(units, starts, resolutions, rows, axes, touched):
     """Marks every table row that some anchor's interpolation reads with a weight above zero."""

@@ -29,7 +29,7 @@ MASK_ONES = 4
 """Mask contexts per offset: 0, 1, 2 or more ones before it in the anchor."""
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def scale_index(scale):
     """Index into the scale table of a scale with 12 fractional bits: octave and 4 bits of mantissa."""
@@ -40,14 +40,14 @@ def scale_index(scale):
     return ((exponent - 6) << 4) + ((value >> (exponent - 4)) & 15)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def step_index(q):
     """Index into the step table of an output with 16 fractional bits: 1024 cells per unit, clipped to -4 to 4."""
     return min(max(((q + 32) >> 6) + 4096, 0), 8192)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps, means, scales):
     """Turns network outputs (16 fractional bits) into means in steps (12 fractional bits) and scale indices."""
@@ -61,7 +61,7 @@ def gaussian_indices(outputs, mean_column, scale_column, q_column, inverse_steps
             scales[n, c] = scale_index(scale)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inverse_steps, means, scales, weights):
     """The same for a feature group's second component, and the index of the mixture weight."""
@@ -76,7 +76,7 @@ def mixture_indices(outputs, group, prior_outputs, weight_column, q_column, inve
             weights[n, c] = min(max(((logit + 2048) >> 12) + 128, 0), 255)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def mask_context(offset, ones):
     """Context of a mask bit: which offset, and how many of the anchor's earlier offsets exist."""
@@ -133,7 +133,7 @@ def encode_packets(
         lengths[p] = encoder_finish(out, state)
 
 
-@njit(error_model="numpy")
+@njit(borrows=True, error_model="numpy")
 @no_type_check
 def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, table):
     """What `encode_symbol` spends on a symbol, in bits."""
@@ -146,7 +146,7 @@ def bits_of(symbol, mean0, scale0, mean1, scale1, weight, inverses, widths, tabl
     return TOTAL_BITS - np.log2(float(ESCAPE)) + 2.0 + 2.0 * np.floor(np.log2(float(excess + 1)))
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def anchor_bits(
     masks, features, scalings, offsets, mean0, scale0, mean1, scale1, weight,
@@ -222,7 +222,7 @@ def decode_masks(data, ends, starts, mask_model, states, masks):
                 ones += bit
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_group(
     data, ends, starts, states, first, mean0, scale0, mean1, scale1, weight, weights, inverses, widths, table, features
@@ -237,7 +237,7 @@ def decode_group(
                 )  # fmt: skip
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_rest(
     data, ends, starts, states, masks, scaling_mean, scaling_scale, offset_mean, offset_scale,

@@ -11,7 +11,7 @@ STATES = 32
 """Contexts for each level and feature: up to three features before it in the row, and its value in the row before."""
 
 
-@njit()
+@njit(borrows=True)
 @no_type_check
 def sign_context(level, feature, depth, signs, row, previous):
     """Context of one sign: its level and feature, the row's signs so far, the same feature of the last row coded."""
