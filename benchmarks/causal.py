@@ -15,6 +15,7 @@ import argparse
 import hashlib
 import itertools
 import time
+import timeit
 from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
@@ -51,8 +52,8 @@ FEWEST = 4
 """Points of a curve that a mean over it needs."""
 
 
-def measured(file: Path, photos: Path) -> dict[str, Any]:
-    """Bytes, quality and time of a scene as a stream."""
+def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
+    """Bytes, quality and time of a scene as a stream; `copies` of it side by side, if any, are timed, too."""
     if file.suffix == ".swz":
         stream = plain(read_stream(file)[0])
         scene = decode_anchors(stream).scene
@@ -75,7 +76,22 @@ def measured(file: Path, photos: Path) -> dict[str, Any]:
     }  # fmt: skip
     if isinstance(scene.coding, CausalCoding):
         row["bits_of_an_anchor"] = attribute_bits(partial.scene, stream)
+    if copies:
+        row["side_by_side"] = side_by_side(scene, copies)
     return row
+
+
+def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
+    """Microseconds on the clock, with all threads, that an anchor of a larger scene takes: the same one in a row."""
+    voxel, anchors = scene.coding.voxel_size, scene.anchors
+    width = (np.ptp(anchors.positions[:, 0].numpy()) // voxel + 1) * voxel
+    moved = [anchors.positions + torch.tensor([i * width, 0.0, 0.0]) for i in range(copies)]
+    rest = {name: values.repeat(copies, *[1] * (values.dim() - 1)) for name, values in vars(anchors).items()}
+    larger = replace(scene, anchors=replace(anchors, **{**rest, "positions": torch.cat(moved)}))
+    stream, num = encode_scene(larger), copies * anchors.num_anchors
+    times = {"encode": lambda: encode_scene(larger), "decode": lambda: decode_stream(stream)}
+    best = {name: min(timeit.repeat(work, number=1, repeat=5)) for name, work in times.items()}
+    return {"anchors": num, **{f"{name}_us_per_anchor": seconds / num * 1e6 for name, seconds in best.items()}}
 
 
 def plain(stream: SceneStream) -> SceneStream:
@@ -183,6 +199,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="+", help="NAME=FILE, a trained scene of the photos NAME")
     parser.add_argument("--photos", action="append", required=True, help="NAME=FOLDER")
+    parser.add_argument("--copies", type=int, default=0, help="time so many of a scene side by side, too")
     parser.add_argument("--output", type=Path)
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
@@ -190,7 +207,7 @@ def main() -> None:
     photos, found = dict(text.split("=", 1) for text in options.photos), defaultdict(list)
     for text in options.scenes:
         name, file = text.split("=", 1)
-        found[name].append({"scene": Path(file).stem, **measured(Path(file), Path(photos[name]))})
+        found[name].append({"scene": Path(file).stem, **measured(Path(file), Path(photos[name]), options.copies)})
     publish({name: {"bd_rate": bd_rate(rows), "scenes": rows} for name, rows in found.items()}, options.output)
     if options.plot:
         plot(found, options.plot)
