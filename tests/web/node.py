@@ -70,24 +70,27 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
         "lanes": lanes,
         "request": encode(Request(7, bytes(16), "scène")).hex(),
         "welcome": encode(welcome).hex(),
-        "grown": {str(path): grown(stream) for path, stream in streams if stream.manifest.num_packets > 1},
+        "gains": {str(path): gains_of(stream) for path, stream in streams if stream.manifest.num_packets > 1},
         "splats": {str(path): first_packet(stream) for path, stream in streams},
         "camera": CAMERA,
         "preview": {"bytes": preview.hex(), "numbers": [float(n) for n in numbers]},
     })  # fmt: skip
 
 
-def grown(stream: SceneStream) -> list[float]:
-    """Gains of size and opacity of what every second packet of a stream brought, packet by packet."""
+def gains_of(stream: SceneStream) -> dict[str, list[float]]:
+    """By concealer, gains of size and opacity of what every second packet of a stream brought, packet by packet."""
     partial = stream.with_packets(stream.packets[::2])
-    hints = conceal(decode_stream(partial), "grow").hints
-    gains = torch.stack([hints.size_gain, torch.ones_like(hints.size_gain)], dim=1)
-    if hints.opacity_gain is not None:
-        gains[:, 1] = hints.opacity_gain
-    order = arrange_stream(partial)
+    decoded, order = decode_stream(partial), arrange_stream(partial)
     there = [packet is not None for packet in order.packets]
     ranks = order.groups.ranks[np.repeat(there, np.diff(order.groups.starts))]
-    return gains[ranks].double().ravel().tolist()
+    found = {}
+    for name in ("grow",) if stream.manifest.codec == CAUSAL else ("grow", "scene_free"):
+        hints = conceal(decoded, name).hints
+        gains = torch.stack([hints.size_gain, torch.ones_like(hints.size_gain)], dim=1)
+        if hints.opacity_gain is not None:
+            gains[:, 1] = hints.opacity_gain
+        found[name] = gains[ranks].double().ravel().tolist()
+    return found
 
 
 def first_packet(stream: SceneStream) -> list[list[float]]:

@@ -60,6 +60,7 @@ class Reception implements Listener {
       background: decoder.background,
       viewpoint: decoder.viewpoint,
       sideInfoBytes: manifest.sideInfoBytes,
+      concealers: Object.keys(decoder.schema.concealers),
     };
     say({ kind: "facts", facts });
   }

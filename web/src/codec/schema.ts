@@ -1,6 +1,6 @@
 // What a schema of elements has to know; which one a stream has is asked in `decoder.ts` and nowhere else.
 
-import type { Elements, Pause } from "../conceal/conceal.ts";
+import type { Concealer, Elements, Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Splats } from "./splats.ts";
@@ -29,6 +29,8 @@ export interface Schema<P extends Part = Part> {
   /** Middle of the scene, where it is known before any element. */
   readonly middle: readonly number[] | null;
   readonly sections: Map<string, Uint8Array>;
+  /** By name, what hides losses of such elements. */
+  readonly concealers: Readonly<Record<string, Concealer>>;
   /** Decodes a packet that fits the plan; any payload gives something. */
   read(packet: Packet): P;
   /** Digest of all decoded integers, given the packets of each block in order. */

@@ -1,6 +1,7 @@
 // How gaps are concealed: what arrived is drawn with a gain on its size.
 
 import { grow } from "./grow.ts";
+import { sceneFree } from "./scene_free.ts";
 
 /** What is known of all elements of a scene, received or lost: lost ones lie and are as large as is expected of them. */
 export interface Elements {
@@ -11,6 +12,10 @@ export interface Elements {
   /** Of those that arrived; null where an element has no opacity of its own. */
   readonly opacities: Float32Array | null;
   readonly known: Uint8Array;
+  /** Which elements of the scene they are: of those that are equally far from one, the first counts. */
+  readonly places: Int32Array;
+  /** Logarithms of the axes of received Gaussians, largest first; null for anchors. */
+  readonly logScales: Float32Array | null;
 }
 
 /** Called now and then by what takes long, so that its thread can do other things; false where nobody waits any more. */
@@ -22,10 +27,16 @@ export type Pause = () => Promise<boolean>;
  */
 export type Concealer = (received: number, elements: () => Promise<Elements | null>, pause: Pause) => Promise<Float32Array | null>;
 
+const grown = (gains: (all: Elements, pause: Pause) => Promise<Float32Array | null>): Concealer => async (received, elements, pause) => {
+  const all = await elements();
+  return all && ((await gains(all, pause))?.subarray(0, 2 * received) ?? null);
+};
+
+/** Those that work on any elements. */
 export const CONCEALERS: Readonly<Record<string, Concealer>> = {
   drop: (received) => Promise.resolve(new Float32Array(2 * received).fill(1)),
-  grow: async (received, elements, pause) => {
-    const all = await elements();
-    return all && ((await grow(all, pause))?.subarray(0, 2 * received) ?? null);
-  },
+  grow: grown(grow),
 };
+
+/** Those for explicit Gaussians. */
+export const SPLAT_CONCEALERS: Readonly<Record<string, Concealer>> = { ...CONCEALERS, scene_free: grown(sceneFree) };

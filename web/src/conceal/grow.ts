@@ -11,12 +11,12 @@ const SIZE_EXPONENT = 0.12, OPACITY_EXPONENT = 0.8, MOST_OPAQUE = 0.999, LEAST_O
  * others the opacity o grows, to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size by
  * `(1 - rho) ** -0.12`; rho is limited by what the loss of the whole scene would give.
  */
-export async function grow({ positions, sizes, opacities, known }: Elements, pause: Pause): Promise<Float32Array | null> {
+export async function grow({ positions, sizes, opacities, known, places }: Elements, pause: Pause): Promise<Float32Array | null> {
   const count = known.length, gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
   const most = Math.min(MAX_GAIN, MAX_EXCESS * (received / count) ** -EXPONENT), least = most ** (-1 / EXPONENT);
-  const tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1));
+  const tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places);
   for (let i = 0; i < count; i++) {
     if (i % AT_A_TIME === 0 && !(await pause())) return null;
     if (!known[i]) continue;

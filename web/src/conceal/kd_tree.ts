@@ -10,7 +10,8 @@ export class KdTree {
   #count = 0;
   #self = -1;
 
-  constructor(readonly points: Float32Array, readonly k: number) {
+  /** Of points that are equally far, those of the smaller key are nearer; their order where there are no keys. */
+  constructor(readonly points: Float32Array, readonly k: number, readonly keys: Int32Array | null = null) {
     this.#order = Int32Array.from({ length: points.length / 3 }, (_, i) => i);
     this.#far = new Float64Array(k);
     this.#who = new Int32Array(k);
@@ -23,6 +24,30 @@ export class KdTree {
     this.#self = i;
     this.#search(0, this.#order.length, 0, this.points[3 * i], this.points[3 * i + 1], this.points[3 * i + 2]);
     return this.#who.subarray(0, this.#count);
+  }
+
+  /** The same, nearest first; `distances` has the squares of their distances. */
+  nearestFirst(i: number): Int32Array {
+    const near = this.nearestOthers(i), far = this.#far;
+    for (let n = 1; n < near.length; n++) {
+      const who = near[n], d = far[n];
+      let at = n;
+      for (; at > 0 && this.#isNearer(d, who, far[at - 1], near[at - 1]); at--) {
+        far[at] = far[at - 1];
+        near[at] = near[at - 1];
+      }
+      far[at] = d;
+      near[at] = who;
+    }
+    return near;
+  }
+
+  get distances(): Float64Array {
+    return this.#far;
+  }
+
+  #isNearer(d: number, i: number, other: number, j: number): boolean {
+    return d < other || (d === other && (this.keys ? this.keys[i] < this.keys[j] : i < j));
   }
 
   #build(begin: number, end: number, depth: number): void {
@@ -60,7 +85,7 @@ export class KdTree {
     this.#offer(i, x, y, z);
     if (away < 0) this.#search(begin, middle, depth + 1, x, y, z);
     else this.#search(middle + 1, end, depth + 1, x, y, z);
-    if (this.#count === this.k && away * away >= this.#far[0]) return;
+    if (this.#count === this.k && away * away > this.#far[0]) return;
     if (away < 0) this.#search(middle + 1, end, depth + 1, x, y, z);
     else this.#search(begin, middle, depth + 1, x, y, z);
   }
@@ -74,17 +99,17 @@ export class KdTree {
     if (this.#count < this.k) {
       for (at = this.#count++; at > 0; at = (at - 1) >> 1) {
         const parent = (at - 1) >> 1;
-        if (far[parent] >= d) break;
+        if (!this.#isNearer(far[parent], who[parent], d, i)) break;
         far[at] = far[parent];
         who[at] = who[parent];
       }
     } else {
-      if (d >= far[0]) return;
+      if (!this.#isNearer(d, i, far[0], who[0])) return;
       for (at = 0; ; ) {
         let child = 2 * at + 1;
         if (child >= this.k) break;
-        if (child + 1 < this.k && far[child + 1] > far[child]) child++;
-        if (far[child] <= d) break;
+        if (child + 1 < this.k && this.#isNearer(far[child], who[child], far[child + 1], who[child + 1])) child++;
+        if (!this.#isNearer(d, i, far[child], who[child])) break;
         far[at] = far[child];
         who[at] = who[child];
         at = child;

@@ -65,6 +65,13 @@ export class Plan {
     return found;
   }
 
+  /** Places of a block, packet by packet. */
+  order(block: number): Int32Array {
+    const count = this.blockCount(block);
+    if (this.manifest.packetization.grouping === "hashed") return this.members({ block, lane: 0, count });
+    return Int32Array.from(Array.from(this.#laneCounts(block), (size, lane) => [...this.members({ block, lane, count: size })]).flat());
+  }
+
   /** Places of a block by their hashes: any run of them is spread over the whole block. */
   #hashOrder(block: number, start: number): Int32Array {
     const known = this.#orders.get(block);

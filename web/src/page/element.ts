@@ -2,7 +2,6 @@
 
 import SOURCE from "worker:receiver";
 
-import { CONCEALERS } from "../conceal/conceal.ts";
 import { readPreview } from "../codec/preview.ts";
 import { pack } from "../render/packed.ts";
 import type { FixedCamera, View } from "../render/view.ts";
@@ -56,7 +55,7 @@ export class SplatWire extends HTMLElement {
     root.adoptedStyleSheets = [style];
     const link = (): string => writeLink(this.#panel.settings, this.#stage.orbit.turned), src = this.getAttribute("src");
     const copies = { "copy link": link, ...(src ? { "copy embed code": () => embedCode(src) } : {}) };
-    const concealers = this.getAttribute("concealers")?.split(" ") ?? Object.keys(CONCEALERS);
+    const concealers = this.getAttribute("concealers")?.split(" ") ?? ["grow"];
     this.#panel = new Panel(concealers, this.hasAttribute("live"), () => this.#settingsChanged(), () => this.#flip(), copies);
     this.#comparison = new Comparison(this.#stage, () => this.#panel.settings.show, (psnr) => this.#panel.tell("PSNR", psnr));
     root.append(this.#stage.canvas, this.#stage.first, this.#comparison.canvas, this.#panel.element);
@@ -198,8 +197,9 @@ export class SplatWire extends HTMLElement {
     }
   }
 
-  #learn({ gaussians, size, middle, background, viewpoint, viewDependent }: Facts): void {
+  #learn({ gaussians, size, middle, background, viewpoint, viewDependent, concealers }: Facts): void {
     const stage = this.#stage;
+    this.#panel.offer(concealers);
     this.#gaussians = gaussians;
     this.#size = size;
     stage.background(background);

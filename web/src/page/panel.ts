@@ -37,7 +37,7 @@ export class Panel {
    * `copies` gives texts for the clipboard by the words on their button.
    */
   constructor(concealers: string[], live: boolean, readonly changed: () => void, readonly flip: () => void, readonly copies: Record<string, () => string>) {
-    this.#choice.append(...concealers.map((name) => make("option", { value: name }, name)));
+    this.#list(concealers);
     this.#choice.addEventListener("change", () => this.set({ concealer: this.#choice.value }));
     const again = make("button", { type: "button", title: "loses other packets" }, "others");
     again.addEventListener("click", () => this.set({ seed: this.settings.seed + 1 }));
@@ -59,13 +59,23 @@ export class Panel {
     this.set({});
   }
 
+  /** Lists the concealers that there are for a stream; a choice that is none of them gives way to `grow`. */
+  offer(names: readonly string[]): void {
+    this.#list(names);
+    this.set(names.includes(this.settings.concealer) ? {} : { concealer: "grow" });
+  }
+
+  #list(names: readonly string[]): void {
+    this.#choice.replaceChildren(...names.map((name) => make("option", { value: name }, name)));
+  }
+
   set(some: Partial<Settings>): void {
     this.settings = { ...this.settings, ...some };
     this.#choice.value = this.settings.concealer;
     for (const [name, { slider, told }] of this.#sliders) {
       const value = this.settings[name];
       slider.value = String(value);
-      told.textContent = name === "burst" ? `${value} packets` : `${Math.round(100 * value)} %`;
+      told.textContent = name === "burst" ? (value === 1 ? "1 packet: each on its own" : `${value} packets`) : `${Math.round(100 * value)} %`;
     }
     for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]")) input.checked = input.value === this.settings.show;
     this.changed();

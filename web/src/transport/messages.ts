@@ -26,6 +26,8 @@ export interface Facts {
   readonly background: readonly [number, number, number];
   readonly viewpoint: Viewpoint | null;
   readonly sideInfoBytes: number;
+  /** Concealers that work on its elements. */
+  readonly concealers: readonly string[];
 }
 
 export type FromWorker =

@@ -3,7 +3,7 @@
 import { StreamDecoder } from "../codec/decoder.ts";
 import type { Part } from "../codec/schema.ts";
 import type { Splats } from "../codec/splats.ts";
-import { CONCEALERS, type Pause } from "../conceal/conceal.ts";
+import type { Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
 import { shownPackets, type Choice } from "./losses.ts";
@@ -70,7 +70,7 @@ export class Received {
     const parts = this.#parts.map((part, p) => ({ part, first: this.#firsts[p] })).filter((_, p) => shown[p]);
     const received = parts.reduce((sum, { part }) => sum + part.count, 0), gains = new Float32Array(2 * count);
     const elements = (): ReturnType<typeof schema.elements> => schema.elements(parts.map(({ part }) => part), pause), { schema } = this.decoder;
-    const found = await (CONCEALERS[choice.concealer] ?? CONCEALERS["drop"])(received, elements, pause);
+    const found = await (schema.concealers[choice.concealer] ?? schema.concealers["drop"])(received, elements, pause);
     if (!found) return null;
     let at = 0;
     for (const { part, first } of parts) {

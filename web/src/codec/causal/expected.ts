@@ -35,6 +35,8 @@ export class Expected {
       sizes: Float32Array.from(ranks, (rank) => sizes[rank]),
       opacities: null,
       known: new Uint8Array(this.count).fill(1, 0, end),
+      places: ranks,
+      logScales: null,
     };
   }
 

@@ -3,7 +3,7 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../../bytes.ts";
-import type { Elements, Pause } from "../../conceal/conceal.ts";
+import { CONCEALERS, type Elements, type Pause } from "../../conceal/conceal.ts";
 import type { Anchors } from "../../model/anchors.ts";
 import type { Camera } from "../../model/camera.ts";
 import { Heads } from "../../model/heads.ts";
@@ -67,6 +67,8 @@ export class CausalSchema implements Schema<AnchorPart> {
   get middle(): number[] {
     return this.info.middle.map((value) => value * this.info.voxelSize);
   }
+
+  readonly concealers = CONCEALERS;
 
   get sections(): Map<string, Uint8Array> {
     return this.info.sections;

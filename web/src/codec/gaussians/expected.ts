@@ -7,12 +7,14 @@ import type { GaussianPart } from "./schema.ts";
 import type { SideInfo } from "./side_info.ts";
 import { THINNESS } from "./tables.ts";
 
+const SMALLEST = 1e-9;
 /** Powers of the plastic number's four-dimensional cousin: multiples of them fill a box evenly (Roberts, 2018). */
 const GOLDEN = [0.8191725134, 0.6710436067, 0.5497004779];
 
 /** The received elements of some packets as they are; behind them the lost ones, at places of received ones of their block, of its mean size. */
 export function expectedElements(info: SideInfo, plan: Plan, parts: readonly GaussianPart[]): Elements {
   const { count } = plan.manifest, positions = new Float32Array(3 * count), sizes = new Float32Array(count), known = new Uint8Array(count);
+  const logScales = new Float32Array(3 * count), places = new Int32Array(count), taken = new Uint8Array(count);
   const opacities = new Float32Array(count), blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []);
   let at = 0;
   for (const part of parts) {
@@ -20,16 +22,25 @@ export function expectedElements(info: SideInfo, plan: Plan, parts: readonly Gau
     positions.set(splats.means, 3 * at);
     opacities.set(splats.opacities, at);
     known.fill(1, at, at + splats.count);
-    for (let i = 0; i < splats.count; i++, at++) sizes[at] = Math.cbrt(splats.scales[3 * i] * splats.scales[3 * i + 1] * splats.scales[3 * i + 2]);
+    places.set(plan.members(part.packet), at);
+    for (const place of places.subarray(at, at + splats.count)) taken[place] = 1;
+    for (let i = 0; i < splats.count; i++, at++) {
+      const [a, b, c] = [0, 1, 2].map((axis) => Math.log(Math.max(splats.scales[3 * i + axis], SMALLEST)));
+      logScales[3 * at] = Math.max(a, b, c);
+      logScales[3 * at + 1] = Math.max(Math.min(a, b), Math.min(Math.max(a, b), c));
+      logScales[3 * at + 2] = Math.min(a, b, c);
+      sizes[at] = Math.exp((a + b + c) / 3);
+    }
     blocks[part.packet.block].push(part);
   }
   blocks.forEach((there, block) => {
     const near = new Float32Array(there.reduce((sum, part) => sum + 3 * part.splats.count, 0)), lost = plan.blockCount(block) - near.length / 3;
     there.sort((a, b) => a.packet.lane - b.packet.lane).reduce((end, { splats }) => (near.set(splats.means, end), end + 3 * splats.count), 0);
     sizes.fill(meanSize(info, block), at, at + lost);
+    places.set(plan.order(block).filter((place) => !taken[place]), at);
     for (let gone = 0; gone < lost; gone++, at++) positions.set(place(info, block, near, gone, lost), 3 * at);
   });
-  return { positions, sizes, opacities, known };
+  return { positions, sizes, opacities, known, places, logScales };
 }
 
 function place(info: SideInfo, block: number, near: Float32Array, gone: number, lost: number): ArrayLike<number> {

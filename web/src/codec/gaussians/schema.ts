@@ -1,6 +1,6 @@
 // Explicit Gaussians: every camera sees the same.
 
-import type { Elements } from "../../conceal/conceal.ts";
+import { SPLAT_CONCEALERS, type Elements } from "../../conceal/conceal.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import type { Part, Schema, Seen } from "../schema.ts";
@@ -26,6 +26,7 @@ export class GaussianPart implements Part {
 export class GaussianSchema implements Schema<GaussianPart> {
   readonly viewDependent = false;
   readonly middle = null;
+  readonly concealers = SPLAT_CONCEALERS;
   readonly info: SideInfo;
   readonly #packets: PacketDecoder;
 
