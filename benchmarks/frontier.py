@@ -7,23 +7,25 @@ without. All are cut at the same budget of bytes, conceal, and meet the same los
 information sees black, or the preview where the stream has one (the planner's tiered stream). A budget below 1 is a
 deadline before the last byte.
 
-The planner knows the loss model, not the losses: it draws its own, and looks through training cameras. What is reported
+The planner knows the loss model, not the losses: it draws its own, and looks through training cameras (without photos:
+from around the scene, whose own pictures are the references). What is reported
 is a mean over 2000 simulated transfers: those that deliver everything and those that deliver nothing are counted, of
 the others `--pictures` are drawn, spread evenly from the least to the most loss. (A way that shows nothing once in 70
 transfers looks like the best one in most sets of 6.) `--update` scores rows that are nearly level again, with more.
 
-    python benchmarks/frontier.py SCENE --data PHOTOS [--views 3] [--pictures 8] [--plot frontier.png] > frontier.json
+    python benchmarks/frontier.py SCENE [--data PHOTOS] [--views 3] [--pictures 8] [--plot frontier.png] > frontier.json
     python benchmarks/frontier.py SCENE --data PHOTOS --pictures 40 --update frontier.json > final.json
 """
 
 import argparse
-import functools
 import json
 import math
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from torch import Tensor
 
 from splatwire.calibrate.preview import preview_for_scene
 from splatwire.calibrate.views import CalibrationViews
@@ -31,15 +33,19 @@ from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.data import open_dataset
+from splatwire.evaluate.scenes import complete_scene
 from splatwire.evaluate.views import spread
-from splatwire.model.scene_file import load_scene
-from splatwire.packets import PRESETS, SceneStream, read_stream
+from splatwire.model.appearance import Scene
+from splatwire.packets import PRESETS, SceneStream
 from splatwire.plan.candidates import Search, arrival_within, plain_candidates
 from splatwire.plan.damage import BLANK_PSNR
 from splatwire.plan.measure import LossyPictures, known_anchors, offer_of, packet_members
 from splatwire.plan.outline import StreamLoad, draw_losses, outline_transfer
 from splatwire.plan.planner import HEAD_TRIALS, losses, plan_protection
-from splatwire.render.importance import footprint_importance
+from splatwire.render import iterate_views
+from splatwire.render.importance import footprint_importance, surrounding_cameras
+from splatwire.render.precision import classes_of
+from splatwire.scene import Cameras
 from splatwire.transport.preview import stream_preview
 from splatwire.transport.protection import Protection
 
@@ -58,10 +64,10 @@ COUNTED = 2000
 class Variant:
     """One stream of the scene, with and without tiers: what is known of it, and scores of deliveries seen before."""
 
-    def __init__(self, stream: SceneStream, pictures: LossyPictures, planning: LossyPictures, spent: int = 0) -> None:
+    def __init__(self, stream: SceneStream, pictures: LossyPictures, planning: LossyPictures) -> None:
         self.pictures, self.planning, self.members, self.cache = pictures, planning, packet_members(stream), {}
-        self.offer = offer_of(stream, planning, concealment_bytes=spent, seed=7)
-        preview = stream_preview(stream.side_info)
+        self.offer = offer_of(stream, planning, seed=7)
+        preview = stream_preview(stream.side_info, stream.manifest.codec)
         self.blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
 
     def psnr(self, head: bool, packets: np.ndarray) -> float:
@@ -90,41 +96,53 @@ class Variant:
         return {"psnr": float(psnr), "nothing": float(black), "everything": float(whole), "drawn": drawn}
 
 
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """Cameras and what they should show."""
+
+    cameras: Cameras
+    pictures: list[Tensor]
+
+
+def looks_of(scene: Scene, arguments: argparse.Namespace) -> tuple[CalibrationViews, Looks, Looks]:
+    """Training views, those of the planner, and those that are reported; without photos the scene's own pictures."""
+    if arguments.data:
+        train, test = (open_dataset(arguments.data, split=split) for split in ("train", "test"))
+        views = CalibrationViews.of_photos(train)
+        seen, unseen = spread(train.num_views, arguments.planning_views), spread(test.num_views, arguments.views)
+        planning = Looks(train.cameras.select(seen), [train.image(view) for view in seen])
+        return views, planning, Looks(test.cameras.select(unseen), [test.image(view) for view in unseen])
+    planning_views, both = arguments.planning_views, arguments.planning_views + arguments.views
+    around = [surrounding_cameras(scene, num) for num in (planning_views, both)]  # other numbers, other places
+    around[1] = around[1].select(spread(both, arguments.views))
+    planning, reported = (Looks(cameras, list(iterate_views(scene, cameras))) for cameras in around)
+    return CalibrationViews(planning.cameras), planning, reported
+
+
 class Bench:
     """One scene: its streams and views."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self.scene = load_or_decode(arguments.scene)
-        self.train, test = (open_dataset(arguments.data, split=split) for split in ("train", "test"))
-        self.cameras = self.train.cameras.select(spread(self.train.cameras.num_views, 6))
-        self.planning = spread(self.train.cameras.num_views, arguments.planning_views)
-        self.tiers = footprint_importance(self.scene, self.cameras).tiers(tuple(arguments.tiers))
-        self.test = test.select(spread(test.num_views, arguments.views))
-        self.photos = [self.test.image(view) for view in range(self.test.num_views)]
-        self.concealer = arguments.conceal
+        self.scene, self.concealer = complete_scene(arguments.scene), arguments.conceal
+        self.train, self.planning, self.reported = looks_of(self.scene, arguments)
+        seen_from = self.train.cameras.select(spread(self.train.cameras.num_views, 6))
+        importance = footprint_importance(self.scene, seen_from)
+        self.tiers = importance.tiers(tuple(arguments.tiers), self.scene.drawable)
 
-    @functools.cached_property
-    def preview(self) -> bytes:
-        """A preview, fitted to the training photos."""
-        views = CalibrationViews.of_photos(self.train)
-        return preview_for_scene(self.scene, views).section
+    def streams(self) -> list[SceneStream]:
+        """The scene as a stream without tiers, and with tiers and a preview."""
+        classes = classes_of(self.scene)
+        both = [encode_scene(self.scene, PRESETS["datagram"], tiers=t, classes=classes) for t in (None, self.tiers)]
+        return [both[0], add_concealment(both[1], PREVIEW, preview_for_scene(self.scene, self.train).section)]
 
-    def with_preview(self, stream: SceneStream) -> SceneStream:
-        """The stream with the preview in it."""
-        return add_concealment(stream, PREVIEW, self.preview)
-
-    def variant(self, stream: SceneStream, concealer: str, spent: int = 0) -> Variant:
-        """A stream of the scene, with what the planner knows of it: training photos."""
-        complete, views = decode_stream(stream), self.train.select(self.planning)
-        seen = [views.image(view) for view in range(views.num_views)]
-        return Variant(
-            stream, LossyPictures(complete, self.test.cameras, concealer, photos=self.photos),
-            LossyPictures(complete, views.cameras, concealer, photos=seen), spent,
-        )  # fmt: skip
-
-
-def load_or_decode(path: Path):
-    return decode_stream(read_stream(path)[0]).scene if path.suffix == ".swz" else load_scene(path)
+    def variant(self, stream: SceneStream) -> Variant:
+        """A stream of the scene, with what the planner knows of it."""
+        complete = decode_stream(stream)
+        seen, unseen = (
+            LossyPictures(complete, looks.cameras, self.concealer, photos=looks.pictures)
+            for looks in (self.planning, self.reported)
+        )
+        return Variant(stream, unseen, seen)
 
 
 def bare(load: StreamLoad) -> float:
@@ -203,8 +221,8 @@ def margins_of(rows: list[dict]) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", type=Path, help="stream (.swz) or scene file")
-    parser.add_argument("--data", type=Path, required=True, help="photos; training cameras say what is important")
+    parser.add_argument("scene", type=Path, help="stream (.swz), scene file, or explicit Gaussians")
+    parser.add_argument("--data", type=Path, help="photos; training cameras say what is important")
     parser.add_argument("--views", type=int, default=3)
     parser.add_argument("--planning-views", type=int, default=PLANNING_VIEWS, help="training photos for the planner")
     parser.add_argument("--pictures", type=int, default=8)
@@ -223,9 +241,7 @@ def main() -> None:
         draw(found["rows"], found["ceiling_psnr"], arguments.plot)
         return
     bench = Bench(arguments)
-    streams = [encode_scene(bench.scene, PRESETS["datagram"], tiers=tiers) for tiers in (None, bench.tiers)]
-    streams[1] = bench.with_preview(streams[1])
-    variants = [bench.variant(stream, bench.concealer) for stream in streams]
+    variants = [bench.variant(stream) for stream in bench.streams()]
     plain, whole = variants[0], np.ones(len(variants[0].members), dtype=np.bool_)
     ceiling, plain_bytes = plain.psnr(True, whole), bare(plain.offer.load)
     print(f"{plain_bytes} bytes, {bare(variants[1].offer.load)} with tiers, {ceiling:.2f} dB", file=sys.stderr)
