@@ -6,14 +6,14 @@
     python benchmarks/splats.py scale export.ply --counts 500000 --threads 2 -o splats_threads.json
 
 DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm; what it lacks is written by
-our own `formats` and marked so. A file after --ready is its own source: bytes are compared with its own.
+our own `formats` and marked so. Of cameras that are told, eight are measured, and half of the rest say what is precise.
+A file after --ready is its own source: bytes are compared with its own.
 """
 
 import argparse
 import dataclasses
 import itertools
 import json
-import resource
 import statistics
 import sys
 import tempfile
@@ -42,7 +42,7 @@ from splatwire.scene.splats import Splats
 
 LEVELS = (5.0, 9.0, 11.0, 12.0)
 """Besides those of the named qualities."""
-SEEDS = range(5)
+SEEDS, VIEWS = range(5), 8
 
 
 def mean_psnr(splats: Splats | SplatScene, cameras: Cameras, reference: list[torch.Tensor]) -> float:
@@ -71,8 +71,9 @@ def coded(
 
 
 def bytes_at(rows: list[dict], wanted: float) -> float | None:
-    """Bytes at a PSNR, from the two rows around it, logarithms of bytes in a straight line."""
-    rows = sorted(rows, key=lambda row: row["psnr"])
+    """Bytes at a PSNR, logarithms of bytes in a straight line, from the two rows around it that no other betters."""
+    best = [row for row in rows if not any(r["bytes"] < row["bytes"] and r["psnr"] > row["psnr"] for r in rows)]
+    rows = sorted(best, key=lambda row: row["psnr"])
     for low, high in itertools.pairwise(rows):
         if low["psnr"] <= wanted <= high["psnr"]:
             share = (wanted - low["psnr"]) / max(high["psnr"] - low["psnr"], 1e-9)
@@ -96,10 +97,14 @@ def others_of(path: Path, folder: Path, splats: Splats, cameras: Cameras, refere
 
 def one(path: Path, others: Path | None, cameras_file: Path | None) -> dict:
     splats = read_splats(path)
-    cameras = load_cameras(cameras_file) if cameras_file else cameras_around(splats.means, 8, 320)
+    told = load_cameras(cameras_file) if cameras_file else None
+    every = told or cameras_around(splats.means, VIEWS, 320)
+    measured = np.linspace(0, every.num_views - 1, min(every.num_views, VIEWS)).astype(int).tolist()
+    others_told = sorted({*range(told.num_views if told else 0)} - {*measured})[::2]
+    cameras = every.select(measured)
     reference = list(iterate_views(SplatScene(splats), cameras))
     started = time.process_time()
-    classes = precision_classes(splats)
+    classes = precision_classes(splats, every.select(others_told) if others_told else None)
     looked = (time.process_time() - started) / splats.num_gaussians * 1e6
     rows = []
     levels = {str(level): dataclasses.replace(QUALITIES["default"], level=level) for level in LEVELS}
@@ -154,17 +159,25 @@ def tiled(splats: Splats, count: int) -> Splats:
     return Splats(**many)
 
 
+def peak_mib() -> float:
+    """Most memory of this process since the last call, which forgets it."""
+    status = Path("/proc/self/status").read_text()
+    Path("/proc/self/clear_refs").write_text("5")
+    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+
+
 def scale(path: Path, counts: list[int], threads: int) -> dict:
-    """Time and memory of a codec call by the number of Gaussians; the most of a process, so counts should rise."""
+    """Time and memory of a codec call by the number of Gaussians."""
     splats, rows = read_splats(path), []
     classes = precision_classes(splats) if splats.degree else np.zeros(splats.num_gaussians, int)
     coded(splats, classes, QUALITIES["default"])
     for count in counts:
         many = tiled(splats, count)
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        peak_mib()
+        before = peak_mib()
         row = coded(many, np.resize(classes, count), QUALITIES["default"], threads=threads)[1]
         row.pop("decoded")
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        peak = peak_mib()
         rows.append({"gaussians": count, **row, "input_mib": sum(v.nbytes for v in vars(many).values()) / 2**20,
                      "peak_mib_before": before, "peak_mib": peak})  # fmt: skip
         print(rows[-1], file=sys.stderr)
@@ -172,23 +185,34 @@ def scale(path: Path, counts: list[int], threads: int) -> dict:
 
 
 def plot(results: dict, output: Path) -> None:
+    """A panel for each scene, four to a row, one legend for all."""
     import matplotlib.pyplot as plt
 
     scenes = results["scenes"]
-    figure, axes = plt.subplots(1, len(scenes), figsize=(4 * len(scenes), 3.6), squeeze=False)
-    for axis, (name, scene) in zip(axes[0], scenes.items(), strict=True):
-        bits, quality = ([row[key] for row in scene["rows"]] for key in ("bits_per_gaussian", "psnr"))
-        axis.plot(bits, quality, "o-", label="splatwire, datagrams")
+    figure, axes = plt.subplots(-(-len(scenes) // 4), 4, figsize=(12, 5.6), layout="constrained", squeeze=False)
+    marks = {"sog": "s", "spz": "D", "file": ""}
+    for axis, (name, scene) in itertools.zip_longest(axes.flat, scenes.items(), fillvalue=("", None)):
+        if scene is None:
+            axis.axis("off")
+            continue
+        for style, label, names in (("o-", "splatwire, datagrams", "123456789ds"), ("*", "near-lossless", "n")):
+            rows = [row for row in scene["rows"] if row["name"][0] in names]
+            bits, quality = ([row[key] for row in rows] for key in ("bits_per_gaussian", "psnr"))
+            axis.plot(bits, quality, style, markersize=4 if style == "o-" else 9, color="C0", label=label)
         theirs = scene.get("others") or {"file": {"bytes": scene["file_bytes"], "psnr": None}}
-        for kind, other in theirs.items():
+        for color, (kind, other) in enumerate(theirs.items(), 1):
             bits = 8 * other["bytes"] / scene["gaussians"]
             if other["psnr"] is None:
-                axis.axvline(bits, color="gray", linestyle="--", label=Path(name).suffix)
+                axis.axvline(bits, color="gray", linestyle="--", label="the file itself, lossless")
             else:
-                axis.plot([bits], [other["psnr"]], "s", label=f"{kind} ({other['writer']})")
-        axis.set(title=f"{name}, degree {scene['degree']}", xlabel="bits per Gaussian", ylabel="PSNR, dB")
-        axis.legend(fontsize=7)
-    figure.tight_layout()
+                axis.plot([bits], [other["psnr"]], marks[kind], color=f"C{color}", label=kind.upper())
+        axis.set_title(f"{name}, degree {scene['degree']}", fontsize=8)
+        axis.set(xlim=(0, None), ylim=(30, 70))
+        axis.grid(alpha=0.3)
+    figure.supxlabel("bits per Gaussian, everything counted")
+    figure.supylabel("PSNR against the source's own renders, dB")
+    shown = {text: line for axis in axes.flat for line, text in zip(*axis.get_legend_handles_labels(), strict=True)}
+    figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=len(shown))
     figure.savefig(output)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from splatwire.codec.schemas.gaussians.blocks import pieces
 from splatwire.codec.schemas.gaussians.layout import (
     AXIS,
     BITS,
@@ -76,8 +77,9 @@ def check_finite(splats: Splats) -> None:
 
 def scene_log(splats: Splats) -> int:
     """Size of a scene: log2 of the median distance of the Gaussians from their median, rounded down."""
-    means = splats.means.numpy().astype(np.float64)
-    distance = np.median(np.linalg.norm(means - np.median(means, axis=0), axis=1))
+    means = splats.means.numpy()
+    middle = np.array([np.median(column.astype(np.float64)) for column in means.T])
+    distance = np.median(np.concatenate([np.linalg.norm(some - middle, axis=1) for some in pieces(means)]))
     return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
 
 

@@ -1,5 +1,6 @@
 """Blocks of Gaussians: which Gaussian lies at which place of a stream, and the box that each block's places are in."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
 from splatwire.packets import PacketPlan
 
+ROWS = 1 << 16
 BOX_BITS = 8
 """A box is so many bits large in its own unit."""
 
@@ -40,19 +42,31 @@ class Boxes:
         return self.origins << self.shifts[:, None]
 
 
+def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
+    """An array as float64, some rows at a time: beside the array itself, millions of Gaussians take little memory."""
+    for begin in range(0, len(values), ROWS):
+        yield values[begin : begin + ROWS].astype(np.float64)
+
+
 def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     """Sorts Gaussians along a Morton curve, the most important tier first, int64 (N).
 
     Args:
-        means: float64 (N, 3).
+        means: (N, 3).
         tiers: Tier of each; None for one.
     """
-    low, high = np.quantile(means, [0.01, 0.99], axis=0)
+    low, high = np.stack([np.quantile(column.astype(np.float64), [0.01, 0.99]) for column in means.T], axis=1)
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
-    # What lies far outside is drawn near, so that it does not make the cells of the rest large.
-    near = np.arcsinh((means - middle) / spread * 2)
-    near = (near - near.min(axis=0)) / max(float(np.ptp(near, axis=0).max()), 1e-30)
-    codes = morton_encode(np.rint(near * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
+
+    def near(some: np.ndarray) -> np.ndarray:
+        """What lies far outside is drawn near, so that it does not make the cells of the rest large."""
+        return np.arcsinh((some - middle) / spread * 2)
+
+    ends = np.array([[found.min(axis=0), found.max(axis=0)] for found in map(near, pieces(means))])
+    first = ends[:, 0].min(axis=0)
+    size = max(float((ends[:, 1].max(axis=0) - first).max()), 1e-30)
+    cells = (np.rint((near(some) - first) / size * ((1 << MAX_AXIS_BITS) - 1)) for some in pieces(means))
+    codes = np.concatenate([morton_encode(some.astype(np.int64)) for some in cells])
     return np.lexsort((codes, tiers)) if tiers is not None else np.argsort(codes, kind="stable")
 
 
@@ -89,15 +103,8 @@ def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
     return np.lexsort((codes, slots))
 
 
-def make_boxes(places: np.ndarray, sizes: np.ndarray) -> Boxes:
-    """Boxes around consecutive Gaussians.
-
-    Args:
-        places: int64 (N, 3), lattice coordinates.
-        sizes: Gaussians of each block.
-    """
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    low, high = np.minimum.reduceat(places, starts, axis=0), np.maximum.reduceat(places, starts, axis=0)
+def make_boxes(low: np.ndarray, high: np.ndarray) -> Boxes:
+    """Boxes around what lies from `low` to `high`, int64 (B, 3) each, in lattice coordinates."""
     shifts = np.array([max(int(e).bit_length() - BOX_BITS + 1, 0) for e in (high - low).max(axis=1)], dtype=np.int64)
     origins = low >> shifts[:, None]
     return Boxes(shifts, origins, (high >> shifts[:, None]) - origins)

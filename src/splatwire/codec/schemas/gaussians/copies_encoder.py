@@ -33,13 +33,10 @@ def write_copies(
     if not 0 <= level < MAX_CLASSES:
         raise InvalidValueError(f"there is no class of precision {level}: classes are 0 to {MAX_CLASSES - 1}")
     lattice = to_lattice(splats.means[torch.from_numpy(places)].numpy().astype(np.float64), info.unit, info.size_log)
-    boxes, count = make_boxes(lattice, np.array([len(places)])), len(places)
+    boxes, count = make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None]), len(places)
     order = np.argsort(block_codes(lattice - boxes.corners[0], int(boxes.bits[0])), kind="stable")
-    places, lattice = places[order], lattice[order]
-    classes = np.full(count, level, dtype=np.int64)
-    scene = SourceScene(
-        splats, places, np.array([0, count]), lattice, classes, info.size_log, info.unit, info.bases, True
-    )
+    places, classes = places[order], np.full(count, level, dtype=np.uint8)
+    scene = SourceScene(splats, places, np.array([0, count]), classes, info.size_log, info.unit, info.bases, True)
     here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))
     payload = encode_block(scene, here, 0, np.array([count]), 0).payloads[0]
     head = write_head(growth, count, write_blocks(boxes, here.defaults))

@@ -103,7 +103,8 @@ def encode_splats(
 
 def _fit(scene: SourceScene, sections: Mapping[str, bytes], threads: int | None) -> SideInfo:
     """Side information: boxes and means of blocks, and tables fitted to a part of the scene."""
-    boxes = make_boxes(scene.places, np.diff(scene.edges))
+    ends = np.array([[p.min(axis=0), p.max(axis=0)] for p in map(scene.places, range(scene.num_blocks))])
+    boxes = make_boxes(ends[:, 0], ends[:, 1])
     means = list(ordered_map(scene.means, range(scene.num_blocks), threads))
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
     transform = _transform(scene)

@@ -20,6 +20,7 @@ from splatwire.codec.schemas.gaussians.blocks import (
     block_sizes,
     cell_shift,
     gaussian_order,
+    pieces,
     to_lattice,
 )
 from splatwire.codec.schemas.gaussians.layout import (
@@ -48,8 +49,7 @@ class SourceScene:
         splats: The Gaussians as they came.
         order: int64 (N), the Gaussians block by block.
         edges: int64 (B + 1), where blocks begin in `order`.
-        places: int64 (N, 3), lattice coordinates, in `order`.
-        classes: int64 (N), classes of precision, 0 for the least, in `order`.
+        classes: uint8 (N), classes of precision, 0 for the least, in `order`.
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice's unit, relative to it.
         bases: int64, by `STEPS`, see `SideInfo`.
@@ -59,7 +59,6 @@ class SourceScene:
     splats: Splats
     order: np.ndarray
     edges: np.ndarray
-    places: np.ndarray
     classes: np.ndarray
     size_log: int
     unit: int
@@ -71,19 +70,18 @@ class SourceScene:
         splats: Splats, plan: PacketPlan, classes: np.ndarray | None, tiers: np.ndarray | None, quality: Quality
     ) -> "SourceScene":
         """Sorts Gaussians into the blocks of a plan; `classes` and `tiers` as in `encode_splats`."""
-        means, size_log = splats.means.numpy().astype(np.float64), scene_log(splats)
-        order, bases = gaussian_order(means, tiers), quality.bases(splats.degree)
-        found = np.zeros(len(order), np.int64) if classes is None else np.asarray(classes).astype(np.int64)
+        size_log, bases = scene_log(splats), quality.bases(splats.degree)
+        order = gaussian_order(splats.means.numpy(), tiers)
+        found = np.zeros(len(order), np.int8) if classes is None else np.asarray(classes)
         if found.shape != order.shape:
             raise InvalidValueError(f"{found.shape} classes of precision for {len(order)} Gaussians")
-        levels = np.clip(found + quality.classes - 1, 0, quality.classes - 1)
+        levels = (np.clip(found, 1 - quality.classes, 0) + (quality.classes - 1)).astype(np.uint8)
         unit = _lattice_unit(splats, levels, bases, size_log)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
             splats,
             order,
             edges,
-            to_lattice(means[order], unit, size_log),
             levels[order],
             size_log,
             unit,
@@ -109,6 +107,11 @@ class SourceScene:
         index = self.order[self.edges[block] : self.edges[block + 1]]
         return self.splats.select(torch.from_numpy(index))
 
+    def places(self, block: int) -> np.ndarray:
+        """Lattice coordinates of a block's Gaussians, int64 (n, 3), as they come in `order`."""
+        index = self.order[self.edges[block] : self.edges[block + 1]]
+        return to_lattice(self.splats.means.numpy()[index].astype(np.float64), self.unit, self.size_log)
+
     def means(self, block: int) -> np.ndarray:
         """Means of a block's opacity, scales as they are sent, and colour, in sixteenths."""
         here = self.block(block)
@@ -122,7 +125,7 @@ class SourceScene:
     def arranged(self, block: int, info: SideInfo) -> tuple[Any, ...]:
         """What the kernels encode of a block, in the order in which packets are filled."""
         here, bits = slice(self.edges[block], self.edges[block + 1]), int(info.boxes.bits[block])
-        places = self.places[here] - info.boxes.corners[block]
+        places = self.places(block) - info.boxes.corners[block]
         codes, at = block_codes(places, bits), cell_shift(places, bits)
         by = arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
         s = self.sources(block).select(by)
@@ -131,7 +134,7 @@ class SourceScene:
             np.int64(not self.contiguous),
             codes[by],
             places[by],
-            self.classes[here][by],
+            self.classes[here][by].astype(np.int64),
             s.logs,
             s.axes,
             s.colours,
@@ -141,9 +144,11 @@ class SourceScene:
 
 def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
     """A lattice as fine as the finest step of a place."""
-    logs = np.sort(np.log2(splats.scales.numpy().astype(np.float64)), axis=1) - size_log
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
-    finest = octaves + levels + c[0] * (logs[:, 2] + logs[:, 1]) + c[1] * (logs[:, 2] - logs[:, 1])
-    finest = np.maximum(finest, 1 - logs[:, 1])
-    far = np.log2(np.abs(splats.means.numpy().astype(np.float64)).max() + 1e-30) - size_log
-    return int(np.clip(np.ceil(finest.max()), 0, max(min(MAX_LATTICE_BITS - 2 - np.ceil(far), 38), 0)))
+    finest = -np.inf
+    for scales, level in zip(pieces(splats.scales.numpy()), pieces(levels), strict=True):
+        logs = np.sort(np.log2(scales), axis=1) - size_log
+        steps = octaves + level + c[0] * (logs[:, 2] + logs[:, 1]) + c[1] * (logs[:, 2] - logs[:, 1])
+        finest = max(finest, float(np.maximum(steps, 1 - logs[:, 1]).max()))
+    far = np.log2(float(splats.means.abs().max()) + 1e-30) - size_log
+    return int(np.clip(np.ceil(finest), 0, max(min(MAX_LATTICE_BITS - 2 - np.ceil(far), 38), 0)))
