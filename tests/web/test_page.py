@@ -137,7 +137,7 @@ def check_settings(page: Browser) -> None:
     panel = f"{ELEMENT}.shadowRoot.querySelector('.panel')"
     offered = page.evaluate(f"[...{panel}.querySelectorAll('option')].map((option) => option.value).join()")
     assert offered == "drop,grow,scene_free"
-    assert page.evaluate(f"/In bursts of 1 packet:/.test({panel}.innerText)")
+    assert page.evaluate(f"/In bursts of 1 packet\\s/.test({panel}.innerText)")
     page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'difference', concealer: 'drop'}})")
     page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({panel}.innerText)")
     assert page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.over').classList.contains('shown')")

@@ -75,7 +75,7 @@ export class Panel {
     for (const [name, { slider, told }] of this.#sliders) {
       const value = this.settings[name];
       slider.value = String(value);
-      told.textContent = name === "burst" ? (value === 1 ? "1 packet: each on its own" : `${value} packets`) : `${Math.round(100 * value)} %`;
+      told.textContent = name === "burst" ? `${value} packet${value === 1 ? "" : "s"}` : `${Math.round(100 * value)} %`;
     }
     for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]")) input.checked = input.value === this.settings.show;
     this.changed();

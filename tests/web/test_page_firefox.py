@@ -1,0 +1,64 @@
+"""The receiver in Firefox: the same integers from another engine."""
+
+import asyncio
+import base64
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from scenes import tiny_causal_scene
+from splatwire.codec import encode_scene
+from splatwire.packets import Packetization
+from splatwire.transport import make_program
+from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import Link, PageContent
+from transport.firefox import Firefox, executable, firefox
+from web.pictures import ELEMENT
+from web.test_page import ball, run
+
+pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.transport.certificate import self_signed
+from splatwire.transport.quic import WEBTRANSPORT_PATH
+from splatwire.transport.quic_server import QuicServer
+
+STATUS = f"{ELEMENT}?.status"
+SMALL = Packetization(block_size=600, lanes=1, grouping="hashed", packet_bytes=700)
+
+
+@pytest.mark.skipif(executable() is None, reason="Firefox is not installed")
+def test_every_integer_in_firefox_is_pythons() -> None:
+    """Of explicit Gaussians and of anchors, by whichever way they come; whether it has WebGL does not matter."""
+    streams = {
+        "ball": encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)),
+        "anchors": encode_scene(tiny_causal_scene(seed=6, num_anchors=400), SMALL),
+    }
+    programs = {name: make_program(stream) for name, stream in streams.items()}
+    identity = self_signed()
+
+    def check(page: Firefox, name: str) -> None:
+        assert page.wait_for(f"{STATUS}?.finished") == "complete"
+        assert page.evaluate(f"{STATUS}.packets") == len(streams[name].packets)
+        assert page.evaluate(f"{ELEMENT}.verify()") is True
+
+    async def work() -> None:
+        server = QuicServer(programs, "127.0.0.1", 0, identity=identity)
+        await server.start()
+        link = Link(server.port, WEBTRANSPORT_PATH, identity.fingerprint)
+        async with PageServer(PageContent(programs, link)) as pages:
+
+            def drive() -> None:
+                with firefox() as page:
+                    for name in streams:
+                        page.open(f"{pages.url}?stream={name}")
+                        check(page, name)
+                        picture = Image.open(io.BytesIO(base64.b64decode(page.screenshot())))
+                        assert np.asarray(picture.convert("L")).std() > 5, "an empty page"
+
+            await asyncio.to_thread(drive)
+        server.close()
+
+    run(work())
