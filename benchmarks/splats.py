@@ -7,7 +7,12 @@
 
 DIR holds a SOG and an SPZ of each PLY, of the same name, made by `splat-transform` of npm; what it lacks is written by
 our own `formats` and marked so. Of cameras that are told, eight are measured, and half of the rest say what is precise.
-A file after --ready is its own source: bytes are compared with its own.
+A file after --ready is its own source: bytes are compared with its own. Of bonsai_30k:
+
+    splatwire import hacpp bonsai_30k -o bonsai.scene
+    splatwire export ply bonsai.scene -o bonsai.ply --data bonsai
+    splatwire render bonsai.ply --data bonsai --scale 0.5 -o pictures
+    python benchmarks/splats.py rates bonsai.ply --others DIR --cameras bonsai=pictures/cameras.json -o splats.json
 """
 
 import argparse
@@ -124,6 +129,10 @@ def one(path: Path, others: Path | None, cameras_file: Path | None) -> dict:
         "pak_bytes": coded(splats, classes, QUALITIES["default"], "paper")[1]["bytes"],
         "loss": losses(default, cameras, reference),
     }
+    if others_told:
+        row = coded(splats, precision_classes(splats), QUALITIES["near-lossless"])[1]
+        psnr = mean_psnr(row["decoded"], cameras, reference)
+        result["near_lossless_without_cameras"] = {"bytes": row["bytes"], "psnr": psnr}
     if others is None:
         size = path.stat().st_size
         result["file_bytes"], at = size, bytes_at(rows, 40.0)
