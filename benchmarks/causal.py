@@ -14,6 +14,7 @@ A stream in place of a scene is measured as it is, without what it has for conce
 import argparse
 import hashlib
 import itertools
+import os
 import time
 import timeit
 from collections import defaultdict
@@ -88,9 +89,11 @@ def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
     moved = [anchors.positions + torch.tensor([i * width, 0.0, 0.0]) for i in range(copies)]
     rest = {name: values.repeat(copies, *[1] * (values.dim() - 1)) for name, values in vars(anchors).items()}
     larger = replace(scene, anchors=replace(anchors, **{**rest, "positions": torch.cat(moved)}))
+    torch.set_num_threads(os.cpu_count() or 1)
     stream, num = encode_scene(larger), copies * anchors.num_anchors
     times = {"encode": lambda: encode_scene(larger), "decode": lambda: decode_stream(stream)}
     best = {name: min(timeit.repeat(work, number=1, repeat=5)) for name, work in times.items()}
+    torch.set_num_threads(1)
     return {"anchors": num, **{f"{name}_us_per_anchor": seconds / num * 1e6 for name, seconds in best.items()}}
 
 
