@@ -9,11 +9,13 @@ scenes of each model and more, `bd_rate` is how many bytes the causal model take
 A stream in place of a scene is measured as it is, without what it has for concealers.
 
     python benchmarks/causal.py --photos lego=DIR lego=lego_12.scene ... [--output results/causal.json] [--plot rd.png]
+    python benchmarks/causal.py --rows monday.json tuesday.json --output results/causal.json --plot pictures/causal.svg
 """
 
 import argparse
 import hashlib
 import itertools
+import json
 import os
 import time
 import timeit
@@ -200,14 +202,18 @@ def plot(scenes: dict[str, list[dict[str, Any]]], path: Path) -> None:
 def main() -> None:
     """Measures all scenes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="+", help="NAME=FILE, a trained scene of the photos NAME")
-    parser.add_argument("--photos", action="append", required=True, help="NAME=FOLDER")
+    parser.add_argument("scenes", nargs="*", help="NAME=FILE, a trained scene of the photos NAME")
+    parser.add_argument("--photos", action="append", default=[], help="NAME=FOLDER")
+    parser.add_argument("--rows", type=Path, nargs="*", default=[], help="outputs of earlier runs to put before")
     parser.add_argument("--copies", type=int, default=0, help="time so many of a scene side by side, too")
     parser.add_argument("--output", type=Path)
     parser.add_argument("--plot", type=Path)
     options = parser.parse_args()
     torch.set_num_threads(1)
     photos, found = dict(text.split("=", 1) for text in options.photos), defaultdict(list)
+    for earlier in options.rows:
+        for name, curve in json.loads(earlier.read_text()).items():
+            found[name] += curve["scenes"]
     for text in options.scenes:
         name, file = text.split("=", 1)
         found[name].append({"scene": Path(file).stem, **measured(Path(file), Path(photos[name]), options.copies)})
