@@ -44,9 +44,10 @@ class Client(QuicConnectionProtocol):
     def quic_event_received(self, event: events.QuicEvent) -> None:
         if isinstance(event, events.ConnectionTerminated):
             self.ended = event
+        self.got += isinstance(event, (events.StreamDataReceived, events.DatagramFrameReceived))
         if isinstance(event, events.StreamDataReceived) and event.stream_id == self.stream:
             self.frames += self._reader.feed(event.data)
-        self.got += isinstance(event, (events.StreamDataReceived, events.DatagramFrameReceived))
+            return  # aioquic would take what comes on a stream of its own for HTTP
         for told in self.http.handle_event(event) if self.http else []:
             if isinstance(told, HeadersReceived):
                 self.statuses.append(int(dict(told.headers)[b":status"]))

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-COMPILE_SECONDS = 35
+COMPILE_SECONDS = 21
 """What compiling every kernel of a demo takes (benchmarks/results/cold_start.json); other verbs need fewer."""
 _PATIENCE_S = 1.0
 _INTERVAL_S = 5.0

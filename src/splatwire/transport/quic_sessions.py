@@ -14,8 +14,9 @@ from splatwire.transport.wire import MAX_DATAGRAM
 COPIED = 8
 """Frames of a reliable stream that leave as DATAGRAM, too: a welcome and the heads of most streams, without which
 nothing can be used. Whichever comes first counts; on a stream alone, what is lost comes two round trips later."""
-HELD = 64
-"""Frames that may wait for their stream, which the client opens: the datagram that asks may overtake it."""
+HELD = 512
+"""Frames that may wait for their stream, which the client opens: the datagram that asks may overtake it. A large scene's
+side information has some hundred."""
 
 
 class Session:
