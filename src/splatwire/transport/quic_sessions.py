@@ -15,8 +15,8 @@ COPIED = 8
 """Frames of a reliable stream that leave as DATAGRAM, too: a welcome and the heads of most streams, without which
 nothing can be used. Whichever comes first counts; on a stream alone, what is lost comes two round trips later."""
 HELD = 512
-"""Frames that may wait for their stream, which the client opens: the datagram that asks may overtake it. A large scene's
-side information has some hundred."""
+"""Frames that may wait for their stream, which the client opens: the datagram that asks may overtake it. The side
+information of a large scene has some hundred."""
 
 
 class Session:
