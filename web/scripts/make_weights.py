@@ -18,18 +18,7 @@ HEAD = """\
 export const INPUTS = {inputs}, HIDDEN = {hidden};
 
 /** Floats of 32 bits, little-endian: mean, spread, first layer (row by row) and its bias, last layer and its bias. */
-const BYTES = Uint8Array.from(atob(
-"""
-TAIL = """
-), (c) => c.charCodeAt(0));
-
-let at = 0;
-const next = (count: number): Float32Array => new Float32Array(BYTES.buffer, 4 * (at += count) - 4 * count, count);
-
-export const WEIGHTS = {
-  mean: next(INPUTS), spread: next(INPUTS), first: next(HIDDEN * INPUTS), firstBias: next(HIDDEN),
-  last: next(2 * HIDDEN), lastBias: next(2),
-};
+export const BYTES =
 """
 
 
@@ -42,7 +31,7 @@ def main() -> None:
     lines = [f'  "{text[i : i + 100]}"' for i in range(0, len(text), 100)]
     head = HEAD.format(inputs=elements.ELEMENT_SIGNATURE, hidden=len(state["layers.0.bias"]))
     target = Path(__file__).parents[1] / "src" / "conceal" / "scene_free_weights.ts"
-    target.write_text(head + " +\n".join(lines) + TAIL)
+    target.write_text(head + " +\n".join(lines) + ";\n")
 
 
 if __name__ == "__main__":

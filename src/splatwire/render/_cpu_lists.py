@@ -107,8 +107,8 @@ def _rows_between(low, high, top, bottom):
 def fill_tiles(splats, order, num_columns, grid_x, first_row, last_row):
     """Lists the Gaussians of each tile in the tile rows [first_row, last_row), in the given order.
 
-    Numbers of rows are not negative: shifted, since a division that could be of negative ones takes several times
-    longer; and no views of arrays, which are counted one by one.
+    Rows are shifted, not divided as if they could be negative, and there are no views of arrays, each of which is
+    counted: together that halves the time.
 
     Returns where each tile's list starts; the lists; for each entry the rows of the tile that the Gaussian reaches;
     the places of each Gaussian's entries, Gaussian by Gaussian in the given order; where each one's places start.

@@ -3,12 +3,20 @@
 
 import type { Elements, Pause } from "./conceal.ts";
 import { KdTree } from "./kd_tree.ts";
-import { HIDDEN, INPUTS, WEIGHTS } from "./scene_free_weights.ts";
+import { BYTES, HIDDEN, INPUTS } from "./scene_free_weights.ts";
 
 const NEIGHBOURS = 64, CLOSE = 32, NEAREST = 12, SPACING_RANK = 6, MOST_LOST = 0.97, SMALLEST = 1e-9, TINY = 2 ** -126, AT_A_TIME = 256;
 /** Exponents of what is lost before the network changes them, and their bounds: of size and of opacity. */
 const BASE = [0.15, 0.75], LEAST = [-0.5, -0.5], MOST = [1, 2.5];
 const LEAST_OPAQUE = 1e-4, MOST_OPAQUE = 1 - 1e-4, MOST_LOGIT = 6, MOST_THIN = 6, MOST_UNUSUAL = 3;
+
+const NUMBERS = new Float32Array(Uint8Array.from(atob(BYTES), (c) => c.charCodeAt(0)).buffer);
+let at = 0;
+const next = (count: number): Float32Array => NUMBERS.subarray(at, (at += count));
+const WEIGHTS = {
+  mean: next(INPUTS), spread: next(INPUTS), first: next(HIDDEN * INPUTS), firstBias: next(HIDDEN),
+  last: next(2 * HIDDEN), lastBias: next(2),
+};
 
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 const gainFor = (share: number): number => -Math.log1p(-Math.min(share, MOST_LOST));

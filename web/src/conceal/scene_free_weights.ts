@@ -3,7 +3,7 @@
 export const INPUTS = 12, HIDDEN = 24;
 
 /** Floats of 32 bits, little-endian: mean, spread, first layer (row by row) and its bias, last layer and its bias. */
-const BYTES = Uint8Array.from(atob(
+export const BYTES =
   "JIVhPn52bj4bLF0+pk/lv00xKzzGM049FeGRP29mwj+XRjY+0q4ePvQlED/1LXY+VI4xPousPT5bLcs90MCRP5DJcT+nyUQ/cUKA" +
   "PxVlyT+ULxdA4EKzP8/8Mz/zrvg+Bks+ve45YT4tFhm+ak9+vliRwb0QYis9qP6FvXnIOz7dI+Q8PyENPvZJp73q7pW9g3vDvozj" +
   "OL5gI5e9X4EFvTE+UT4hx24+H5ERvtCRIb7diyw+4KqGPraj772W5hA+Dq20vaiguD0a/qg+y4m0vm16T77v7Ra+Cncnvmh5XD5L" +
@@ -24,13 +24,4 @@ const BYTES = Uint8Array.from(atob(
   "vfSMqb2o15U+bVV4vlN+qj1UaoG9gjROvgUW+Dxpqea93sIGPXuwED4BEG2+7UUEPiihPj6TSgE+5T+RvVjPKb7Z0EG9mmA+uhlI" +
   "rD33W1q7i0sFvD7JXDzo+q09noCDvMmfnz2LjBg9B3KyvUYJRL0KKwY901qfvbakSbsJVjA9pRthvNyIlT03W4u7iU64PVnATD3X" +
   "k2E9ZThMvYHCYLxN2ZK8p6M4PW9zkD1FL7A9UuxTu/U7sL3ZnZ88dI0NPFW50D1RP4+9Prq4vchzZ70Ddcc9aonRPAr8LDxr1Pa8" +
-  "uHxCvdd01D07EZa9+Q5MPWiHtb2HLnA8mfhbvQZNlb24jho8qYxGPVRAM70="
-), (c) => c.charCodeAt(0));
-
-let at = 0;
-const next = (count: number): Float32Array => new Float32Array(BYTES.buffer, 4 * (at += count) - 4 * count, count);
-
-export const WEIGHTS = {
-  mean: next(INPUTS), spread: next(INPUTS), first: next(HIDDEN * INPUTS), firstBias: next(HIDDEN),
-  last: next(2 * HIDDEN), lastBias: next(2),
-};
+  "uHxCvdd01D07EZa9+Q5MPWiHtb2HLnA8mfhbvQZNlb24jho8qYxGPVRAM70=";
