@@ -7,7 +7,7 @@ import random
 import pytest
 
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets import Packetization, PacketPlan, make_packet, make_stream, packet_from_bytes
+from splatwire.packets import ANCHORS, Packetization, PacketPlan, make_packet, make_stream, packet_from_bytes
 from splatwire.plan.outline import StreamLoad, outline_transfer
 from splatwire.transport import (
     Finished,
@@ -412,9 +412,9 @@ def test_the_preview_is_found_in_the_side_information():
     assert (codec.SECTION, codec.MAX_PREVIEW_BYTES) == (SECTION, MAX_PREVIEW)
     side_info = b"".join(bytes([n]) + b"x" * n for n in range(len(FIXED_SECTIONS)))
     bare = dataclasses.replace(STREAM, side_info=side_info)
-    assert stream_preview(side_info) == b""
+    assert stream_preview(side_info, ANCHORS) == b""
     richer = add_concealment(add_concealment(bare, "gnn", b"weights"), "preview", b"scene")
-    assert stream_preview(add_concealment(richer, "sketch", b"copies").side_info) == b"scene"
+    assert stream_preview(add_concealment(richer, "sketch", b"copies").side_info, ANCHORS) == b"scene"
     for damaged in (
         side_info[:-1],
         richer.side_info[:-1],
@@ -422,4 +422,4 @@ def test_the_preview_is_found_in_the_side_information():
         add_concealment(bare, "preview", bytes(1025)).side_info,
     ):
         with pytest.raises(BitstreamError):
-            stream_preview(damaged)
+            stream_preview(damaged, ANCHORS)

@@ -1,14 +1,13 @@
 """What a welcome shows of a scene: the section `preview` of its side information, found without decoding anything."""
 
 from splatwire.errors import BitstreamError
-from splatwire.packets import ANCHORS
 from splatwire.packets.sections import split_sections
 from splatwire.transport.frames import MAX_PREVIEW
 
 SECTION = "preview"
 
 
-def stream_preview(side_info: bytes, codec: str = ANCHORS) -> bytes:
+def stream_preview(side_info: bytes, codec: str) -> bytes:
     """The preview that a stream carries; nothing where it has none.
 
     Raises:
