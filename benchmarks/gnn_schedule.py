@@ -69,7 +69,7 @@ def main() -> None:
     parser.add_argument("--sharpness", type=float, help="of the confidence; 0 trusts every residual")
     parser.add_argument("--no-fallback", action="store_true", help="never the interpolation alone")
     parser.add_argument("--render-weight", type=float, default=0.0)
-    parser.add_argument("--render-cameras", type=Path, help="where the rendering loss looks from: not where PSNR is taken")
+    parser.add_argument("--render-cameras", type=Path, help="where the rendering loss looks from: not the scored views")
     parser.add_argument("--render-width", type=int, default=200)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()

@@ -35,7 +35,7 @@ def measure(scene: AnchorScene, photos: Dataset) -> dict:
         "psnr": round(sum(scores) / len(scores), 4),
         "side_info": stream.parts()["side_info"],
         "packets": stream.parts()["packet_payloads"],
-        "side_info_parts": side_info_parts(stream.side_info),
+        "side_info_parts": side_info_parts(stream.side_info, stream.manifest.codec),
     }
 
 

@@ -30,7 +30,7 @@ def test_a_background_crosses_the_wire(scene: AnchorScene, preset: str) -> None:
 def test_only_side_information_knows(scene: AnchorScene) -> None:
     packetization = Packetization(block_size=300)
     black, white = (encode_scene(replace(scene, background=color), packetization) for color in (BLACK, WHITE))
-    assert SECTION not in split_sections(black.side_info)[1]
+    assert SECTION not in split_sections(black.side_info, black.manifest.codec)[1]
     assert background_of(black) == decode_stream(black).scene.background == BLACK
     assert without_concealment(white, SECTION).side_info == black.side_info
     assert [(p.id, p.payload) for p in white.packets] == [(p.id, p.payload) for p in black.packets]

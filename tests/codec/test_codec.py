@@ -133,7 +133,7 @@ def test_manifest_and_side_information_must_agree(stream: SceneStream) -> None:
 
 
 def test_side_information_parts_add_up(stream: SceneStream) -> None:
-    assert sum(side_info_parts(stream.side_info).values()) == len(stream.side_info)
+    assert sum(side_info_parts(stream.side_info, stream.manifest.codec).values()) == len(stream.side_info)
 
 
 def test_unusable_scenes_are_refused(scene: AnchorScene) -> None:

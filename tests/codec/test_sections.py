@@ -11,7 +11,7 @@ from splatwire.conceal import context_of
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_partial, save_partial
-from splatwire.packets import Packetization, SceneStream, stream_from_bytes, stream_to_bytes
+from splatwire.packets import ANCHORS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.packets.sections import MAX_SECTIONS, read_sections, split_sections, write_sections
 
 SECTIONS = {"gnn": b"weights", "hints": b"", "later_release": bytes(range(200))}
@@ -40,8 +40,8 @@ def test_sections_are_kept_whatever_their_name(side_info: SideInfo, side_info_by
     assert with_sections == side_info_bytes + write_sections(SECTIONS)
     assert read_side_info(with_sections, len(side_info.voxels), "morton").sections == SECTIONS
     assert read_side_info(side_info_bytes, len(side_info.voxels), "morton").sections == {}
-    assert split_sections(with_sections) == (side_info_bytes, SECTIONS)
-    parts = side_info_parts(with_sections)
+    assert split_sections(with_sections, ANCHORS) == (side_info_bytes, SECTIONS)
+    parts = side_info_parts(with_sections, ANCHORS)
     assert sum(parts.values()) == len(with_sections)
     assert {name: parts[name] for name in SECTIONS} == {"gnn": 12, "hints": 7, "later_release": 216}
 
@@ -96,7 +96,7 @@ def test_impossible_sections_are_refused(stream: SceneStream) -> None:
     ],
 )
 def test_damaged_sections_are_refused(data: bytes, told: str, side_info_bytes: bytes) -> None:
-    for read in (read_sections, lambda d: side_info_parts(side_info_bytes + d)):
+    for read in (read_sections, lambda d: side_info_parts(side_info_bytes + d, ANCHORS)):
         with pytest.raises(BitstreamError, match=told):
             read(data)
     with pytest.raises(BitstreamError, match=told):

@@ -155,7 +155,7 @@ def test_damaged_payloads_decode_to_something(stream: SceneStream):
 
 
 def test_masks_are_side_information(stream: SceneStream):
-    assert 0 < side_info_parts(stream.side_info)[SECTION] < 700 * 4 / 8 + 20
+    assert 0 < side_info_parts(stream.side_info, stream.manifest.codec)[SECTION] < 700 * 4 / 8 + 20
     with pytest.raises(BitstreamError, match="lacks the section 'masks'"):
         decode_stream(without_concealment(stream, SECTION))
     with pytest.raises(BitstreamError, match="all at once"):
@@ -165,7 +165,7 @@ def test_masks_are_side_information(stream: SceneStream):
 def test_bytes_are_those_of_atomic_packets_within_headers(scene: AnchorScene, stream: SceneStream):
     """The distributions are the same: what differs is the end of a stream, a byte each, and where masks adapt."""
     atomic = encode_scene(scene, replace(HACPP, packaging="atomic"))
-    masks = side_info_parts(stream.side_info)[SECTION]
+    masks = side_info_parts(stream.side_info, stream.manifest.codec)[SECTION]
     ours, theirs = stream.parts()["packet_payloads"] + masks, atomic.parts()["packet_payloads"]
     assert abs(ours - theirs) < 1.5 * len(stream.packets) + 0.02 * masks + 20
 

@@ -73,7 +73,7 @@ def _problem(sections: Mapping[str, bytes]) -> str | None:
     return None
 
 
-def split_sections(side_info: bytes, codec: str = ANCHORS) -> tuple[bytes, dict[str, bytes]]:
+def split_sections(side_info: bytes, codec: str) -> tuple[bytes, dict[str, bytes]]:
     """Splits side information into its fixed part, as it is, and the named sections; decodes nothing.
 
     Raises:
@@ -95,7 +95,7 @@ def sections_of(stream: SceneStream) -> dict[str, bytes]:
     return split_sections(stream.side_info, stream.manifest.codec)[1]
 
 
-def side_info_parts(data: bytes, codec: str = ANCHORS) -> dict[str, int]:
+def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
     """Bytes of each section of side information with its size (and name), without decoding it.
 
     Raises:
