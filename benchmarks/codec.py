@@ -109,7 +109,8 @@ def measure(model_dir: Path) -> dict[str, object]:
         "num_bytes": stream.num_bytes,
         "hacpp_bytes": official["total_bytes_files_plus_mlps"],
         "total_ratio": round(stream.num_bytes / official["total_bytes_files_plus_mlps"], 4),
-        "parts": stream.parts() | {f"side_info.{k}": v for k, v in side_info_parts(stream.side_info, stream.manifest.codec).items()},
+        "parts": stream.parts()
+        | {f"side_info.{k}": v for k, v in side_info_parts(stream.side_info, stream.manifest.codec).items()},
         "hacpp_parts": {k: v for k, v in official["bytes"].items() if not k.startswith("params")},
         "one_stream_per_attribute": single,
         "packet_overhead_percent": round(100 * (attribute_bytes / sum(single.values()) - 1), 3),
