@@ -93,6 +93,19 @@ def test_the_equations_of_gate_blend_and_fallback() -> None:
     assert 0 < taken < count
 
 
+def test_the_papers_fallback_of_features_never_fires() -> None:
+    """Residuals are clipped at 3 standard deviations, so the confidence is exp(-0.5 * 3) = 0.22 or more, above 0.10."""
+    context, paper = random_context(80, 4), GNN_PRESETS["paper"]
+    graph = build_graph(context, SMALL)
+    rng, count = torch.Generator().manual_seed(3), len(graph.queries)
+    raw = RawResiduals(*(1e6 * torch.randn(count, d, generator=rng) for d in (10, 6, 12, 4)))
+    parts = branches(raw, prior_rows(context.prior, graph.queries), graph.interpolated, paper)
+    assert float(parts.feature.confidence.min()) > paper.feature_threshold
+    without = dataclasses.replace(paper, feature_threshold=0.0)
+    with_fallback, always = (fuse(parts, graph.interpolated, settings) for settings in (paper, without))
+    assert torch.equal(with_fallback.features, always.features)
+
+
 def test_full_attributes_obey_the_mask_head_and_stay_plausible() -> None:
     context = random_context(150, 5)
     settings = dataclasses.replace(SMALL, scaling_threshold=0.0, offset_threshold=0.0)
