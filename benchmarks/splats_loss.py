@@ -101,7 +101,7 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
         rows, harmonics = empty_rows(int(sizes.sum()), info.num_harmonics)
         total += _encode_joined(
             info.kernel_tables(), info.kernel_stream(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
-            info.block_defaults()[block], source.arranged(block, info), sizes,
+            info.block_defaults[block], source.arranged(block, info), sizes,
             np.zeros(700 * len(rows), np.uint8), rows, harmonics,
         )  # fmt: skip
     return int(total) + stream.num_bytes - sum(packet.num_bytes for packet in stream.packets)

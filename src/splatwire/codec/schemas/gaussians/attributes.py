@@ -53,10 +53,6 @@ class Sources:
     colours: np.ndarray
     harmonics: np.ndarray
 
-    def select(self, index: np.ndarray) -> "Sources":
-        """The Gaussians at `index`."""
-        return Sources(self.logs[index], self.axes[index], self.colours[index], self.harmonics[index])
-
 
 def check_finite(splats: Splats) -> None:
     """Refuses what cannot be coded.

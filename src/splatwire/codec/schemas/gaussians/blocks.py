@@ -1,5 +1,6 @@
 """Blocks of Gaussians: which Gaussian lies at which place of a stream, and the box that each block's places are in."""
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -29,14 +30,14 @@ class Boxes:
     origins: np.ndarray
     extents: np.ndarray
 
-    @property
+    @functools.cached_property
     def bits(self) -> np.ndarray:
         """Bits of a coordinate within each box, int64 (B)."""
         return self.shifts + np.array(
             [int(e).bit_length() for e in self.extents.max(axis=1, initial=0)], dtype=np.int64
         )
 
-    @property
+    @functools.cached_property
     def corners(self) -> np.ndarray:
         """Lower corners in lattice units, int64 (B, 3)."""
         return self.origins << self.shifts[:, None]

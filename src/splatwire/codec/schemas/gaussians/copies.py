@@ -86,6 +86,6 @@ def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.
     data, ends = np.frombuffer(payload, dtype=np.uint8).copy(), np.array([0, len(payload)], dtype=np.int64)
     kernels.decode_packets(
         info.kernel_tables(), info.kernel_stream(), info.models(), data, ends, np.array([0, count], dtype=np.int64),
-        info.boxes.bits, info.block_defaults(), rows, harmonics,
+        info.boxes.bits, info.block_defaults, rows, harmonics,
     )  # fmt: skip
     return rows, harmonics

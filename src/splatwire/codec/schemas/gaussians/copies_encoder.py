@@ -38,6 +38,6 @@ def write_copies(
     places, classes = places[order], np.full(count, level, dtype=np.uint8)
     scene = SourceScene(splats, places, np.array([0, count]), classes, info.size_log, info.unit, info.bases, True)
     here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))
-    payload = encode_block(scene, here, 0, np.array([count]), 0).payloads[0]
+    payload = encode_block(scene.arranged(0, here), here, 0, np.array([count]), 0).payloads[0]
     head = write_head(growth, count, write_blocks(boxes, here.defaults))
     return head + write_places(places, splats.num_gaussians) + payload

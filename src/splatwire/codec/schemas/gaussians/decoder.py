@@ -116,7 +116,7 @@ def decode_block(
     starts = np.concatenate([[0], np.cumsum(sizes[there])]).astype(np.int64)
     found, levels = empty_rows(int(starts[-1]), info.num_harmonics)
     boxes = np.full(len(payloads), info.boxes.bits[block])
-    defaults = np.repeat(info.block_defaults()[block : block + 1], len(payloads), axis=0)
+    defaults = np.repeat(info.block_defaults[block : block + 1], len(payloads), axis=0)
     kernels.decode_packets(
         info.kernel_tables(), info.kernel_stream(), info.models(), data, ends, starts, boxes, defaults, found, levels
     )
@@ -168,7 +168,7 @@ def store_block(
 
 def _expected(info: SideInfo, block: int, near: np.ndarray, lost: np.ndarray) -> np.ndarray:
     """Rows of a block's lost Gaussians: its means, at places of received ones, or all over its box."""
-    rows, defaults = empty_rows(len(lost), 0)[0], info.block_defaults()[block]
+    rows, defaults = empty_rows(len(lost), 0)[0], info.block_defaults[block]
     rows[:, SCALE0] = np.clip(defaults[1], -MAX_LOG, MAX_LOG)
     rows[:, SCALE1] = np.clip(defaults[2], 0, MAX_LOG)
     rows[:, SCALE2] = np.clip(defaults[3], 0, MAX_THIN)

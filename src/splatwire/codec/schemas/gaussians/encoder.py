@@ -4,6 +4,7 @@ import hashlib
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,8 @@ from splatwire.version import __version__
 
 FITTED_PACKET = 150
 """Gaussians of a packet while tables are fitted."""
+FITTED_SHARE, FEWEST, MOST = 1 / 8, 128, 640
+"""Share of the packets that tables are fitted to, but at least and at most about so many: time stays linear."""
 BYTES_PER_GAUSSIAN = 160
 BYTES_PER_HARMONIC = 12
 
@@ -111,13 +114,18 @@ def _fit(scene: SourceScene, sections: Mapping[str, bytes], threads: int | None)
     fields = (scene.splats.degree, scene.size_log, scene.unit, scene.bases, transform, boxes, np.clip(means, -511, 511))
     first, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
+    blocks = scene.some_blocks()
+    wanted = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, FEWEST, MOST) / len(blocks)
+
     def count(block: int) -> tuple[np.ndarray, np.ndarray]:
         size = int(scene.edges[block + 1] - scene.edges[block])
         parts = -(-size // FITTED_PACKET)
-        sizes = np.diff(np.arange(parts + 1) * size // parts)
-        return encode_block(scene, first, block, sizes, 0).statistics
+        edges = np.arange(parts + 1) * size // parts
+        chosen = np.unique(np.linspace(0, parts - 1, min(parts, int(np.ceil(wanted)))).astype(int))
+        some = np.concatenate([np.arange(edges[part], edges[part + 1]) for part in chosen])
+        return encode_block(scene.arranged(block, first, some), first, block, np.diff(edges)[chosen], 0).statistics
 
-    for some_bits, some_residuals in ordered_map(count, scene.some_blocks(), threads):
+    for some_bits, some_residuals in ordered_map(count, blocks, threads):
         bits += some_bits
         residuals += some_residuals
     return SideInfo(*fields, fit_bits(bits), fit_scales(residuals), sections)
@@ -128,8 +136,9 @@ def _transform(scene: SourceScene) -> np.ndarray:
     if not scene.splats.degree:
         return np.zeros((0, 0), dtype=np.int64)
     blocks = scene.some_blocks()
-    weights = np.concatenate([2.0 ** scene.classes[scene.edges[b] : scene.edges[b + 1]] for b in blocks])
-    return fit_transform(np.concatenate([to_harmonics(scene.block(b)) for b in blocks]), weights)
+    where = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
+    where = where[:: -(-len(where) // (FITTED_PACKET * FEWEST))]
+    return fit_transform(to_harmonics(scene.pick(where)), 2.0 ** scene.classes[where])
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,16 +160,15 @@ class CodedBlock:
     statistics: tuple[np.ndarray, np.ndarray]
 
 
-def encode_block(scene: SourceScene, info: SideInfo, block: int, sizes: np.ndarray, most: int) -> CodedBlock:
-    """Encodes a block in packets of the given sizes, or, if `most` is not 0, of at most so many bytes."""
+def encode_block(source: tuple[Any, ...], info: SideInfo, block: int, sizes: np.ndarray, most: int) -> CodedBlock:
+    """Encodes what is arranged of a block in packets of these sizes, or of at most `most` bytes if that is not 0."""
     from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
 
     bits = int(info.boxes.bits[block])
-    source = scene.arranged(block, info)
     count, width = len(source[2]), info.num_harmonics
     rows, harmonics = empty_rows(count, width)
     buffer = np.zeros(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
-    statistics, defaults = empty_statistics(), info.block_defaults()[block]
+    statistics, defaults = empty_statistics(), info.block_defaults[block]
     stream = (info.kernel_tables(), info.kernel_stream(), info.models(), statistics, bits, defaults, source)
     if most:
         sizes, ends = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
@@ -183,7 +191,7 @@ def _encode_packets(
     sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
 
     def encode(block: int) -> CodedBlock:
-        return encode_block(scene, info, block, sizes[block], most)
+        return encode_block(scene.arranged(block, info), info, block, sizes[block], most)
 
     ids = iter(() if p.hashed else plan.ids)
     first = 0

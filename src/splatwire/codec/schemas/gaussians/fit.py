@@ -14,8 +14,8 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.entropy.tables import INVERSE_BITS, NUM_SCALES, inverse_scale_table
 
-_TRUST = 8.0
-"""A context of n residuals believes its own mean as much as that of its row once n is this large."""
+_TRUST = 4.0
+"""A context of n residuals believes its own mean as much as what row and column expect once n is this large."""
 
 
 def empty_statistics() -> tuple[np.ndarray, np.ndarray]:
@@ -35,14 +35,22 @@ def fit_scales(residuals: np.ndarray) -> np.ndarray:
     An entry that nothing used is that of the context before, which costs nothing to send.
     """
     number, total = residuals[..., 0].astype(np.float64), residuals[..., 1].astype(np.float64)
-    row = (total.sum(axis=2) + 1.0) / (number.sum(axis=2) + 1.0)
-    mean = (total + _TRUST * row[:, :, None]) / (number + _TRUST)
+    mean = (total + _TRUST * _products(number, total)) / (number + _TRUST)
     expected = _expected_magnitudes()
     scales = np.searchsorted((expected[1:] + expected[:-1]) / 2, mean)
     for second in range(SECONDS):
         unused = number[:, :, second] == 0
         scales[:, :, second][unused] = scales[:, :, second - 1][unused] if second else 0
     return scales.astype(np.int64)
+
+
+def _products(number: np.ndarray, total: np.ndarray) -> np.ndarray:
+    """Means of contexts if each were a number of its row times one of its column, which agree with all sums."""
+    rows, columns = (total.sum(axis=2) + 1.0) / (number.sum(axis=2) + 1.0), np.ones_like(number[:, 0])
+    for _ in range(3):
+        columns = (total.sum(axis=1) + 1.0) / ((number * rows[:, :, None]).sum(axis=1) + 1.0)
+        rows = (total.sum(axis=2) + 1.0) / ((number * columns[:, None]).sum(axis=2) + 1.0)
+    return rows[:, :, None] * columns[:, None]
 
 
 def first_scales() -> np.ndarray:

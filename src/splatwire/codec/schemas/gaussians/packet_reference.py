@@ -83,7 +83,7 @@ class ReferencePacket:
         self.models = [[int(z) << 8] * 2 for z in info.bit_zero]
         self.running = 0
         self.box_bits = int(info.boxes.bits[block])
-        self.defaults = [int(v) for v in info.block_defaults()[block]]
+        self.defaults = [int(v) for v in info.block_defaults[block]]
         self.thinness = thinness_table().tolist()
 
     def decode(self) -> list[Gaussian]:

@@ -1,5 +1,6 @@
 """Side information of Gaussians: steps, boxes of blocks, tables of contexts, and named sections (docs/format.md)."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -81,6 +82,7 @@ class SideInfo:
         """Initial adaptive models of every packet, int64 (contexts, 2)."""
         return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
 
+    @functools.cached_property
     def block_defaults(self) -> np.ndarray:
         """Means of each block in fixed point, int64 (B, 7)."""
         return self.defaults << DEFAULT_SHIFT
