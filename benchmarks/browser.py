@@ -33,7 +33,6 @@ import random
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -42,10 +41,9 @@ import numpy as np
 import torch
 from PIL import Image
 
-from splatwire.cli._bundled import SPLATS
-from splatwire.cli.serve import bundled_datagrams
+from splatwire.cli._bundled import ASSETS, SPLATS
 from splatwire.codec import decode_stream
-from splatwire.packets import CAUSAL, SceneStream, read_stream, write_stream
+from splatwire.packets import CAUSAL, SceneStream, read_stream
 from splatwire.render import render_scene
 from splatwire.scene import Cameras
 from splatwire.transport import ServerLimits, make_program
@@ -229,20 +227,16 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("stream", type=Path, nargs="?")
+    parser.add_argument("stream", type=Path, nargs="?", default=ASSETS / SPLATS)
     parser.add_argument("--pages", type=int, default=20)
     parser.add_argument("--rate", type=float, default=4.0)
     parser.add_argument("--minutes", type=float, default=0.0)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        path = options.stream or Path(folder) / SPLATS
-        if options.stream is None:
-            write_stream(bundled_datagrams(SPLATS), path)
-        if options.minutes:
-            found = asyncio.run(left_open(read_stream(path)[0], options.minutes))
-        else:
-            found = measured(path, options.rate, options.pages)
-        print(json.dumps(found, indent=1))
+    if options.minutes:
+        found = asyncio.run(left_open(read_stream(options.stream)[0], options.minutes))
+    else:
+        found = measured(options.stream, options.rate, options.pages)
+    print(json.dumps(found, indent=1))
 
 
 def measured(path: Path, rate: float, pages: int) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def test_the_bundled_scene_shows_what_concealment_is_worth(run, tmp_path):
     explicit = {row["method"]: row for row in content["explicit"]["rows"]}
     assert list(explicit) == ["no loss", "drop", "grow", "scene_free"]
     assert explicit["no loss"]["exact"]
-    assert explicit["drop"]["num_bytes"] <= 400_000
+    assert explicit["drop"]["num_bytes"] <= 430_000
     assert max(explicit[name]["psnr"] for name in ("grow", "scene_free")) > explicit["drop"]["psnr"]
     assert "snowmiku_gaussians" in (tmp_path / "explicit" / "report.html").read_text()
     rows = {row["method"]: row for row in content["rows"]}

@@ -15,14 +15,12 @@ import torch
 
 from processes import told_by
 from scenes import tiny_scene
-from splatwire.cli import _bundled
 from splatwire.cli.main import main
 from splatwire.cli.receive import parse_seconds
 from splatwire.codec import add_concealment, encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, preview_scene, write_preview
 from splatwire.errors import InvalidValueError
 from splatwire.formats import read_splats
-from splatwire.model import SplatScene
 from splatwire.packets import PRESETS, Packetization, read_stream, write_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -120,36 +118,17 @@ def test_what_arrived_before_ctrl_c_is_a_stream(stream_file: Path, tmp_path: Pat
     assert decode_stream(stream).erasures.num_lost > 0
 
 
-def test_the_bundled_scene_is_served_as_datagrams_with_its_preview(tmp_path: Path, monkeypatch):
-    from splatwire.cli import serve
-
-    frame = PreviewFrame.fitting((0.0,) * 3, 1.0, (-0.5, -0.5, -0.5, -2.0), (0.5, 0.5, 0.5, -1.0))
-    preview = write_preview(Preview(frame, (0, 51, 102), np.zeros((20, 10), dtype=np.int64)))
-    stream = encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=2))
-    write_stream(add_concealment(stream, "preview", preview), tmp_path / "small.swz")
-    monkeypatch.setattr(_bundled, "SCENE", str(tmp_path / "small.swz"))
-    programs = serve.Serve()._programs(Protection())
-    assert [(name, program.preview) for name, program in programs.items()] == [("small", preview)]
-    assert len(programs["small"].packets) > 2
-
-
-def test_a_page_without_a_stream_gets_the_bundled_gaussians_which_browsers_draw(tmp_path: Path, monkeypatch):
-    from splatwire.cli import serve
+def test_without_a_stream_the_bundled_gaussians_are_served_as_they_are():
+    from splatwire.cli import _bundled, serve
     from splatwire.codec.viewpoint import SECTION
     from splatwire.packets.sections import sections_of
-    from splatwire.scene.splats import Splats
 
-    rng = torch.Generator().manual_seed(0)
-    quats = torch.nn.functional.normalize(torch.randn(300, 4, generator=rng), dim=1)
-    scales, opacities = torch.full((300, 3), 0.05), torch.full((300,), 0.5)
-    splats = Splats(torch.randn(300, 3, generator=rng), quats, scales, opacities, torch.zeros(300, 1, 3))
-    write_stream(encode_scene(SplatScene(splats)), tmp_path / "cloud.swz")
-    monkeypatch.setattr(_bundled, "SPLATS", str(tmp_path / "cloud.swz"))
-    made: list[Any] = []
-    monkeypatch.setattr(serve, "program_of", lambda stream, protection: made.append(stream))
-    assert list(serve.Serve(page=0)._programs(Protection())) == ["cloud"]
-    assert made[0].manifest.elements == "Gaussians"
-    assert SECTION in sections_of(made[0])
+    stream, _ = read_stream(_bundled.ASSETS / _bundled.SPLATS)
+    ((name, program),) = serve.Serve()._programs(Protection()).items()
+    assert (name, program.stream_id) == ("snowmiku_gaussians", stream.manifest.stream_id)
+    assert stream.manifest.elements == "Gaussians"
+    assert SECTION in sections_of(stream)
+    assert program.preview
 
 
 def test_two_streams_of_one_name_are_refused(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

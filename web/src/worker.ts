@@ -1,5 +1,6 @@
 // The worker: receives, decodes and conceals, so that the page never waits for it.
 
+import { warmUp } from "./codec/gaussians/warm.ts";
 import { readPreview } from "./codec/preview.ts";
 import type { Pause } from "./conceal/conceal.ts";
 import type { Camera } from "./model/camera.ts";
@@ -12,7 +13,7 @@ import { receiveBytes, receiveFile } from "./transport/reliable.ts";
 import { receiveDatagrams } from "./transport/webtransport.ts";
 import { nextTurn } from "./turns.ts";
 
-const SHOW_MS = 30, COUNT_MS = 100, SLICE_MS = 8;
+const SHOW_MS = 30, COUNT_MS = 200, SLICE_MS = 8;
 
 /** For what looks the same to all cameras. */
 const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
@@ -165,6 +166,7 @@ const reception = new Reception();
 
 async function open({ session, name, file, bytes }: ToWorker & { kind: "open" }): Promise<string> {
   if (bytes) return receiveBytes(bytes, reception);
+  void warmUp(() => !reception.begun);
   if (!session) return receiveFile(file, reception);
   let ended: string;
   try {

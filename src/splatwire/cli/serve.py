@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from splatwire.cli import _bundled
-from splatwire.cli._output import JsonFlag, print_json, progress_bars
+from splatwire.cli._output import JsonFlag, print_json
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
@@ -27,8 +27,8 @@ class Serve:
     """Serve streams over UDP or QUIC to many clients at once; stop with Ctrl-C."""
 
     streams: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Streams of the preset datagram: .swz files or folders; the bundled scene if absent, with a page its explicit
-    Gaussians. A client names one by its file name without the ending; one that names none gets the first."""
+    """Streams of the preset datagram: .swz files or folders; the bundled scene's Gaussians if absent. A client names
+    one by its file name without the ending; one that names none gets the first."""
     port: int = 4840
     """UDP port; 0 lets the system choose."""
     host: str = "127.0.0.1"
@@ -88,16 +88,13 @@ class Serve:
         from splatwire.packets import read_stream
 
         named: dict[str, str] = {}
-        for path in self.streams:
+        for path in self.streams or (str(_bundled.ASSETS / _bundled.SPLATS),):
             other = named.setdefault(stream_name(path), path)
             if other != path:
                 raise InvalidValueError(
                     f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
                 )
         streams = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
-        if not streams:
-            bundled = _bundled.SCENE if self.page is None else _bundled.SPLATS  # pages do not draw format 1
-            streams = {Path(bundled).stem: ("the bundled scene", bundled_datagrams(bundled))}
         for path, stream in streams.values():
             if planned is not None and stream.manifest.stream_id != planned:
                 raise InvalidValueError(
@@ -245,28 +242,3 @@ def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
     from splatwire.transport.preview import stream_preview
 
     return make_program(stream, protection, preview=stream_preview(stream.side_info, stream.manifest.codec))
-
-
-def bundled_datagrams(name: str) -> "SceneStream":
-    """A bundled stream in datagrams, with its preview if it has one."""
-    from splatwire.codec import add_concealment, decode_stream, encode_scene
-    from splatwire.codec.preview import SECTION
-    from splatwire.codec.viewpoint import SECTION as VIEWPOINT
-    from splatwire.codec.viewpoint import viewpoint_section
-    from splatwire.data import load_cameras
-    from splatwire.packets import PRESETS, read_stream
-    from splatwire.render.precision import classes_of
-    from splatwire.transport.preview import stream_preview
-
-    stream = read_stream(_bundled.ASSETS / name)[0]
-    cameras = load_cameras(_bundled.ASSETS / _bundled.CAMERAS)
-    with progress_bars() as show:
-        scene = decode_stream(stream, progress=lambda share: show("decoding the bundled scene", share)).scene
-        datagrams = encode_scene(
-            scene, PRESETS["datagram"], classes=classes_of(scene, cameras),
-            progress=lambda share: show("encoding it as datagrams", share),
-        )  # fmt: skip
-    datagrams = add_concealment(datagrams, VIEWPOINT, viewpoint_section(cameras))
-    looked_at = read_stream(_bundled.ASSETS / _bundled.SCENE)[0]  # its preview is one of its Gaussians, too
-    preview = stream_preview(looked_at.side_info, looked_at.manifest.codec)
-    return add_concealment(datagrams, SECTION, preview) if preview else datagrams

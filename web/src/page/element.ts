@@ -178,7 +178,7 @@ export class SplatWire extends HTMLElement {
       case "finished":
         this.status.finished = message.text;
         this.status.complete = message.complete;
-        this.#conceal();
+        if (this.#stage.view) this.#conceal();
         return panel.say(message.complete ? "Everything is there." : `It ended early: ${message.text}. What is missing is concealed.`);
       case "failed":
         return this.#fail(message.text);
@@ -250,14 +250,12 @@ export class SplatWire extends HTMLElement {
 
   #settingsChanged(): void {
     if (this.#stage.pictures) return this.#stage.touch();
-    this.#concealSoon(0);
+    if (this.#stage.view) this.#conceal(); // what is painted before has no gains
   }
 
   /** Asks for new gains, not too often while packets come. */
-  #concealSoon(delay = AGAIN_MS): void {
-    if (delay === 0) clearTimeout(this.#timer);
-    else if (this.#timer) return;
-    this.#timer = window.setTimeout(() => this.#conceal(), delay);
+  #concealSoon(): void {
+    this.#timer ||= window.setTimeout(() => this.#conceal(), AGAIN_MS);
   }
 
   #conceal(): void {

@@ -174,7 +174,7 @@ export class Stage {
       const took = performance.now() - began;
       await painted();
       for (const resolve of shown) resolve();
-      await Promise.race([this.#isEnough, pause(2 * took)]); // most of the time is left to the packets
+      await Promise.race([this.#isEnough, pause(4 * took)]); // most of the time is left to the packets
     }
     this.#painting = null;
   }

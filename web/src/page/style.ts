@@ -7,7 +7,7 @@ canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block
 canvas.over, canvas.first { pointer-events: none; visibility: hidden; }
 canvas.over.shown, canvas.first.shown { visibility: visible; }
 .panel { position: absolute; top: .75rem; right: .75rem; width: 17rem; max-width: calc(100% - 1.5rem); max-height: calc(100% - 1.5rem);
-  overflow: auto; box-sizing: border-box; padding: .6rem .8rem; border-radius: .6rem; background: var(--paper); color: CanvasText; backdrop-filter: blur(8px); }
+  overflow: auto; box-sizing: border-box; padding: .6rem .8rem; border-radius: .6rem; background: var(--paper); color: CanvasText; }
 .panel summary { cursor: pointer; font-weight: 600; }
 .state { margin: .3rem 0; overflow-wrap: anywhere; }
 .state.bad { color: light-dark(#a00, #ff8a80); font-weight: 600; }

@@ -46,7 +46,9 @@ export function pack(parts: readonly Splats[], degree: number, size: number): Pa
       const sign = splats.quats[4 * i] < 0 ? -1 : 1;
       for (let a = 0; a < 4; a++) all.turns[4 * n + a] = half(sign * splats.quats[4 * i + a]);
       for (let j = 0; j < number; j += 2) {
-        const low = half(splats.harmonics[i * number + j]), high = j + 1 < number ? half(splats.harmonics[i * number + j + 1]) : 0;
+        const first = splats.harmonics[i * number + j], second = j + 1 < number ? splats.harmonics[i * number + j + 1] : 0;
+        if (first === 0 && second === 0) continue; // as most are
+        const low = half(first), high = half(second);
         all.harmonics[j >> 3][4 * n + ((j >> 1) & 3)] = (low | (high << 16)) >>> 0;
       }
     }

@@ -7,6 +7,8 @@ import type { SideInfo } from "./side_info.ts";
 import { THINNESS } from "./tables.ts";
 
 const R2 = Math.sqrt(2), R3 = Math.sqrt(3), R6 = Math.sqrt(6), UNIT = 2 ** BITS, SUMS = UNIT * TRANSFORM_UNIT;
+/** Of the harmonics of one Gaussian, at most 15 to a channel. */
+const SUM = new Float64Array(45);
 
 /** Orthonormal Y Co Cg as red, green, blue. */
 function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): void {
@@ -18,7 +20,7 @@ function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): 
 export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: number): Splats {
   const count = rows.length / COLUMNS, splats = emptySplats(count, info.degree);
   const corner = info.boxes.corners.subarray(3 * block, 3 * block + 3), number = info.numHarmonics / 3;
-  const half = 2 ** (info.sizeLog - info.unit - 1), size = 2 ** info.sizeLog, sum = [0, 0, 0];
+  const half = 2 ** (info.sizeLog - info.unit - 1), size = 2 ** info.sizeLog;
   for (let i = 0; i < count; i++) {
     const row = i * COLUMNS;
     for (let a = 0; a < 3; a++) splats.means[3 * i + a] = (2 * corner[a] + rows[row + LATTICE + a]) * half;
@@ -29,15 +31,28 @@ export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: nu
     splats.opacities[i] = 2 ** (rows[row + OPACITY] / UNIT);
     rgb(rows[row + LUMA] / UNIT, rows[row + LUMA + 1] / UNIT, rows[row + LUMA + 2] / UNIT, splats.colours, 3 * i);
     quaternion(rows, row, splats.quats, 4 * i);
-    for (let b = 0; b < number; b++) {
-      sum.fill(0);
-      for (let k = 0, at = i * info.numHarmonics; k < number; k++) {
-        for (let c = 0; c < 3; c++, at++) sum[c] += harmonics[at] * info.transform[k * number + b];
-      }
-      rgb(sum[0] / SUMS, sum[1] / SUMS, sum[2] / SUMS, splats.harmonics, 3 * (i * number + b));
-    }
+    transformed(harmonics, i * info.numHarmonics, info.transform, number, splats.harmonics);
   }
   return splats;
+}
+
+/** Harmonics of one Gaussian, `number` to a channel: what their numbers, of which most are 0, add to them. */
+function transformed(numbers: Int32Array, first: number, transform: Int8Array, number: number, out: Float32Array): void {
+  let empty = true;
+  for (let k = 0, at = first; k < number; k++, at += 3) {
+    const y = numbers[at], co = numbers[at + 1], cg = numbers[at + 2];
+    if (!y && !co && !cg) continue;
+    if (empty) SUM.fill(0);
+    empty = false;
+    for (let b = 0, n = 0, row = k * number; b < number; b++, n += 3) {
+      const share = transform[row + b];
+      SUM[n] += y * share;
+      SUM[n + 1] += co * share;
+      SUM[n + 2] += cg * share;
+    }
+  }
+  if (empty) return;
+  for (let n = 0; n < 3 * number; n += 3) rgb(SUM[n] / SUMS, SUM[n + 1] / SUMS, SUM[n + 2] / SUMS, out, first + n);
 }
 
 /** Harmonic of degree 0 of a colour. */
