@@ -9,7 +9,8 @@ the bundled scene's.
 * `bundle`: bytes of the page's two scripts, and compressed with gzip -9; a preview waits for the first of them only.
 * `decode`: processor time of a Gaussian or an anchor in node, which has Chromium's engine, and in Python on one thread,
   in turns; `view_us` is that of an anchor, all of them in view, each time a camera asks for its Gaussians.
-* `pictures`: PSNR of the page's pictures against `splatwire render`, three views around the scene.
+* `pictures`: PSNR of the page's pictures against `splatwire render`, three views around the scene; `concealed` the same
+  with 20 % of the packets lost, by concealer, against `splatwire decode --conceal`.
 * `lossy`: a relay loses 20 %, 20 ms each way; milliseconds from navigation to what is on the screen: the preview,
   which the page itself carries, the first packets, and half of the Gaussians. Each time in a fresh page of a browser
   that runs; the page comes over loopback and not through the relay. `threads_busy` is the machine's load meanwhile.
@@ -43,7 +44,8 @@ from PIL import Image
 
 from splatwire.cli._bundled import ASSETS, SPLATS
 from splatwire.codec import decode_stream
-from splatwire.packets import CAUSAL, SceneStream, read_stream
+from splatwire.conceal import conceal
+from splatwire.packets import CAUSAL, SceneStream, read_stream, stream_to_bytes
 from splatwire.render import render_scene
 from splatwire.scene import Cameras
 from splatwire.transport import ServerLimits, make_program
@@ -111,12 +113,12 @@ def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, 
     return found | ({"view_us": round(min(views), 2)} if stream.manifest.codec == CAUSAL else {})
 
 
-def pictures(page: Browser, stream: SceneStream) -> list[float]:
-    scene = decode_stream(stream).scene
-    cameras = around(scene.positions.numpy())
+def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> list[float]:
+    cameras = around(decode_stream(stream).scene.positions.numpy())
+    scene = conceal(decode_stream(stream), concealer)
     style = f"position: fixed; inset: auto; left: 0; top: 0; width: {SIZE}px; height: {SIZE}px"
     page.evaluate(f"{ELEMENT}.style.cssText = '{style}'")
-    page.evaluate(f"{ELEMENT}.panel.set({{concealer: 'drop'}})")
+    page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")
     found = []
     for view, expected in enumerate(render_scene(scene, cameras)):
         camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": SIZE}
@@ -124,6 +126,13 @@ def pictures(page: Browser, stream: SceneStream) -> list[float]:
         picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")) / 255.0
         found.append(round(float(-10 * np.log10(((picture - expected.numpy()) ** 2).mean())), 2))
     return found
+
+
+def concealed(page: Browser, url: str, stream: SceneStream) -> dict[str, list[float]]:
+    opened(page, url)
+    page.wait_for(f"{ELEMENT}.status.gaussians > 0")
+    names = json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.panel.concealers)"))
+    return {name: pictures(page, stream, name) for name in names}
 
 
 def lossy(first: Browser, url: str, rounds: int = 7) -> dict[str, float]:
@@ -207,7 +216,12 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
     def content(port: int) -> PageContent:
         return PageContent({"scene": program}, Link(port, WEBTRANSPORT_PATH, IDENTITY.fingerprint))
 
-    async with PageServer(content(plain.port)) as clean, PageServer(content(relay.port)) as rough:
+    rough_copy = random.Random(4)
+    part = stream.with_packets([packet for packet in stream.packets if rough_copy.random() >= 0.2])
+    held = PageContent({"part": stream_to_bytes(part)})
+    async with (
+        PageServer(content(plain.port)) as clean, PageServer(content(relay.port)) as rough, PageServer(held) as gaps,
+    ):  # fmt: skip
 
         def drive() -> dict[str, Any]:
             with browser() as page:
@@ -215,6 +229,7 @@ async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any
                 opened(page, clean.url)
                 found["digest_equal"] = page.resolve(f"{ELEMENT}.verify()")
                 found["pictures_db"] = pictures(page, stream)
+                found["concealed_db"] = concealed(page, gaps.url, part)
                 found["lossy"] = {"rate_mbit": rate, "preview": bool(program.preview), **lossy(page, rough.url)}
             return found | {"pages": many(clean.url, count)}
 

@@ -27,6 +27,7 @@ from splatwire.packets.stream import write_stream
 from splatwire.scene import Cameras
 from splatwire.transport.frames import Request, TierHead, Welcome
 from splatwire.transport.wire import encode
+from web.pictures import concealers_of
 
 CAMERA = {
     "viewmat": [[1, 0, 0, 0], [0, 1, 0, 0.1], [0, 0, 1, 2], [0, 0, 0, 1]], "focal": 200, "width": 160, "height": 120,
@@ -84,7 +85,7 @@ def gains_of(stream: SceneStream) -> dict[str, list[float]]:
     there = [packet is not None for packet in order.packets]
     ranks = order.groups.ranks[np.repeat(there, np.diff(order.groups.starts))]
     found = {}
-    for name in ("grow",) if stream.manifest.codec == CAUSAL else ("grow", "scene_free"):
+    for name in concealers_of(stream):
         hints = conceal(decoded, name).hints
         gains = torch.stack([hints.size_gain, torch.ones_like(hints.size_gain)], dim=1)
         if hints.opacity_gain is not None:

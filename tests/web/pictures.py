@@ -9,23 +9,45 @@ from PIL import Image
 
 from scenes import tiny_cameras
 from splatwire.codec import decode_stream
+from splatwire.conceal import conceal
 from splatwire.packets import SceneStream
+from splatwire.packets.sections import sections_of
 from splatwire.render import render_scene
 from transport.chromium import Browser
 
 ELEMENT = "document.querySelector('splat-wire')"
 
 
-def check_pictures(page: Browser, stream: SceneStream, least: float) -> None:
-    """What the page draws is what the renderer draws, from the same cameras, to `least` decibels."""
-    cameras = tiny_cameras(2, 240, 180)
+def check_concealed(page: Browser, url: str, stream: SceneStream, least: float) -> None:
+    """Half of a stream's packets: the page at that address conceals what is missing as Python does."""
+    page.open(url)
+    page.wait_for(f"{ELEMENT}?.status && {ELEMENT}.status.finished && {ELEMENT}.status.gaussians > 0", 60)
+    pictures = [check_pictures(page, stream, least, name) for name in ("drop", *concealers_of(stream))]
+    assert len(set(pictures)) == len(pictures), "two concealers draw the same"
+
+
+def concealers_of(stream: SceneStream) -> tuple[str, ...]:
+    """Those that the page offers beside `drop`."""
+    return ("grow", "scene_free", *(("sketch",) if "sketch" in sections_of(stream) else ()))
+
+
+def half_of(stream: SceneStream) -> SceneStream:
+    """Every second packet of it."""
+    return stream.with_packets(stream.packets[::2])
+
+
+def check_pictures(page: Browser, stream: SceneStream, least: float, concealer: str = "drop") -> str:
+    """What the page draws is what the renderer draws, from the same cameras, to `least` decibels; the last picture."""
+    cameras, picture = tiny_cameras(2, 240, 180), ""
+    page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")
     page.evaluate(
         f"{ELEMENT}.style.cssText = 'position: fixed; inset: auto; left: 0; top: 0; width: 240px; height: 180px'"
     )
-    for view, expected in enumerate(render_scene(decode_stream(stream).scene, cameras)):
+    for view, expected in enumerate(render_scene(conceal(decode_stream(stream), concealer), cameras)):
         camera = {"viewmat": cameras.viewmats[view].tolist(), "focal": float(cameras.Ks[view, 1, 1]), "height": 180}
         picture = page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})").split(",")[1]
         found = np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0
         error = ((found - expected.numpy()) ** 2).mean()
-        assert -10 * np.log10(error) > least, f"view {view}: {-10 * np.log10(error):.1f} dB"
+        assert -10 * np.log10(error) > least, f"view {view}, {concealer}: {-10 * np.log10(error):.1f} dB"
     page.evaluate(f"{ELEMENT}.view.fix(null); {ELEMENT}.removeAttribute('style')")
+    return picture

@@ -13,7 +13,7 @@ from splatwire.transport.pack import pack_stream
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import PageContent
 from transport.chromium import Browser, browser, executable
-from web.pictures import ELEMENT, check_pictures
+from web.pictures import ELEMENT, check_concealed, check_pictures, half_of
 
 STATUS = f"{ELEMENT}?.status"
 PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
@@ -35,7 +35,8 @@ def test_a_browser_draws_anchors(stream: SceneStream) -> None:
     """Integers, pictures, another camera, packets dropped on purpose."""
 
     async def work() -> None:
-        async with PageServer(PageContent({"anchors": make_program(stream)})) as server:
+        half = half_of(stream)
+        async with PageServer(PageContent({"anchors": make_program(stream), "half": stream_to_bytes(half)})) as server:
 
             def drive() -> None:
                 with browser() as page:
@@ -45,6 +46,7 @@ def test_a_browser_draws_anchors(stream: SceneStream) -> None:
                     check_pictures(page, stream, 38)
                     check_turning(page)
                     check_concealment(page)
+                    check_concealed(page, f"{server.url}?stream=half", half, 34)  # large ones sorted as wholes
 
             await asyncio.to_thread(drive)
 

@@ -1,4 +1,4 @@
-"""Writes the network of the concealer `scene_free` for explicit Gaussians as the page's concealer reads it.
+"""Writes the networks of the concealer `scene_free` as the page's concealers read them.
 
 python web/scripts/make_weights.py
 
@@ -10,28 +10,33 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.conceal.scene_free import elements, weights
+from splatwire.conceal.scene_free.network import Perceptron
+from splatwire.conceal.scene_free.weights import default_element_weights, default_weights
 
 HEAD = """\
 // Made by web/scripts/make_weights.py; do not edit.
 
-export const INPUTS = {inputs}, HIDDEN = {hidden};
-
 /** Floats of 32 bits, little-endian: mean, spread, first layer (row by row) and its bias, last layer and its bias. */
-export const BYTES =
 """
+
+
+def text_of(name: str, network: Perceptron) -> str:
+    """A network as a constant."""
+    state = network.state_dict()
+    names = ("mean", "spread", "layers.0.weight", "layers.0.bias", "layers.2.weight", "layers.2.bias")
+    values = np.concatenate([state[name].numpy().ravel() for name in names]).astype("<f4")
+    text = base64.b64encode(values.tobytes()).decode()
+    lines = " +\n".join(f'  "{text[i : i + 100]}"' for i in range(0, len(text), 100))
+    hidden, inputs = state["layers.0.weight"].shape
+    return f"export const {name} = {{ inputs: {inputs}, hidden: {hidden}, bytes:\n{lines},\n}};\n"
 
 
 def main() -> None:
     """Writes `src/conceal/scene_free_weights.ts`."""
-    state = weights.default_element_weights().state_dict()
-    names = ("mean", "spread", "layers.0.weight", "layers.0.bias", "layers.2.weight", "layers.2.bias")
-    values = np.concatenate([state[name].numpy().ravel() for name in names]).astype("<f4")
-    text = base64.b64encode(values.tobytes()).decode()
-    lines = [f'  "{text[i : i + 100]}"' for i in range(0, len(text), 100)]
-    head = HEAD.format(inputs=elements.ELEMENT_SIGNATURE, hidden=len(state["layers.0.bias"]))
     target = Path(__file__).parents[1] / "src" / "conceal" / "scene_free_weights.ts"
-    target.write_text(head + " +\n".join(lines) + ";\n")
+    target.write_text(
+        HEAD + text_of("GAUSSIANS", default_element_weights()) + "\n" + text_of("ANCHORS", default_weights())
+    )
 
 
 if __name__ == "__main__":

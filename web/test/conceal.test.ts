@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 import type { Splats } from "../src/codec/splats.ts";
-import { CONCEALERS, SPLAT_CONCEALERS } from "../src/conceal/conceal.ts";
+import { ANCHOR_CONCEALERS, CONCEALERS, SPLAT_CONCEALERS } from "../src/conceal/conceal.ts";
 import { grow } from "../src/conceal/grow.ts";
 import { KdTree } from "../src/conceal/kd_tree.ts";
 import { Received } from "../src/transport/received.ts";
@@ -24,9 +24,9 @@ test("nearest others are those of a search through all", () => {
 
 test("nothing grows where nothing is lost, and gains follow the share that is left", async () => {
   const sizes = new Float32Array(400).fill(2), opacities = new Float32Array(400).fill(0.3), known = new Uint8Array(400).fill(1);
-  assert.ok((await grow({ positions: points, sizes, opacities, known, places, logScales: null }, always))!.every((gain) => gain === 1));
+  assert.ok((await grow({ positions: points, sizes, opacities, known, places, logScales: null, anchors: null }, always))!.every((gain) => gain === 1));
   for (let i = 0; i < 400; i += 2) known[i] = 0;
-  const gains = (await grow({ positions: points, sizes, opacities, known, places, logScales: null }, always))!, most = (1.08 * Math.SQRT2) ** 2;
+  const gains = (await grow({ positions: points, sizes, opacities, known, places, logScales: null, anchors: null }, always))!, most = (1.08 * Math.SQRT2) ** 2;
   for (let i = 0; i < 400; i++) {
     const [size, opacity] = gains.subarray(2 * i, 2 * i + 2);
     assert.ok(known[i] ? size >= 1 && size <= most ** 0.12 + 1e-6 && opacity >= 1 && opacity * 0.3 < 1 : size === 1 && opacity === 1);
@@ -36,9 +36,9 @@ test("nothing grows where nothing is lost, and gains follow the share that is le
 
 test("what nobody waits for any more stops", async () => {
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
-  assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), opacities: new Float32Array(400).fill(0.5), known, places, logScales: null }, () => Promise.resolve(false)), null);
+  assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), opacities: new Float32Array(400).fill(0.5), known, places, logScales: null, anchors: null }, () => Promise.resolve(false)), null);
   assert.deepEqual(Object.keys(CONCEALERS), ["drop", "grow"]);
-  assert.deepEqual(Object.keys(SPLAT_CONCEALERS), ["drop", "grow", "scene_free"]);
+  for (const all of [SPLAT_CONCEALERS, ANCHOR_CONCEALERS]) assert.deepEqual(Object.keys(all), ["drop", "grow", "scene_free"]);
 });
 
 const GROW = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };

@@ -2,6 +2,7 @@
 
 import { grow } from "./grow.ts";
 import { sceneFree } from "./scene_free.ts";
+import { sceneFreeAnchors } from "./scene_free_anchors.ts";
 
 /** What is known of all elements of a scene, received or lost: lost ones lie and are as large as is expected of them. */
 export interface Elements {
@@ -16,6 +17,17 @@ export interface Elements {
   readonly places: Int32Array;
   /** Logarithms of the axes of received Gaussians, largest first; null for anchors. */
   readonly logScales: Float32Array | null;
+  /** What there is to know of received anchors, the first elements; null for explicit Gaussians. */
+  readonly anchors: (() => AnchorFacts) | null;
+}
+
+export interface AnchorFacts {
+  /** Logarithms of the unit of each one's offsets and of its three sizes. */
+  readonly logs: Float64Array;
+  /** How many Gaussians each has. */
+  readonly active: Uint8Array;
+  /** Logarithms of how far features are expected to be off, in their spreads, and lengths, in what is expected of them. */
+  readonly unsure: Float64Array;
 }
 
 /** Called now and then by what takes long, so that its thread can do other things; false where nobody waits any more. */
@@ -38,5 +50,5 @@ export const CONCEALERS: Readonly<Record<string, Concealer>> = {
   grow: grown(grow),
 };
 
-/** Those for explicit Gaussians. */
 export const SPLAT_CONCEALERS: Readonly<Record<string, Concealer>> = { ...CONCEALERS, scene_free: grown(sceneFree) };
+export const ANCHOR_CONCEALERS: Readonly<Record<string, Concealer>> = { ...CONCEALERS, scene_free: grown(sceneFreeAnchors) };

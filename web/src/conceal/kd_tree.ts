@@ -20,13 +20,18 @@ export class KdTree {
 
   /** The nearest k others of a point, in no order; valid until the next call. */
   nearestOthers(i: number): Int32Array {
+    return this.nearest(this.points[3 * i], this.points[3 * i + 1], this.points[3 * i + 2], i);
+  }
+
+  /** The same of any place, and of a point that does not count. */
+  nearest(x: number, y: number, z: number, self = -1): Int32Array {
     this.#count = 0;
-    this.#self = i;
-    this.#search(0, this.#order.length, 0, this.points[3 * i], this.points[3 * i + 1], this.points[3 * i + 2]);
+    this.#self = self;
+    this.#search(0, this.#order.length, 0, x, y, z);
     return this.#who.subarray(0, this.#count);
   }
 
-  /** The same, nearest first; `distances` has the squares of their distances. */
+  /** The same as `nearestOthers`, nearest first. */
   nearestFirst(i: number): Int32Array {
     const near = this.nearestOthers(i), far = this.#far;
     for (let n = 1; n < near.length; n++) {
@@ -42,6 +47,7 @@ export class KdTree {
     return near;
   }
 
+  /** Squares of the distances of what was found last, in its order. */
   get distances(): Float64Array {
     return this.#far;
   }

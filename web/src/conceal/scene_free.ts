@@ -3,23 +3,19 @@
 
 import type { Elements, Pause } from "./conceal.ts";
 import { KdTree } from "./kd_tree.ts";
-import { BYTES, HIDDEN, INPUTS } from "./scene_free_weights.ts";
+import { perceptron } from "./perceptron.ts";
+import { GAUSSIANS } from "./scene_free_weights.ts";
 
 const NEIGHBOURS = 64, CLOSE = 32, NEAREST = 12, SPACING_RANK = 6, MOST_LOST = 0.97, SMALLEST = 1e-9, TINY = 2 ** -126, AT_A_TIME = 256;
+const opinion = perceptron(GAUSSIANS);
+
 /** Exponents of what is lost before the network changes them, and their bounds: of size and of opacity. */
 const BASE = [0.15, 0.75], LEAST = [-0.5, -0.5], MOST = [1, 2.5];
-const LEAST_OPAQUE = 1e-4, MOST_OPAQUE = 1 - 1e-4, MOST_LOGIT = 6, MOST_THIN = 6, MOST_UNUSUAL = 3;
-
-const NUMBERS = new Float32Array(Uint8Array.from(atob(BYTES), (c) => c.charCodeAt(0)).buffer);
-let at = 0;
-const next = (count: number): Float32Array => NUMBERS.subarray(at, (at += count));
-const WEIGHTS = {
-  mean: next(INPUTS), spread: next(INPUTS), first: next(HIDDEN * INPUTS), firstBias: next(HIDDEN),
-  last: next(2 * HIDDEN), lastBias: next(2),
-};
+const LEAST_OPAQUE = 1e-4, MOST_OPAQUE = 1 - 1e-4, MOST_LOGIT = 6, MOST_THIN = 6;
 
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
-const gainFor = (share: number): number => -Math.log1p(-Math.min(share, MOST_LOST));
+/** Logarithm of what makes up for a loss of this share. */
+export const gainFor = (share: number): number => -Math.log1p(-Math.min(share, MOST_LOST));
 const logit = (opacity: number): number => {
   const o = clip(opacity, LEAST_OPAQUE, MOST_OPAQUE);
   return clip(Math.log(o / (1 - o)), -MOST_LOGIT, MOST_LOGIT);
@@ -30,7 +26,7 @@ export async function sceneFree(elements: Elements, pause: Pause): Promise<Float
   const { positions, known, opacities, places } = elements, count = known.length, gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
-  const look = new Surroundings(elements, received), tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places), signature = new Float64Array(INPUTS);
+  const look = new Surroundings(elements, received), tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places), signature = new Float64Array(GAUSSIANS.inputs);
   for (let i = 0; i < count; i++) {
     if (i % AT_A_TIME === 0 && !(await pause())) return null;
     if (!known[i]) continue;
@@ -105,17 +101,4 @@ class Surroundings {
     const some = Math.max(there, 1);
     return { mean: logs / some, opaque: logits / some, cover, covered: lost / Math.max(weights + areas[i], TINY), spacing };
   }
-}
-
-/** What the network changes of both exponents. */
-function opinion(signature: Float64Array): [number, number] {
-  const { mean, spread, first, firstBias, last, lastBias } = WEIGHTS, change: [number, number] = [lastBias[0], lastBias[1]];
-  for (let h = 0; h < HIDDEN; h++) {
-    let sum = firstBias[h];
-    for (let n = 0; n < INPUTS; n++) sum += first[h * INPUTS + n] * clip((signature[n] - mean[n]) / spread[n], -MOST_UNUSUAL, MOST_UNUSUAL);
-    const active = sum / (1 + Math.exp(-sum));
-    change[0] += last[h] * active;
-    change[1] += last[HIDDEN + h] * active;
-  }
-  return change;
 }

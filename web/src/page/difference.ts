@@ -28,7 +28,14 @@ export class Comparison {
     clearTimeout(this.#still);
     this.canvas.classList.remove("shown");
     if (this.wanted() === "lossless" || !this.#gains) return;
-    this.#still = window.setTimeout(() => (this.#comparing = this.#comparing.then(() => this.#compare()).catch(() => undefined)), STILL_MS);
+    this.#still = window.setTimeout(() => this.alone(() => this.#compare()).catch(() => undefined), STILL_MS);
+  }
+
+  /** Does something while no comparison changes what is drawn. */
+  alone<T>(work: () => Promise<T>): Promise<T> {
+    const done = this.#comparing.then(work);
+    this.#comparing = done.then(() => undefined, () => undefined);
+    return done;
   }
 
   #apply(): void {

@@ -44,7 +44,6 @@ export class SplatWire extends HTMLElement {
   #asked = 0;
   #gained = 0;
   #timer = 0;
-  /** Pictures to compare are drawn one after another: each needs the screen for itself. */
   #digest: ((same: boolean) => void) | null = null;
 
   connectedCallback(): void {
@@ -95,16 +94,18 @@ export class SplatWire extends HTMLElement {
     view.fix(camera);
     await view.frame();
     while (this.#gained !== this.#asked || this.#watch?.settled === false) await pause(50);
-    await view.frame();
-    await view.sorted();
-    // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
-    let before = "", now = view.canvas.toDataURL("image/png");
-    for (let n = 0; n < 20 && now !== before; n++) {
-      await pause(400);
+    return this.#comparison.alone(async () => {
       await view.frame();
-      [before, now] = [now, view.canvas.toDataURL("image/png")];
-    }
-    return now;
+      await view.sorted();
+      // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
+      let before = "", now = view.canvas.toDataURL("image/png");
+      for (let n = 0; n < 20 && now !== before; n++) {
+        await pause(400);
+        await view.frame();
+        [before, now] = [now, view.canvas.toDataURL("image/png")];
+      }
+      return now;
+    });
   }
 
   #begin(): void {

@@ -65,6 +65,11 @@ export class Panel {
     this.set(names.includes(this.settings.concealer) ? {} : { concealer: "grow" });
   }
 
+  /** What can be chosen. */
+  get concealers(): string[] {
+    return Array.from(this.#choice.options, ({ value }) => value);
+  }
+
   #list(names: readonly string[]): void {
     this.#choice.replaceChildren(...names.map((name) => make("option", { value: name }, name)));
   }

@@ -13,17 +13,22 @@ const NUMBER = 2 ** 16, LOG = 2 ** LOG_BITS, MAX_LOG = 60, SLOPE = 0.01;
 /** Anchors, and their features, one anchor's after another's. */
 export function toAnchors({ count, places, masks, numbers }: Decoded, info: SideInfo): { anchors: Anchors; features: Float32Array } {
   const { features: size, offsets: numOffsets, groups, steps } = info, width = size + FORM + 3 * numOffsets;
-  const featureSteps = groups.flatMap((channels, g) => Array.from({ length: channels }, () => steps[g] / NUMBER)), step = steps[groups.length] / NUMBER;
+  const units = featureSteps(info).map((step) => step / NUMBER), step = steps[groups.length] / NUMBER;
   const scales = new Float32Array(count), sizes = new Float32Array(3 * count);
   const features = new Float32Array(size * count), offsets = new Float32Array(3 * numOffsets * count);
   for (let n = 0; n < count; n++) {
     const row = n * width, form = row + size;
-    for (let c = 0; c < size; c++) features[n * size + c] = numbers[row + c] * featureSteps[c];
+    for (let c = 0; c < size; c++) features[n * size + c] = numbers[row + c] * units[c];
     scales[n] = exponential(logOf(info, numbers[form], 0));
     for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, numbers[form + 1 + a], 1 + a));
     for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = numbers[form + FORM + c] * step;
   }
   return { anchors: { count, numOffsets, positions: worldPlaces(places, info), scales, sizes, masks, offsets }, features };
+}
+
+/** Step of each feature. */
+export function featureSteps({ groups, steps }: SideInfo): number[] {
+  return groups.flatMap((channels, g) => Array.from({ length: channels }, () => steps[g]));
 }
 
 /** World coordinates of voxels from the origin. */
@@ -32,7 +37,7 @@ export function worldPlaces(places: Int32Array, { positions: { origin }, voxelSi
 }
 
 /** Two to the power of a logarithm with 24 fractional bits. */
-function exponential(log: number): number {
+export function exponential(log: number): number {
   return 2 ** Math.min(Math.max(log / LOG, -MAX_LOG), MAX_LOG);
 }
 

@@ -1,35 +1,56 @@
-// Where anchors are expected, and how large: what a concealer needs of them.
+// Where anchors are expected, and how large, and how sure that is: what a concealer needs of them.
 
-import type { Elements, Pause } from "../../conceal/conceal.ts";
-import { worldPlaces } from "./anchors.ts";
+import type { AnchorFacts, Elements, Pause } from "../../conceal/conceal.ts";
+import type { Anchors } from "../../model/anchors.ts";
+import { exponential, featureSteps, worldPlaces } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";
 import { expectedPlace } from "./positions.ts";
-import { LOG_BITS } from "./side_info.ts";
+import { FORM, LOG_BITS } from "./side_info.ts";
 
-const AT_A_TIME = 256, SMALLEST = 1e-9, LEAST_SHARE = 0.05;
+const AT_A_TIME = 256, SMALLEST = 1e-9, LEAST_SHARE = 0.05, LEAST_SPREAD = 1e-6;
+/** Limits of binary logarithms of deviations, and of what is told of them: of features and of lengths. */
+const LOG_DEVIATIONS = [-6, 13], FEATURES = [1e-3, 1e3], LENGTHS = [1e-4, 1e3];
+
+/** Anchors that arrived together. */
+export interface Arrived {
+  readonly ranks: Int32Array;
+  readonly anchors: Anchors;
+  /** Sums of each feature, and of its square. */
+  readonly sums: Float64Array;
+  readonly squares: Float64Array;
+}
+
+const clip = (value: number, [low, high]: readonly number[]): number => Math.min(Math.max(value, low), high);
 
 export class Expected {
   /** Where each anchor is expected, voxels from the origin, by rank; the first so many are known by now. */
   readonly #places: Int32Array;
-  /** Logarithms of the three sizes that are expected there. */
+  /** Logarithms of the scale and the three sizes that are expected there, and of how far features and those are off. */
   readonly #logs: Float64Array;
+  readonly #spreads: Int32Array;
   #done = 0;
   #sizes: Float32Array | null = null;
 
   constructor(readonly packets: PacketDecoder, readonly count: number) {
     this.#places = new Int32Array(3 * count);
-    this.#logs = new Float64Array(3 * count);
+    this.#logs = new Float64Array(FORM * count);
+    this.#spreads = new Int32Array(this.#width * count);
   }
 
-  /** First the received anchors, of these ranks, then the lost ones; null where nobody waits any more. All lie where they are expected. */
-  async elements(received: readonly Int32Array[], pause: Pause): Promise<Elements | null> {
+  get #width(): number {
+    return this.packets.info.features + FORM;
+  }
+
+  /** First the received anchors, in this order, then the lost ones; null where nobody waits any more. All lie where they are expected. */
+  async elements(received: readonly Arrived[], pause: Pause): Promise<Elements | null> {
     const sizes = await this.#expectedSizes(pause);
     if (!sizes) return null;
     const known = new Uint8Array(this.count), ranks = new Int32Array(this.count), places = new Int32Array(3 * this.count);
-    const end = received.reduce((at, part) => (ranks.set(part, at), at + part.length), 0);
+    const end = received.reduce((at, part) => (ranks.set(part.ranks, at), at + part.ranks.length), 0);
     for (const rank of ranks.subarray(0, end)) known[rank] = 1;
     known.reduce((at, there, rank) => (there ? at : ((ranks[at] = rank), at + 1)), end);
     ranks.forEach((rank, n) => places.set(this.#places.subarray(3 * rank, 3 * rank + 3), 3 * n));
+    let facts: AnchorFacts | null = null;
     return {
       positions: worldPlaces(places, this.packets.info),
       sizes: Float32Array.from(ranks, (rank) => sizes[rank]),
@@ -37,7 +58,56 @@ export class Expected {
       known: new Uint8Array(this.count).fill(1, 0, end),
       places: ranks,
       logScales: null,
+      anchors: () => (facts ??= this.#facts(received, ranks.subarray(0, end))),
     };
+  }
+
+  #facts(received: readonly Arrived[], ranks: Int32Array): AnchorFacts {
+    const logs = new Float64Array(FORM * ranks.length), active = new Uint8Array(ranks.length), unsure = new Float64Array(2 * ranks.length);
+    let at = 0;
+    for (const { anchors: { count, numOffsets, scales, sizes, masks } } of received) {
+      for (let n = 0; n < count; n++, at++) {
+        logs[FORM * at] = Math.log(scales[n]);
+        for (let a = 0; a < 3; a++) logs[FORM * at + 1 + a] = Math.log(sizes[3 * n + a]);
+        for (let k = n * numOffsets; k < (n + 1) * numOffsets; k++) active[at] += masks[k];
+      }
+    }
+    const shares = this.#shares(received, ranks.length);
+    ranks.forEach((rank, n) => {
+      unsure[2 * n] = Math.log(clip(this.#featureDoubt(rank, shares), FEATURES));
+      unsure[2 * n + 1] = Math.log(clip(this.#lengthDoubt(rank), LENGTHS));
+    });
+    return { logs, active, unsure };
+  }
+
+  /** What a deviation of one step of each feature counts: its share of the feature's spread among what arrived, out of all features. */
+  #shares(received: readonly Arrived[], count: number): Float64Array {
+    const { info } = this.packets;
+    return Float64Array.from(featureSteps(info), (step, c) => {
+      const mean = received.reduce((sum, { sums }) => sum + sums[c], 0) / count, square = received.reduce((sum, { squares }) => sum + squares[c], 0) / count;
+      return step / Math.max(Math.sqrt(Math.max(square - mean * mean, 0)), LEAST_SPREAD) / info.features;
+    });
+  }
+
+  /** Steps by which a number is expected to be off. */
+  #deviation(rank: number, column: number): number {
+    return 2 ** clip(this.#spreads[rank * this.#width + column] / 65536, LOG_DEVIATIONS);
+  }
+
+  #featureDoubt(rank: number, shares: Float64Array): number {
+    return shares.reduce((sum, share, c) => sum + this.#deviation(rank, c) * share, 0);
+  }
+
+  /** The scale stands for three lengths. */
+  #lengthDoubt(rank: number): number {
+    const { info } = this.packets;
+    let off = 0, all = 0;
+    for (let a = 0; a < FORM; a++) {
+      const length = exponential(this.#logs[FORM * rank + a]) * (a ? 1 : 3);
+      off += length * this.#deviation(rank, info.features + a) * info.logSteps[a ? 1 : 0] * Math.LN2 * 2 ** -LOG_BITS;
+      all += length;
+    }
+    return off / Math.max(all, 6 * SMALLEST);
   }
 
   /** Geometric means of the sizes that are expected of all anchors, by rank: worked out once, a little at a time. */
@@ -51,14 +121,16 @@ export class Expected {
 
   #expectSome(first: number, end: number): void {
     for (let rank = first; rank < end; rank++) this.#places.set(expectedPlace(this.packets.info.positions, rank), 3 * rank);
-    this.#logs.set(this.packets.expectedLogs(this.#places.subarray(3 * first, 3 * end)), 3 * first);
+    const { logs, spreads } = this.packets.expected(this.#places.subarray(3 * first, 3 * end));
+    this.#logs.set(logs, FORM * first);
+    this.#spreads.set(spreads, this.#width * first);
     this.#done = end;
   }
 }
 
 /** A prediction may be far off: none is below a share of their median. */
 function meanSizes(logs: Float64Array): Float32Array {
-  const sizes = Float32Array.from(logs, (log) => 2 ** (log / 2 ** LOG_BITS));
+  const sizes = new Float32Array((3 * logs.length) / FORM).map((_, n) => 2 ** (logs[FORM * Math.floor(n / 3) + 1 + (n % 3)] / 2 ** LOG_BITS));
   const typical = sizes.slice().sort()[(sizes.length - 1) >> 1] ?? 0, least = Math.max(LEAST_SHARE * typical, SMALLEST);
   const log = (at: number): number => Math.log(Math.max(sizes[at], least));
   return Float32Array.from({ length: sizes.length / 3 }, (_, n) => Math.exp((log(3 * n) + log(3 * n + 1) + log(3 * n + 2)) / 3));

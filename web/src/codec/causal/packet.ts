@@ -5,7 +5,7 @@ import { centred } from "../../entropy/mixture.ts";
 import { ROWS } from "../../model/affine.ts";
 import { ACTIVATION_BITS, ACTIVATION_LIMIT, IntegerMlp } from "../integer_network.ts";
 import { decodePlaces } from "./positions.ts";
-import { OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
+import { FORM, OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
 import { existsOf, scaleOf } from "./tables.ts";
 
 const ONE = 2 ** ACTIVATION_BITS, FULL = 65536, LARGEST_SYMBOL = 15360;
@@ -19,6 +19,12 @@ export interface Decoded {
   readonly masks: Uint8Array;
   /** Numbers in steps, 16 fractional bits: feature, four logarithms, offsets (0 where there is none). */
   readonly numbers: Int32Array;
+}
+
+/** Of some anchors: logarithms of scale and sizes (24 fractional bits), and binary logarithms of how far features and those are off, in steps (16). */
+export interface ExpectedNumbers {
+  readonly logs: Float64Array;
+  readonly spreads: Int32Array;
 }
 
 /** Decodes packets of one stream, one after another. */
@@ -56,17 +62,23 @@ export class PacketDecoder {
     return { count, places, masks, numbers };
   }
 
-  /** Logarithms of the sizes that are expected of anchors of which only the place is known, three each; 24 fractional bits. */
-  expectedLogs(places: Int32Array): Float64Array {
-    const { info } = this, count = places.length / 3, numbers = new Int32Array(count * this.width), logs = new Float64Array(3 * count);
+  /** What is expected of anchors of which only the place is known, without their offsets. */
+  expected(places: Int32Array): ExpectedNumbers {
+    const { info } = this, count = places.length / 3, numbers = new Int32Array(count * this.width), logs = new Float64Array(FORM * count);
+    const known = info.features + FORM, spreads = new Int32Array(known * count);
     this.#begin(places, count);
     for (const [s, stage] of info.stages.slice(0, -1).entries()) {
-      const outputs = this.#predict(s, count), width = this.#networks[s].outputs;
-      for (let n = 0; n < count; n++) for (let c = 0; c < stage.size; c++) numbers[n * this.width + stage.first + c] = outputs[n * width + stage.masks + c];
+      const outputs = this.#predict(s, count), width = this.#networks[s].outputs, { first, size, masks } = stage;
+      for (let n = 0, row = masks; n < count; n++, row += width) {
+        for (let c = 0; c < size; c++) {
+          numbers[n * this.width + first + c] = outputs[row + c];
+          spreads[n * known + first + c] = outputs[row + size + c];
+        }
+      }
       this.#tell(stage, numbers, count);
     }
-    for (let n = 0; n < count; n++) for (let a = 0; a < 3; a++) logs[3 * n + a] = logOf(info, numbers[n * this.width + info.features + 1 + a], 1 + a);
-    return logs;
+    for (let n = 0; n < count; n++) for (let a = 0; a < FORM; a++) logs[FORM * n + a] = logOf(info, numbers[n * this.width + info.features + a], a);
+    return { logs, spreads };
   }
 
   /** Evaluates the position network: what each anchor's place says. */

@@ -3,7 +3,7 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../../bytes.ts";
-import { CONCEALERS, type Elements, type Pause } from "../../conceal/conceal.ts";
+import { ANCHOR_CONCEALERS, type Elements, type Pause } from "../../conceal/conceal.ts";
 import type { Anchors } from "../../model/anchors.ts";
 import type { Camera } from "../../model/camera.ts";
 import { Heads } from "../../model/heads.ts";
@@ -12,22 +12,28 @@ import type { Plan } from "../../packets/plan.ts";
 import type { Part, Schema, Seen } from "../schema.ts";
 import { ranksInOrder } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
-import { Expected } from "./expected.ts";
+import { Expected, type Arrived } from "./expected.ts";
 import { PacketDecoder, type Decoded } from "./packet.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 
-class AnchorPart implements Part {
-  readonly ranks: Int32Array;
-  readonly #anchors: Anchors;
+class AnchorPart implements Part, Arrived {
+  readonly anchors: Anchors;
+  readonly sums: Float64Array;
+  readonly squares: Float64Array;
   /** Features, until somebody looks; then what they say to the heads. */
   #features: Float32Array | null;
   #hidden: Float32Array = new Float32Array();
 
-  constructor(readonly packet: Packet, ranks: Int32Array, decoded: Decoded, info: SideInfo, readonly heads: Heads) {
-    const { anchors, features } = toAnchors(decoded, info);
-    this.ranks = ranks;
-    this.#anchors = anchors;
+  constructor(readonly packet: Packet, readonly ranks: Int32Array, decoded: Decoded, info: SideInfo, readonly heads: Heads) {
+    const { anchors, features } = toAnchors(decoded, info), size = info.features;
+    this.anchors = anchors;
     this.#features = features;
+    this.sums = new Float64Array(size);
+    this.squares = new Float64Array(size);
+    for (let n = 0; n < features.length; n++) {
+      this.sums[n % size] += features[n];
+      this.squares[n % size] += features[n] ** 2;
+    }
   }
 
   get count(): number {
@@ -37,7 +43,7 @@ class AnchorPart implements Part {
   seen(camera: Camera): Seen {
     if (this.#features) this.#hidden = this.heads.prepared(this.#features);
     this.#features = null;
-    return this.heads.spawn(this.#anchors, this.#hidden, camera);
+    return this.heads.spawn(this.anchors, this.#hidden, camera);
   }
 }
 
@@ -68,7 +74,7 @@ export class CausalSchema implements Schema<AnchorPart> {
     return this.info.middle.map((value) => value * this.info.voxelSize);
   }
 
-  readonly concealers = CONCEALERS;
+  readonly concealers = ANCHOR_CONCEALERS;
 
   get sections(): Map<string, Uint8Array> {
     return this.info.sections;
@@ -95,7 +101,7 @@ export class CausalSchema implements Schema<AnchorPart> {
   }
 
   elements(parts: readonly AnchorPart[], pause: Pause): Promise<Elements | null> {
-    return this.#expected.elements(parts.map((part) => part.ranks), pause);
+    return this.#expected.elements(parts, pause);
   }
 
   #ranks(packet: Packet): Int32Array {

@@ -40,7 +40,7 @@ export function expectedElements(info: SideInfo, plan: Plan, parts: readonly Gau
     places.set(plan.order(block).filter((place) => !taken[place]), at);
     for (let gone = 0; gone < lost; gone++, at++) positions.set(place(info, block, near, gone, lost), 3 * at);
   });
-  return { positions, sizes, opacities, known, places, logScales };
+  return { positions, sizes, opacities, known, places, logScales, anchors: null };
 }
 
 function place(info: SideInfo, block: number, near: Float32Array, gone: number, lost: number): ArrayLike<number> {
