@@ -18,16 +18,19 @@ from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.codec.tiers import arrange_stream
 from splatwire.conceal import conceal
+from splatwire.conceal.sketch.section import SECTION
 from splatwire.entropy.tables import exp2_table, half_width_table, inverse_scale_table, normal_table, weight_table
 from splatwire.model.appearance import spawned_gaussians
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.packets import CAUSAL, SceneStream
+from splatwire.packets.sections import sections_of
 from splatwire.packets.splitmix64 import splitmix64_reference
 from splatwire.packets.stream import write_stream
 from splatwire.scene import Cameras
 from splatwire.transport.frames import Request, TierHead, Welcome
 from splatwire.transport.wire import encode
 from web.pictures import concealers_of
+from web.sketched import copies_of
 
 CAMERA = {
     "viewmat": [[1, 0, 0, 0], [0, 1, 0, 0.1], [0, 0, 1, 2], [0, 0, 0, 1]], "focal": 200, "width": 160, "height": 120,
@@ -55,6 +58,7 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
     tables = {
         "normal": normal_table(), "inverse": inverse_scale_table(), "widths": half_width_table(),
         "thinness": thinness_table(), "sixteenths": (exp2_table(8, 20)[:-1] - (1 << 20)) >> 16,
+        "powers": exp2_table(10, 40),
         "exists": np.clip(weight_table(), 32, 65504),
     }  # fmt: skip
     rng = random.Random(1)
@@ -72,6 +76,10 @@ def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:
         "request": encode(Request(7, bytes(16), "scène")).hex(),
         "welcome": encode(welcome).hex(),
         "gains": {str(path): gains_of(stream) for path, stream in streams if stream.manifest.num_packets > 1},
+        "copies": {
+            str(path): copies_of(decode_stream(stream))[1] for path, stream in streams
+            if SECTION in sections_of(stream)
+        },
         "splats": {str(path): first_packet(stream) for path, stream in streams},
         "camera": CAMERA,
         "preview": {"bytes": preview.hex(), "numbers": [float(n) for n in numbers]},
@@ -91,6 +99,9 @@ def gains_of(stream: SceneStream) -> dict[str, list[float]]:
         if hints.opacity_gain is not None:
             gains[:, 1] = hints.opacity_gain
         found[name] = gains[ranks].double().ravel().tolist()
+        if name == SECTION:  # copies of what arrived are not drawn
+            places = torch.from_numpy(copies_of(decoded)[0])
+            found[name] += (gains[places] * ~decoded.erasures.known[places, None]).double().ravel().tolist()
     return found
 
 

@@ -31,7 +31,8 @@ from splatwire.transport.page_content import Link, PageContent, program_file
 from transport.chromium import Browser, browser, executable
 from transport.network import bernoulli
 from transport.relay import Relay
-from web.pictures import ELEMENT, check_pictures
+from web.pictures import ELEMENT, check_concealed, check_pictures, half_of
+from web.sketched import with_copies
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from splatwire.transport.certificate import self_signed
@@ -101,6 +102,8 @@ def test_a_browser_receives_decodes_and_draws(
                 )
                 for digits in (identity.fingerprint, "0" * 64)
             ]
+            half = half_of(with_copies(stream))
+            gaps = await stack.enter_async_context(PageServer(PageContent({"half": stream_to_bytes(half)})))
 
             def drive() -> None:
                 with browser() as page:
@@ -108,6 +111,7 @@ def test_a_browser_receives_decodes_and_draws(
                     check_stream(page, stream, "WebTransport datagrams")
                     check_pictures(page, stream, 40)
                     check_settings(page)
+                    check_concealed(page, gaps.url, half, 40)
                     assert opened(page, packed.as_uri()) == "complete"
                     check_stream(page, stream, "in this file")
                     assert opened(page, broken.url) == "complete"

@@ -14,6 +14,7 @@ from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import PageContent
 from transport.chromium import Browser, browser, executable
 from web.pictures import ELEMENT, check_concealed, check_pictures, half_of
+from web.sketched import with_sketch
 
 STATUS = f"{ELEMENT}?.status"
 PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
@@ -35,7 +36,7 @@ def test_a_browser_draws_anchors(stream: SceneStream) -> None:
     """Integers, pictures, another camera, packets dropped on purpose."""
 
     async def work() -> None:
-        half = half_of(stream)
+        half = half_of(with_sketch(stream))
         async with PageServer(PageContent({"anchors": make_program(stream), "half": stream_to_bytes(half)})) as server:
 
             def drive() -> None:

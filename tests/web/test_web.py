@@ -20,6 +20,7 @@ from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import Packetization, SceneStream, read_stream, stream_from_bytes
 from splatwire.scene.splats import Splats
 from web.node import WEB, answers, lacking, write
+from web.sketched import with_copies, with_sketch
 
 BUNDLES = sorted((Path(splatwire.__file__).parent / "transport" / "web").glob("*.js"))
 
@@ -58,6 +59,7 @@ def streams() -> dict[str, SceneStream]:
     }
     tiers = (np.arange(1000) % 7 != 0).astype(np.int64)
     made["tiers0"] = encode_splats(some_splats(1000, 0, 5), datagram, tiers=tiers, quality=Quality(9.0))
+    made |= {"copies0": with_copies(made["tiers0"]), "copies3": with_copies(made["datagram3"])}
     return made | anchors()
 
 
@@ -66,9 +68,12 @@ def anchors() -> dict[str, SceneStream]:
     scene = tiny_causal_scene(seed=6, num_anchors=400)
     packetization = Packetization(block_size=150, lanes=1, grouping="hashed", packet_bytes=900)
     tiers = torch.arange(400) % 5 != 0
+    tiered = encode_scene(scene, packetization, tiers=tiers.to(torch.uint8))
     return {
         "anchors": encode_scene(scene, packetization),
-        "anchor_tiers": encode_scene(scene, packetization, tiers=tiers.to(torch.uint8)),
+        "sketched": with_sketch(encode_scene(scene, packetization)),
+        "sketched_tiers": with_sketch(tiered, trust=0.0),
+        "anchor_tiers": tiered,
         "anchor_lanes": encode_scene(scene, Packetization(block_size=160, lanes=3, seed=(1 << 64) - 3)),
         "anchor_runs": encode_scene(scene, Packetization(block_size=160, lanes=3, grouping="contiguous")),
     }

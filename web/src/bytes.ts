@@ -24,6 +24,14 @@ export class ByteReader {
     return this.#view.getUint8(this.#advance(1));
   }
 
+  u32(): number {
+    return this.#view.getUint32(this.#advance(4), true);
+  }
+
+  f16(): number {
+    return floatOf(this.#view.getUint16(this.#advance(2), true));
+  }
+
   f32(): number {
     return this.#view.getFloat32(this.#advance(4), true);
   }
@@ -69,6 +77,12 @@ export class ByteReader {
     this.#at += size;
     return this.#at - size;
   }
+}
+
+/** The number that a half of these bits is. */
+export function floatOf(half: number): number {
+  const exponent = (half >> 10) & 31, part = half & 1023, sign = half & 32768 ? -1 : 1;
+  return sign * (exponent === 31 ? (part ? NaN : Infinity) : exponent ? 2 ** (exponent - 15) * (1 + part / 1024) : 2 ** -24 * part);
 }
 
 export const hex = (bytes: Uint8Array): string => Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");

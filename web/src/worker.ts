@@ -1,6 +1,5 @@
 // The worker: receives, decodes and conceals, so that the page never waits for it.
 
-import { warmUp } from "./codec/gaussians/warm.ts";
 import { readPreview } from "./codec/preview.ts";
 import type { Pause } from "./conceal/conceal.ts";
 import type { Camera } from "./model/camera.ts";
@@ -12,6 +11,7 @@ import { Received } from "./transport/received.ts";
 import { receiveBytes, receiveFile } from "./transport/reliable.ts";
 import { receiveDatagrams } from "./transport/webtransport.ts";
 import { nextTurn } from "./turns.ts";
+import { warmUp } from "./warm.ts";
 
 const SHOW_MS = 30, COUNT_MS = 200, SLICE_MS = 8;
 
@@ -134,9 +134,16 @@ class Reception implements Listener {
   async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
     const received = this.#received;
     if (!received) return;
+    const pause = pausing(() => this.#ask === ask);
     this.#ask = ask;
+    try {
+      await received.prepare(choice, pause);
+    } catch (error) {
+      say({ kind: "note", text: `The stream's copies cannot be used, nothing is concealed: ${(error as Error).message}.` });
+      choice = { ...choice, concealer: "drop" };
+    }
     await this.#draw();
-    const shownPackets = await received.conceal(choice, pausing(() => this.#ask === ask)), { gains } = received;
+    const shownPackets = await received.conceal(choice, pause), { gains } = received;
     if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }
 

@@ -7,7 +7,7 @@ import { sha256 } from "@noble/hashes/sha2.js";
 import { hex } from "../src/bytes.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import { exactThinness, THINNESS } from "../src/codec/gaussians/tables.ts";
-import { exactExists, exactSixteenths, EXISTS, SIXTEENTHS } from "../src/codec/causal/tables.ts";
+import { exactExists, exactSixteenths, EXISTS, POWERS, SIXTEENTHS } from "../src/codec/causal/tables.ts";
 import { readPreview } from "../src/codec/preview.ts";
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../src/entropy/tables.ts";
 import type { Camera } from "../src/model/camera.ts";
@@ -49,8 +49,8 @@ test("nor is one of those of the causal codec", () => {
 });
 
 test("tables are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
-  const digest = (values: Int32Array): string => hex(sha256(new TextEncoder().encode(values.join(","))));
-  const tables = { normal: NORMAL, inverse: INVERSE_SCALES, widths: HALF_WIDTHS, thinness: THINNESS, sixteenths: SIXTEENTHS, exists: EXISTS };
+  const digest = (values: Int32Array | Float64Array): string => hex(sha256(new TextEncoder().encode(values.join(","))));
+  const tables = { normal: NORMAL, inverse: INVERSE_SCALES, widths: HALF_WIDTHS, thinness: THINNESS, sixteenths: SIXTEENTHS, powers: POWERS, exists: EXISTS };
   for (const [name, values] of Object.entries(tables)) assert.equal(digest(values), expected!.tables[name], name);
 });
 

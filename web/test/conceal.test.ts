@@ -2,6 +2,10 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
+import type { AnchorPart } from "../src/codec/causal/schema.ts";
+import { StreamDecoder } from "../src/codec/decoder.ts";
+import { GaussianPart } from "../src/codec/gaussians/schema.ts";
+import type { Part } from "../src/codec/schema.ts";
 import type { Splats } from "../src/codec/splats.ts";
 import { ANCHOR_CONCEALERS, CONCEALERS, SPLAT_CONCEALERS } from "../src/conceal/conceal.ts";
 import { grow } from "../src/conceal/grow.ts";
@@ -43,7 +47,7 @@ test("what nobody waits for any more stops", async () => {
 
 const GROW = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
 type Gains = Record<string, Record<string, number[]>>;
-const expected = process.env["EXPECTED"] ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { gains: Gains }) : null;
+const expected = process.env["EXPECTED"] ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { gains: Gains; copies: Record<string, number[]> }) : null;
 
 test("gains are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
   for (const [path, all] of Object.entries(expected!.gains)) {
@@ -51,8 +55,9 @@ test("gains are Python's", { skip: expected === null && "EXPECTED names no answe
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
     assert.deepEqual(Object.keys(received.decoder.schema.concealers), ["drop", ...Object.keys(all)]);
     for (const [concealer, gains] of Object.entries(all)) {
+      await received.prepare({ ...GROW, concealer }, always);
       assert.equal(await received.conceal({ ...GROW, concealer }, always), Math.ceil(packets.length / 2));
-      const found = received.gains!, off = found.map((gain, i) => Math.abs(gain / gains[i] - 1)).sort();
+      const found = received.gains!, off = found.map((gain, i) => (gains[i] ? Math.abs(gain / gains[i] - 1) : gain)).sort();
       assert.equal(found.length, gains.length);
       const most = off[off.length - 1], mean = off.reduce((sum, value) => sum + value, 0) / off.length;
       // Anchors lie on a grid: of two that are equally far, either may be the last of the 64.
@@ -60,6 +65,23 @@ test("gains are Python's", { skip: expected === null && "EXPECTED names no answe
     }
   }
 });
+
+test("copies are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
+  for (const [path, numbers] of Object.entries(expected!.copies)) {
+    const { part } = (await new StreamDecoder(readStream(path).head).schema.copies(always))!, found = numbersOf(part);
+    assert.equal(found.length, numbers.length);
+    const off = found.map((number, n) => Math.abs(number - numbers[n]) / Math.max(Math.abs(numbers[n]), 1e-3));
+    assert.ok(off.every((value) => value < 1e-4), `${path}: ${Math.max(...off)}`);
+  }
+});
+
+/** Numbers of copies as `tests/web/sketched.py` lists them. */
+function numbersOf(part: Part): number[] {
+  if (part instanceof GaussianPart) return [part.splats.means, part.splats.scales, part.splats.quats, part.splats.opacities].flatMap((values) => [...values]);
+  const { anchors: { positions, sizes, scales, offsets, masks, numOffsets }, features } = part as AnchorPart;
+  const far = offsets.map((offset, n) => offset * scales[Math.floor(n / 3 / numOffsets)] * masks[Math.floor(n / 3)]);
+  return [positions, features!, sizes, far].flatMap((values) => [...values]);
+}
 
 const CAMERA = { viewmat: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5]], focal: 100, width: 200, height: 200, margin: 0 };
 

@@ -3,11 +3,17 @@
 import assert from "node:assert/strict";
 
 import { BitstreamError } from "../src/bytes.ts";
+import { Expected } from "../src/codec/causal/expected.ts";
+import { PacketDecoder } from "../src/codec/causal/packet.ts";
+import { readSideInfo as readAnchors } from "../src/codec/causal/side_info.ts";
+import { readSketch } from "../src/codec/causal/sketch.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
+import { readCopies } from "../src/codec/gaussians/copies.ts";
+import { readSideInfo as readGaussians } from "../src/codec/gaussians/side_info.ts";
 import { readPreview } from "../src/codec/preview.ts";
 import { crc32 } from "../src/packets/crc32.ts";
 import { ContainerReader, type Head } from "../src/packets/container.ts";
-import { Intake } from "../src/packets/plan.ts";
+import { Intake, Plan } from "../src/packets/plan.ts";
 import { random } from "./vectors.ts";
 
 /** Sees most of what lies around the origin. */
@@ -44,6 +50,39 @@ function decodePacket(decoder: StreamDecoder, bytes: Uint8Array): number {
   }
   assert.ok(splats.opacities.every((opacity) => opacity >= 0 && opacity <= 1) && splats.scales.every((scale) => scale >= 0));
   return packet.count;
+}
+
+/** Copies of hostile sections are Gaussians and anchors all the same, or a BitstreamError is thrown. How many were read. */
+export async function attackCopies(head: Head, cases: number, seed: number): Promise<number> {
+  const next = random(seed), schema = new StreamDecoder(head).schema, section = schema.sections.get("sketch")!, read = await readerOf(head);
+  let found = 0;
+  for (let n = 0; n < cases; n++) {
+    try {
+      for (const values of read(spoiled(section, next, next() < 0.8 ? 40 : 0))) assert.ok(values.every(Number.isFinite), "a number that is none");
+      found++;
+    } catch (error) {
+      assert.ok(error instanceof BitstreamError, `case ${n} of seed ${seed}: ${(error as Error).stack}`);
+    }
+  }
+  return found;
+}
+
+/** What gives the numbers of the copies of a section. */
+async function readerOf({ manifest, sideInfo }: Head): Promise<(section: Uint8Array) => Float32Array[]> {
+  const { count } = manifest;
+  if (manifest.codec === "gaussians") {
+    const info = readGaussians(sideInfo, new Plan(manifest).numBlocks);
+    return (section) => {
+      const { means, scales, quats, opacities, colours, harmonics } = readCopies(section, info, count).splats;
+      return [means, scales, quats, opacities, colours, harmonics];
+    };
+  }
+  const info = readAnchors(sideInfo, count), expected = new Expected(new PacketDecoder(info), count), { features, offsets } = info;
+  const lengths = (await expected.lengths(() => Promise.resolve(true)))!, positions = (ranks: Int32Array): Float32Array => expected.positions(ranks);
+  return (section) => {
+    const { anchors, features: found } = readSketch(section, { count, features, offsets, lengths, positions });
+    return [anchors.positions, anchors.scales, anchors.sizes, anchors.offsets, found];
+  };
 }
 
 /** Runs that many cases; what may be thrown is a BitstreamError. How many packets decoded to something. */

@@ -11,12 +11,22 @@ export interface Seen {
   readonly owners: Int32Array | null;
 }
 
-/** Elements of one packet, as they were received. */
+/** Elements of one packet, as they were received, or copies of some. */
 export interface Part {
-  readonly packet: Packet;
+  /** None of copies. */
+  readonly packet: Packet | null;
   readonly count: number;
+  /** Which elements of the scene they are. */
+  readonly places: Int32Array;
   /** What a camera sees of them; where elements look the same to all, the camera does not matter. */
   seen(camera: Camera): Seen;
+}
+
+/** Copies of elements that a sender left, to be drawn where those are lost. */
+export interface Copies<P extends Part = Part> {
+  readonly part: P;
+  /** Some of them, as `Schema.elements` takes them. */
+  chosen(which: Int32Array): P;
 }
 
 export interface Schema<P extends Part = Part> {
@@ -35,6 +45,8 @@ export interface Schema<P extends Part = Part> {
   read(packet: Packet): P;
   /** Digest of all decoded integers, given the packets of each block in order. */
   digest(blocks: readonly (readonly Packet[])[]): string;
+  /** What the concealer `sketch` draws, of streams that offer it; null where nobody waits any more. Throws where it is damaged. */
+  copies(pause: Pause): Promise<Copies<P> | null>;
   /** What is known of all elements: first those of the given parts, in order, then the lost ones; null where nobody waits any more. */
   elements(parts: readonly P[], pause: Pause): Promise<Elements | null>;
 }

@@ -39,7 +39,8 @@ export type Pause = () => Promise<boolean>;
  */
 export type Concealer = (received: number, elements: () => Promise<Elements | null>, pause: Pause) => Promise<Float32Array | null>;
 
-const grown = (gains: (all: Elements, pause: Pause) => Promise<Float32Array | null>): Concealer => async (received, elements, pause) => {
+/** One that looks at what is known of all elements. */
+export const grown = (gains: (all: Elements, pause: Pause) => Promise<Float32Array | null>): Concealer => async (received, elements, pause) => {
   const all = await elements();
   return all && ((await gains(all, pause))?.subarray(0, 2 * received) ?? null);
 };

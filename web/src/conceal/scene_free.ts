@@ -9,8 +9,8 @@ import { GAUSSIANS } from "./scene_free_weights.ts";
 const NEIGHBOURS = 64, CLOSE = 32, NEAREST = 12, SPACING_RANK = 6, MOST_LOST = 0.97, SMALLEST = 1e-9, TINY = 2 ** -126, AT_A_TIME = 256;
 const opinion = perceptron(GAUSSIANS);
 
-/** Exponents of what is lost before the network changes them, and their bounds: of size and of opacity. */
-const BASE = [0.15, 0.75], LEAST = [-0.5, -0.5], MOST = [1, 2.5];
+/** Bounds of the exponents of what is lost: of size and of opacity. */
+const LEAST = [-0.5, -0.5], MOST = [1, 2.5];
 const LEAST_OPAQUE = 1e-4, MOST_OPAQUE = 1 - 1e-4, MOST_LOGIT = 6, MOST_THIN = 6;
 
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
@@ -21,8 +21,16 @@ const logit = (opacity: number): number => {
   return clip(Math.log(o / (1 - o)), -MOST_LOGIT, MOST_LOGIT);
 };
 
+/** Exponents before the network changes them, and how much of its change is taken. */
+export interface Growth {
+  readonly base: readonly [number, number];
+  readonly trust: number;
+}
+
+const GROWTH: Growth = { base: [0.15, 0.75], trust: 1 };
+
 /** Gains of size and opacity in turn of all elements, explicit Gaussians; those of lost ones are 1. */
-export async function sceneFree(elements: Elements, pause: Pause): Promise<Float32Array | null> {
+export async function sceneFree(elements: Elements, pause: Pause, { base, trust } = GROWTH): Promise<Float32Array | null> {
   const { positions, known, opacities, places } = elements, count = known.length, gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
@@ -31,7 +39,7 @@ export async function sceneFree(elements: Elements, pause: Pause): Promise<Float
     if (i % AT_A_TIME === 0 && !(await pause())) return null;
     if (!known[i]) continue;
     const near = tree.nearestFirst(i), lost = look.describe(i, near, tree.distances, signature), change = opinion(signature);
-    const [size, power] = [0, 1].map((n) => Math.exp(lost * clip(BASE[n] + change[n], LEAST[n], MOST[n])));
+    const [size, power] = [0, 1].map((n) => Math.exp(lost * clip(base[n] + trust * change[n], LEAST[n], MOST[n])));
     const opacity = clip(opacities![i], LEAST_OPAQUE, MOST_OPAQUE);
     gains[2 * i] = size;
     gains[2 * i + 1] = -Math.expm1(power * Math.log1p(-opacity)) / opacity;

@@ -1,5 +1,6 @@
 // Gaussians as the graphics card takes them: made where nobody waits for a frame. Nothing here needs a browser.
 
+import { floatOf } from "../bytes.ts";
 import type { Splats } from "../codec/splats.ts";
 
 /** Texels of four numbers for each Gaussian, lengths in units of the scene's size; numbers of 16 bits are halves. */
@@ -79,7 +80,4 @@ export function half(value: number): number {
 }
 
 /** The float of each half. */
-export const FLOATS: Float32Array = Float32Array.from({ length: 65536 }, (_, bits) => {
-  const exponent = (bits >> 10) & 31, part = bits & 1023, sign = bits & 32768 ? -1 : 1;
-  return sign * (exponent === 31 ? (part ? NaN : Infinity) : exponent ? 2 ** (exponent - 15) * (1 + part / 1024) : 2 ** -24 * part);
-});
+export const FLOATS: Float32Array = Float32Array.from({ length: 65536 }, (_, bits) => floatOf(bits));

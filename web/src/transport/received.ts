@@ -1,12 +1,15 @@
 // The elements of a transfer in the order in which they came, what of them is drawn, and what is left where packets are dropped on purpose.
 
 import { StreamDecoder } from "../codec/decoder.ts";
-import type { Part } from "../codec/schema.ts";
+import type { Copies, Part } from "../codec/schema.ts";
 import type { Splats } from "../codec/splats.ts";
 import type { Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
 import { shownPackets, type Choice } from "./losses.ts";
+
+/** The concealer that draws copies. */
+const SKETCH = "sketch";
 
 /** Gaussians to be drawn, part by part. */
 export interface Shown {
@@ -28,6 +31,8 @@ export class Received {
   /** How many parts are drawn, and the elements of the Gaussians that are; null where they are the same. */
   #drawn = 0;
   #owners: Int32Array[] | null = null;
+  /** Copies among the parts, and the first of them. */
+  #copies: (Copies & { readonly first: number }) | null = null;
   /** Gains of size and opacity of elements, as far as a concealer said. */
   #gains: Float32Array | null = null;
 
@@ -43,7 +48,19 @@ export class Received {
   /** Decodes one packet. */
   take(bytes: Uint8Array): void {
     const part = this.decoder.take(bytes);
-    if (!part) return;
+    if (part) this.#push(part);
+  }
+
+  /** Makes ready what a concealer draws in addition to what arrived. Throws where that is damaged. */
+  async prepare({ concealer }: Choice, pause: Pause): Promise<void> {
+    if (concealer !== SKETCH || this.#copies || !this.decoder.schema.concealers[concealer]) return;
+    const copies = await this.decoder.schema.copies(pause);
+    if (!copies || this.#copies) return;
+    this.#copies = { ...copies, first: this.#count };
+    this.#push(copies.part);
+  }
+
+  #push(part: Part): void {
     this.#parts.push(part);
     this.#firsts.push(this.#count);
     this.#count += part.count;
@@ -61,24 +78,34 @@ export class Received {
     const fresh = this.#drawn < end;
     this.#drawn = end;
     if (this.decoder.schema.viewDependent) this.#owners = all ? owners : [...(this.#owners ?? []), ...owners];
-    return { parts: found, instead: all, fresh, elements: this.#firsts[end] ?? this.#count };
+    const reached = this.#firsts[end] ?? this.#count, copies = this.#copies;
+    return { parts: found, instead: all, fresh, elements: reached - (copies && copies.first < reached ? copies.part.count : 0) };
   }
 
   /** Works out gains of elements, 0 for those of packets that are dropped; how many packets are left. */
   async conceal(choice: Choice, pause: Pause): Promise<number | null> {
-    const count = this.#count, shown = shownPackets(this.#parts.map(({ packet }) => packet), choice);
-    const parts = this.#parts.map((part, p) => ({ part, first: this.#firsts[p] })).filter((_, p) => shown[p]);
-    const received = parts.reduce((sum, { part }) => sum + part.count, 0), gains = new Float32Array(2 * count);
-    const elements = (): ReturnType<typeof schema.elements> => schema.elements(parts.map(({ part }) => part), pause), { schema } = this.decoder;
-    const found = await (schema.concealers[choice.concealer] ?? schema.concealers["drop"])(received, elements, pause);
+    const gains = new Float32Array(2 * this.#count), { schema } = this.decoder;
+    const came = this.#parts.flatMap((part, p) => (part.packet ? [{ part, packet: part.packet, first: this.#firsts[p] }] : []));
+    const shown = shownPackets(came.map(({ packet }) => packet), choice), parts = came.filter((_, p) => shown[p]);
+    const there = parts.map(({ part }) => part), copies = choice.concealer === SKETCH ? this.#copies : null, which = this.#lacking(there);
+    const drawn = copies ? [...there, copies.chosen(which)] : there, received = drawn.reduce((sum, part) => sum + part.count, 0);
+    const found = await (schema.concealers[choice.concealer] ?? schema.concealers["drop"])(received, () => schema.elements(drawn, pause), pause);
     if (!found) return null;
     let at = 0;
     for (const { part, first } of parts) {
       gains.set(found.subarray(2 * at, 2 * (at + part.count)), 2 * first);
       at += part.count;
     }
+    if (copies) which.forEach((n, i) => gains.set(found.subarray(2 * (at + i), 2 * (at + i + 1)), 2 * (copies.first + n)));
     this.#gains = gains;
     return parts.length;
+  }
+
+  /** The copies of what is not in these parts. */
+  #lacking(parts: readonly Part[]): Int32Array {
+    const there = new Uint8Array(this.decoder.head.manifest.count), copied = this.#copies?.part.places ?? new Int32Array();
+    for (const { places } of parts) for (const place of places) there[place] = 1;
+    return copied.map((_, n) => n).filter((n) => !there[copied[n]]);
   }
 
   /** Gains of the Gaussians that are drawn, in their order; of elements that came later there are none, they are drawn as they are. */

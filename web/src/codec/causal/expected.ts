@@ -6,6 +6,7 @@ import { exponential, featureSteps, worldPlaces } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";
 import { expectedPlace } from "./positions.ts";
 import { FORM, LOG_BITS } from "./side_info.ts";
+import { exactPower } from "./tables.ts";
 
 const AT_A_TIME = 256, SMALLEST = 1e-9, LEAST_SHARE = 0.05, LEAST_SPREAD = 1e-6;
 /** Limits of binary logarithms of deviations, and of what is told of them: of features and of lengths. */
@@ -45,14 +46,13 @@ export class Expected {
   async elements(received: readonly Arrived[], pause: Pause): Promise<Elements | null> {
     const sizes = await this.#expectedSizes(pause);
     if (!sizes) return null;
-    const known = new Uint8Array(this.count), ranks = new Int32Array(this.count), places = new Int32Array(3 * this.count);
+    const known = new Uint8Array(this.count), ranks = new Int32Array(this.count);
     const end = received.reduce((at, part) => (ranks.set(part.ranks, at), at + part.ranks.length), 0);
     for (const rank of ranks.subarray(0, end)) known[rank] = 1;
     known.reduce((at, there, rank) => (there ? at : ((ranks[at] = rank), at + 1)), end);
-    ranks.forEach((rank, n) => places.set(this.#places.subarray(3 * rank, 3 * rank + 3), 3 * n));
     let facts: AnchorFacts | null = null;
     return {
-      positions: worldPlaces(places, this.packets.info),
+      positions: this.positions(ranks),
       sizes: Float32Array.from(ranks, (rank) => sizes[rank]),
       opacities: null,
       known: new Uint8Array(this.count).fill(1, 0, end),
@@ -108,6 +108,16 @@ export class Expected {
       all += length;
     }
     return off / Math.max(all, 6 * SMALLEST);
+  }
+
+  /** The expected unit of offsets and sizes of each anchor, by rank: alike on every machine. */
+  async lengths(pause: Pause): Promise<Float32Array | null> {
+    return (await this.#expectedSizes(pause)) && new Float32Array(this.#logs.length).map((_, n) => exactPower(this.#logs[n]));
+  }
+
+  /** Where anchors are expected, world units. */
+  positions(ranks: Int32Array): Float32Array {
+    return worldPlaces(Int32Array.from({ length: 3 * ranks.length }, (_, n) => this.#places[3 * ranks[Math.floor(n / 3)] + (n % 3)]), this.packets.info);
   }
 
   /** Geometric means of the sizes that are expected of all anchors, by rank: worked out once, a little at a time. */

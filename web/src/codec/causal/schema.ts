@@ -3,31 +3,40 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../../bytes.ts";
-import { ANCHOR_CONCEALERS, type Elements, type Pause } from "../../conceal/conceal.ts";
+import { ANCHOR_CONCEALERS, grown, type Concealer, type Elements, type Pause } from "../../conceal/conceal.ts";
+import { grow } from "../../conceal/grow.ts";
+import { sceneFreeAnchors } from "../../conceal/scene_free_anchors.ts";
 import type { Anchors } from "../../model/anchors.ts";
 import type { Camera } from "../../model/camera.ts";
 import { Heads } from "../../model/heads.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
-import type { Part, Schema, Seen } from "../schema.ts";
+import type { Copies, Part, Schema, Seen } from "../schema.ts";
 import { ranksInOrder } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
 import { Expected, type Arrived } from "./expected.ts";
-import { PacketDecoder, type Decoded } from "./packet.ts";
+import { PacketDecoder } from "./packet.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
+import { chosen, readSketch, type Sketch } from "./sketch.ts";
 
-class AnchorPart implements Part, Arrived {
+/** Anchors and their features, one anchor's after another's. */
+interface Known {
+  readonly anchors: Anchors;
+  readonly features: Float32Array;
+}
+
+export class AnchorPart implements Part, Arrived {
   readonly anchors: Anchors;
   readonly sums: Float64Array;
   readonly squares: Float64Array;
   /** Features, until somebody looks; then what they say to the heads. */
-  #features: Float32Array | null;
+  features: Float32Array | null;
   #hidden: Float32Array = new Float32Array();
 
-  constructor(readonly packet: Packet, readonly ranks: Int32Array, decoded: Decoded, info: SideInfo, readonly heads: Heads) {
-    const { anchors, features } = toAnchors(decoded, info), size = info.features;
+  constructor(readonly packet: Packet | null, readonly ranks: Int32Array, { anchors, features }: Known, readonly heads: Heads) {
+    const size = features.length / Math.max(anchors.count, 1);
     this.anchors = anchors;
-    this.#features = features;
+    this.features = features;
     this.sums = new Float64Array(size);
     this.squares = new Float64Array(size);
     for (let n = 0; n < features.length; n++) {
@@ -40,9 +49,13 @@ class AnchorPart implements Part, Arrived {
     return this.ranks.length;
   }
 
+  get places(): Int32Array {
+    return this.ranks;
+  }
+
   seen(camera: Camera): Seen {
-    if (this.#features) this.#hidden = this.heads.prepared(this.#features);
-    this.#features = null;
+    if (this.features) this.#hidden = this.heads.prepared(this.features);
+    this.features = null;
     return this.heads.spawn(this.anchors, this.#hidden, camera);
   }
 }
@@ -55,6 +68,7 @@ export class CausalSchema implements Schema<AnchorPart> {
   readonly #packets: PacketDecoder;
   readonly #order: Int32Array | null;
   readonly #expected: Expected;
+  #sketch: Sketch | null = null;
 
   constructor(sideInfo: Uint8Array, readonly plan: Plan) {
     this.info = readSideInfo(sideInfo, plan.manifest.count);
@@ -74,7 +88,14 @@ export class CausalSchema implements Schema<AnchorPart> {
     return this.info.middle.map((value) => value * this.info.voxelSize);
   }
 
-  readonly concealers = ANCHOR_CONCEALERS;
+  get concealers(): Readonly<Record<string, Concealer>> {
+    return this.info.sections.has("sketch") ? { ...ANCHOR_CONCEALERS, sketch: grown(this.#sketched) } : ANCHOR_CONCEALERS;
+  }
+
+  readonly #sketched = (elements: Elements, pause: Pause): Promise<Float32Array | null> => {
+    const { rule, trust } = this.#sketch!;
+    return trust ? sceneFreeAnchors(elements, pause, rule, trust) : grow(elements, pause, rule);
+  };
 
   get sections(): Map<string, Uint8Array> {
     return this.info.sections;
@@ -82,7 +103,7 @@ export class CausalSchema implements Schema<AnchorPart> {
 
   read(packet: Packet): AnchorPart {
     const ranks = this.#ranks(packet);
-    return new AnchorPart(packet, ranks, this.#packets.decode(packet.payload, ranks), this.info, this.heads);
+    return new AnchorPart(packet, ranks, toAnchors(this.#packets.decode(packet.payload, ranks), this.info), this.heads);
   }
 
   /** Places, masks and numbers as 32-bit integers, anchor by anchor. */
@@ -98,6 +119,15 @@ export class CausalSchema implements Schema<AnchorPart> {
       digest.update(new Uint8Array(bytes.buffer));
     }
     return hex(digest.digest());
+  }
+
+  async copies(pause: Pause): Promise<Copies<AnchorPart> | null> {
+    const { features, offsets } = this.info, lengths = await this.#expected.lengths(pause), { count } = this.plan.manifest;
+    if (!lengths) return null;
+    const positions = (ranks: Int32Array): Float32Array => this.#expected.positions(ranks);
+    const sketch = (this.#sketch ??= readSketch(this.info.sections.get("sketch")!, { count, features, offsets, lengths, positions }));
+    const part = (which: Int32Array): AnchorPart => new AnchorPart(null, which.map((n) => sketch.ranks[n]), chosen(sketch, which), this.heads);
+    return { part: part(sketch.ranks.map((_, n) => n)), chosen: part };
   }
 
   elements(parts: readonly AnchorPart[], pause: Pause): Promise<Elements | null> {

@@ -7,23 +7,26 @@ import type { GaussianPart } from "./schema.ts";
 import type { SideInfo } from "./side_info.ts";
 import { THINNESS } from "./tables.ts";
 
-const SMALLEST = 1e-9;
+const SMALLEST = 1e-9, RECEIVED = 1, COPIED = 2;
 /** Powers of the plastic number's four-dimensional cousin: multiples of them fill a box evenly (Roberts, 2018). */
 const GOLDEN = [0.8191725134, 0.6710436067, 0.5497004779];
 
-/** The received elements of some packets as they are; behind them the lost ones, at places of received ones of their block, of its mean size. */
+/**
+ * The elements of some packets as they are, and of copies, the last part if any; behind them the lost ones, at places of received
+ * ones of their block, of its mean size.
+ */
 export function expectedElements(info: SideInfo, plan: Plan, parts: readonly GaussianPart[]): Elements {
   const { count } = plan.manifest, positions = new Float32Array(3 * count), sizes = new Float32Array(count), known = new Uint8Array(count);
-  const logScales = new Float32Array(3 * count), places = new Int32Array(count), taken = new Uint8Array(count);
+  const logScales = new Float32Array(3 * count), places = new Int32Array(count), there = new Uint8Array(count);
   const opacities = new Float32Array(count), blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []);
   let at = 0;
   for (const part of parts) {
-    const { splats } = part;
+    const { splats, packet } = part;
     positions.set(splats.means, 3 * at);
     opacities.set(splats.opacities, at);
     known.fill(1, at, at + splats.count);
-    places.set(plan.members(part.packet), at);
-    for (const place of places.subarray(at, at + splats.count)) taken[place] = 1;
+    places.set(part.places, at);
+    for (const place of places.subarray(at, at + splats.count)) there[place] = packet ? RECEIVED : COPIED;
     for (let i = 0; i < splats.count; i++, at++) {
       const [a, b, c] = [0, 1, 2].map((axis) => Math.log(Math.max(splats.scales[3 * i + axis], SMALLEST)));
       logScales[3 * at] = Math.max(a, b, c);
@@ -31,19 +34,23 @@ export function expectedElements(info: SideInfo, plan: Plan, parts: readonly Gau
       logScales[3 * at + 2] = Math.min(a, b, c);
       sizes[at] = Math.exp((a + b + c) / 3);
     }
-    blocks[part.packet.block].push(part);
+    if (packet) blocks[packet.block].push(part);
   }
-  blocks.forEach((there, block) => {
-    const near = new Float32Array(there.reduce((sum, part) => sum + 3 * part.splats.count, 0)), lost = plan.blockCount(block) - near.length / 3;
-    there.sort((a, b) => a.packet.lane - b.packet.lane).reduce((end, { splats }) => (near.set(splats.means, end), end + 3 * splats.count), 0);
-    sizes.fill(meanSize(info, block), at, at + lost);
-    places.set(plan.order(block).filter((place) => !taken[place]), at);
-    for (let gone = 0; gone < lost; gone++, at++) positions.set(place(info, block, near, gone, lost), 3 * at);
+  blocks.forEach((received, block) => {
+    received.sort((a, b) => a.packet!.lane - b.packet!.lane);
+    const near = new Float32Array(received.reduce((sum, part) => sum + 3 * part.splats.count, 0)), size = meanSize(info, block);
+    received.reduce((end, { splats }) => (near.set(splats.means, end), end + 3 * splats.count), 0);
+    plan.order(block).filter((place) => there[place] !== RECEIVED).forEach((place, gone, lost) => {
+      if (there[place] === COPIED) return;
+      sizes[at] = size;
+      places[at] = place;
+      positions.set(placeOf(info, block, near, gone, lost.length), 3 * at++);
+    });
   });
   return { positions, sizes, opacities, known, places, logScales, anchors: null };
 }
 
-function place(info: SideInfo, block: number, near: Float32Array, gone: number, lost: number): ArrayLike<number> {
+function placeOf(info: SideInfo, block: number, near: Float32Array, gone: number, lost: number): ArrayLike<number> {
   if (near.length) {
     const from = 3 * Math.floor((gone * (near.length / 3)) / lost);
     return near.subarray(from, from + 3);

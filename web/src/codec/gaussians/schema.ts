@@ -1,10 +1,12 @@
 // Explicit Gaussians: every camera sees the same.
 
-import { SPLAT_CONCEALERS, type Elements } from "../../conceal/conceal.ts";
+import { grown, SPLAT_CONCEALERS, type Concealer, type Elements } from "../../conceal/conceal.ts";
+import { sceneFree } from "../../conceal/scene_free.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
-import type { Part, Schema, Seen } from "../schema.ts";
-import type { Splats } from "../splats.ts";
+import type { Copies, Part, Schema, Seen } from "../schema.ts";
+import { chosen, type Splats } from "../splats.ts";
+import { readCopies, type GaussianCopies } from "./copies.ts";
 import { symbolsDigest } from "./digest.ts";
 import { expectedElements } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
@@ -12,7 +14,11 @@ import { readSideInfo, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
 
 export class GaussianPart implements Part {
-  constructor(readonly packet: Packet, readonly splats: Splats) {}
+  constructor(readonly packet: Packet | null, readonly splats: Splats, readonly where: () => Int32Array) {}
+
+  get places(): Int32Array {
+    return this.where();
+  }
 
   get count(): number {
     return this.splats.count;
@@ -26,13 +32,16 @@ export class GaussianPart implements Part {
 export class GaussianSchema implements Schema<GaussianPart> {
   readonly viewDependent = false;
   readonly middle = null;
-  readonly concealers = SPLAT_CONCEALERS;
+  readonly concealers: Readonly<Record<string, Concealer>>;
   readonly info: SideInfo;
   readonly #packets: PacketDecoder;
+  #copies: GaussianCopies | null = null;
 
   constructor(sideInfo: Uint8Array, readonly plan: Plan) {
     this.info = readSideInfo(sideInfo, plan.numBlocks);
     this.#packets = new PacketDecoder(this.info);
+    const sketch = grown((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
+    this.concealers = this.info.sections.has("sketch") ? { ...SPLAT_CONCEALERS, sketch } : SPLAT_CONCEALERS;
   }
 
   get degree(): number {
@@ -48,11 +57,24 @@ export class GaussianSchema implements Schema<GaussianPart> {
   }
 
   read(packet: Packet): GaussianPart {
-    return new GaussianPart(packet, toSplats(this.#packets.decode(packet.payload, packet.block, packet.count), this.info, packet.block));
+    const splats = toSplats(this.#packets.decode(packet.payload, packet.block, packet.count), this.info, packet.block);
+    return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 
   digest(blocks: readonly (readonly Packet[])[]): string {
     return symbolsDigest(blocks, (packet) => this.#packets.decode(packet.payload, packet.block, packet.count));
+  }
+
+  copies(): Promise<Copies<GaussianPart>> {
+    const { places, splats } = this.#readCopies(), some = (which: Int32Array): Int32Array => which.map((n) => places[n]);
+    return Promise.resolve({
+      part: new GaussianPart(null, splats, () => places),
+      chosen: (which) => new GaussianPart(null, chosen(splats, which), () => some(which)),
+    });
+  }
+
+  #readCopies(): GaussianCopies {
+    return (this.#copies ??= readCopies(this.info.sections.get("sketch")!, this.info, this.plan.manifest.count));
   }
 
   elements(parts: readonly GaussianPart[]): Promise<Elements> {

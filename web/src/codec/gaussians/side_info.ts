@@ -65,7 +65,8 @@ function readHeader(bytes: Uint8Array): Pick<SideInfo, "degree" | "sizeLog" | "u
   return { degree, sizeLog, unit, bases: Int32Array.from(bases), transform };
 }
 
-function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "defaults"> {
+/** Boxes and means of blocks. */
+export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "defaults"> {
   const reader = new ByteReader(bytes, "side information blocks");
   if (numBlocks * 7 > bytes.length) throw new BitstreamError(`side information: ${bytes.length} bytes cannot hold ${numBlocks} boxes`);
   const shifts = new Int32Array(numBlocks), corners = new Float64Array(3 * numBlocks), extents = new Uint8Array(3 * numBlocks);

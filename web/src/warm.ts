@@ -1,11 +1,11 @@
 // The engine compiles what runs often, and compiles it once more as it runs: noise is decoded while nothing has come yet.
 
-import { pack } from "../../render/packed.ts";
-import { nextTurn } from "../../turns.ts";
-import { NUM_CONTEXTS, SECONDS, SPREADS, STEPS, STREAMS } from "./layout.ts";
-import { PacketDecoder } from "./packet.ts";
-import type { SideInfo } from "./side_info.ts";
-import { toSplats } from "./to_splats.ts";
+import { NUM_CONTEXTS, SECONDS, SPREADS, STEPS, STREAMS } from "./codec/gaussians/layout.ts";
+import { PacketDecoder } from "./codec/gaussians/packet.ts";
+import type { SideInfo } from "./codec/gaussians/side_info.ts";
+import { toSplats } from "./codec/gaussians/to_splats.ts";
+import { pack } from "./render/packed.ts";
+import { nextTurn } from "./turns.ts";
 
 /** Few at a time, for the session waits meanwhile; in the end as many as it takes until decoding is no faster any more. */
 const AT_A_TIME = 32, ENOUGH = 8192, DEGREE = 3, NUMBER = 15, BYTES = 512;
