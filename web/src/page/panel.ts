@@ -59,15 +59,16 @@ export class Panel {
     this.set({});
   }
 
-  /** Lists the concealers that there are for a stream; a choice that is none of them gives way to `grow`. */
+  /** Lists the concealers that there are for a stream, and says which it lacks; a choice that is none of them gives way to `grow`. */
   offer(names: readonly string[]): void {
     this.#list(names);
+    if (!names.includes("sketch")) this.#choice.append(make("option", { value: "sketch", disabled: "" }, "sketch (the stream has none)"));
     this.set(names.includes(this.settings.concealer) ? {} : { concealer: "grow" });
   }
 
   /** What can be chosen. */
   get concealers(): string[] {
-    return Array.from(this.#choice.options, ({ value }) => value);
+    return Array.from(this.#choice.options).flatMap(({ value, disabled }) => (disabled ? [] : [value]));
   }
 
   #list(names: readonly string[]): void {
