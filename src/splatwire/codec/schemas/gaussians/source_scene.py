@@ -74,7 +74,8 @@ class SourceScene:
         found = np.zeros(len(order), np.int8) if classes is None else np.asarray(classes)
         if found.shape != order.shape:
             raise InvalidValueError(f"{found.shape} classes of precision for {len(order)} Gaussians")
-        levels = (np.clip(found, 1 - quality.classes, 0) + (quality.classes - 1)).astype(np.uint8)
+        most = quality.classes_of(splats.degree) - 1
+        levels = (np.clip(found, -most, 0) + most).astype(np.uint8)
         unit = _lattice_unit(splats, levels, bases, size_log)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
