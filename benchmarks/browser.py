@@ -56,6 +56,7 @@ from splatwire.transport.preview import stream_preview
 from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits
 from splatwire.transport.quic_server import QuicServer
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
 from chromium import Browser, browser
 from network import bernoulli

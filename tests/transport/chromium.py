@@ -5,13 +5,13 @@ import json
 import os
 import select
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from leash import Page, running
 
 FLAGS = (
     "--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-first-run",
@@ -32,7 +32,7 @@ def executable() -> str | None:
     return shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chrome")
 
 
-class Browser:
+class Browser(Page):
     """One page of a browser."""
 
     def __init__(self, to_browser: int, from_browser: int) -> None:
@@ -62,15 +62,6 @@ class Browser:
         )
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
-
-    def wait_for(self, expression: str, seconds: float = 30.0) -> Any:
-        """Polls until it is neither undefined nor null nor false."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            if value := self.evaluate(expression):
-                return value
-            time.sleep(0.05)
-        raise TimeoutError(f"{expression} did not come true: {self.evaluate('document.body.innerText')}")
 
     def memory(self) -> int:
         """Bytes of memory that are the browser's pages' own."""
@@ -150,20 +141,11 @@ def browser() -> Iterator[Browser]:
     ours_in, theirs_out = os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         words = [sys.executable, "-c", LAUNCH, str(theirs_in), str(theirs_out), found, *FLAGS]
-        process = subprocess.Popen(
-            [*words, f"--user-data-dir={profile}"], pass_fds=(theirs_in, theirs_out), stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-        os.close(theirs_in)
-        os.close(theirs_out)
-        try:
-            yield Browser(ours_out, ours_in)
-        finally:
-            os.close(ours_out)
-            process.terminate()
+        with running([*words, f"--user-data-dir={profile}"], pass_fds=(theirs_in, theirs_out)):
+            os.close(theirs_in)
+            os.close(theirs_out)
             try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait(10)
-            os.close(ours_in)
+                yield Browser(ours_out, ours_in)
+            finally:
+                os.close(ours_out)
+        os.close(ours_in)

@@ -5,12 +5,13 @@ import json
 import os
 import shutil
 import socket
-import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+from leash import Page, running
 
 PREFERENCES = """
 user_pref("marionette.port", {port});
@@ -25,7 +26,7 @@ def executable() -> str | None:
     return shutil.which("firefox-esr") or shutil.which("firefox")
 
 
-class Firefox:
+class Firefox(Page):
     """One page of a browser."""
 
     def __init__(self, port: int, seconds: float = 60.0) -> None:
@@ -50,15 +51,6 @@ class Firefox:
         script = f"const tell = arguments[0]; Promise.resolve({expression}).then(tell, (error) => tell(String(error)));"
         found = self._call("WebDriver:ExecuteAsyncScript", {"script": script, "args": [], "sandbox": None})
         return found["value"]
-
-    def wait_for(self, expression: str, seconds: float = 60.0) -> Any:
-        """Polls until it is neither undefined nor null nor false."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            if value := self.evaluate(expression):
-                return value
-            time.sleep(0.1)
-        raise TimeoutError(f"{expression} did not come true: {self.evaluate('document.body.innerText')}")
 
     def screenshot(self) -> str:
         """A PNG in base 64."""
@@ -104,17 +96,7 @@ def firefox() -> Iterator[Firefox]:
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         (Path(profile) / "user.js").write_text(PREFERENCES.format(port=port))
         words = [found, "--headless", "--marionette", "--no-remote", "--profile", profile]
-        process = subprocess.Popen(
-            words, env={**os.environ, "HOME": profile}, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        try:
+        with running(words, env={**os.environ, "HOME": profile}):
             page = Firefox(port)
             yield page
             page.close()
-        finally:
-            process.terminate()
-            try:
-                process.wait(15)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait(15)
