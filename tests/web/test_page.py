@@ -139,8 +139,8 @@ def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
 def check_settings(page: Browser) -> None:
     """Packets that are dropped on purpose cost picture, which the panel tells."""
     panel = f"{ELEMENT}.shadowRoot.querySelector('.panel')"
-    offered = page.evaluate(f"[...{panel}.querySelectorAll('option')].map((option) => option.value).join()")
-    assert offered == "drop,grow,scene_free"
+    assert page.evaluate(f"{ELEMENT}.panel.concealers.join()") == "drop,grow,scene_free"
+    assert page.evaluate(f"{panel}.querySelector('option[disabled]').innerText") == "sketch (the stream has none)"
     assert page.evaluate(f"/In bursts of 1 packet\\s/.test({panel}.innerText)")
     page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'difference', concealer: 'drop'}})")
     page.wait_for(f"/PSNR\\s+[0-9.]+ dB/.test({panel}.innerText)")
