@@ -115,8 +115,8 @@ def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, 
 
 
 def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> list[float]:
-    cameras = around(decode_stream(stream).scene.positions.numpy())
-    scene = conceal(decode_stream(stream), concealer)
+    received = decode_stream(stream)
+    cameras, scene = around(received.scene.positions.numpy()), conceal(received, concealer)
     style = f"position: fixed; inset: auto; left: 0; top: 0; width: {SIZE}px; height: {SIZE}px"
     page.evaluate(f"{ELEMENT}.style.cssText = '{style}'")
     page.evaluate(f"{ELEMENT}.panel.set({{concealer: '{concealer}'}})")

@@ -1,7 +1,7 @@
 """The paper's network with the paper's schedule: errors and PSNR over 15,000 steps on one scene.
 
     python benchmarks/gnn_schedule.py scene.swz cameras.json -o out/scene_paper [--preset paper|full] [--sharpness 0]
-        [--no-fallback] [--render-weight 0.01 --render-cameras training.json] [--iterations 15000] [--threads 1]
+        [--render-weight 0.01 --render-cameras training.json] [--iterations 15000] [--threads 1]
 
 Adam from 1e-3 with a half cosine, 128 wide, k = 24, a fifth of the packets dropped, as in Sections 3.4 and 4.1.4;
 nothing stops the run early. Every `--every` steps the held-out losses are concealed as a receiver would; every fifth
@@ -39,8 +39,6 @@ def configuration(options: argparse.Namespace) -> CalibrationConfig:
     settings, changes = preset.settings, dict[str, float]()
     if options.sharpness is not None:
         changes["sharpness"] = options.sharpness
-    if options.no_fallback:
-        changes["feature_threshold"] = 0.0
     return dataclasses.replace(
         preset, settings=dataclasses.replace(settings, **changes), iterations=options.iterations, bits=0,
         losses=dataclasses.replace(preset.losses, render=options.render_weight), patience=_NEVER_STALE,
@@ -67,17 +65,18 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=250)
     parser.add_argument("--views", type=int, default=3)
     parser.add_argument("--sharpness", type=float, help="of the confidence; 0 trusts every residual")
-    parser.add_argument("--no-fallback", action="store_true", help="never the interpolation alone")
     parser.add_argument("--render-weight", type=float, default=0.0)
     parser.add_argument("--render-cameras", type=Path, help="where the rendering loss looks from: not the scored views")
     parser.add_argument("--render-width", type=int, default=200)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
+    if bool(options.render_weight) != bool(options.render_cameras):
+        parser.error("--render-weight and --render-cameras go together")
     torch.set_num_threads(options.threads)
 
     stream, _ = read_stream(options.stream)
     complete, cameras = decode_stream(stream), load_cameras(options.cameras)
-    looking = load_cameras(options.render_cameras) if options.render_weight else None
+    looking = load_cameras(options.render_cameras) if options.render_cameras else None
     small = looking.scaled(min(1.0, options.render_width / looking.width)) if looking else None
     run = CalibrationRun(calibration_data(stream, complete, small), configuration(options))
     seen = cameras.select(spread(cameras.num_views, options.views))
