@@ -20,12 +20,19 @@ from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.progressive import ProgressiveSplats
 from splatwire.codec.schemas.gaussians.quality import quality_of
 from splatwire.errors import InvalidValueError, check_kind
-from splatwire.model import AnchorScene, PartialSplats, SplatScene
+from splatwire.model import AnchorScene, CausalCoding, PartialSplats, SplatScene
 from splatwire.model.appearance import Partial, Scene
-from splatwire.packets import GAUSSIANS, PRESETS, Manifest, PacketIntake, Packetization, SceneStream
+from splatwire.packets import ANCHORS, CAUSAL, GAUSSIANS, PRESETS, Manifest, PacketIntake, Packetization, SceneStream
 from splatwire.scene import Erasures
 
 Progress = Callable[[float], None]
+
+
+def codec_of(scene: Scene) -> str:
+    """The schema that codes a scene, as a manifest names it."""
+    if isinstance(scene, SplatScene):
+        return GAUSSIANS
+    return CAUSAL if isinstance(scene.coding, CausalCoding) else ANCHORS
 
 
 def encode_scene(

@@ -97,6 +97,11 @@ class Packetization:
         """Whether each attribute of some anchors is in a packet of its own."""
         return self.packaging == "separated"
 
+    @property
+    def common(self) -> bool:
+        """Whether elements of every codec can be packed so, whole and in Morton order, and not only HAC++'s anchors."""
+        return not self.separated and self.order == "morton"
+
 
 PRESETS = {
     "paper": Packetization(),

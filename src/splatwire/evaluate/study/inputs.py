@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from splatwire.channel import LossMask, draw_mask
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import codec_of, decode_stream, encode_scene
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.conceal.gnn.weights import load_weights
 from splatwire.data import save_cameras
@@ -26,7 +26,7 @@ from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 from splatwire.model.appearance import Scene, scene_of
 from splatwire.model.tensor_file import tensor_bytes
-from splatwire.packets import SceneStream, read_stream, stream_to_bytes
+from splatwire.packets import ANCHORS, Packetization, SceneStream, read_stream, stream_to_bytes
 from splatwire.packets.sections import sections_of
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
@@ -85,7 +85,9 @@ class PreparedScene:
         if row.needs_weights and self.entry.weights is None:
             return "it has no calibrated weights (splatwire calibrate makes them)"
         absent = [name for name in row.sections if name not in self.sections]
-        return f"it has no section '{absent[0]}' (splatwire calibrate adds it)" if absent else ""
+        if absent:
+            return f"it has no section '{absent[0]}' (splatwire calibrate adds it)"
+        return "" if row.variant in self.streams else "only anchors of HAC++ (format 1) can be packed so"
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,17 @@ class Source:
         """Its named sections, such as those that `splatwire calibrate` adds."""
         return {} if self.stream is None else sections_of(self.stream)
 
+    @property
+    def codec(self) -> str:
+        """What codes its elements."""
+        if self.entry.kind == "model":
+            return ANCHORS
+        return codec_of(self.scene) if self.stream is None else self.stream.manifest.codec
+
+    def travels(self, packetization: Packetization) -> bool:
+        """Whether it can be packed so."""
+        return packetization.common or self.codec == ANCHORS
+
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
     """Encodes a scene for every row, finds its references and draws its masks; what the store has is taken from there.
@@ -134,8 +147,6 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
     """
     source = Source(entry)
     streams = prepare_streams(study, source, store, progress)
-    if not streams:
-        raise InvalidValueError(f"scene '{entry.name}' lacks what every row needs")
     if entry.weights is not None:
         load_weights(entry.weights)
     variant, first = next(iter(streams.items()))
@@ -161,7 +172,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
 
 
 def prepare_streams(study: Study, source: Source, store: Store, progress: Progress) -> dict[str, PreparedStream]:
-    """Encodes a scene once for each packetization of the rows; see `prepare_scene`."""
+    """Encodes a scene once for each packetization of the rows that it can have; see `prepare_scene`."""
     entry = source.entry
     stamp = "" if entry.sections is None else digest_of_files(entry.sections)
     digest = digest_of_files(entry.source)
@@ -170,8 +181,10 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
     for name, row in {row.variant: row for row in reversed(study.rows)}.items():
         if row.packetization is None:
             streams[name] = _as_it_is(source, digest)
-        elif set(row.sections) <= set(source.sections):
+        elif set(row.sections) <= set(source.sections) and source.travels(row.packetization):
             streams[name] = _prepare_stream(row, source, store, folder, progress)
+    if not streams:
+        raise InvalidValueError(f"scene '{entry.name}' lacks what every row needs, or cannot be packed so")
     return streams
 
 

@@ -26,6 +26,7 @@ _OURS = {
     "side_grid": _GRID,
     "side_prior_network": _NETWORKS,
     "side_channel_networks": _NETWORKS,
+    "side_networks": _NETWORKS,
     "side_render_networks": _NETWORKS,
     "packet_payloads": _ATTRIBUTES,
     "side_masks": _ATTRIBUTES,
@@ -87,8 +88,8 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
             columns: dict[str, Mapping[str, int]] = {}
             if (native := native_parts(entry)) is not None:
                 columns[NATIVE] = native
-            columns |= {row.label: our_parts(streams[row.variant]) for row in study.rows}
-            found.append(SceneSizes(entry.name, streams[study.rows[0].variant].num_anchors, columns))
+            columns |= {row.label: our_parts(streams[row.variant]) for row in study.rows if row.variant in streams}
+            found.append(SceneSizes(entry.name, next(iter(streams.values())).num_anchors, columns))
         return found
 
 
@@ -134,11 +135,13 @@ def num_network_parameters(scene: AnchorScene) -> int:
 
 def size_tables(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
     """One table per scene, and one with what the publication says."""
-    return [_scene_table(sizes) for sizes in found] + _published_table(study, found)
+    return [_scene_table(study, sizes) for sizes in found] + _published_table(study, found)
 
 
-def _scene_table(sizes: SceneSizes) -> Table:
+def _scene_table(study: Study, sizes: SceneSizes) -> Table:
     names = list(sizes.columns)
+    absent = [row.label for row in study.rows if row.label not in names]
+    title = f"{sizes.scene}: bytes of {sizes.num_anchors:,} anchors"
     rows = [(part, *(f"{sizes.columns[name][part]:,}" for name in names)) for part in _ORDER[:-1]]
     weightless = {name: sum(sizes.columns[name][part] for part in _ORDER[:-1]) for name in names}
     total = {name: weightless[name] + sizes.columns[name][_NETWORKS] for name in names}
@@ -148,7 +151,8 @@ def _scene_table(sizes: SceneSizes) -> Table:
     if NATIVE in sizes.columns:
         for label, sums in (("weights out, against HAC++", weightless), ("weights in, against HAC++", total)):
             rows.append((label, *(f"{100 * (sums[name] / sums[NATIVE] - 1):+.2f} %" for name in names)))
-    return Table(f"{sizes.scene}: bytes of {sizes.num_anchors:,} anchors", ("part", *names), tuple(rows))
+    title += f" (not for this scene: {', '.join(absent)})" if absent else ""
+    return Table(title, ("part", *names), tuple(rows))
 
 
 def _published_table(study: Study, found: Sequence[SceneSizes]) -> list[Table]:

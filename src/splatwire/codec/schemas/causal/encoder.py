@@ -43,7 +43,7 @@ def causal_encoder(
     Raises:
         InvalidValueError: If attributes would be packets of their own, or the scene is not one for the format.
     """
-    if packetization.separated or packetization.order != "morton":
+    if not packetization.common:
         raise InvalidValueError(
             "anchors of the causal model are coded whole and in Morton order: preset 'hacpp' is for those of HAC++"
         )

@@ -86,7 +86,7 @@ def encode_splats(
         InvalidValueError: If there is nothing to encode, values are not finite, or the packetization is not for this.
     """
     check_finite(splats)
-    if packetization.separated or packetization.order != "morton":
+    if not packetization.common:
         raise InvalidValueError("Gaussians travel whole and in Morton order: no separated packaging, no raster order")
     shapes = shape_tiers(tiers, packetization) if tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)

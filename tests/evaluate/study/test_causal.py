@@ -1,0 +1,82 @@
+"""Protocols on a scene of the causal model: rows that only HAC++'s anchors can have are left out, and said to be."""
+
+from pathlib import Path
+
+import pytest
+
+from scenes import tiny_cameras, tiny_causal_scene
+from splatwire.codec import encode_scene
+from splatwire.data import save_cameras
+from splatwire.errors import InvalidValueError
+from splatwire.evaluate.study import InProcess, Store, load_study, measure_study_sizes, run_study
+from splatwire.evaluate.study.sizes import size_tables
+from splatwire.model.scene_file import save_scene
+from splatwire.packets import Packetization, write_stream
+
+ROWS = """
+[[row]]
+key = "separated"
+label = "as HAC++ packs"
+preset = "hacpp"
+conceal = "zero"
+
+[[row]]
+key = "raster"
+label = "raster order"
+order = "raster"
+
+[[row]]
+key = "grow"
+label = "grow"
+conceal = "grow"
+block_size = 60
+"""
+NEVER = ROWS[: ROWS.index('[[row]]\nkey = "grow"')]
+
+
+def silent(task: str, share: float) -> None:
+    """No bar."""
+
+
+def protocol(folder: Path, kind: str, rows: str, source: str) -> Path:
+    head = f'[protocol]\nname = "made"\ntitle = "made"\nkind = "{kind}"\nseeds = [0]\nmetrics = ["psnr"]\n'
+    loss = '[[loss]]\nmodel = "bernoulli:0.3"\n' if kind == "losses" else ""
+    scene = f'[[scene]]\nname = "causal"\n{source}\ncameras = "cameras.json"\n'
+    (folder / "protocol.toml").write_text(head + scene + loss + rows)
+    return folder / "protocol.toml"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("causal")
+    scene = tiny_causal_scene(seed=5, num_anchors=180)
+    save_scene(scene, folder / "tiny.scene")
+    write_stream(encode_scene(scene, Packetization(block_size=60)), folder / "tiny.swz")
+    save_cameras(tiny_cameras(1, 48, 36), folder / "cameras.json")
+    return folder
+
+
+@pytest.mark.parametrize("source", ['stream = "tiny.swz"', 'scene = "tiny.scene"'])
+def test_rows_of_other_packets_do_not_run_and_the_rest_does(folder: Path, tmp_path: Path, source: str):
+    study = load_study(protocol(folder, "losses", ROWS, source))
+    result = run_study(study, Store(tmp_path / "store"), InProcess(), silent)
+    assert {record["label"] for record in result.merged()} == {"grow"}
+    assert result.skipped == tuple(
+        f"Row '{label}' did not run on causal: only anchors of HAC++ (format 1) can be packed so."
+        for label in ("as HAC++ packs", "raster order")
+    )
+
+
+def test_sizes_say_which_columns_a_scene_cannot_have(folder: Path, tmp_path: Path):
+    study = load_study(protocol(folder, "sizes", ROWS, 'stream = "tiny.swz"'))
+    (sizes,) = measure_study_sizes(study, Store(tmp_path / "store"), silent)
+    assert list(sizes.columns) == ["grow"]
+    assert sizes.columns["grow"]["networks"] > 0
+    (table,) = size_tables(study, [sizes])
+    assert "(not for this scene: as HAC++ packs, raster order)" in table.title
+
+
+def test_a_scene_that_no_row_can_have_is_an_error(folder: Path, tmp_path: Path):
+    study = load_study(protocol(folder, "losses", NEVER, 'stream = "tiny.swz"'))
+    with pytest.raises(InvalidValueError, match="lacks what every row needs, or cannot be packed so"):
+        run_study(study, Store(tmp_path / "store"), InProcess(), silent)
