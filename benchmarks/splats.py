@@ -16,7 +16,9 @@ A file after --ready is its own source: bytes are compared with its own. Of bons
 """
 
 import argparse
+import ctypes
 import dataclasses
+import gc
 import itertools
 import json
 import statistics
@@ -63,16 +65,20 @@ def coded(
     splats: Splats, classes: np.ndarray, quality: Quality, preset: str = "datagram", threads: int = 1
 ) -> tuple[SceneStream, dict]:
     clock = time.process_time if threads == 1 else time.perf_counter
-    started = clock()
+    before, started = settled_mib(), clock()
     stream = encode_splats(splats, PRESETS[preset], classes=classes, quality=quality, threads=threads)
-    encoded = clock()
+    encoding, encode_peak = clock() - started, peak_mib() - before
+    before, started = settled_mib(), clock()
     decoded = decode_splats(stream, threads=threads)[0]
-    ended, count = clock(), splats.num_gaussians
+    decoding, decode_peak = clock() - started, peak_mib() - before
+    count, output = splats.num_gaussians, sum(values.nbytes for values in vars(decoded).values())
     return stream, {
         "bytes": stream.num_bytes,
         "bits_per_gaussian": 8 * stream.num_bytes / count,
-        "encode_us_per_gaussian": (encoded - started) / count * 1e6,
-        "decode_us_per_gaussian": (ended - encoded) / count * 1e6,
+        "encode_us_per_gaussian": encoding / count * 1e6,
+        "decode_us_per_gaussian": decoding / count * 1e6,
+        "encode_mib_beside_stream": encode_peak - stream.num_bytes / 2**20,
+        "decode_mib_beside_output": decode_peak - output / 2**20,
         "decoded": decoded,
     }
 
@@ -170,30 +176,32 @@ def tiled(splats: Splats, count: int) -> Splats:
     return Splats(**many)
 
 
-def peak_mib() -> float:
-    """Most memory of this process since the last call, which forgets it."""
-    status = Path("/proc/self/status").read_text()
+def settled_mib() -> float:
+    """Memory of this process without what it no longer uses; `peak_mib` begins anew."""
+    gc.collect()
+    ctypes.CDLL("libc.so.6").malloc_trim(0)
     Path("/proc/self/clear_refs").write_text("5")
-    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
+    return peak_mib()
+
+
+def peak_mib() -> float:
+    """Most memory of this process since `settled_mib`."""
+    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024
 
 
 def scale(path: Path, counts: list[int], threads: int) -> dict:
     """Time and memory of a codec call by the number of Gaussians."""
     splats, rows = read_splats(path), []
-    classes = precision_classes(splats) if splats.degree else np.zeros(splats.num_gaussians, int)
+    classes = (precision_classes(splats) if splats.degree else np.zeros(splats.num_gaussians)).astype(np.int8)
     coded(splats, classes, QUALITIES["default"])
     for count in counts:
-        many = tiled(splats, count)
-        peak_mib()
-        before = peak_mib()
-        row = coded(many, np.resize(classes, count), QUALITIES["default"], threads=threads)[1]
+        many, classes_of_many = tiled(splats, count), np.resize(classes, count)
+        row = coded(many, classes_of_many, QUALITIES["default"], threads=threads)[1]
         row.pop("decoded")
-        peak = peak_mib()
         for _ in range(AGAIN // count):
-            again = coded(many, np.resize(classes, count), QUALITIES["default"], threads=threads)[1]
+            again = coded(many, classes_of_many, QUALITIES["default"], threads=threads)[1]
             row.update({name: min(row[name], again[name]) for name in row if name.endswith("us_per_gaussian")})
-        rows.append({"gaussians": count, **row, "input_mib": sum(v.nbytes for v in vars(many).values()) / 2**20,
-                     "peak_mib_before": before, "peak_mib": peak})  # fmt: skip
+        rows.append({"gaussians": count, **row, "input_mib": sum(v.nbytes for v in vars(many).values()) / 2**20})
         print(rows[-1], file=sys.stderr)
     return {"source": path.name, "degree": splats.degree, "threads": threads, "rows": rows}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets import PRESETS, PacketId, Packetization, PacketPlan
+from splatwire.packets import PRESETS, PacketId, Packetization, PacketPlan, TierShape
 from splatwire.packets.grouping import contiguous_bounds
 
 
@@ -119,3 +119,32 @@ def test_plan_refuses_what_the_format_cannot_hold():
 def test_lanes_are_balanced():
     counts = np.bincount(PacketPlan(PRESETS["paper"], 400_000).packet_index_of() % 8)
     assert np.abs(counts / 50_000 - 1).max() < 0.02
+
+
+@pytest.mark.parametrize(
+    "packetization",
+    [
+        PRESETS["paper"],
+        PRESETS["datagram"],
+        Packetization(block_size=7, lanes=3, grouping="contiguous"),
+        Packetization(block_size=1, lanes=200),
+        Packetization(block_size=50_000, lanes=5),
+    ],
+)
+@pytest.mark.parametrize("tiers", [(), (TierShape(20_001, 2), TierShape(179_999, 1))])
+def test_ranks_and_counts_a_block_at_a_time_are_those_of_all(
+    packetization: Packetization, tiers: tuple[TierShape, ...]
+):
+    if tiers:
+        lanes = min(2, packetization.lanes)
+        tiers = tuple(TierShape(tier.num_anchors, lanes) for tier in tiers)
+    plan = PacketPlan(packetization, 200_000, tiers)
+    some = range(0, plan.num_blocks, max(plan.num_blocks // 50, 1))
+    edges = np.cumsum([0, *(plan.block_anchors(block) for block in range(plan.num_blocks))])
+    ranks, starts = plan.groups()
+    for block in [*some, plan.num_blocks - 1]:
+        assert plan.block_ranks(block).tolist() == ranks[edges[block] : edges[block + 1]].tolist()
+    if not packetization.hashed:
+        index = plan.packet_index_of()
+        assert plan.group_counts().tolist() == np.unique(index, return_counts=True)[1].tolist()
+        assert starts.tolist() == [0, *np.cumsum(plan.group_counts())]

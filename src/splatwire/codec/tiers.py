@@ -24,7 +24,7 @@ def encode_tiers(tiers: np.ndarray, num_tiers: int) -> bytes:
 
     models = fresh_models((num_tiers - 1) * kernels.STATES)
     buffer = np.empty(2 * (num_tiers - 1) * len(tiers) + 64, dtype=np.uint8)
-    length = kernels.encode_tiers(np.ascontiguousarray(tiers, dtype=np.int64), num_tiers, models, buffer)
+    length = kernels.encode_tiers(np.ascontiguousarray(tiers, dtype=np.uint8), num_tiers, models, buffer)
     return buffer[:length].tobytes()
 
 
@@ -36,9 +36,9 @@ def decode_tiers(data: bytes, num_anchors: int, num_tiers: int) -> np.ndarray:
     """
     from splatwire.codec import _tier_kernels as kernels
 
-    models, tiers = fresh_models((num_tiers - 1) * kernels.STATES), np.empty(num_anchors, dtype=np.int64)
+    models, tiers = fresh_models((num_tiers - 1) * kernels.STATES), np.empty(num_anchors, dtype=np.uint8)
     kernels.decode_tiers(np.frombuffer(data, dtype=np.uint8), num_tiers, models, tiers)
-    return tiers.astype(np.uint8)
+    return tiers
 
 
 def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Packets: which anchors share one, what its bytes are, and streams on disk. numpy and the standard library only."""
 
-from splatwire.packets.arrangement import Arrangement, arrange
+from splatwire.packets.arrangement import Arrangement, arrange, arrange_groups
 from splatwire.packets.container import stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import ANCHORS, CAUSAL, GAUSSIANS, Manifest, manifest_from_bytes, manifest_to_bytes
@@ -36,6 +36,7 @@ __all__ = [
     "StreamSizes",
     "TierShape",
     "arrange",
+    "arrange_groups",
     "is_stream",
     "make_packet",
     "make_stream",

@@ -38,16 +38,22 @@ def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two hold the same anchor.
     """
+    starts, groups = arrange_groups(plan, packets)
+    return Arrangement(PacketGroups(plan.groups().ranks, starts), groups)
+
+
+def arrange_groups(plan: PacketPlan, packets: Iterable[Packet]) -> tuple[np.ndarray, tuple[Packet | None, ...]]:
+    """As `arrange` without the ranks, which `PacketPlan.block_ranks` gives a block at a time: `starts` and packets."""
     arrived = {packet.id: packet for packet in packets}
     for packet in arrived.values():
         if not plan.fits(packet.id, packet.num_anchors):
             raise InvalidValueError(f"the plan has no packet {packet.id.filename} with {packet.num_anchors} anchors")
-    groups = plan.groups()
     if not plan.packetization.hashed:
-        return Arrangement(groups, tuple(arrived.get(packet_id) for packet_id in plan.ids))
+        starts = np.concatenate([[0], np.cumsum(plan.group_counts())])
+        return starts, tuple(arrived.get(packet_id) for packet_id in plan.ids)
     pieces = list(_pieces(plan, arrived))
     starts = np.cumsum([0, *(size for size, _ in pieces)]).astype(np.int64)
-    return Arrangement(PacketGroups(groups.ranks, starts), tuple(packet for _, packet in pieces))
+    return starts, tuple(packet for _, packet in pieces)
 
 
 def _pieces(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:

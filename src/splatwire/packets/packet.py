@@ -38,7 +38,7 @@ _FIELDS = struct.Struct("<BIBBHBH")
 _CHECKSUM = struct.Struct("<I")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Packet:
     """One packet of a stream; `make_packet` writes one, `packet_from_bytes` reads one.
 

@@ -12,7 +12,7 @@ with separated packaging, each is a packet of its own, and a feature group can b
 SCALING, OFFSET, FIRST_FEATURE = 1, 2, 3
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True, order=True, slots=True)
 class PacketId:
     """Name of a packet within its stream; sorts by block, then lane, then part.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets.grouping import contiguous_bounds, contiguous_lanes, hash_order, stratified_lanes
+from splatwire.packets.grouping import CHUNK, contiguous_bounds, contiguous_lanes, hash_order, stratified_lanes
 from splatwire.packets.packet_id import FIRST_FEATURE, MAX_FEATURE_GROUPS, OFFSET, SCALING, PacketId
 from splatwire.packets.packetization import MAX_ANCHORS, MAX_BLOCKS, MAX_GROUPS, Packetization, check_range
 from splatwire.packets.tiers import Span, TierShape, check_tiers, spans_of
@@ -116,9 +116,21 @@ class PacketPlan:
             blocks = [self._hash_order(block) for block in range(self.num_blocks)]
             edges = np.cumsum([0, *map(len, blocks)])
             return PacketGroups(np.concatenate([np.empty(0, np.int64), *blocks]), edges.astype(np.int64))
-        counts = self._counts()
         ranks = np.argsort(self.packet_index_of(), kind="stable")
-        return PacketGroups(ranks, np.concatenate([[0], np.cumsum(counts[counts > 0])]).astype(np.int64))
+        return PacketGroups(ranks, np.concatenate([[0], np.cumsum(self.group_counts())]))
+
+    def group_counts(self) -> np.ndarray:
+        """Anchors of each group of `groups`, int64 (G); not with hashed grouping."""
+        self._check_fixed()
+        counts = self._counts()
+        return counts[counts > 0]
+
+    def block_ranks(self, block: int) -> np.ndarray:
+        """Ranks of a block, group after group as in `groups`, int64; computed from this block alone."""
+        if self.packetization.hashed:
+            return self._hash_order(block)
+        start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
+        return start + np.argsort(lanes, kind="stable")
 
     def members(self, packet_id: PacketId, num_anchors: int | None = None) -> np.ndarray:
         """Ranks of one packet's anchors, ascending (hashed: in hash order), int64; computed from its block alone.
@@ -203,9 +215,11 @@ class PacketPlan:
     def _counts(self) -> np.ndarray:
         """Anchors of each (block, lane), empty ones too, int64, S * lanes."""
         lanes = self.packetization.lanes
-        if self.packetization.grouping == "stratified":
-            return np.bincount(self.packet_index_of(), minlength=self.num_blocks * lanes)
         counts = np.zeros((self.num_blocks, lanes), np.int64)
+        if self.packetization.grouping == "stratified":
+            for span in self.spans:
+                _count_lanes(span, self.packetization.seed, counts[span.first_block :][: span.num_blocks])
+            return counts.ravel()
         for span in self.spans:
             num_full, rest = divmod(span.num_anchors, span.block_size)
             rows = counts[span.first_block :, : span.lanes]
@@ -213,6 +227,17 @@ class PacketPlan:
             if rest:
                 rows[num_full] = np.diff(contiguous_bounds(rest, span.lanes))
         return counts.ravel()
+
+
+def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
+    """Counts a span's places of each block and lane into `counts`, int64 (blocks, lanes), some blocks at a time."""
+    blocks = max(CHUNK // max(span.block_size, counts.shape[1]), 1)
+    for block in range(0, span.num_blocks, blocks):
+        begin, end = block * span.block_size, min((block + blocks) * span.block_size, span.num_anchors)
+        lanes = stratified_lanes(span.first + begin, span.first + end, span.lanes, seed)
+        here = counts[block : block + blocks]
+        index = np.arange(end - begin) // span.block_size * here.shape[1] + lanes
+        here[:] = np.bincount(index, minlength=here.size).reshape(here.shape)
 
 
 @functools.lru_cache(maxsize=2048)

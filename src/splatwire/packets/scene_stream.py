@@ -116,7 +116,7 @@ def make_stream(
     Raises:
         InvalidValueError: If the packets are not exactly those of the plan.
     """
-    ordered = tuple(sorted(packets, key=lambda packet: packet.id))
+    ordered = sorted(packets, key=lambda packet: packet.id)
     manifest = Manifest(
         packetization=packetization,
         num_anchors=num_anchors,
@@ -134,8 +134,10 @@ def make_stream(
     )
     if not _complete(manifest.plan, ordered):
         raise InvalidValueError("the packets of a new stream must be exactly those of its plan")
-    packets = (make_packet(p.id, p.num_anchors, p.payload, manifest.stream_id) for p in ordered)
-    return SceneStream(manifest, side_info, tuple(packets))
+    # In place: where the caller forgot them, a large stream's packets are not there twice.
+    for i, packet in enumerate(ordered):
+        ordered[i] = make_packet(packet.id, packet.num_anchors, packet.payload, manifest.stream_id)
+    return SceneStream(manifest, side_info, tuple(ordered))
 
 
 def _complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:

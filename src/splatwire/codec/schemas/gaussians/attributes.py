@@ -3,12 +3,13 @@
 Only an encoder computes with floats before there are symbols; a decoder turns integers into floats once, at the end.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from splatwire.codec.schemas.gaussians.blocks import pieces
+from splatwire.codec.schemas.gaussians.blocks import runs
 from splatwire.codec.schemas.gaussians.layout import (
     AXIS,
     BITS,
@@ -30,6 +31,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.tables import power_of_two, thinness_table
 from splatwire.errors import InvalidValueError
+from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
@@ -62,20 +64,25 @@ def check_finite(splats: Splats) -> None:
     """
     if not splats.num_gaussians:
         raise InvalidValueError("there is no Gaussian: there is nothing to encode")
-    for name in ("means", "quats", "scales", "opacities", "sh"):
-        if not bool(getattr(splats, name).isfinite().all()):
+    for name, values in vars(splats).items():
+        if not all(np.isfinite(some).all() for some in runs(values.numpy())):
             raise InvalidValueError(f"the Gaussians' {name} are not all finite")
-    if not bool((splats.scales > 0).all() and (splats.opacities > 0).all()):
+    if not all((some > 0).all() for values in (splats.scales, splats.opacities) for some in runs(values.numpy())):
         raise InvalidValueError("scales and opacities of Gaussians must be above 0")
-    if not bool((splats.quats.norm(dim=1) > 0).all()):
+    if not all(some.any(axis=1).all() for some in runs(splats.quats.numpy())):
         raise InvalidValueError("a Gaussian's quaternion is 0")
 
 
 def scene_log(splats: Splats) -> int:
     """Size of a scene: log2 of the median distance of the Gaussians from their median, rounded down."""
-    means = splats.means.numpy()
-    middle = np.array([np.median(column.astype(np.float64)) for column in means.T])
-    distance = np.median(np.concatenate([np.linalg.norm(some - middle, axis=1) for some in pieces(means)]))
+    means, ranks = splats.means.numpy(), middle_ranks(splats.num_gaussians)
+    middle = [order_statistics(functools.partial(runs, column), ranks).mean() for column in means.T]
+
+    def squares(some: np.ndarray) -> np.ndarray:
+        x, y, z = (column.astype(np.float64) - m for column, m in zip(some.T, middle, strict=True))
+        return x * x + y * y + z * z
+
+    distance = np.sqrt(order_statistics(lambda: map(squares, runs(means)), ranks)).mean()
     return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
 
 

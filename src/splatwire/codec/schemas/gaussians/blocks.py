@@ -8,7 +8,9 @@ import numpy as np
 
 from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS, MAX_LATTICE_BITS, SLOT_BITS
 from splatwire.errors import InvalidValueError
+from splatwire.ops.code_order import code_order
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_encode
+from splatwire.ops.order_statistics import quantiles
 from splatwire.packets import PacketPlan
 
 ROWS = 1 << 16
@@ -43,32 +45,40 @@ class Boxes:
         return self.origins << self.shifts[:, None]
 
 
-def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
-    """An array as float64, some rows at a time: beside the array itself, millions of Gaussians take little memory."""
+def runs(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Some rows of an array at a time: beside the array itself, millions of Gaussians take little memory."""
     for begin in range(0, len(values), ROWS):
-        yield values[begin : begin + ROWS].astype(np.float64)
+        yield values[begin : begin + ROWS]
+
+
+def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Rows of an array as float64, some at a time."""
+    return (some.astype(np.float64) for some in runs(values))
 
 
 def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
-    """Sorts Gaussians along a Morton curve, the most important tier first, int64 (N).
+    """Sorts Gaussians along a Morton curve, the most important tier first, uint32 (N).
 
     Args:
         means: (N, 3).
         tiers: Tier of each; None for one.
     """
-    low, high = np.stack([np.quantile(column.astype(np.float64), [0.01, 0.99]) for column in means.T], axis=1)
+    found = [quantiles(functools.partial(runs, column), len(means), (0.01, 0.99)) for column in means.T]
+    low, high = np.stack(found, axis=1)
     middle, spread = (low + high) / 2, max(float((high - low).max()), 1e-30)
 
     def near(some: np.ndarray) -> np.ndarray:
         """What lies far outside is drawn near, so that it does not make the cells of the rest large."""
         return np.arcsinh((some - middle) / spread * 2)
 
-    ends = np.array([[found.min(axis=0), found.max(axis=0)] for found in map(near, pieces(means))])
-    first = ends[:, 0].min(axis=0)
-    size = max(float((ends[:, 1].max(axis=0) - first).max()), 1e-30)
-    cells = (np.rint((near(some) - first) / size * ((1 << MAX_AXIS_BITS) - 1)) for some in pieces(means))
-    codes = np.concatenate([morton_encode(some.astype(np.int64)) for some in cells])
-    return np.lexsort((codes, tiers)) if tiers is not None else np.argsort(codes, kind="stable")
+    first, last = near(np.array([means.min(axis=0), means.max(axis=0)], dtype=np.float64))
+    size = max(float((last - first).max()), 1e-30)
+
+    def codes(some: np.ndarray) -> np.ndarray:
+        places = near(means.take(some, axis=0).astype(np.float64))
+        return morton_encode(np.rint((places - first) / size * ((1 << MAX_AXIS_BITS) - 1)).astype(np.int64))
+
+    return code_order(codes, len(means), 3 * MAX_AXIS_BITS, tiers)
 
 
 def block_sizes(plan: PacketPlan) -> np.ndarray:

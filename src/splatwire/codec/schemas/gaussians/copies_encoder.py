@@ -35,7 +35,7 @@ def write_copies(
     lattice = to_lattice(splats.means[torch.from_numpy(places)].numpy().astype(np.float64), info.unit, info.size_log)
     boxes, count = make_boxes(lattice.min(axis=0)[None], lattice.max(axis=0)[None]), len(places)
     order = np.argsort(block_codes(lattice - boxes.corners[0], int(boxes.bits[0])), kind="stable")
-    places, classes = places[order], np.full(count, level, dtype=np.uint8)
+    places, classes = places[order], np.broadcast_to(np.uint8(level), splats.num_gaussians)
     scene = SourceScene(splats, places, np.array([0, count]), classes, info.size_log, info.unit, info.bases, True)
     here = replace(info, boxes=boxes, defaults=np.clip([scene.means(0)], -511, 511))
     payload = encode_block(scene.arranged(0, here), here, 0, np.array([count]), 0).payloads[0]

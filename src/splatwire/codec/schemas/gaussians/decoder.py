@@ -24,7 +24,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
-from splatwire.packets import GAUSSIANS, Manifest, Packet, SceneStream, arrange
+from splatwire.packets import GAUSSIANS, Manifest, Packet, SceneStream, arrange_groups
 from splatwire.scene.splats import Splats
 
 _GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])
@@ -52,24 +52,25 @@ def decode_splats(
     """
     manifest = stream.manifest
     info = open_side_info(manifest, stream.side_info)
-    groups, packets = arrange(manifest.plan, stream.packets)
+    plan = manifest.plan
+    starts, packets = arrange_groups(plan, stream.packets)
     splats, known = blank_splats(manifest.num_anchors, info.degree), np.zeros(manifest.num_anchors, dtype=np.bool_)
-    sizes, edges = np.diff(groups.starts), np.concatenate([[0], np.cumsum(block_sizes(manifest.plan))])
-    first_group = np.searchsorted(groups.starts, edges)
+    sizes = np.diff(starts)
+    first_group = np.searchsorted(starts, np.concatenate([[0], np.cumsum(block_sizes(plan))]))
     digest = hashlib.sha256()
 
     def decode(block: int) -> tuple[np.ndarray, np.ndarray]:
         here = slice(first_group[block], first_group[block + 1])
         rows, harmonics, received = decode_block(info, block, sizes[here], packets[here])
-        places = groups.ranks[edges[block] : edges[block + 1]]
+        places = plan.block_ranks(block)
         store_block(splats, places, rows, harmonics, received, info, block)
         known[places] = received
         return rows, harmonics
 
-    for block, integers in enumerate(ordered_map(decode, range(manifest.plan.num_blocks), threads)):
+    for block, integers in enumerate(ordered_map(decode, range(plan.num_blocks), threads)):
         update_digest(digest, *integers)
         if progress:
-            progress((block + 1) / manifest.plan.num_blocks)
+            progress((block + 1) / plan.num_blocks)
     if len(stream.packets) == manifest.num_packets and digest.hexdigest() != manifest.symbols_digest:
         raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")
     return splats, known, dict(info.sections)

@@ -2,9 +2,8 @@
 
 import hashlib
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info, write_side_info
-from splatwire.codec.schemas.gaussians.source_scene import SourceScene
+from splatwire.codec.schemas.gaussians.source_scene import BlockSource, SourceScene
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers
@@ -93,13 +92,14 @@ def encode_splats(
     scene = SourceScene.of(splats, plan, classes, tiers if shapes else None, quality)
     sections = dict(background_sections(background))
     if shapes:
-        sections[TIERS] = encode_tiers(np.repeat(np.arange(len(shapes)), [s.num_anchors for s in shapes]), len(shapes))
+        tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_anchors for shape in shapes])
+        sections[TIERS] = encode_tiers(tier_of, len(shapes))
     side_info = write_side_info(_fit(scene, sections, threads))
     # Predict from what a decoder will read, not from what was meant.
     info = read_side_info(side_info, plan.num_blocks)
     packets, digest = _encode_packets(scene, plan, info, threads, progress)
     return make_stream(
-        packetization=packetization, num_anchors=plan.num_anchors, side_info=side_info, packets=packets,
+        packetization=packetization, num_anchors=plan.num_anchors, side_info=side_info, packets=_taken(packets),
         symbols_digest=digest, writer=f"splatwire {__version__}", tiers=plan.tiers, codec=GAUSSIANS,
     )  # fmt: skip
 
@@ -138,7 +138,7 @@ def _transform(scene: SourceScene) -> np.ndarray:
     blocks = scene.some_blocks()
     where = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
     where = where[:: -(-len(where) // (FITTED_PACKET * FEWEST))]
-    return fit_transform(to_harmonics(scene.pick(where)), 2.0 ** scene.classes[where])
+    return fit_transform(to_harmonics(scene.pick(where)), 2.0 ** scene.classes_at(where))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,12 +160,12 @@ class CodedBlock:
     statistics: tuple[np.ndarray, np.ndarray]
 
 
-def encode_block(source: tuple[Any, ...], info: SideInfo, block: int, sizes: np.ndarray, most: int) -> CodedBlock:
+def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndarray, most: int) -> CodedBlock:
     """Encodes what is arranged of a block in packets of these sizes, or of at most `most` bytes if that is not 0."""
     from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
 
     bits = int(info.boxes.bits[block])
-    count, width = len(source[2]), info.num_harmonics
+    count, width = len(source.codes), info.num_harmonics
     rows, harmonics = empty_rows(count, width)
     buffer = np.zeros(count * (BYTES_PER_GAUSSIAN + BYTES_PER_HARMONIC * width) + kernels.SLACK, dtype=np.uint8)
     statistics, defaults = empty_statistics(), info.block_defaults[block]
@@ -211,7 +211,14 @@ def _encode_packets(
     return packets, digest.hexdigest()
 
 
+def _taken(packets: list[Packet]) -> Iterator[Packet]:
+    """Packets from the list, which forgets them: what is made of them takes their place in memory."""
+    packets.reverse()
+    while packets:
+        yield packets.pop()
+
+
 def _fixed_sizes(plan: PacketPlan) -> list[np.ndarray]:
     """Gaussians of each packet, block by block."""
-    counts, blocks = np.diff(plan.groups().starts), np.array([packet_id.block for packet_id in plan.ids])
+    counts, blocks = plan.group_counts(), np.array([packet_id.block for packet_id in plan.ids])
     return [counts[blocks == block] for block in range(plan.num_blocks)]

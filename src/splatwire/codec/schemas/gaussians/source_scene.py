@@ -1,7 +1,7 @@
 """What an encoder makes packets of: Gaussians sorted into blocks, their places on the lattice, their classes."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from splatwire.codec.schemas.gaussians.blocks import (
     cell_shift,
     gaussian_order,
     pieces,
+    runs,
     to_lattice,
 )
 from splatwire.codec.schemas.gaussians.layout import (
@@ -40,15 +41,41 @@ FITTED_BLOCKS = 32
 """The transform of harmonics and the tables are fitted to parts of at most so many blocks, spread over the scene."""
 
 
+class BlockSource(NamedTuple):
+    """What the kernels encode of a block: n Gaussians in the order in which packets are filled.
+
+    Attributes:
+        cells_at: log2 of the size of cells, in lattice units.
+        spread: 1 if packets are spread over the block, 0 if they hold what lies together.
+        codes: int64 (n), Morton codes of the places (`block_codes`).
+        places: int64 (n, 3), within the block's box, in lattice units.
+        classes: int64 (n), of precision, 0 for the least.
+        logs: int64 (n, 4), see `Sources`, as the next ones.
+        axes: float64 (n, 3, 3).
+        colours: int64 (n, 3).
+        harmonics: int64 (n, M), see `transformed`.
+    """
+
+    cells_at: np.int64
+    spread: np.int64
+    codes: np.ndarray
+    places: np.ndarray
+    classes: np.ndarray
+    logs: np.ndarray
+    axes: np.ndarray
+    colours: np.ndarray
+    harmonics: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class SourceScene:
     """Gaussians sorted into blocks; a block's integers are made when they are needed.
 
     Attributes:
         splats: The Gaussians as they came.
-        order: int64 (N), the Gaussians block by block.
+        order: Integers (N), the Gaussians block by block.
         edges: int64 (B + 1), where blocks begin in `order`.
-        classes: uint8 (N), classes of precision, 0 for the least, in `order`.
+        classes: uint8 (N), classes of precision as Gaussians came, 0 for the least.
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice's unit, relative to it.
         bases: int64, by `STEPS`, see `SideInfo`.
@@ -71,18 +98,14 @@ class SourceScene:
         """Sorts Gaussians into the blocks of a plan; `classes` and `tiers` as in `encode_splats`."""
         size_log, bases = scene_log(splats), quality.bases(splats.degree)
         order = gaussian_order(splats.means.numpy(), tiers)
-        found = np.zeros(len(order), np.int8) if classes is None else np.asarray(classes)
-        if found.shape != order.shape:
-            raise InvalidValueError(f"{found.shape} classes of precision for {len(order)} Gaussians")
-        most = quality.classes_of(splats.degree) - 1
-        levels = (np.clip(found, -most, 0) + most).astype(np.uint8)
+        levels = _levels(classes, len(order), quality.classes_of(splats.degree) - 1)
         unit = _lattice_unit(splats, levels, bases, size_log)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
             splats,
             order,
             edges,
-            levels[order],
+            levels,
             size_log,
             unit,
             bases,
@@ -108,6 +131,10 @@ class SourceScene:
         arrays = {name: values.numpy().take(self.order[where], axis=0) for name, values in vars(self.splats).items()}
         return Splats(**{name: torch.from_numpy(values) for name, values in arrays.items()})
 
+    def classes_at(self, where: slice | np.ndarray) -> np.ndarray:
+        """Classes of precision of those at some places of `order`, int64."""
+        return self.classes[self.order[where]].astype(np.int64)
+
     def places(self, block: int) -> np.ndarray:
         """Lattice coordinates of a block's Gaussians, int64 (n, 3), as they come in `order`."""
         means = self.splats.means.numpy().take(self.order[self.members(block)], axis=0)
@@ -123,7 +150,7 @@ class SourceScene:
         means = np.concatenate([values.mean(axis=0), to_colours(here).mean(axis=0)])
         return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
 
-    def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> tuple[Any, ...]:
+    def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
         """What the kernels encode of a block, in the order in which packets are filled, or `some` of it."""
         bits = int(info.boxes.bits[block])
         places = self.places(block) - info.boxes.corners[block]
@@ -131,17 +158,29 @@ class SourceScene:
         by = arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)[some]
         where = self.members(block).start + by
         s = to_sources(self.pick(where), self.size_log)
-        return (
+        return BlockSource(
             np.int64(at),
             np.int64(not self.contiguous),
             codes[by],
             places[by],
-            self.classes[where].astype(np.int64),
+            self.classes_at(where),
             s.logs,
             s.axes,
             s.colours,
             transformed(s.harmonics, info.transform),
         )
+
+
+def _levels(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
+    """Classes as they are sent, 0 for the least precise of `most + 1`, uint8 (N)."""
+    if classes is None:
+        return np.broadcast_to(np.uint8(most), count)
+    if np.shape(classes) != (count,):
+        raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
+    levels = np.empty(count, np.uint8)
+    for level, some in zip(runs(levels), runs(np.asarray(classes)), strict=True):
+        level[:] = np.clip(some, -most, 0) + most
+    return levels
 
 
 def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
