@@ -2,25 +2,23 @@
 
 import dataclasses
 import math
-from importlib import resources
-from pathlib import Path
 
 import pytest
 import torch
 
-from scenes import tiny_cameras, tiny_scene
+from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import conceal
-from splatwire.data import load_cameras
 from splatwire.errors import DesyncError, InvalidValueError, UnknownNameError
 from splatwire.metrics import psnr
-from splatwire.packets import PacketIntake, Packetization, SceneStream, read_stream, send_sequence
+from splatwire.packets import PacketIntake, Packetization, SceneStream, send_sequence
 from splatwire.render import render_scene
 from splatwire.transport import PacketArrived, SideInfoArrived
 from splatwire.view import ProgressiveScene, plan_transfer
 from splatwire.view.model import Settings, Viewer, heat
 from splatwire.view.sources import FileSource, LiveSource
+from web.sketched import with_sketch
 
 
 @pytest.fixture(scope="module")
@@ -46,19 +44,18 @@ def arrived(stream: SceneStream, settings: Settings) -> SceneStream:
     return stream.with_packets(transfer.upto(settings.progress))
 
 
-def test_what_a_stream_carries_for_concealers_is_offered_and_used(viewer):
-    assets = Path(str(resources.files("splatwire").joinpath("assets")))
-    bundled, _ = read_stream(assets / "snowmiku.swz")
-    source, settings = FileSource(bundled), Settings(loss=0.5, concealer="sketch")
+@pytest.mark.parametrize("make", [tiny_scene, tiny_causal_scene])
+def test_what_a_stream_carries_for_concealers_is_offered_and_used(viewer, make):
+    sketched = with_sketch(encode_scene(make(seed=2, num_anchors=400), Packetization(block_size=100)))
+    source, settings = FileSource(sketched), Settings(loss=0.5, concealer="sketch")
     assert "sketch" in source.progressive.concealers
     assert "sketch" not in viewer.source.progressive.concealers
-    camera = load_cameras(assets / "snowmiku_cameras.json").select([0]).scaled(0.2)
-    frame = Viewer(source).frame(settings, camera, score=False)
-    partial = decode_stream(arrived(bundled, settings))
-    pictures = [render_scene(conceal(partial, name), camera)[0] for name in ("sketch", "grow")]
+    frame = Viewer(source).frame(settings, CAMERA, score=False)
+    partial = decode_stream(arrived(sketched, settings))
+    pictures = [render_scene(conceal(partial, name), CAMERA)[0] for name in ("sketch", "grow")]
     assert torch.equal(frame.image, (pictures[0] * 255).round().to(torch.uint8))
     assert not torch.equal(pictures[0], pictures[1])
-    live = ProgressiveScene(bundled.manifest, bundled.side_info)
+    live = ProgressiveScene(sketched.manifest, sketched.side_info)
     assert live.concealers == source.progressive.concealers
 
 

@@ -80,7 +80,7 @@ class Demo:
         print_rows(content["rows"], result.study.title, lpips_note=result.lpips_note)
         print(f"report: {report}")
         if explicit is not None:
-            title = f"the same of explicit Gaussians, as any splat file holds them: {SPLATS}, an export of the scene"
+            title = f"the same of explicit Gaussians, as any splat file holds them: {SPLATS}, made from the same photos"
             print_rows(explicit["rows"], title, lpips_note=result.lpips_note)
             print(f"report: {explicit['report']}")
         print(f"PSNR is against the lossless scene's own renders. {seconds:.0f} s in all.")

@@ -16,7 +16,7 @@ _CHUNK = 1 << 15
 _MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
 _SIZE_EXPONENT, _OPACITY_EXPONENT = 0.12, 0.8
 """Explicit Gaussians overlap more than they cover: each is a little larger, and as opaque as so many of it. Measured at
-20 % loss of spread packets on luigi, tiger, truck, guitar and an export of the bundled scene."""
+20 % loss of spread packets on luigi, tiger, truck, guitar and an export of snowmiku_small."""
 
 
 @register_concealer("grow")

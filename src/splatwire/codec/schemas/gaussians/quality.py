@@ -10,7 +10,7 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 _FLAT = (-3.5, 1.0, 0.7, 0.7, 0.66, -0.8, -1.55, -2.1, -2.1)
 _SHADED = (-3.9, 0.2, -0.1, -0.1, -1.16, -2.8, -2.85, -1.0, -2.1)
 """Octaves by which the steps of `STEPS` are finer than the level says, without and with harmonics; measured on
-luigi_lgm, tiger_4d and an export of the bundled scene. Moving a centre costs more than its first order says, because
+luigi_lgm, tiger_4d and an export of snowmiku_small. Moving a centre costs more than its first order says, because
 Gaussians in nearly equal depth change places."""
 _SHADED_CLASSES = 4
 """Most classes with harmonics: six took 2 to 20 % more bytes at equal PSNR, 40 dB and more, on three scenes, seen from
