@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 import json
 import math
 
@@ -6,7 +7,7 @@ import pytest
 
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.train.checkpoint import config_from_json
-from splatwire.train.config import Marks
+from splatwire.train.config import LearningRates, Marks
 from splatwire.train.presets import PRESETS, create_config
 
 
@@ -44,6 +45,17 @@ def test_a_run_of_2400_is_the_recorded_one() -> None:
     marks = create_config(iterations=2400).marks
     assert (marks.statistics_start, marks.growth_start, marks.growth_end, marks.growth_interval) == (40, 120, 1200, 50)
     assert (marks.noise_start, marks.growth_pause_end, marks.context_start) == (240, 320, 800)
+
+
+def test_short_runs_end_with_larger_learning_rates() -> None:
+    runs = [create_config(iterations=iterations).rates for iterations in (60_000, 30_000, 15_000, 2400, 240)]
+    assert runs[0] == runs[1] == LearningRates()
+    for longer, shorter in itertools.pairwise(runs[1:]):
+        assert (shorter.mask_logits, shorter.grid, shorter.prior) == (longer.mask_logits, longer.grid, longer.prior)
+        assert shorter.offsets.final > longer.offsets.final
+        for before, after in zip(vars(longer).values(), vars(shorter).values(), strict=True):
+            assert after.initial == before.initial
+            assert before.final <= after.final <= max(before.final, after.initial)
 
 
 def test_bad_settings_are_refused() -> None:

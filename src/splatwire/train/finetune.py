@@ -34,9 +34,9 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
         growth_end=0, growth_interval=1,
     )  # fmt: skip
+    published = dataclasses.replace(LearningRates(), mask_logits=config.rates.mask_logits)
     rates = {
-        name: LearningRate(math.sqrt(rate.initial * rate.final), rate.final)
-        for name, rate in vars(config.rates).items()
+        name: LearningRate(math.sqrt(rate.initial * rate.final), rate.final) for name, rate in vars(published).items()
     }
     return dataclasses.replace(
         config,

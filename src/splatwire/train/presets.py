@@ -29,6 +29,9 @@ CAUSAL_MASK_RATE = LearningRate(0.005, 0.005)
 CAUSAL_MASK_THRESHOLD = 0.1
 CAUSAL_SAMPLE_SHARE = 0.1
 """The causal model's lambda, widths, masks and sample, whatever the benchmark."""
+_GO_ON = ("offsets", "opacity", "color", "causal", "steps")
+_SHORTER = 4 / 3
+"""What learns faster at the end of a short run, and the power of how much shorter that is, by which it does."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,7 @@ def create_config(
         preset=preset,
         voxel_size=voxel,
         marks=marks,
-        rates=LearningRates(mask_logits=LearningRate(0.01, mask_rate)),
+        rates=for_length(LearningRates(mask_logits=LearningRate(0.01, mask_rate)), iterations),
         growth=GrowthRules(coarsest_cell=chosen.coarsest_cell, first_pruning=chosen.first_pruning),
         weights=LossWeights(rate=rate, size=size),
         refine=RefineConfig(steps=steps, seed=seed),
@@ -123,6 +126,25 @@ def create_config(
         seed=seed,
     )
     return config if model == HACPP else _causal(config)
+
+
+def for_length(rates: LearningRates, iterations: int) -> LearningRates:
+    """Returns the published learning rates for a run of another length: what is drawn goes on learning in a short one.
+
+    With the published ends the Gaussians of a short run do not arrive: at equal bytes 2,400 iterations of lego end 1.1
+    dB lower. Ends 12 times larger are 0.3 dB, ends as large as the starts 0.1 dB below these (30 times larger). A hash
+    grid that goes on learning makes lego's stream three times as large.
+
+    Args:
+        rates: Of `FULL_ITERATIONS`.
+        iterations: Length of the run.
+    """
+    factor = max(FULL_ITERATIONS / iterations, 1.0) ** _SHORTER
+    published = {name: getattr(rates, name) for name in _GO_ON}
+    ends = {name: min(rate.final * factor, rate.initial) for name, rate in published.items()}
+    return dataclasses.replace(
+        rates, **{name: LearningRate(published[name].initial, end) for name, end in ends.items()}
+    )
 
 
 def _causal(config: TrainConfig) -> TrainConfig:
