@@ -1,8 +1,9 @@
-"""Protocols on a scene of the causal model: rows that only HAC++'s anchors can have are left out, and said to be."""
+"""Protocols on scenes of the causal model and on Gaussians: rows of HAC++'s own packets are left out, and said so."""
 
 from pathlib import Path
 
 import pytest
+import torch
 
 from scenes import tiny_cameras, tiny_causal_scene
 from splatwire.codec import encode_scene
@@ -10,8 +11,10 @@ from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study import InProcess, Store, load_study, measure_study_sizes, run_study
 from splatwire.evaluate.study.sizes import size_tables
+from splatwire.model import SplatScene
 from splatwire.model.scene_file import save_scene
 from splatwire.packets import Packetization, write_stream
+from splatwire.scene.splats import Splats
 
 ROWS = """
 [[row]]
@@ -52,11 +55,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = tiny_causal_scene(seed=5, num_anchors=180)
     save_scene(scene, folder / "tiny.scene")
     write_stream(encode_scene(scene, Packetization(block_size=60)), folder / "tiny.swz")
+    means = torch.randn(180, 3, generator=torch.Generator().manual_seed(0))
+    turns = torch.nn.functional.normalize(torch.ones(180, 4), dim=1)
+    splats = Splats(means, turns, torch.full((180, 3), 0.1), torch.full((180,), 0.5), torch.zeros(180, 1, 3))
+    write_stream(encode_scene(SplatScene(splats), Packetization(block_size=60)), folder / "explicit.swz")
     save_cameras(tiny_cameras(1, 48, 36), folder / "cameras.json")
     return folder
 
 
-@pytest.mark.parametrize("source", ['stream = "tiny.swz"', 'scene = "tiny.scene"'])
+@pytest.mark.parametrize("source", ['stream = "tiny.swz"', 'scene = "tiny.scene"', 'stream = "explicit.swz"'])
 def test_rows_of_other_packets_do_not_run_and_the_rest_does(folder: Path, tmp_path: Path, source: str):
     study = load_study(protocol(folder, "losses", ROWS, source))
     result = run_study(study, Store(tmp_path / "store"), InProcess(), silent)
