@@ -5,8 +5,10 @@ concealer; `--cuts` adds the most important share of the bytes alone (tiers in o
 A run is added to the table with `--output`; `--init` goes on with a scene file for a tenth of the iterations.
 
     python benchmarks/train_loss.py lego_small                                              # as without --loss
+    python benchmarks/train_loss.py lego_small --model causal --lmbda 0.006 --loss bernoulli:0.2 --concealer grow
     python benchmarks/train_loss.py lego_small --loss bernoulli:0.2 --share 1
     python benchmarks/train_loss.py snowmiku_small --init official.scene --loss bernoulli:0.2 --iterations 240
+    python benchmarks/train_loss.py --plot pictures/train_loss.svg                          # of the table's rows
 """
 
 import argparse
@@ -32,14 +34,17 @@ from splatwire.train import Listener, RunOptions, TrainConfig, create_config, lo
 from splatwire.train.config import TRAINED_CONCEALERS
 from splatwire.train.finetune import fine_tuning, state_of_scene
 from splatwire.train.initial import initial_state
+from splatwire.train.presets import MODELS
 from splatwire.train.quality import assess_scene
 
 SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "lego_small": ("nerf_synthetic_lego_small", {"preset": "synthetic_nerf"}),
     "snowmiku_small": ("snowmiku_small", {"voxel_size": 0.01}),
     "snowmiku": ("snowmiku", {}),
+    "bonsai_small": ("bonsai_small", {}),
 }
 CONCEALERS = ("drop", "grow", "idw", "scene_free")
+TABLE = Path(__file__).parent / "results" / "train_loss.json"
 TIERS = (0.05, 0.08, 0.12, 0.12, 0.13, 0.15, 0.15)
 """Shares of the anchors, most important first; the last tier has the rest."""
 
@@ -100,9 +105,36 @@ def trained(arguments: argparse.Namespace, train: Dataset, config: TrainConfig) 
     return result.scene, config
 
 
-def main() -> None:
+def plot(rows: list[dict[str, Any]], path: Path) -> None:
+    """Draws the picture without loss against the one at 20 % loss (`scene_free`), by share of lossy iterations."""
+    from matplotlib import pyplot
+
+    curves: dict[tuple[str, int], list[tuple[float, float, float]]] = {}
+    for row in rows:
+        if row.get("model") == "causal":
+            point = (row["share"] if row["models"] else 0.0, row["clean"], row["bernoulli:0.2"]["scene_free"])
+            curves.setdefault((row["scene"], row["seed"]), []).append(point)
+    names = sorted({scene for scene, _ in curves})
+    _, axes = pyplot.subplots(1, len(names), figsize=(4 * len(names), 3.6), squeeze=False)
+    for (name, seed), points in sorted(curves.items()):
+        shares, clean, lossy = zip(*sorted(points), strict=True)
+        axis = axes[0][names.index(name)]
+        axis.plot(clean, lossy, marker="o", label=f"seed {seed}")
+        for place in zip(shares, clean, lossy, strict=True):
+            axis.annotate(f"{place[0]:g}", place[1:], textcoords="offset points", xytext=(4, 4), fontsize=8)
+    for axis, name in zip(axes[0], names, strict=True):
+        axis.set(title=name, xlabel="PSNR without loss, dB", ylabel="PSNR at 20 % loss, dB")
+        axis.legend(fontsize=8)
+    pyplot.tight_layout()
+    pyplot.savefig(path)
+
+
+def parse() -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", choices=SCENES)
+    parser.add_argument("scene", choices=SCENES, nargs="?", default="lego_small")
+    parser.add_argument("--model", choices=MODELS, default="hacpp")
+    parser.add_argument("--plot", type=Path, help="draw the rows of --output (the table where absent), train nothing")
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("SPLATWIRE_DATA", "../shared/data")))
     parser.add_argument("--name", default="", help="name of the row")
     parser.add_argument("--init", type=Path, help="a scene to go on with")
@@ -121,13 +153,20 @@ def main() -> None:
     parser.add_argument("--only-test", action="store_true", help="of --init, without training")
     parser.add_argument("--save", type=Path)
     parser.add_argument("--output", type=Path)
-    arguments = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    arguments = parse()
+    if arguments.plot:
+        plot(json.loads((arguments.output or TABLE).read_text()), arguments.plot)
+        return
     torch.set_num_threads(1)
     numba.set_num_threads(1)
     folder, recipe = SCENES[arguments.scene]
     iterations = arguments.iterations or (240 if arguments.init else 2400)
     config = create_config(
-        **recipe, iterations=iterations, refine_steps=arguments.refine, lmbda=arguments.lmbda,
+        **recipe, model=arguments.model, iterations=iterations, refine_steps=arguments.refine, lmbda=arguments.lmbda,
         losses=tuple(arguments.loss), seed=arguments.seed,
     )  # fmt: skip
     changed = {name: value for name in ("share", "concealer") if (value := getattr(arguments, name)) is not None}
@@ -141,7 +180,12 @@ def main() -> None:
     scene = load_scene(arguments.init) if arguments.only_test else trained(arguments, train, config)[0]
     row: dict[str, Any] = {"name": arguments.name, "scene": arguments.scene, "init": bool(arguments.init)}
     if not arguments.only_test:
-        row |= {"iterations": iterations, "seed": arguments.seed, "lambda": config.weights.rate}
+        row |= {
+            "model": arguments.model,
+            "iterations": iterations,
+            "seed": arguments.seed,
+            "lambda": config.weights.rate,
+        }
         row |= dataclasses.asdict(losses) | {"seconds": round(time.process_time() - started, 1)}
     row |= {"test_views": min(arguments.views, test.num_views), "masks": arguments.seeds}
     if arguments.save:
