@@ -23,7 +23,7 @@ _MASK_LOGITS = (-8.0, 0.0)
 
 
 def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
-    """Returns the recipe with which a finished scene goes on: nothing grows, rates are those of a second half.
+    """Returns the recipe with which a finished scene goes on: nothing grows, rates are of a published second half.
 
     Args:
         config: The recipe of a new scene; its length, weights and losses stay.

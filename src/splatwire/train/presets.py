@@ -131,9 +131,9 @@ def create_config(
 def for_length(rates: LearningRates, iterations: int) -> LearningRates:
     """Returns the published learning rates for a run of another length: what is drawn goes on learning in a short one.
 
-    With the published ends the Gaussians of a short run do not arrive: at equal bytes 2,400 iterations of lego end 1.1
-    dB lower. Ends 12 times larger are 0.3 dB, ends as large as the starts 0.1 dB below these (30 times larger). A hash
-    grid that goes on learning makes lego's stream three times as large.
+    With the published ends the Gaussians of a short run do not arrive: 2,400 iterations of lego end 1.1 dB lower (one
+    training). Ends 12 times larger are 0.3 dB below these (30 times larger), opacity and colour that end as they start
+    0.1 dB. Where hash grid and context networks go on learning, too, lego's stream is three times as large.
 
     Args:
         rates: Of `FULL_ITERATIONS`.
