@@ -27,6 +27,7 @@ def _tensors(state: TrainState) -> dict[str, torch.Tensor]:
     values = {name: value.detach() for name, value in state.parameters.items()}
     values |= {f"first.{name}": moments.first for name, moments in state.moments.items()}
     values |= {f"second.{name}": moments.second for name, moments in state.moments.items()}
+    values |= {f"mean.{name}": value for name, value in state.means.items()}
     values |= vars(state.statistics) | {"voxels": state.voxels, "generator": state.generator.get_state()}
     return values | {"bounds_min": state.bounds_min, "bounds_max": state.bounds_max}
 
@@ -85,7 +86,7 @@ def test_what_is_no_checkpoint_is_refused(dataset: Dataset, config: TrainConfig,
     save_file({"x": torch.zeros(2)}, other)
     with pytest.raises(BitstreamError, match="not a file of splatwire-checkpoint"):
         load_checkpoint(other)
-    other.write_bytes(whole.replace(b'\\"version\\": 2', b'\\"version\\": 9'))
+    other.write_bytes(whole.replace(b'\\"version\\": 3', b'\\"version\\": 9'))
     with pytest.raises(UnsupportedVersionError):
         load_checkpoint(other)
 

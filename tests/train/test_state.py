@@ -19,6 +19,7 @@ def tagged_state(dataset: Dataset, config: TrainConfig) -> TrainState:
 
     for name in ANCHOR_PARAMETERS:
         state.parameters[name] = tag(state.parameters[name]).requires_grad_()
+        state.means[name] = tag(state.parameters[name])
         state.moments[name] = Moments(tag(state.parameters[name]).detach(), -tag(state.parameters[name]).detach(), 7)
     for name, rows in vars(state.statistics).items():
         setattr(state.statistics, name, tag(rows))
@@ -31,7 +32,7 @@ def rows_of(state: TrainState) -> list[torch.Tensor]:
     columns = [state.parameters[name].detach() for name in ANCHOR_PARAMETERS]
     columns += [moments.first for moments in state.moments.values()]
     columns += [-moments.second for moments in state.moments.values()]
-    columns += [*vars(state.statistics).values(), state.voxels.float()]
+    columns += [*state.means.values(), *vars(state.statistics).values(), state.voxels.float()]
     return [c.reshape(len(c), -1)[:, -1] for c in columns]
 
 

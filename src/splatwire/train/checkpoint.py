@@ -18,7 +18,7 @@ from splatwire.train.initial import parameter_shapes
 from splatwire.train.state import GrowthStatistics, Moments, Steering, TrainState
 
 FORMAT = "splatwire-checkpoint"
-VERSION = 2
+VERSION = 3
 
 
 def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
@@ -41,6 +41,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         **{f"parameters.{name}": value for name, value in state.parameters.items()},
         **{f"first.{name}": moments.first for name, moments in state.moments.items()},
         **{f"second.{name}": moments.second for name, moments in state.moments.items()},
+        **{f"mean.{name}": value for name, value in state.means.items()},
     }
     header = {
         "format": FORMAT,
@@ -51,6 +52,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "queue": state.queue,
         "steering": [state.steering.log_rate, state.steering.miss],
         "steps": {name: moments.steps for name, moments in state.moments.items()},
+        "means": sorted(state.means),
         "config": dataclasses.asdict(config),
     }
     write_tensors(tensors, header, path)
@@ -97,6 +99,7 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         generator=generator,
         queue=[int(view) for view in header["queue"]],
         steering=_steering(header["steering"]),
+        means={name: _expect(tensors, f"mean.{name}", shapes[name]) for name in header["means"]},
     )
     return state, config
 

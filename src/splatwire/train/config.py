@@ -223,6 +223,7 @@ class TrainConfig:
         weights: Weights of the loss.
         refine: What is done to the context model at the end.
         losses: Packets that are lost in training.
+        averaged: Iterations whose mean a run leaves (`splatwire.train.averaging`); 0 for the last one alone.
         mask_threshold: A mask is 1 where the sigmoid of its logit is above this.
         random_points: Points drawn in a box when the data has none, at most one for every four pixels of a view.
         background: RGB behind the scene.
@@ -240,6 +241,7 @@ class TrainConfig:
     weights: LossWeights = LossWeights()
     refine: RefineConfig = RefineConfig()
     losses: LossTraining = LossTraining()
+    averaged: int = 100
     mask_threshold: float = 0.01
     random_points: int = 100_000
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -7,6 +7,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, HashGrid, Linear, Mlp, ModelConfig
 from splatwire.model.causal import CausalCoding, CausalConfig
 from splatwire.scene import Anchors
+from splatwire.train.averaging import averaged
 from splatwire.train.causal import causal_networks
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import hard_sign
@@ -15,7 +16,7 @@ from splatwire.train.state import TrainState, move_state
 
 @torch.no_grad()
 def export_scene(state: TrainState, config: TrainConfig, device: torch.device | None = None) -> AnchorScene:
-    """Returns the scene as it stands, anchors that draw nothing left out.
+    """Returns the scene as it stands (at the end a mean of late iterations), anchors that draw nothing left out.
 
     Args:
         state: The state; left as it is.
@@ -25,7 +26,7 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    state = move_state(state, device or torch.device("cpu"))
+    state = averaged(move_state(state, device or torch.device("cpu")))
     parameters, networks, mask = state.parameters, state.networks, state.masks(config.mask_threshold)
     kept = mask.any(dim=1)
     if not bool(kept.any()):

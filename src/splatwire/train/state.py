@@ -128,6 +128,7 @@ class TrainState:
         generator: Source of everything random, on the CPU.
         queue: Training views still to be shown before all have been.
         steering: How lambda is steered, if it is.
+        means: Running means of the parameters, same names, once they are taken (`splatwire.train.averaging`).
         networks: The networks over the tensors of `parameters`, which training changes in place.
     """
 
@@ -143,6 +144,7 @@ class TrainState:
     generator: torch.Generator
     queue: list[int] = field(default_factory=list)
     steering: Steering = Steering()
+    means: dict[str, Tensor] = field(default_factory=dict)
     networks: "Networks" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -200,6 +202,7 @@ def move_state(state: TrainState, device: torch.device) -> TrainState:
             name: Moments(moments.first.to(device), moments.second.to(device), moments.steps)
             for name, moments in state.moments.items()
         },
+        means={name: value.to(device) for name, value in state.means.items()},
         statistics=GrowthStatistics(**statistics),
         bounds_min=state.bounds_min.to(device),
         bounds_max=state.bounds_max.to(device),
@@ -237,6 +240,8 @@ def append_anchors(state: TrainState, voxels: Int64[Tensor, "M 3"], parameters: 
 
 def _map_rows(state: TrainState, change: Callable[[str | None, Tensor], Tensor]) -> None:
     """Replaces every tensor with a row per anchor by `change(name, tensor)`; name is None where it is no parameter."""
+    for name in state.means.keys() & set(ANCHOR_PARAMETERS):
+        state.means[name] = change(name, state.means[name])
     for name in ANCHOR_PARAMETERS:
         rows = change(name, state.parameters[name].detach())
         state.parameters[name] = rows.contiguous().requires_grad_()

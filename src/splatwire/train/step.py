@@ -12,6 +12,7 @@ from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians
 from splatwire.model.projection import project
 from splatwire.render.base import Drawing
 from splatwire.scene import Anchors, Cameras, Gaussians
+from splatwire.train.averaging import gather_mean
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, Attributes, SampleRate
 from splatwire.train.growth import adjust_anchors, gather_statistics
@@ -94,6 +95,7 @@ class TrainingStep:
         if changes_anchors(config.marks, state.iteration):
             adjust_anchors(state, config)
         self._update(state)
+        gather_mean(state, config)
         bits_per_anchor = float(rate.bits.detach()) / max(rate.num_anchors, 1) if rate is not None else None
         return StepReport(value, float(l1), bits_per_anchor, spawned.gaussians.num_gaussians)
 

@@ -1,0 +1,39 @@
+"""What a run leaves is the mean of its last iterations: what the last few photos pulled at evens out."""
+
+from dataclasses import replace
+
+import torch
+
+from splatwire.train.config import TrainConfig
+from splatwire.train.state import TrainState
+
+
+def start_of_mean(config: TrainConfig) -> int:
+    """Iteration after which a running mean is taken: two lengths before the end, and not while anchors grow."""
+    marks = config.marks
+    return max(marks.iterations - 2 * config.averaged, marks.growth_end)
+
+
+@torch.no_grad()
+def gather_mean(state: TrainState, config: TrainConfig) -> None:
+    """Notes the parameters after an iteration.
+
+    Of the first `TrainConfig.averaged` iterations that are noted all count alike; later, the earlier the less.
+
+    Args:
+        state: Its means are changed in place.
+        config: The recipe.
+    """
+    count = state.iteration - start_of_mean(config)
+    if count < 1 or not config.averaged:
+        return
+    for name, value in state.parameters.items():
+        if name in state.means:
+            state.means[name].lerp_(value, 1 / min(count, config.averaged))
+        else:
+            state.means[name] = value.detach().clone()
+
+
+def averaged(state: TrainState) -> TrainState:
+    """Returns the state with means, as far as there are any, in place of the parameters."""
+    return replace(state, parameters={**state.parameters, **state.means}) if state.means else state
