@@ -83,7 +83,7 @@ def test_the_command(
     assert told["recipe"]["losses"]["models"] == ["bernoulli:0.2", "gilbert:0.2,3"]
     assert told["recipe"]["background"] == [0.0, 0.5, 0.0]
     assert load_scene(output).anchors.num_anchors <= scene.anchors.num_anchors
-    for option in (("--voxel-size", "0.1"), ("--loss-conceal", "idw")):
+    for option in (("--voxel-size", "0.1"), ("--loss-share", "0.5")):
         with pytest.raises(SystemExit) as stopped:
             main([*map(str, words), *option])
         assert stopped.value.code == 2

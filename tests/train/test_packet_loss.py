@@ -196,6 +196,8 @@ def test_what_losses_are_trained_for_is_text() -> None:
             create_config(losses=(wrong,))
     with pytest.raises(InvalidValueError, match="share of lossy"):
         LossTraining(share=1.5)
-    assert create_config(losses=("bernoulli:0.2",), loss_concealer="idw").losses.concealer == "idw"
     with pytest.raises(UnknownNameError, match="kriging"):
-        create_config(losses=("bernoulli:0.2",), loss_concealer="kriging")
+        LossTraining(concealer="kriging")
+    for model, concealer in (("hacpp", "idw"), ("causal", "grow")):
+        losses = create_config(model=model, losses=("bernoulli:0.2",), loss_share=0.8).losses
+        assert (losses.models, losses.share, losses.concealer) == (("bernoulli:0.2",), 0.8, concealer)

@@ -62,8 +62,9 @@ class Train:
     """Losses of packets that the scene is trained for, as transmit has them (bernoulli:0.2, gilbert:0.2,20), or
     first:SHARE, where nothing but the most important share of the anchors arrives. Of several, chance takes one each
     time."""
-    loss_conceal: str | None = None
-    """Concealer that --loss trains with: idw (where absent) or grow."""
+    loss_share: float | None = None
+    """Share of the iterations, once the number of anchors stays, that lose packets; 0.5 where absent. The larger, the
+    less a loss costs, and the more the complete picture."""
     images: str | None = None
     """Image folder instead of images (images_4, for example)."""
     max_width: int = 1600
@@ -174,8 +175,8 @@ class Train:
             raise InvalidValueError("training writes a scene file and a checkpoint beside it: give -o a file")
         if self.preview is not None and prepared_output(Path(self.preview)).suffix.lower() not in _PICTURES:
             raise InvalidValueError(f"--preview must end in {', '.join(_PICTURES)}, not {self.preview}")
-        if self.loss_conceal is not None and not self.loss:
-            raise InvalidValueError("--loss-conceal says what --loss trains with, which is not given")
+        if self.loss_share is not None and not self.loss:
+            raise InvalidValueError("--loss-share says how often --loss loses packets, which is not given")
         if self.checkpoint_interval < 1 or self.test_interval < 0:
             raise InvalidValueError("--checkpoint-interval must be 1 or more, --test-interval 0 or more")
         return check_device(self.device)
@@ -199,7 +200,7 @@ class Train:
             growth_interval=self.growth_interval,
             refine_steps=self.refine,
             losses=self.loss,
-            loss_concealer=self.loss_conceal or LossTraining.concealer,
+            loss_share=LossTraining.share if self.loss_share is None else self.loss_share,
             background=chosen_background(self.background) or BLACK,
             seed=self.seed,
         )

@@ -191,7 +191,7 @@ class LossTraining:
             that it gets one after another. A lossy iteration draws one of these or of the models.
         packets: Packetizations (`splatwire.packets.PRESETS`) of the stream; a lossy iteration draws one.
         share: Share of the iterations, once the number of anchors stays, that are lossy.
-        concealer: What is drawn instead of what is lost: one of `TRAINED_CONCEALERS`.
+        concealer: What is drawn instead of what is lost: one of `TRAINED_CONCEALERS`, by the model.
     """
 
     models: tuple[str, ...] = ()
