@@ -49,8 +49,10 @@ from splatwire.packets.sections import CAUSAL_SECTIONS, FIXED_SECTIONS
 from splatwire.train.causal import number_bits
 from splatwire.train.quality import assess_scene
 
+OFFICIAL = "official"
 CONCEALERS = ("grow", "scene_free")
 LOSS, SEEDS = "bernoulli:0.2", (0, 1, 2)
+CURVES = {"hacpp": "format 1", "causal": "format 2, causal", OFFICIAL: "HAC++, official"}
 FEWEST = 4
 """Points of a curve that a mean over it needs."""
 
@@ -189,7 +191,7 @@ def plot(scenes: dict[str, list[dict[str, Any]]], path: Path) -> None:
 
     _, axes = pyplot.subplots(1, len(scenes), figsize=(5 * len(scenes), 4), squeeze=False)
     for axis, (name, rows) in zip(axes[0], scenes.items(), strict=True):
-        for model, label in (("hacpp", "format 1"), ("causal", "format 2, causal")):
+        for model, label in CURVES.items():
             points = sorted((row["bytes"] / 1000, row["psnr"]) for row in rows if row["model"] == model)
             if points:
                 axis.plot(*zip(*points, strict=True), marker="o", label=label)
@@ -205,6 +207,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", help="NAME=FILE, a trained scene of the photos NAME")
     parser.add_argument("--photos", action="append", default=[], help="NAME=FOLDER")
     parser.add_argument("--rows", type=Path, nargs="*", default=[], help="outputs of earlier runs to put before")
+    parser.add_argument("--official", action="append", default=[], help="NAME=BYTES,PSNR of HAC++'s own run")
     parser.add_argument("--copies", type=int, default=0, help="time so many of a scene side by side, too")
     parser.add_argument("--output", type=Path)
     parser.add_argument("--plot", type=Path)
@@ -217,6 +220,10 @@ def main() -> None:
     for text in options.scenes:
         name, file = text.split("=", 1)
         found[name].append({"scene": Path(file).stem, **measured(Path(file), Path(photos[name]), options.copies)})
+    for text in options.official:
+        name, point = text.split("=", 1)
+        size, psnr = point.split(",")
+        found[name].append({"scene": OFFICIAL, "model": OFFICIAL, "bytes": int(size), "psnr": float(psnr)})
     publish({name: {"bd_rate": bd_rate(rows), "scenes": rows} for name, rows in found.items()}, options.output)
     if options.plot:
         plot(found, options.plot)
