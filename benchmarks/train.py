@@ -101,7 +101,8 @@ def main() -> None:
 
     scene_name, iterations, voxel_size = RUNS[arguments.run]
     official = json.loads((arguments.data / "hacpp" / arguments.run / "metrics.json").read_text())
-    config = create_config(iterations=arguments.iterations or iterations, lmbda=0.004, voxel_size=voxel_size)
+    length = arguments.iterations or iterations
+    config = create_config(model="hacpp", iterations=length, lmbda=0.004, voxel_size=voxel_size)
     folder = arguments.data / "scenes" / scene_name
     train, test = open_dataset(folder, split="train"), open_dataset(folder, split="test")
     marks = Marks()

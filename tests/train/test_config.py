@@ -18,10 +18,10 @@ def test_a_recipe_survives_json(preset: str) -> None:
 
 
 def test_published_settings() -> None:
-    config = create_config("mipnerf360")
+    config = create_config("mipnerf360", model="hacpp")
     assert config.weights.rate == 0.004
     assert config.rates.mask_logits.final == 0.0015  # min(.0005 * .004 / .001, .0015)
-    assert math.isclose(create_config("tanks_and_temples", lmbda=0.002).rates.mask_logits.final, 0.0002)
+    assert math.isclose(create_config("tanks_and_temples", model="hacpp", lmbda=0.002).rates.mask_logits.final, 0.0002)
     assert create_config("synthetic_nerf").growth.coarsest_cell == 4
     assert create_config("bungeenerf").test_views == "first_31"
     assert config.marks == Marks()
@@ -48,7 +48,9 @@ def test_a_run_of_2400_is_the_recorded_one() -> None:
 
 
 def test_short_runs_end_with_larger_learning_rates() -> None:
-    runs = [create_config(iterations=iterations).rates for iterations in (60_000, 30_000, 15_000, 2400, 240)]
+    runs = [
+        create_config(model="hacpp", iterations=iterations).rates for iterations in (60_000, 30_000, 15_000, 2400, 240)
+    ]
     assert runs[0] == runs[1] == LearningRates()
     for longer, shorter in itertools.pairwise(runs[1:]):
         assert (shorter.mask_logits, shorter.grid, shorter.prior) == (longer.mask_logits, longer.grid, longer.prior)

@@ -41,8 +41,8 @@ class Train:
     """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf; auto chooses by the layout of
     the data."""
     model: str | None = None
-    """What the scene will be coded with: hacpp (format 1) or causal (format 2: smaller streams). hacpp if absent; a
-    finished scene keeps its own."""
+    """What the scene will be coded with: causal (format 2) or hacpp (format 1: larger streams, and what the paper's
+    interpolation and network were made for). causal if absent; a finished scene keeps its own."""
     lmbda: float | None = None
     """Weight of the rate (lambda): larger makes smaller scenes. The recipe's own if absent; its unit is the model's."""
     size: str | None = None
@@ -154,11 +154,12 @@ class Train:
         from splatwire.model import CausalCoding
         from splatwire.model.scene_file import load_scene
         from splatwire.train.finetune import fine_tuning, state_of_scene
+        from splatwire.train.presets import CAUSAL, HACPP
 
         if self.voxel_size is not None or self.growth_interval is not None:
             raise InvalidValueError("anchors of a finished scene stay: no --voxel-size and no --growth-interval")
         scene = load_scene(path)
-        model = "causal" if isinstance(scene.coding, CausalCoding) else "hacpp"
+        model = CAUSAL if isinstance(scene.coding, CausalCoding) else HACPP
         if self.model not in (None, model):
             raise InvalidValueError(f"{path} is a scene of model {model}, which it keeps")
         iterations = FINE_TUNING_ITERATIONS if self.iterations is None else self.iterations
@@ -186,13 +187,14 @@ class Train:
         from splatwire.scene.background import BLACK
         from splatwire.train import create_config
         from splatwire.train.config import LossTraining
+        from splatwire.train.presets import CAUSAL
 
         preset = self.preset
         if preset == "auto":
             preset = _PRESET_OF_LAYOUT.get(dataset_layout(Path(self.data)) or "", "mipnerf360")
         return create_config(
             preset,
-            model=self.model or "hacpp",
+            model=self.model or CAUSAL,
             lmbda=self.lmbda,
             size=0 if self.size is None else parsed_size(self.size),
             iterations=CPU_ITERATIONS if self.iterations is None else self.iterations,

@@ -69,7 +69,7 @@ PRESETS = {
 def create_config(
     preset: str = "mipnerf360",
     *,
-    model: str = "hacpp",
+    model: str = CAUSAL,
     lmbda: float | None = None,
     size: int = 0,
     iterations: int = FULL_ITERATIONS,
