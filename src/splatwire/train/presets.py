@@ -29,9 +29,9 @@ CAUSAL_MASK_RATE = LearningRate(0.005, 0.005)
 CAUSAL_MASK_THRESHOLD = 0.1
 CAUSAL_SAMPLE_SHARE = 0.1
 CAUSAL_GRADIENT = 0.0003
-"""The causal model's lambda, widths, masks, sample and growth, whatever the benchmark. Growing from a larger gradient on,
-it has two thirds of the anchors (lego; nine tenths on snowmiku_small), each of which may cost more: 0.5 dB at 211 kB of
-lego, nothing on snowmiku_small at 520 kB. From 0.0004 on both lose."""
+"""The causal model's lambda, widths, masks, sample and growth, whatever the benchmark. Growing from a larger gradient
+on, it has two thirds of the anchors (lego; nine tenths on snowmiku_small), each of which may cost more: 0.5 dB at 211
+kB of lego, nothing on snowmiku_small at 520 kB. From 0.0004 on both lose."""
 _GO_ON = ("offsets", "opacity", "color", "causal", "steps")
 _SHORTER = 4 / 3
 """What learns faster at the end of a short run, and the power of how much shorter that is, by which it does."""
