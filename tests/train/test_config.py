@@ -8,7 +8,8 @@ import pytest
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.train.checkpoint import config_from_json
 from splatwire.train.config import LearningRates, Marks
-from splatwire.train.presets import PRESETS, create_config
+from splatwire.train.presets import CAUSAL_LATE, PRESETS, create_config
+from splatwire.train.schedule import learning_rates
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -58,6 +59,20 @@ def test_short_runs_end_with_larger_learning_rates() -> None:
         for before, after in zip(vars(longer).values(), vars(shorter).values(), strict=True):
             assert after.initial == before.initial
             assert before.final <= after.final <= max(before.final, after.initial)
+
+
+def test_the_causal_model_learns_faster_once_anchors_stay() -> None:
+    runs = [create_config(iterations=iterations) for iterations in (30_000, 15_000, 2400, 240)]
+    for name, most in CAUSAL_LATE.items():
+        late = [getattr(run.rates, name).late for run in runs]
+        assert late[0] == 1
+        assert 1 < late[1] < most
+        assert late[2:] == [most, most]
+    assert runs[2].rates.mask_logits.late == 1
+    middle = runs[2].marks.growth_end
+    before, after = (learning_rates(runs[2], middle + step, 1.0) for step in (0, 1))
+    assert after["offsets"] == pytest.approx(7 * before["offsets"], rel=1e-3)
+    assert after["mask_logits"] == before["mask_logits"]
 
 
 def test_bad_settings_are_refused() -> None:

@@ -20,10 +20,12 @@ class LearningRate:
     Attributes:
         initial: At the start.
         final: After the last iteration.
+        late: What it is multiplied with once the number of anchors stays.
     """
 
     initial: float
     final: float
+    late: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,8 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
     """
     share = iteration / config.marks.iterations
     rates = {name: learning_rate_at(rate, share) for name, rate in vars(config.rates).items()}
+    if iteration > config.marks.growth_end:
+        rates = {name: rate * getattr(config.rates, name).late for name, rate in rates.items()}
     for name in SCALED_BY_EXTENT:
         rates[name] *= camera_extent
     return rates
