@@ -5,7 +5,7 @@ concealer; `--cuts` adds the most important share of the bytes alone (tiers in o
 A run is added to the table with `--output`; `--init` goes on with a scene file for a tenth of the iterations.
 
     python benchmarks/train_loss.py lego_small                                              # as without --loss
-    python benchmarks/train_loss.py lego_small --model causal --lmbda 0.006 --loss bernoulli:0.2 --concealer grow
+    python benchmarks/train_loss.py lego_small --model causal --lmbda 0.006 --loss bernoulli:0.2
     python benchmarks/train_loss.py lego_small --loss bernoulli:0.2 --share 1
     python benchmarks/train_loss.py snowmiku_small --init official.scene --loss bernoulli:0.2 --iterations 240
     python benchmarks/train_loss.py --plot pictures/train_loss.svg                          # of the table's rows

@@ -30,14 +30,15 @@ CAUSAL_MASK_THRESHOLD = 0.1
 CAUSAL_SAMPLE_SHARE = 0.1
 CAUSAL_GRADIENT = 0.0003
 """The causal model's lambda, widths, masks, sample and growth, whatever the benchmark. Growing from a larger gradient
-on, it has two thirds of the anchors (lego; nine tenths on snowmiku_small), each of which may cost more: 0.5 dB at 211
-kB of lego, nothing on snowmiku_small at 520 kB. From 0.0004 on both lose."""
+on, it has two thirds of the anchors (lego; nine tenths on snowmiku_small), each of which may cost more: 0.6 dB at 211
+kB of lego, 0.15 of which may be the mean's (`averaged`); nothing on snowmiku_small at 520 kB. From 0.0004 on both
+lose."""
 CAUSAL_LATE = {
     "offsets": 7.0, "color": 2.5, "opacity": 2.5, "features": 2.0, "log_scalings": 2.0, "covariance": 2.0,
     "causal": 2.0, "steps": 1.2,
 }  # fmt: skip
 """`LearningRate.late` of a run of 2,400 iterations with the causal model: no anchor grows for it, and what is too
-restless evens out in the mean that a run leaves. 0.57 dB at 3 % fewer bytes on lego, 0.17 dB for 1 % more on
+restless evens out in the mean that a run leaves. 0.56 dB at 3 % fewer bytes on lego, 0.16 dB at as many on
 snowmiku_small; twice as much for offsets is worse, and so is learning so fast from the start (a fifth more anchors)."""
 CAUSAL_LENGTH = 2400
 _GO_ON = ("offsets", "opacity", "color", "causal", "steps")
