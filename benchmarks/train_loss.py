@@ -1,7 +1,7 @@
 """Trains a scene for lost packets, or goes on with a finished one, and prints what it brings as one line of JSON.
 
 Figures are of the decoded stream on the test photos: PSNR without loss, and means over masks of `.pak` packets for each
-concealer; `--cuts` adds the most important share of the bytes alone (tiers in order of importance, nothing lost).
+concealer; `--cuts` adds the first share of the bytes alone, most important anchors first, and anchors from everywhere.
 A run is added to the table with `--output`; `--init` goes on with a scene file for a tenth of the iterations.
 
     python benchmarks/train_loss.py lego_small                                              # as without --loss
@@ -65,21 +65,27 @@ def under_loss(scene: AnchorScene, test: Dataset, losses: list[str], seeds: int,
 
 
 def cut_off(scene: AnchorScene, train: Dataset, test: Dataset, cuts: list[float], views: int) -> dict[str, Any]:
-    """PSNR of the first share of the bytes, side information included, with each concealer."""
+    """PSNR of the first share of the bytes, side information included, with each concealer, by order of sending.
+
+    `tiers` sends important anchors first, `interleaved` anchors from everywhere alike.
+    """
     importance = footprint_importance(scene, train.cameras)
-    stream = encode_scene(scene, tiers=importance.tiers(TIERS, scene.anchors.mask.any(dim=1)))
-    parts, found = stream.parts(), {}
-    for cut in cuts:
-        left, kept = cut * stream.num_bytes - parts["manifest"] - parts["side_info"], set()
-        for packet in send_sequence(stream, "tiers"):
-            left -= packet.num_bytes
-            if left < 0:
-                break
-            kept.add(packet.id)
-        received = decode_stream(stream.with_packets([packet for packet in stream.packets if packet.id in kept]))
-        found[f"{cut:g}"] = {
-            name: round(assess_scene(conceal(received, name), test, views, 0).psnr, 3) for name in CONCEALERS
-        }
+    tiers = importance.tiers(TIERS, scene.anchors.mask.any(dim=1))
+    streams = {"tiers": encode_scene(scene, tiers=tiers), "interleaved": encode_scene(scene)}
+    found: dict[str, Any] = {}
+    for order, stream in streams.items():
+        parts = stream.parts()
+        for cut in cuts:
+            left, kept = cut * stream.num_bytes - parts["manifest"] - parts["side_info"], set()
+            for packet in send_sequence(stream, order):
+                left -= packet.num_bytes
+                if left < 0:
+                    break
+                kept.add(packet.id)
+            received = decode_stream(stream.with_packets([packet for packet in stream.packets if packet.id in kept]))
+            found.setdefault(order, {})[f"{cut:g}"] = {
+                name: round(assess_scene(conceal(received, name), test, views, 0).psnr, 3) for name in CONCEALERS
+            }
     return found
 
 

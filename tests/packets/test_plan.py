@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from splatwire.errors import InvalidValueError, UnknownNameError
-from splatwire.packets import PRESETS, PacketId, Packetization, PacketPlan, TierShape
+from splatwire.packets import (
+    PRESETS,
+    PacketId,
+    Packetization,
+    PacketPlan,
+    TierShape,
+    packetization_named,
+    spread_packetization,
+)
 from splatwire.packets.grouping import contiguous_bounds
 
 
@@ -148,3 +156,23 @@ def test_ranks_and_counts_a_block_at_a_time_are_those_of_all(
         index = plan.packet_index_of()
         assert plan.group_counts().tolist() == np.unique(index, return_counts=True)[1].tolist()
         assert starts.tolist() == [0, *np.cumsum(plan.group_counts())]
+
+
+@pytest.mark.parametrize("num_anchors", [0, 1, 375, 376, 3000, 24_018, 65_535, 65_536, 369_941, 9_000_000])
+def test_lanes_spread_over_the_whole_scene_hold_as_many_anchors_as_the_papers(num_anchors: int) -> None:
+    packetization = spread_packetization(num_anchors)
+    plan = PacketPlan(packetization, num_anchors)
+    assert plan.num_blocks == -(-num_anchors // ((1 << 16) - 1))  # as few as a packet's name has room for
+    sizes = [plan.block_anchors(block) for block in range(plan.num_blocks)]
+    assert sum(sizes) == num_anchors
+    assert max(sizes, default=0) - min(sizes, default=0) < max(plan.num_blocks, 1)  # no small one is left at the end
+    assert packetization.lanes == 1 or 187 < packetization.block_size / packetization.lanes <= 375
+
+
+def test_packetizations_have_names_and_a_default_for_each_kind_of_element() -> None:
+    assert packetization_named("spread", "Gaussians", 10_000) == spread_packetization(10_000)
+    assert packetization_named(None, "anchors", 10_000) == spread_packetization(10_000)
+    assert packetization_named(None, "Gaussians", 10_000) == PRESETS["paper"]
+    assert all(packetization_named(name, "anchors", 5) == preset for name, preset in PRESETS.items())
+    with pytest.raises(UnknownNameError, match="wide"):
+        packetization_named("wide", "anchors", 5)

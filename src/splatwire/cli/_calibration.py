@@ -98,15 +98,13 @@ def complete_stream(source: Path, show: Reporter) -> "SceneStream":
     """The stream that a person named; a scene is encoded first."""
     from splatwire.codec import encode_scene
     from splatwire.evaluate.scenes import complete_scene
-    from splatwire.packets import PRESETS, read_stream
+    from splatwire.packets import read_stream
     from splatwire.render.precision import classes_of
 
     if is_stream(source):
         return read_stream(source)[0]
     scene = complete_scene(source)
-    return encode_scene(
-        scene, PRESETS["paper"], classes=classes_of(scene), progress=lambda share: show("encoding", share)
-    )
+    return encode_scene(scene, classes=classes_of(scene), progress=lambda share: show("encoding", share))
 
 
 def write_with_section(bare: "SceneStream", name: str, section: bytes, path: Path) -> dict[str, int | float]:

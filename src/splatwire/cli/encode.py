@@ -28,8 +28,9 @@ class Encode:
     """Scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, .glb; - for standard input."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise."""
-    preset: str = "paper"
-    """Packetization to start from."""
+    preset: str | None = None
+    """Packetization to start from: spread (lanes over the whole scene), paper, datagram or hacpp. If absent spread for
+    anchors; paper for Gaussians, and where --block-size or --lanes is given."""
     block_size: int | None = None
     """Most elements of a spatial block."""
     lanes: int | None = None
@@ -63,7 +64,8 @@ class Encode:
 
     def run(self) -> None:
         """Runs the verb."""
-        packetization, background = self.packetization(), chosen_background(self.background)
+        self.packetization("anchors", 1)  # a wrong name or number is told before the scene is read
+        background = chosen_background(self.background)
         if not all(0 < share < 1 for share in self.tiers) or sum(self.tiers) >= 1:
             raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
         if not 0 < self.keep <= 1:
@@ -100,6 +102,7 @@ class Encode:
             report("looking at the scene", 0.0)
             tiers, classes = self._tiers(scene, cameras), classes_of(scene, cameras)
             report("looking at the scene", 1.0)
+            packetization = self.packetization(scene.ELEMENTS, int(scene.drawable.sum()))
             stream = encode_scene(
                 scene, packetization, tiers=tiers, quality=self.quality, classes=classes,
                 progress=lambda share: report("encoding", share),
@@ -151,18 +154,19 @@ class Encode:
         seen_from = surrounding_cameras(scene) if cameras is None else cameras
         return footprint_importance(scene, seen_from).tiers(self.tiers, scene.drawable)
 
-    def packetization(self) -> "Packetization":
+    def packetization(self, elements: str, num_elements: int) -> "Packetization":
         """The preset with what the user changed.
+
+        Args:
+            elements: What the scene consists of.
+            num_elements: How many of them will be coded.
 
         Raises:
             UnknownNameError: If there is no such preset, order or grouping.
             InvalidValueError: If a number is out of range.
         """
-        from splatwire.errors import UnknownNameError
-        from splatwire.packets import PRESETS
+        from splatwire.packets import packetization_named
 
-        if self.preset not in PRESETS:
-            raise UnknownNameError("preset", self.preset, PRESETS)
         changes = {
             "block_size": self.block_size,
             "lanes": self.lanes,
@@ -171,4 +175,5 @@ class Encode:
             "grouping": self.grouping,
         }
         given = {key: value for key, value in changes.items() if value is not None}
-        return replace(PRESETS[self.preset], **given)  # type: ignore[arg-type]
+        preset = self.preset or ("paper" if self.block_size or self.lanes else None)
+        return replace(packetization_named(preset, elements, num_elements), **given)  # type: ignore[arg-type]

@@ -163,7 +163,7 @@ class Evaluate:
         from splatwire.evaluate.scenes import open_scene
         from splatwire.evaluate.study import Row, concealment_rows
         from splatwire.model.appearance import scene_of
-        from splatwire.packets import PRESETS, read_stream
+        from splatwire.packets import packetization_named, read_stream
 
         if entry.kind == "stream":
             from splatwire.packets.sections import sections_of
@@ -178,7 +178,9 @@ class Evaluate:
             if self.loss is None and scene_of(loaded) is loaded:
                 name = "no loss" if complete else "as it is"
                 return (Row(name, name, None, lossless=complete),)
-            packed, elements = PRESETS["paper"], scene_of(loaded).ELEMENTS
+            scene = scene_of(loaded)
+            elements = scene.ELEMENTS
+            packed = packetization_named(None, elements, int(scene.drawable.sum()))
             sections = getattr(loaded, "concealment", {})
         names = self.conceal or concealer_names(sections, elements)
         if self.loss is None:

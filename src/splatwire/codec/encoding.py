@@ -23,7 +23,6 @@ from splatwire.packets import (
     ANCHORS,
     CAUSAL,
     HEADER_BYTES,
-    PRESETS,
     Packet,
     PacketId,
     Packetization,
@@ -32,6 +31,7 @@ from splatwire.packets import (
     make_packet,
     make_stream,
     shape_tiers,
+    spread_packetization,
     tier_order,
 )
 from splatwire.version import __version__
@@ -50,7 +50,7 @@ def encode_anchors(
 
     Args:
         scene: The scene; its render hints are not coded.
-        packetization: How anchors are split; None for preset `paper`.
+        packetization: How anchors are split; None for `spread_packetization`.
         tiers: Tier of each of the scene's anchors, 0 for the most important (`Importance.tiers`): each tier gets
             packets of its own, so that it can be protected on its own. None for one tier. Decoded values stay the same.
         noise: Tolerated noise of the context networks (see the schema's `fit`); None for the measured rule.
@@ -64,8 +64,8 @@ def encode_anchors(
         InvalidValueError: If there is nothing to encode, values are not finite or too large, a tier is empty, or
             the packetization is not for this model.
     """
-    packetization = packetization or PRESETS["paper"]
-    index = coding_order(scene, packetization.order)
+    index = coding_order(scene, "morton" if packetization is None else packetization.order)
+    packetization = packetization or spread_packetization(len(index))
     scene, tier_of = _select(scene, index), _tiers(tiers, scene, index)
     plan = _plan(scene, packetization, tier_of)
     sections = background_sections(scene.background)

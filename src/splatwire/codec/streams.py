@@ -51,7 +51,7 @@ def encode_scene(
 
     Args:
         scene: The scene; its render hints are not coded.
-        packetization: How its elements are split; None for preset `paper`.
+        packetization: How its elements are split; None for what `packetization_named` takes without a name.
         tiers: Tier of each element, 0 for the most important (`Importance.tiers`): each tier gets packets of its own,
             so that it can be protected on its own. None for one tier. Decoded values stay the same.
         quality: How finely explicit Gaussians are quantised, `small`, `default` (where absent) or `near-lossless`.

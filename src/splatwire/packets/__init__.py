@@ -6,7 +6,13 @@ from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.manifest import ANCHORS, CAUSAL, GAUSSIANS, Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.packets.packet_id import PARTS, PacketId
-from splatwire.packets.packetization import PRESETS, Packetization
+from splatwire.packets.packetization import (
+    PRESETS,
+    SPREAD,
+    Packetization,
+    packetization_named,
+    spread_packetization,
+)
 from splatwire.packets.plan import PacketGroups, PacketPlan
 from splatwire.packets.scene_stream import SceneStream, make_stream, make_stream_id
 from splatwire.packets.send_order import SEND_ORDERS, send_sequence
@@ -23,6 +29,7 @@ __all__ = [
     "PARTS",
     "PRESETS",
     "SEND_ORDERS",
+    "SPREAD",
     "Arrangement",
     "Manifest",
     "Packet",
@@ -45,10 +52,12 @@ __all__ = [
     "manifest_to_bytes",
     "measure_sizes",
     "packet_from_bytes",
+    "packetization_named",
     "read_stream",
     "send_sequence",
     "shape_tiers",
     "splitmix64",
+    "spread_packetization",
     "stream_from_bytes",
     "stream_to_bytes",
     "tier_order",

@@ -191,14 +191,14 @@ class LossTraining:
         models: Loss models as `splatwire.channel.parse_loss` reads them; a lossy iteration draws one. None: no losses.
         first: Shares of the anchors, most important first, of which nothing else arrives: what a receiver has of tiers
             that it gets one after another. A lossy iteration draws one of these or of the models.
-        packets: Packetizations (`splatwire.packets.PRESETS`) of the stream; a lossy iteration draws one.
+        packets: Packetizations of the stream, as `packetization_named` knows them; a lossy iteration draws one.
         share: Share of the iterations, once the number of anchors stays, that are lossy.
         concealer: What is drawn instead of what is lost: one of `TRAINED_CONCEALERS`, by the model.
     """
 
     models: tuple[str, ...] = ()
     first: tuple[float, ...] = ()
-    packets: tuple[str, ...] = ("paper", "datagram")
+    packets: tuple[str, ...] = ("spread", "datagram")
     share: float = 0.5
     concealer: str = "idw"
 

@@ -16,7 +16,7 @@ from splatwire.conceal import Grow
 from splatwire.conceal.context import mean_log_size
 from splatwire.conceal.grow import lost_share_among
 from splatwire.ops.knn import NeighborTree, nearest_others
-from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, PacketPlan
+from splatwire.packets import HEADER_BYTES, Packetization, PacketPlan, packetization_named
 from splatwire.scene import Cameras
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, SampleRate
@@ -85,7 +85,8 @@ class PacketLosses:
             return None
         choice = self._choices[int(torch.randint(len(self._choices), (), generator=state.generator))]
         names = self._config.losses.packets
-        packetization = PRESETS[names[int(torch.randint(len(names), (), generator=state.generator))]]
+        name = names[int(torch.randint(len(names), (), generator=state.generator))]
+        packetization = packetization_named(name, "anchors", state.num_anchors)
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
             return self.keep_first(state, choice)
