@@ -166,7 +166,7 @@ def test_lanes_spread_over_the_whole_scene_hold_as_many_anchors_as_the_papers(nu
     sizes = [plan.block_anchors(block) for block in range(plan.num_blocks)]
     assert sum(sizes) == num_anchors
     assert max(sizes, default=0) - min(sizes, default=0) < max(plan.num_blocks, 1)  # no small one is left at the end
-    assert packetization.lanes == 1 or 187 < packetization.block_size / packetization.lanes <= 375
+    assert packetization.lanes == 8 or 333 < packetization.block_size / packetization.lanes <= 375
 
 
 def test_packetizations_have_names_and_a_default_for_each_kind_of_element() -> None:

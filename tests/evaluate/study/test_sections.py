@@ -12,7 +12,7 @@ from splatwire.packets.sections import add_concealment
 
 def test_a_row_gets_the_calibrated_stream_with_its_own_sections_only() -> None:
     """Sections are coded against the networks of their stream: they must not move into another encoding."""
-    plain = encode_scene(tiny_scene())
+    plain = encode_scene(tiny_scene(), PRESETS["paper"])
     calibrated = add_concealment(add_concealment(plain, "one", b"1"), "two", b"22")
     row = Row("a", "a", PRESETS["paper"], sections=("two",))
     stream = _with_sections(calibrated, row)

@@ -255,7 +255,9 @@ def _with_sections(calibrated: SceneStream | None, row: Row) -> SceneStream:
         InvalidValueError: If that stream has other packets than the row.
     """
     if calibrated is None or calibrated.manifest.tiers or calibrated.manifest.packetization != row.packetization:
-        raise InvalidValueError(f"row '{row.key}' needs sections made for its own packets ({row.variant})")
+        raise InvalidValueError(
+            f"row '{row.key}' needs sections made for its own packets ({row.variant}): encode with that preset first"
+        )
     return without_sections(calibrated, set(sections_of(calibrated)) - {*row.sections, BACKGROUND})
 
 
