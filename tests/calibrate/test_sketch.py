@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from scenes import tiny_cameras, tiny_scene
+from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
 from splatwire.calibrate.pseudo_loss import calibration_data, without
 from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
 from splatwire.calibrate.sketch_fit import SketchFit, fit_sketch, sketch_material
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene
-from splatwire.conceal import conceal
+from splatwire.conceal import conceal, context_of
 from splatwire.conceal.sketch.concealer import buckets_of, sizes_of, sketched_attributes, with_sketch
 from splatwire.conceal.sketch.section import read_sketch, write_sketch
 from splatwire.errors import InvalidValueError
@@ -92,6 +92,38 @@ def test_scalings_are_relative_to_the_prior(data, material) -> None:
     assert float((copied / true).log().abs().median()) < 0.2
     flat = sketched_attributes(section, torch.ones(len(rows), 6))[1]
     assert not torch.allclose(flat, copied)
+
+
+@pytest.mark.parametrize("make", [tiny_scene, tiny_causal_scene])
+def test_a_pseudo_loss_leaves_what_a_receiver_has(make) -> None:
+    """Where packets say where anchors are, lost ones stand where they are guessed."""
+    stream = encode_scene(make(seed=2, num_anchors=300), Packetization(block_size=100))
+    lossy = context_of(decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0]))
+    pretended = without(calibration_data(stream, decode_stream(stream)).context, lossy.erasures.known)
+    for field in dataclasses.fields(lossy.anchors):
+        assert torch.equal(getattr(pretended.anchors, field.name), getattr(lossy.anchors, field.name)), field.name
+    assert torch.equal(pretended.erasures.received, lossy.erasures.received)
+    assert torch.equal(pretended.places, lossy.places)
+
+
+@pytest.mark.parametrize("make", [tiny_scene, tiny_causal_scene])
+def test_copies_stand_where_the_lost_ones_stood(make) -> None:
+    stream = encode_scene(make(seed=2, num_anchors=300), Packetization(block_size=100))
+    data = calibration_data(stream, decode_stream(stream))
+    material = sketch_material(data.context, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
+    section = fit_sketch(material, 1e-15, SketchFit(num_levels=6))
+    copied = with_sketch(without(data.context, torch.zeros(300, dtype=torch.bool)), section).anchors
+    there, true = torch.from_numpy(section.levels > 0)[:, None] & copied.mask, data.context.anchors
+    assert int(there.sum()) > 20
+    assert bool((true.mask | ~there).all())
+
+    def centers(anchors) -> torch.Tensor:
+        return (anchors.positions[:, None] + anchors.offsets * anchors.scalings[:, None, :3])[there]
+
+    wrong = (centers(copied) - centers(true)).norm(dim=1).median()
+    guessed = data.context.guessed
+    moved = 0.1 * float(true.positions.std()) if guessed is None else (true.positions - guessed).norm(dim=1).median()
+    assert float(wrong) < 0.3 * float(moved)
 
 
 def test_mistakes(stream, data) -> None:

@@ -79,4 +79,6 @@ def without(context: AnchorContext, known: Bool[Tensor, "N"]) -> AnchorContext:
         a, features=a.features * keep, scalings=a.scalings * keep, offsets=a.offsets * keep[:, :, None],
         mask=a.mask & keep,
     )  # fmt: skip
+    if context.guessed is not None:
+        anchors = replace(anchors, positions=torch.where(keep, a.positions, context.guessed))
     return replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))

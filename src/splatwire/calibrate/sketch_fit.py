@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from splatwire.conceal import AnchorContext
 from splatwire.conceal.sketch.concealer import MAX_LOG_SIZE, expected_scalings
@@ -58,7 +60,7 @@ class SketchMaterial:
         offset_weight: float64 (M, K), of each coordinate of an offset.
         removal: float64 (M), cost of leaving an anchor out.
         offset_removal: float64 (M, K), of one of its Gaussians.
-        offsets: float64 (M, 3 K).
+        offsets: float64 (M, 3 K), from where a receiver has a lost anchor.
         mask: bool (M, K).
         num_anchors: N.
     """
@@ -102,8 +104,17 @@ def sketch_material(context: AnchorContext, sensitivity: Sensitivity) -> SketchM
         candidates, channels[candidates], mean, axes.T @ whiten, color @ axes, np.sqrt(np.maximum(variances, 0)),
         np.maximum((detail / np.diag(metric)).mean(axis=1), 1e-12), sensitivity.offsets.numpy()[candidates],
         removal[candidates], sensitivity.offset_removal.numpy()[candidates],
-        anchors.offsets.double().flatten(1).numpy()[candidates], anchors.mask.numpy()[candidates], num,
+        _offsets_of_copies(context).numpy()[candidates], anchors.mask.numpy()[candidates], num,
     )  # fmt: skip
+
+
+def _offsets_of_copies(context: AnchorContext) -> Float[Tensor, "N O"]:
+    """Offsets from where a receiver has a lost anchor, which its own packet would have told better."""
+    anchors = context.anchors
+    if context.guessed is None:
+        return anchors.offsets.double().flatten(1)
+    moved = (anchors.positions - context.guessed).double() / anchors.scalings[:, :3].double().clamp(min=1e-9)
+    return (anchors.offsets.double() + moved[:, None] * anchors.mask[:, :, None]).flatten(1)
 
 
 def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> SketchSection:
