@@ -22,8 +22,11 @@ from typing import Any
 import numba
 import torch
 
+from splatwire.calibrate.sketch import SketchConfig
+from splatwire.calibrate.sketch_of import sketch_of
+from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import draw_mask, parse_loss
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.conceal import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.model import AnchorScene
@@ -49,16 +52,23 @@ TIERS = (0.05, 0.08, 0.12, 0.12, 0.13, 0.15, 0.15)
 """Shares of the anchors, most important first; the last tier has the rest."""
 
 
-def under_loss(scene: AnchorScene, test: Dataset, losses: list[str], seeds: int, views: int) -> dict[str, Any]:
-    """PSNR without loss and under each loss with each concealer, means over masks."""
-    stream = encode_scene(scene)
+def under_loss(
+    scene: AnchorScene, photos: tuple[Dataset, Dataset], losses: list[str], seeds: int, views: int, sketch: float
+) -> dict[str, Any]:
+    """PSNR without loss and under each loss with each concealer, means over masks; a sketch of a share of the bytes."""
+    stream, (train, test) = encode_scene(scene), photos
+    complete, concealers = decode_stream(stream), CONCEALERS
     found: dict[str, Any] = {"bytes": stream.num_bytes, "anchors": stream.manifest.num_anchors}
-    found["clean"] = round(assess_scene(decode_stream(stream).scene, test, views, 0).psnr, 3)
+    found["clean"] = round(assess_scene(complete.scene, test, views, 0).psnr, 3)
+    if sketch:
+        made = sketch_of(stream, complete, CalibrationViews.of_photos(train), SketchConfig(share=sketch))
+        stream, concealers = add_concealment(stream, "sketch", made.section), (*CONCEALERS, "sketch")
+        found["bytes with sketch"] = stream.num_bytes
     for loss in losses:
-        sums = dict.fromkeys(CONCEALERS, 0.0)
+        sums = dict.fromkeys(concealers, 0.0)
         for seed in range(seeds):
             received = decode_stream(draw_mask(stream, parse_loss(loss), seed=seed).apply(stream))
-            for name in CONCEALERS:
+            for name in concealers:
                 sums[name] += assess_scene(conceal(received, name), test, views, 0).psnr / seeds
         found[loss] = {name: round(value, 3) for name, value in sums.items()}
     return found
@@ -154,6 +164,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--share", type=float)
     parser.add_argument("--concealer", choices=TRAINED_CONCEALERS)
     parser.add_argument("--losses", nargs="*", default=["bernoulli:0.2"], help="what the result is tested under")
+    parser.add_argument("--sketch", type=float, default=0.0, help="share of the bytes, 0 for none")
     parser.add_argument("--cuts", nargs="*", type=float, default=[])
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--views", type=int, default=1000)
@@ -197,7 +208,7 @@ def main() -> None:
     row |= {"test_views": min(arguments.views, test.num_views), "masks": arguments.seeds}
     if arguments.save:
         save_scene(scene, arguments.save)
-    row |= under_loss(scene, test, arguments.losses, arguments.seeds, arguments.views)
+    row |= under_loss(scene, (train, test), arguments.losses, arguments.seeds, arguments.views, arguments.sketch)
     if arguments.cuts:
         row["cuts"] = cut_off(scene, train, test, arguments.cuts, arguments.views)
     print(json.dumps(row), flush=True)
