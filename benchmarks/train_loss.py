@@ -31,7 +31,7 @@ from splatwire.conceal import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_scene, save_scene
-from splatwire.packets import send_sequence
+from splatwire.packets import packetization_named, send_sequence
 from splatwire.render.importance import footprint_importance
 from splatwire.train import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
 from splatwire.train.config import TRAINED_CONCEALERS
@@ -52,24 +52,24 @@ TIERS = (0.05, 0.08, 0.12, 0.12, 0.13, 0.15, 0.15)
 """Shares of the anchors, most important first; the last tier has the rest."""
 
 
-def under_loss(
-    scene: AnchorScene, photos: tuple[Dataset, Dataset], losses: list[str], seeds: int, views: int, sketch: float
-) -> dict[str, Any]:
+def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: argparse.Namespace) -> dict[str, Any]:
     """PSNR without loss and under each loss with each concealer, means over masks; a sketch of a share of the bytes."""
-    stream, (train, test) = encode_scene(scene), photos
+    packetization = packetization_named(options.packets, scene.ELEMENTS, int(scene.drawable.sum()))
+    stream, (train, test), views = encode_scene(scene, packetization), photos, options.views
     complete, concealers = decode_stream(stream), CONCEALERS
-    found: dict[str, Any] = {"bytes": stream.num_bytes, "anchors": stream.manifest.num_anchors}
+    found: dict[str, Any] = {"tested_with": options.packets, "bytes": stream.num_bytes}
+    found |= {"anchors": stream.manifest.num_anchors, "test_views": min(views, test.num_views), "masks": options.seeds}
     found["clean"] = round(assess_scene(complete.scene, test, views, 0).psnr, 3)
-    if sketch:
-        made = sketch_of(stream, complete, CalibrationViews.of_photos(train), SketchConfig(share=sketch))
+    if options.sketch:
+        made = sketch_of(stream, complete, CalibrationViews.of_photos(train), SketchConfig(share=options.sketch))
         stream, concealers = add_concealment(stream, "sketch", made.section), (*CONCEALERS, "sketch")
         found["bytes with sketch"] = stream.num_bytes
-    for loss in losses:
-        sums = dict.fromkeys(concealers, 0.0)
-        for seed in range(seeds):
-            received = decode_stream(draw_mask(stream, parse_loss(loss), seed=seed).apply(stream))
+    for loss in options.losses:
+        sums, model = dict.fromkeys(concealers, 0.0), parse_loss(loss, packetization.unit)
+        for seed in range(options.seeds):
+            received = decode_stream(draw_mask(stream, model, seed=seed).apply(stream))
             for name in concealers:
-                sums[name] += assess_scene(conceal(received, name), test, views, 0).psnr / seeds
+                sums[name] += assess_scene(conceal(received, name), test, views, 0).psnr / options.seeds
         found[loss] = {name: round(value, 3) for name, value in sums.items()}
     return found
 
@@ -166,6 +166,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--losses", nargs="*", default=["bernoulli:0.2"], help="what the result is tested under")
     parser.add_argument("--sketch", type=float, default=0.0, help="share of the bytes, 0 for none")
     parser.add_argument("--cuts", nargs="*", type=float, default=[])
+    parser.add_argument("--packets", default="spread", help="preset that the result is tested with")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--views", type=int, default=1000)
     parser.add_argument("--only-test", action="store_true", help="of --init, without training")
@@ -205,10 +206,9 @@ def main() -> None:
             "lambda": config.weights.rate,
         }
         row |= dataclasses.asdict(losses) | {"seconds": round(time.process_time() - started, 1)}
-    row |= {"test_views": min(arguments.views, test.num_views), "masks": arguments.seeds}
     if arguments.save:
         save_scene(scene, arguments.save)
-    row |= under_loss(scene, (train, test), arguments.losses, arguments.seeds, arguments.views, arguments.sketch)
+    row |= under_loss(scene, (train, test), arguments)
     if arguments.cuts:
         row["cuts"] = cut_off(scene, train, test, arguments.cuts, arguments.views)
     print(json.dumps(row), flush=True)
