@@ -194,7 +194,7 @@ def test_permuting_the_anchors_permutes_the_scene(name: str) -> None:
 def test_a_context_shows_the_anchors_and_not_the_model() -> None:
     context = context_of(partial_scene(random_context(10, 0)))
     names = {field.name for field in dataclasses.fields(context)}
-    assert names == {"anchors", "erasures", "prior", "layout", "concealment", "guessed"}
+    assert names == {"anchors", "erasures", "prior", "layout", "concealment", "guessed", "tier_sizes"}
     assert context.layout == LAYOUT
 
 

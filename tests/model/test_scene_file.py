@@ -80,6 +80,18 @@ def test_a_partial_scene_survives_bit_for_bit(tiny_partial, tmp_path):
     assert_same(load_partial(tmp_path / "a.part"), tiny_partial)
 
 
+def test_sizes_of_tiers_survive_and_none_are_none(tiny_partial, tmp_path):
+    save_partial(tiny_partial, tmp_path / "none")
+    assert load_partial(tmp_path / "none").tier_sizes is None
+    told = dataclasses.replace(tiny_partial, tier_sizes=torch.linspace(1e-3, 1, 7))
+    save_partial(told, tmp_path / "told")
+    assert torch.equal(load_partial(tmp_path / "told").tier_sizes, told.tier_sizes)
+    for sizes, message in ((torch.linspace(0, 1, 7), "'anchors.tier_sizes' has a size"), (torch.ones(6), "tier_sizes")):
+        save_partial(dataclasses.replace(tiny_partial, tier_sizes=sizes), tmp_path / "damaged")
+        with pytest.raises(BitstreamError, match=message):
+            load_partial(tmp_path / "damaged")
+
+
 def test_an_empty_scene_survives(tiny_scene, tmp_path):
     scene = dataclasses.replace(tiny_scene, anchors=tiny_scene.anchors.select(torch.zeros(7, dtype=torch.bool)))
     save_scene(scene, tmp_path / "a.scene")

@@ -4,13 +4,15 @@ import { test } from "node:test";
 
 import { sha256 } from "@noble/hashes/sha2.js";
 
-import { hex } from "../src/bytes.ts";
+import { BitstreamError, hex } from "../src/bytes.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import { exactThinness, THINNESS } from "../src/codec/gaussians/tables.ts";
 import { exactExists, exactSixteenths, EXISTS, POWERS, SIXTEENTHS } from "../src/codec/causal/tables.ts";
 import { readPreview } from "../src/codec/preview.ts";
+import { tierFacts, type TierFacts } from "../src/codec/tiers.ts";
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../src/entropy/tables.ts";
 import type { Camera } from "../src/model/camera.ts";
+import type { Manifest } from "../src/packets/manifest.ts";
 import { splitmixModulo } from "../src/packets/splitmix64.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
@@ -33,6 +35,18 @@ for (const path of STREAMS) {
     assert.equal(decoder.digest(), head.manifest.symbolsDigest);
   });
 }
+
+test("sizes of tiers are one byte for each, and one of them is the largest", () => {
+  const facts = (shapes: number[], ...sizes: number[]): TierFacts => {
+    const sections = new Map([["tier_sizes", Uint8Array.from(sizes)]]), tiers = shapes.map((count) => ({ count, lanes: 1 }));
+    if (tiers.length) sections.set("tiers", new Uint8Array(4));
+    return tierFacts(sections, { tiers, count: 3 } as unknown as Manifest);
+  };
+  assert.deepEqual(facts([0, 3], 0, 12).sizes, new Float32Array(3).fill(2 ** -1.5)); // no bits: all are of the last tier
+  for (const [shapes, sizes] of [[[], [0]], [[1, 2], []], [[1, 2], [0]], [[1, 2], [0, 1, 2]], [[1, 2], [1, 1]]]) {
+    assert.throws(() => facts(shapes, ...sizes), (error) => error instanceof BitstreamError && error.message.includes("tier_sizes"));
+  }
+});
 
 test("no entry of the table of thinness is near to where doubles could round it otherwise", () => {
   for (let t = 1; t < THINNESS.length; t++) {

@@ -28,9 +28,9 @@ test("nearest others are those of a search through all", () => {
 
 test("nothing grows where nothing is lost, and gains follow the share that is left", async () => {
   const sizes = new Float32Array(400).fill(2), opacities = new Float32Array(400).fill(0.3), known = new Uint8Array(400).fill(1);
-  assert.ok((await grow({ positions: points, sizes, opacities, known, places, logScales: null, anchors: null }, always))!.every((gain) => gain === 1));
+  assert.ok((await grow({ positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null }, always))!.every((gain) => gain === 1));
   for (let i = 0; i < 400; i += 2) known[i] = 0;
-  const gains = (await grow({ positions: points, sizes, opacities, known, places, logScales: null, anchors: null }, always))!, most = (1.08 * Math.SQRT2) ** 2;
+  const gains = (await grow({ positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null }, always))!, most = (1.08 * Math.SQRT2) ** 2;
   for (let i = 0; i < 400; i++) {
     const [size, opacity] = gains.subarray(2 * i, 2 * i + 2);
     assert.ok(known[i] ? size >= 1 && size <= most ** 0.12 + 1e-6 && opacity >= 1 && opacity * 0.3 < 1 : size === 1 && opacity === 1);
@@ -38,9 +38,18 @@ test("nothing grows where nothing is lost, and gains follow the share that is le
   assert.ok(gains.some((gain, i) => i % 2 === 0 && gain > 1.05));
 });
 
+test("small tiers that are lost leave less to make up for than their number", async () => {
+  const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2), sizes = new Float32Array(400).fill(1);
+  const small = sizes.map((_, i) => (known[i] ? 1 : 1 / 16)), all = { positions: points, sizes, opacities: null, known, places, logScales: null, anchors: null };
+  const gains = (await grow({ ...all, tierSizes: small }, always))!, heads = (await grow({ ...all, tierSizes: null }, always))!;
+  assert.deepEqual([...heads], [...(await grow({ ...all, tierSizes: sizes }, always))!]);
+  const most = 1.08 * (16 / 17) ** -0.5;
+  for (let i = 1; i < 400; i += 2) assert.ok(gains[2 * i] >= 1 && gains[2 * i] <= most + 1e-6 && heads[2 * i] > gains[2 * i] && gains[2 * i - 2] === 1);
+});
+
 test("what nobody waits for any more stops", async () => {
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
-  assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), opacities: new Float32Array(400).fill(0.5), known, places, logScales: null, anchors: null }, () => Promise.resolve(false)), null);
+  assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), tierSizes: null, opacities: new Float32Array(400).fill(0.5), known, places, logScales: null, anchors: null }, () => Promise.resolve(false)), null);
   assert.deepEqual(Object.keys(CONCEALERS), ["drop", "grow"]);
   for (const all of [SPLAT_CONCEALERS, ANCHOR_CONCEALERS]) assert.deepEqual(Object.keys(all), ["drop", "grow", "scene_free"]);
 });

@@ -77,7 +77,7 @@ async function readerOf({ manifest, sideInfo }: Head): Promise<(section: Uint8Ar
       return [means, scales, quats, opacities, colours, harmonics];
     };
   }
-  const info = readAnchors(sideInfo, count), expected = new Expected(new PacketDecoder(info), count), { features, offsets } = info;
+  const info = readAnchors(sideInfo, count), expected = new Expected(new PacketDecoder(info), count, null), { features, offsets } = info;
   const lengths = (await expected.lengths(() => Promise.resolve(true)))!, positions = (ranks: Int32Array): Float32Array => expected.positions(ranks);
   return (section) => {
     const { anchors, features: found } = readSketch(section, { count, features, offsets, lengths, positions });

@@ -2,13 +2,18 @@
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from splatwire.codec.schema import AnchorDecoder, chunks, update_digest
 from splatwire.codec.schemas.causal.decoder import CausalDecoder
 from splatwire.codec.schemas.hacpp.decoder import HacppDecoder, decode_separated
 from splatwire.codec.threads import ordered_map
+from splatwire.codec.tier_sizes import read_tier_sizes
 from splatwire.codec.tiers import read_tiers
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.model import PartialScene
@@ -50,14 +55,28 @@ def open_decoder(manifest: Manifest, side_info: bytes) -> AnchorDecoder:
     return kind(manifest, side_info)
 
 
-def ranks_in_order(decoder: AnchorDecoder, manifest: Manifest) -> np.ndarray | None:
-    """Rank at each place of the manifest's plan, int64 (N); None if they are the same because there is one tier.
+@dataclass(frozen=True, eq=False)
+class TierFacts:
+    """What tiers say of a stream's anchors.
+
+    Attributes:
+        order: Rank at each place of the manifest's plan, int64 (N); None if they are the same: there is one tier.
+        sizes: See `PartialScene.tier_sizes`.
+    """
+
+    order: np.ndarray | None
+    sizes: Float[Tensor, "N"] | None
+
+
+def tier_facts(decoder: AnchorDecoder, manifest: Manifest) -> TierFacts:
+    """Reads what a stream says of its tiers.
 
     Raises:
         BitstreamError: If side information and manifest contradict each other.
     """
-    tiers = read_tiers(decoder.sections, manifest)
-    return tier_order(tiers) if manifest.tiers else None
+    tiers, sizes = read_tiers(decoder.sections, manifest), read_tier_sizes(decoder.sections, manifest)
+    order = tier_order(tiers) if manifest.tiers else None
+    return TierFacts(order, None if sizes is None else torch.from_numpy(sizes[tiers]))
 
 
 def _check_anchors(manifest: Manifest) -> None:
@@ -70,8 +89,8 @@ def _decode_atomic(
 ) -> tuple[PartialScene, str]:
     decoder = open_decoder(stream.manifest, stream.side_info)
     groups, packets = arrange(stream.manifest.plan, stream.packets)
-    order = ranks_in_order(decoder, stream.manifest)
-    rank_at = groups.ranks if order is None else order[groups.ranks]
+    tiers = tier_facts(decoder, stream.manifest)
+    rank_at = groups.ranks if tiers.order is None else tiers.order[groups.ranks]
     counts, digest = np.diff(groups.starts), hashlib.sha256()
 
     def decode_run(run: slice) -> tuple[slice, np.ndarray | None]:
@@ -92,4 +111,4 @@ def _decode_atomic(
             update_digest(digest, rows)
         if progress:
             progress(run.stop / len(counts))
-    return decoder.scene(), digest.hexdigest()
+    return replace(decoder.scene(), tier_sizes=tiers.sizes), digest.hexdigest()

@@ -14,6 +14,8 @@ from splatwire.codec.schema import AnchorEncoder, CodedPackets, chunks, update_d
 from splatwire.codec.schemas.causal.encoder import causal_encoder
 from splatwire.codec.schemas.hacpp.encoder import hacpp_encoder
 from splatwire.codec.threads import ordered_map
+from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
+from splatwire.codec.tier_sizes import encode_tier_sizes
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers
 from splatwire.errors import InvalidValueError
@@ -71,6 +73,7 @@ def encode_anchors(
     sections = background_sections(scene.background)
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
+        sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))
     causal = isinstance(scene.coding, CausalCoding)
     make = causal_encoder if causal else hacpp_encoder
     encoder, side_info = make(scene, packetization, sections, noise)

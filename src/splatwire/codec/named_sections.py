@@ -4,10 +4,11 @@ from collections.abc import Mapping
 
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.preview import SECTION as PREVIEW
+from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 
-_OTHERS = (BACKGROUND, TIERS, PREVIEW, VIEWPOINT)
+_OTHERS = (BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT)
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:

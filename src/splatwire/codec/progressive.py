@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from splatwire.codec.arrivals import Arrivals
-from splatwire.codec.decoding import open_decoder, ranks_in_order
+from splatwire.codec.decoding import open_decoder, tier_facts
 from splatwire.codec.schema import CHUNK_ANCHORS, chunks, update_digest
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError
@@ -63,7 +63,8 @@ class ProgressiveDecoder(Arrivals):
     ) -> None:
         super().__init__(manifest, side_info, intake)
         self._decoder = open_decoder(manifest, side_info)
-        self._order = ranks_in_order(self._decoder, manifest)
+        tiers = tier_facts(self._decoder, manifest)
+        self._order = tiers.order
         self._threads = threads
         self._predict(progress)
         num = manifest.num_anchors
@@ -71,7 +72,7 @@ class ProgressiveDecoder(Arrivals):
         self._received = np.zeros((num, 4), dtype=np.bool_)
         self._num_known = 0
         erasures = Erasures(torch.from_numpy(self._received))
-        self._partial = replace(self._decoder.scene(), erasures=erasures)
+        self._partial = replace(self._decoder.scene(), erasures=erasures, tier_sizes=tiers.sizes)
 
     @property
     def partial(self) -> PartialScene:

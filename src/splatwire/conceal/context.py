@@ -25,6 +25,7 @@ class ElementContext:
         opacities: Of explicit Gaussians, 0 where lost; None for anchors, whose Gaussians have some of their own.
         log_scales: Logarithms of the axes of explicit Gaussians, largest first; None for anchors.
         growth: What the sender of explicit Gaussians found best (`Copies`); None where it said nothing.
+        tier_sizes: See `PartialScene.tier_sizes`; None for Gaussians.
     """
 
     positions: Float[Tensor, "N 3"]
@@ -33,11 +34,12 @@ class ElementContext:
     opacities: Float[Tensor, "N"] | None = None
     log_scales: Float[Tensor, "N 3"] | None = None
     growth: tuple[float, float, float] | None = None
+    tier_sizes: Float[Tensor, "N"] | None = None
 
     @property
     def sizes(self) -> Float[Tensor, "N"]:
-        """The sizes themselves, float64: what an element counts for among its neighbours."""
-        return self.log_sizes.double().exp()
+        """What an element counts for among its neighbours, float64: the size of its tier, or else its own."""
+        return self.log_sizes.double().exp() if self.tier_sizes is None else self.tier_sizes.double()
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,7 @@ class AnchorContext:
         layout: Sizes of an anchor.
         concealment: What the sender left for concealers in the side information, content by name.
         guessed: See `PartialScene.guessed`.
+        tier_sizes: See `PartialScene.tier_sizes`.
     """
 
     anchors: Anchors
@@ -59,6 +62,7 @@ class AnchorContext:
     layout: AnchorLayout
     concealment: Mapping[str, bytes] = field(default_factory=dict)
     guessed: Float[Tensor, "N 3"] | None = None
+    tier_sizes: Float[Tensor, "N"] | None = None
 
     def __post_init__(self) -> None:
         rows = {self.anchors.num_anchors, len(self.erasures.received), len(self.prior.context)}
@@ -73,7 +77,8 @@ class AnchorContext:
     @property
     def elements(self) -> ElementContext:
         """What is known of anchors as of any element."""
-        return ElementContext(self.places, predicted_log_size(self), self.erasures.known)
+        known = self.erasures.known
+        return ElementContext(self.places, predicted_log_size(self), known, tier_sizes=self.tier_sizes)
 
     def to_cpu(self) -> "AnchorContext":
         """Returns the same context in main memory, where neighbour search and kernels work."""
@@ -86,6 +91,7 @@ class AnchorContext:
             self,
             anchors=self.anchors.to("cpu"),
             guessed=None if self.guessed is None else self.guessed.cpu(),
+            tier_sizes=None if self.tier_sizes is None else self.tier_sizes.cpu(),
             erasures=Erasures(self.erasures.received.cpu()),
             prior=replace(prior, context=prior.context.cpu(), **moved),
         )
@@ -115,5 +121,6 @@ def context_of(partial: PartialScene) -> AnchorContext:
     """Takes from a partial scene what a concealer may see."""
     layout = partial.scene.coding.config.layout
     return AnchorContext(
-        partial.scene.anchors, partial.erasures, partial.prior, layout, partial.concealment, partial.guessed
-    )
+        partial.scene.anchors, partial.erasures, partial.prior, layout,
+        partial.concealment, partial.guessed, partial.tier_sizes,
+    )  # fmt: skip

@@ -25,10 +25,11 @@ class Grow:
     """Leaves lost anchors out and enlarges received ones by `(1 - rho) ** -exponent`, `rho` = share lost around them.
 
     With exponent 1/2 the covered area of a surface stays what it was: of `n` discs `(1 - rho) n` are left, each
-    `1 / (1 - rho)` as large. Neighbours count by the size that the prior expects of them (`ElementContext`): where all
-    that matters is there and only small ones are lost, as with a stream whose important anchors are protected, large
-    anchors must not grow over what is small. With the last third to half of the packets of two scenes cut off, tiers in
-    order of importance, this was worth 0.4 and 0.5 dB over counting heads; where all are lost alike, 0.01 to 0.05.
+    `1 / (1 - rho)` as large. Neighbours count by the size that is expected of them, by the prior or by what the sender
+    says of their tier (`ElementContext`): where all that matters is there and only small ones are lost, as with a
+    stream whose important anchors are protected, large anchors must not grow over what is small. With the last third to
+    half of the packets of two scenes cut off, tiers in order of importance, the prior's sizes were worth 0.4 and 0.5 dB
+    over counting heads; where all are lost alike, 0.01 to 0.05.
 
     Of explicit Gaussians, the opacity o grows to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size much less: n in a row
     let as much light through as those of them that arrived would have to.
@@ -67,28 +68,42 @@ class Grow:
         known, opacities = elements.known, elements.opacities
         left = 1 - lost_share(elements.positions, known, self.neighbors, elements.sizes)
         if opacities is None:
-            return RenderHints(torch.where(known, self.gain(left, known), torch.ones_like(left)), ~known)
+            gain = self.gain(left, known, elements.tier_sizes)
+            return RenderHints(torch.where(known, gain, torch.ones_like(left)), ~known)
         left = torch.where(known, self.limited(left, known), torch.ones_like(left))
         opaque = 1 - (1 - opacities.clamp(max=_MOST_OPAQUE)) ** (left**-_OPACITY_EXPONENT)
         gain = torch.where(known, opaque / opacities.clamp(min=_LEAST_OPAQUE), torch.ones_like(left)).clamp(min=1)
         return RenderHints(left**-_SIZE_EXPONENT, ~known, gain)
 
-    def gain(self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"]) -> Float[Tensor, "M"]:
+    def gain(
+        self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None
+    ) -> Float[Tensor, "M"]:
         """Gains where some share of the neighbours is left.
 
         Args:
             left: Share of the neighbours that were received.
             known: What was received of the whole scene, which limits the gain.
+            tier_sizes: What each counts for there; all alike where the sender does not say.
         """
-        return self.limited(left, known) ** -self.exponent
+        return self.limited(left, known, tier_sizes) ** -self.exponent
 
-    def limited(self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"]) -> Float[Tensor, "M"]:
+    def limited(
+        self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None
+    ) -> Float[Tensor, "M"]:
         """Shares that are left, kept so large that no gain is beyond its limit; arguments as of `gain`."""
         # A power of a float that is barely above 0 is finite, but 0 ** -x is not: limit the base, not the result.
-        overall = max(float(known.double().mean()), 1e-9) if len(known) else 1.0
+        overall = max(received_share(known, tier_sizes), 1e-9) if len(known) else 1.0
         most = min(self.max_gain, self.max_excess * overall**-self.exponent)
         least = most ** (-1 / self.exponent) if self.exponent else 1.0
         return left.clamp(min=least)
+
+
+def received_share(known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None) -> float:
+    """Share of a scene that was received: of its elements, or of the sizes that their tiers have."""
+    if tier_sizes is None:
+        return float(known.double().mean())
+    sizes = tier_sizes.double()
+    return float((sizes * known).sum() / sizes.sum())
 
 
 def lost_share(

@@ -198,7 +198,7 @@ class _Growing:
         for own in torch.arange(num).split(_CHUNK):
             parts.append(nearest_others(tree, positions[own], own, settings.neighbors)[0].int())
         index = torch.cat(parts) if parts else torch.empty(0, 0, dtype=torch.int32)
-        self._settings, self._weights = settings, context.elements.log_sizes.double().exp().numpy()
+        self._settings, self._weights = settings, context.elements.sizes.numpy()
         self._bounds, self._owners = kernels.reverse_lists(index.numpy())
         self._all = self._weights[index.numpy()].sum(axis=1)
         self._lost = np.empty(num)
@@ -212,7 +212,8 @@ class _Growing:
         changed = np.zeros(len(self._lost), dtype=np.bool_)
         kernels.count_arrivals(arrivals, self._bounds, self._owners, self._weights, self._lost, changed)
         share = np.divide(self._lost, self._all, out=np.zeros_like(self._lost), where=self._all > 0)
-        gain = self._settings.gain(1 - torch.from_numpy(share).to(state.hints.size_gain.dtype), state.known)
+        left = 1 - torch.from_numpy(share).to(state.hints.size_gain.dtype)
+        gain = self._settings.gain(left, state.known, state.context.tier_sizes)
         torch.where(state.known, gain, torch.ones_like(gain), out=state.hints.size_gain)
         return int((changed & state.known.numpy()).sum())
 

@@ -169,6 +169,8 @@ class PartialScene:
         concealment: Named sections of the side information, content by name: what a sender left for concealers.
         guessed: Where anchors are expected to be before their packets come, of a stream whose packets say where they
             are; lost ones stand there. None where places are known from the start.
+        tier_sizes: How large the anchors of each one's tier are, relative to other tiers, above 0, received or not.
+            None where the side information does not say.
     """
 
     scene: AnchorScene
@@ -176,6 +178,7 @@ class PartialScene:
     prior: Prior
     concealment: Mapping[str, bytes] = field(default_factory=dict)
     guessed: Float[Tensor, "N 3"] | None = None
+    tier_sizes: Float[Tensor, "N"] | None = None
 
     @property
     def places(self) -> Float[Tensor, "N 3"]:

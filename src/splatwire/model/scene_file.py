@@ -122,6 +122,8 @@ def save_partial(partial: PartialScene, path: Path) -> None:
     tensors["prior.context"] = partial.prior.context
     if partial.guessed is not None:
         tensors["anchors.guessed"] = partial.guessed
+    if partial.tier_sizes is not None:
+        tensors["anchors.tier_sizes"] = partial.tier_sizes
     for name in _ATTRIBUTES:
         attribute: AttributePrior = getattr(partial.prior, name)
         for part in ("mean", "scale", "step"):
@@ -155,8 +157,19 @@ def load_partial(path: Path) -> PartialScene:
         context = reader.tensor("prior.context", (count, scene.coding.config.context_dim))
         concealment = _read_concealment(reader)
         guessed = reader.tensor("anchors.guessed", (count, 3)) if reader.has("anchors.guessed") else None
+        sizes = _read_tier_sizes(reader, count)
         reader.finish()
-    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment, guessed)
+    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment, guessed, sizes)
+
+
+def _read_tier_sizes(reader: SceneReader, count: int) -> Tensor | None:
+    name = "anchors.tier_sizes"
+    if not reader.has(name):
+        return None
+    sizes = reader.tensor(name, (count,))
+    if not bool((sizes > 0).all()):
+        raise reader.error(f"tensor '{name}' has a size that is not above 0")
+    return sizes
 
 
 def _read_concealment(reader: SceneReader) -> dict[str, bytes]:

@@ -5,13 +5,40 @@ import { RangeDecoder } from "../entropy/decoder.ts";
 import type { Manifest } from "../packets/manifest.ts";
 
 const COUNTS = 16, STATES = 4 * COUNTS;
+/** Quantisation steps of sizes to an octave. */
+const SIZE_STEPS = 8;
 
-/** Rank of the element at each place of the plan; null where they are the same because there is one tier. */
-export function ranksInOrder(sections: Map<string, Uint8Array>, { tiers: shapes, count }: Manifest): Int32Array | null {
+/** What tiers say of a stream's elements. */
+export interface TierFacts {
+  /** Rank of the element at each place of the plan; null where they are the same because there is one tier. */
+  readonly order: Int32Array | null;
+  /** How large elements of each one's tier are, by rank; null where the sender does not say. */
+  readonly sizes: Float32Array | null;
+}
+
+export function tierFacts(sections: Map<string, Uint8Array>, manifest: Manifest): TierFacts {
+  const tiers = readTiers(sections, manifest), sizes = readSizes(sections, manifest);
+  return { order: tiers && ranksInOrder(tiers, manifest), sizes: sizes && tiers && Float32Array.from(tiers, (tier) => sizes[tier]) };
+}
+
+/** The tier of each element, by rank; null where there is one. */
+function readTiers(sections: Map<string, Uint8Array>, { tiers: shapes, count }: Manifest): Uint8Array | null {
   const section = sections.get("tiers");
   if ((section !== undefined) !== shapes.length > 0) throw new BitstreamError("manifest and side information disagree on whether there are tiers");
-  if (!section) return null;
-  const tiers = decodeTiers(section, count, shapes.length), next = new Int32Array(shapes.length), order = new Int32Array(count);
+  return section ? decodeTiers(section, count, shapes.length) : null;
+}
+
+/** Sizes of the tiers, the largest is 1. */
+function readSizes(sections: Map<string, Uint8Array>, { tiers: shapes }: Manifest): Float32Array | null {
+  const steps = sections.get("tier_sizes");
+  if (!steps) return null;
+  if (steps.length !== shapes.length) throw new BitstreamError(`section 'tier_sizes' has ${steps.length} bytes for ${shapes.length} tiers`);
+  if (!steps.includes(0)) throw new BitstreamError("section 'tier_sizes': no tier is the largest");
+  return Float32Array.from(steps, (step) => 2 ** (-step / SIZE_STEPS));
+}
+
+function ranksInOrder(tiers: Uint8Array, { tiers: shapes, count }: Manifest): Int32Array {
+  const next = new Int32Array(shapes.length), order = new Int32Array(count);
   shapes.slice(0, -1).reduce((sum, shape, tier) => (next[tier + 1] = sum + shape.count), 0);
   const ends = shapes.map((shape, tier) => next[tier] + shape.count);
   tiers.forEach((tier, rank) => {

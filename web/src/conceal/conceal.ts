@@ -8,8 +8,10 @@ import { sceneFreeAnchors } from "./scene_free_anchors.ts";
 export interface Elements {
   /** x, y, z of each. */
   readonly positions: Float32Array;
-  /** Each one's size: what it counts for among its neighbours. */
+  /** Each one's size: what it counts for among its neighbours, unless that of its tier is known. */
   readonly sizes: Float32Array;
+  /** How large elements of each one's tier are; null where the sender does not say. */
+  readonly tierSizes: Float32Array | null;
   /** Of those that arrived; null where an element has no opacity of its own. */
   readonly opacities: Float32Array | null;
   readonly known: Uint8Array;

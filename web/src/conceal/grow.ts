@@ -15,14 +15,26 @@ export interface Rule {
 export const RULE: Rule = { exponent: 0.5, maxExcess: 1.08 };
 
 /** Share that is lost, by size, among neighbours; 0 where there is none. */
-export function lostShare({ sizes, known }: Elements, near: Int32Array): number {
+export function lostShare({ sizes, tierSizes, known }: Elements, near: Int32Array): number {
+  const weights = tierSizes ?? sizes;
   let all = 0, lost = 0;
   for (const j of near) {
-    const weight = Math.max(sizes[j], SMALLEST);
+    const weight = Math.max(weights[j], SMALLEST);
     all += weight;
     if (!known[j]) lost += weight;
   }
   return all > 0 ? lost / all : 0;
+}
+
+/** Share of the scene that was received: of its elements, or of the sizes that their tiers have. */
+export function receivedShare({ tierSizes, known }: Elements): number {
+  let all = 0, there = 0;
+  known.forEach((received, i) => {
+    const weight = tierSizes ? tierSizes[i] : 1;
+    all += weight;
+    there += received * weight;
+  });
+  return there / all;
 }
 
 /** Size gain where so much is left around, of a scene of which so much is there. */
@@ -44,16 +56,16 @@ export async function grow(elements: Elements, pause: Pause, rule: Rule = RULE):
   const { positions, opacities, known, places } = elements, count = known.length, gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
-  const tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places);
+  const tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places), share = receivedShare(elements);
   for (let i = 0; i < count; i++) {
     if (i % AT_A_TIME === 0 && !(await pause())) return null;
     if (!known[i]) continue;
     const left = 1 - lostShare(elements, tree.nearestOthers(i));
     if (!opacities) {
-      gains[2 * i] = gainsLeft(left, received / count, rule);
+      gains[2 * i] = gainsLeft(left, share, rule);
       continue;
     }
-    const opacity = opacities[i], there = limited(left, received / count, rule);
+    const opacity = opacities[i], there = limited(left, share, rule);
     const opaque = 1 - (1 - Math.min(opacity, MOST_OPAQUE)) ** (there ** -OPACITY_EXPONENT);
     gains[2 * i] = there ** -SIZE_EXPONENT;
     gains[2 * i + 1] = Math.max(opaque / Math.max(opacity, LEAST_OPAQUE), 1);

@@ -2,7 +2,7 @@
 // `splatwire.conceal.scene_free.network` and `signature`.
 
 import type { Elements, Pause } from "./conceal.ts";
-import { gainsLeft, lostShare, RULE, type Rule } from "./grow.ts";
+import { gainsLeft, lostShare, receivedShare, RULE, type Rule } from "./grow.ts";
 import { KdTree } from "./kd_tree.ts";
 import { perceptron } from "./perceptron.ts";
 import { gainFor } from "./scene_free.ts";
@@ -18,10 +18,10 @@ export async function sceneFreeAnchors(elements: Elements, pause: Pause, rule: R
   const { positions, known, places } = elements, count = known.length, gains = new Float32Array(2 * count).fill(1);
   const received = known.reduce((sum, there) => sum + there, 0);
   if (received === 0 || received === count) return gains;
-  const look = new Surroundings(elements, received), tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places), signature = new Float64Array(ANCHORS.inputs);
+  const look = new Surroundings(elements, received), there = receivedShare(elements), tree = new KdTree(positions, Math.min(NEIGHBOURS, count - 1), places), signature = new Float64Array(ANCHORS.inputs);
   for (let i = 0; i < received; i++) {
     if (i % AT_A_TIME === 0 && !(await pause())) return null;
-    const near = tree.nearestFirst(i), grown = gainsLeft(1 - lostShare(elements, near), received / count, rule);
+    const near = tree.nearestFirst(i), grown = gainsLeft(1 - lostShare(elements, near), there, rule);
     look.describe(i, near, tree.distances, signature);
     const [size, opacity] = opinion(signature).map((change) => Math.exp(trust * Math.min(Math.max(change, -MOST_CHANGE), MOST_CHANGE)));
     gains[2 * i] = grown * size;

@@ -41,7 +41,7 @@ def gain_inputs(context: AnchorContext, around: Surroundings) -> GainInputs:
         context: What arrived, in main memory.
         around: Surroundings of the received anchors.
     """
-    grown = Grow().gain(1 - near_losses(context, around), context.erasures.known)
+    grown = Grow().gain(1 - near_losses(context, around), context.erasures.known, context.tier_sizes)
     return GainInputs(around.rows, signatures(context, around), grown)
 
 

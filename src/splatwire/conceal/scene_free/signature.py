@@ -44,8 +44,8 @@ def signatures(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M
 
 
 def near_losses(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M"]:
-    """Share of what is lost among all the neighbours, by size as in `Grow`; 0 for an anchor without any."""
-    near, weight = around.near.index, around.log_size.double().exp()
+    """Share of what is lost among all the neighbours, weighted as in `Grow`; 0 for an anchor without any."""
+    near, weight = around.near.index, around.weights
     lost = (weight * ~context.erasures.known)[near].sum(dim=1)
     tiny = torch.finfo(weight.dtype).tiny
     return (lost / weight[near].sum(dim=1).clamp(min=tiny)).to(around.log_size.dtype)

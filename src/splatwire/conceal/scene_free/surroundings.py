@@ -43,12 +43,14 @@ class Surroundings:
     Attributes:
         log_size: Logarithm of the size that the prior predicts, of all anchors. Lost and received anchors are measured
             alike, so that the difference between prediction and truth does not look like a loss.
+        weights: What each anchor counts for in the growth that the network corrects (`ElementContext.sizes`).
         rows: The anchors whose surroundings these are.
         near: Their nearest other anchors.
         classes: The nearest members of each size class.
     """
 
     log_size: Float[Tensor, "N"]
+    weights: Float[Tensor, "N"]
     rows: Int64[Tensor, "M"]
     near: Neighborhood
     classes: tuple[Neighborhood, ...]
@@ -72,4 +74,4 @@ def surroundings_of(context: AnchorContext, rows: Int64[Tensor, "M"]) -> Surroun
         members = by_size[: max(len(by_size) // share, _MIN_CLASS)].sort().values
         index, distance = NeighborTree(positions[members]).query(positions[rows], CLASS_NEIGHBORS)
         classes.append(Neighborhood(members[index], distance))
-    return Surroundings(log_size, rows, near, tuple(classes))
+    return Surroundings(log_size, context.elements.sizes, rows, near, tuple(classes))

@@ -123,7 +123,8 @@ class SketchedLoss:
     def proposal(self, section: SketchSection) -> Concealed:
         """What to draw with the growth of a section; its copies are not looked at again."""
         dropped, known = Drop()(self.filled), self.filled.erasures.known
-        grown = Grow(exponent=section.exponent, max_excess=section.max_excess).gain(self.left, known)
+        rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
+        grown = rule.gain(self.left, known, self.filled.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=grown), section.trust)
         ones = torch.ones_like(dropped.size_gain)
         size, opacity = (ones.index_put((self.inputs.rows,), gain) for gain in gains)

@@ -32,7 +32,8 @@ export class Expected {
   #done = 0;
   #sizes: Float32Array | null = null;
 
-  constructor(readonly packets: PacketDecoder, readonly count: number) {
+  /** `tierSizes` are those of each anchor's tier, by rank; null where the sender does not say. */
+  constructor(readonly packets: PacketDecoder, readonly count: number, readonly tierSizes: Float32Array | null) {
     this.#places = new Int32Array(3 * count);
     this.#logs = new Float64Array(FORM * count);
     this.#spreads = new Int32Array(this.#width * count);
@@ -51,9 +52,11 @@ export class Expected {
     for (const rank of ranks.subarray(0, end)) known[rank] = 1;
     known.reduce((at, there, rank) => (there ? at : ((ranks[at] = rank), at + 1)), end);
     let facts: AnchorFacts | null = null;
+    const { tierSizes } = this;
     return {
       positions: this.positions(ranks),
       sizes: Float32Array.from(ranks, (rank) => sizes[rank]),
+      tierSizes: tierSizes && Float32Array.from(ranks, (rank) => tierSizes[rank]),
       opacities: null,
       known: new Uint8Array(this.count).fill(1, 0, end),
       places: ranks,

@@ -12,7 +12,7 @@ import { Heads } from "../../model/heads.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import type { Copies, Part, Schema, Seen } from "../schema.ts";
-import { ranksInOrder } from "../tiers.ts";
+import { tierFacts } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
 import { Expected, type Arrived } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
@@ -72,11 +72,12 @@ export class CausalSchema implements Schema<AnchorPart> {
 
   constructor(sideInfo: Uint8Array, readonly plan: Plan) {
     this.info = readSideInfo(sideInfo, plan.manifest.count);
-    this.#order = ranksInOrder(this.info.sections, plan.manifest);
+    const tiers = tierFacts(this.info.sections, plan.manifest);
+    this.#order = tiers.order;
     const [opacity, covariance, color] = this.info.heads.map(floatMlp);
     this.heads = new Heads(opacity, covariance, color);
     this.#packets = new PacketDecoder(this.info);
-    this.#expected = new Expected(this.#packets, plan.manifest.count);
+    this.#expected = new Expected(this.#packets, plan.manifest.count, tiers.sizes);
   }
 
   /** Half of the anchors are about this near to the middle. */

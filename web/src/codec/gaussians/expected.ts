@@ -47,7 +47,7 @@ export function expectedElements(info: SideInfo, plan: Plan, parts: readonly Gau
       positions.set(placeOf(info, block, near, gone, lost.length), 3 * at++);
     });
   });
-  return { positions, sizes, opacities, known, places, logScales, anchors: null };
+  return { positions, sizes, tierSizes: null, opacities, known, places, logScales, anchors: null };
 }
 
 function placeOf(info: SideInfo, block: number, near: Float32Array, gone: number, lost: number): ArrayLike<number> {

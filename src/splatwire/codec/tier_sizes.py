@@ -1,0 +1,61 @@
+"""How large anchors of each tier are: a named section of the side information that only streams with tiers have."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from splatwire.errors import BitstreamError
+from splatwire.packets import Manifest
+from splatwire.scene import Anchors
+
+SECTION = "tier_sizes"
+"""Name of the section."""
+_STEPS = 8
+"""Quantisation steps to an octave: within 5 % of the size."""
+_MOST = 255
+
+
+def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> bytes:
+    """Says how large anchors of each tier are: what one counts for where it, or its neighbour, is lost.
+
+    An anchor's footprint is the product of its two largest sizes for each of its Gaussians; the size of a tier is the
+    square root of their mean. Nearly as good as importance for views, and known without any.
+
+    Args:
+        anchors: Anchors by rank, N.
+        tiers: Tier of each, N; none is empty.
+        num_tiers: Number of tiers.
+
+    Returns:
+        A byte for each tier.
+    """
+    axes = np.sort(np.nan_to_num(anchors.scalings[:, 3:6].float().numpy()).clip(min=0).astype(np.float64), axis=1)
+    footprints = axes[:, 1] * axes[:, 2] * anchors.mask.sum(dim=1).numpy()
+    means = np.bincount(tiers, footprints, num_tiers) / np.bincount(tiers, minlength=num_tiers)
+    means = np.clip(means, np.finfo(np.float64).tiny, np.finfo(np.float64).max)
+    octaves = (np.log2(means.max()) - np.log2(means)) / 2
+    return np.rint(_STEPS * octaves).clip(max=_MOST).astype(np.uint8).tobytes()
+
+
+def read_tier_sizes(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray | None:
+    """Sizes of the tiers of a stream's anchors, relative to the largest.
+
+    Args:
+        sections: Named sections of its side information.
+        manifest: Its manifest.
+
+    Returns:
+        float32 (tiers), above 0 and at most 1; None where the stream does not say.
+
+    Raises:
+        BitstreamError: If the section is damaged, or there are no tiers.
+    """
+    if SECTION not in sections:
+        return None
+    data, what = sections[SECTION], f"section '{SECTION}'"
+    if len(data) != len(manifest.tiers):
+        raise BitstreamError(f"{what} has {len(data)} bytes for {len(manifest.tiers)} tiers")
+    steps = np.frombuffer(data, dtype=np.uint8)
+    if not len(steps) or steps.min() > 0:
+        raise BitstreamError(f"{what}: no tier is the largest")
+    return np.exp2(steps / -_STEPS).astype(np.float32)

@@ -1,0 +1,162 @@
+"""Sizes of tiers: a byte for each, there where there are tiers, read strictly, and what a receiver makes of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from scenes import tiny_causal_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec.progressive import ProgressiveDecoder
+from splatwire.codec.tier_sizes import SECTION, encode_tier_sizes, read_tier_sizes
+from splatwire.codec.tiers import read_tiers
+from splatwire.conceal import conceal, context_of
+from splatwire.conceal.progressive import ProgressiveConcealer
+from splatwire.conceal.scene_free.signature import near_losses, signatures
+from splatwire.conceal.scene_free.surroundings import surroundings_of
+from splatwire.errors import BitstreamError
+from splatwire.model import AnchorScene
+from splatwire.packets import PRESETS, Packetization, SceneStream
+from splatwire.packets.sections import sections_of, without_concealment
+from splatwire.scene import Anchors
+
+PACKETIZATION = Packetization(block_size=200, lanes=4)
+TIER_OF = (torch.arange(600) % 4).clamp(max=2).to(torch.uint8)
+
+
+def sized_like_tiers(scene: AnchorScene) -> AnchorScene:
+    """The same scene with anchors that are the smaller the less their tier matters."""
+    scalings = scene.anchors.scalings.clone()
+    scalings[:, 3:] *= 0.25 ** TIER_OF[:, None].float()
+    return replace(scene, anchors=replace(scene.anchors, scalings=scalings))
+
+
+@pytest.fixture(scope="module", params=["causal", "hacpp"])
+def whole(request, scene: AnchorScene) -> SceneStream:
+    made = tiny_causal_scene(seed=4, num_anchors=600) if request.param == "causal" else scene.select(torch.arange(600))
+    return encode_scene(sized_like_tiers(made), PACKETIZATION, tiers=TIER_OF)
+
+
+@pytest.fixture(scope="module")
+def cut(whole: SceneStream) -> SceneStream:
+    """What is left where all but the first tier and a part of the second was cut off."""
+    kept = [packet for packet in whole.packets if whole.manifest.plan.tier_of(packet.id.block) < 2]
+    return whole.with_packets(kept[:-1])
+
+
+def anchors_of(sizes: list[list[float]], offsets: list[int]) -> Anchors:
+    mask, num = torch.arange(4)[None] < torch.tensor(offsets)[:, None], len(sizes)
+    scalings = torch.cat([torch.ones(num, 3), torch.tensor(sizes)], dim=1)
+    return Anchors(torch.zeros(num, 3), torch.zeros(num, 2), scalings, torch.zeros(num, 4, 3), mask)
+
+
+def test_a_size_is_the_root_of_the_mean_footprint():
+    anchors = anchors_of([[4, 0, 2], [1, 2, 3], [1, 1, 1], [0.5, 0.5, 0]], [1, 4, 1, 3])
+    data = encode_tier_sizes(anchors, np.array([0, 0, 1, 2]), 3)
+    mean = [(8 + 4 * 6) / 2, 1, 0.75]
+    assert list(data) == [0, 16, round(4 * np.log2(mean[0] / mean[2]))]
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, 1e-30, float("nan"), float("inf")])
+def test_tiers_of_one_size_are_alike_whatever_it_is(size: float):
+    data = encode_tier_sizes(anchors_of([[size] * 3] * 2, [1, 1]), np.array([0, 1]), 2)
+    assert list(data) == [0, 0]
+
+
+def test_sizes_beyond_all_others_stay_in_a_byte():
+    data = encode_tier_sizes(anchors_of([[1e38] * 3, [0.0] * 3], [4, 1]), np.array([0, 1]), 2)
+    assert list(data) == [0, 255]
+
+
+def test_what_is_written_is_read(whole: SceneStream):
+    sections = sections_of(whole)
+    sizes = read_tier_sizes(sections, whole.manifest)
+    assert len(sections[SECTION]) == len(sizes) == 3
+    np.testing.assert_array_equal(-8 * np.log2(sizes), list(sections[SECTION]))
+    assert sizes[0] == 1 > 2 * sizes[1] > 4 * sizes[2]
+    partial = decode_stream(whole)
+    assert SECTION not in partial.concealment
+    assert np.array_equal(partial.tier_sizes.numpy(), sizes[read_tiers(sections, whole.manifest)])
+    arriving = ProgressiveDecoder(whole.manifest, whole.side_info)
+    for found in (arriving.partial, arriving.snapshot(), partial.without(torch.arange(600) % 2 == 0)):
+        assert torch.equal(found.tier_sizes, partial.tier_sizes)
+
+
+def test_there_is_none_without_tiers(scene: AnchorScene):
+    for made in (scene, tiny_causal_scene(seed=4)):
+        stream = encode_scene(made, PACKETIZATION)
+        assert SECTION not in sections_of(stream)
+        assert decode_stream(stream).tier_sizes is None
+
+
+def test_separated_packets_have_none(scene: AnchorScene):
+    stream = encode_scene(scene, PRESETS["hacpp"])
+    assert SECTION not in sections_of(stream)
+    assert decode_stream(stream).tier_sizes is None
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "section 'tier_sizes' has 0 bytes for 3 tiers"),
+        (b"\0\7", "section 'tier_sizes' has 2 bytes for 3 tiers"),
+        (b"\0\7\7\7", "section 'tier_sizes' has 4 bytes for 3 tiers"),
+        (b"\1\7\7", "section 'tier_sizes': no tier is the largest"),
+    ],
+)
+def test_damaged_sections_are_refused(whole: SceneStream, data: bytes, message: str):
+    stream = add_concealment(whole, SECTION, data)
+    with pytest.raises(BitstreamError, match=message):
+        decode_stream(stream)
+    with pytest.raises(BitstreamError, match=message):
+        ProgressiveDecoder(stream.manifest, stream.side_info)
+
+
+def test_sizes_of_tiers_that_are_not_there_are_refused():
+    stream = encode_scene(tiny_causal_scene(seed=4), PACKETIZATION)
+    for data, message in ((b"", "no tier is the largest"), (b"\0", "1 bytes for 0 tiers")):
+        with pytest.raises(BitstreamError, match=message):
+            decode_stream(add_concealment(stream, SECTION, data))
+
+
+def test_a_stream_of_before_is_what_it_was(cut: SceneStream):
+    """Without the section the size that the prior expects counts, and heads count in the limit."""
+    old = decode_stream(without_concealment(cut, SECTION))
+    assert old.tier_sizes is None
+    for name in ("grow", "scene_free"):
+        plain = conceal(replace(decode_stream(cut), tier_sizes=None), name)
+        assert torch.equal(conceal(old, name).hints.size_gain, plain.hints.size_gain)
+        assert not torch.equal(conceal(decode_stream(cut), name).hints.size_gain, plain.hints.size_gain)
+
+
+@pytest.mark.parametrize("name", ["grow", "scene_free"])
+def test_anchors_hardly_grow_over_small_ones_that_were_cut_off(cut: SceneStream, name: str):
+    told, untold = decode_stream(cut), decode_stream(without_concealment(cut, SECTION))
+    known = told.erasures.known
+    with_sizes, without = (conceal(partial, name).hints.size_gain[known] for partial in (told, untold))
+    assert 0.2 < float(known.float().mean()) < 0.5
+    assert float(without.mean()) > 1.4
+    assert float(with_sizes.mean()) < 1 + 0.6 * (float(without.mean()) - 1)
+    assert bool((with_sizes <= without + 1e-6).all())
+
+
+def test_what_the_network_sees_stays_what_it_was(cut: SceneStream):
+    context = context_of(decode_stream(cut))
+    plain, rows = replace(context, tier_sizes=None), context.erasures.known.nonzero()[:, 0]
+    ours, theirs = surroundings_of(context, rows), surroundings_of(plain, rows)
+    assert torch.equal(signatures(context, ours), signatures(plain, theirs))
+    assert bool((near_losses(context, ours) < near_losses(plain, theirs)).any())
+
+
+@pytest.mark.parametrize("name", ["grow", "drop"])
+def test_packet_by_packet_is_concealed_alike(whole: SceneStream, name: str):
+    decoder = ProgressiveDecoder(whole.manifest, whole.side_info)
+    shown, kept = ProgressiveConcealer(decoder.partial, name), []
+    assert shown.incremental
+    for number in np.random.default_rng(0).permutation(len(whole.packets)).tolist():
+        kept.append(whole.packets[number])
+        shown.arrived(decoder.add(kept[-1:]))
+        hints, expected = shown.scene().hints, conceal(decode_stream(whole.with_packets(kept)), name).hints
+        assert torch.equal(hints.left_out, expected.left_out)
+        torch.testing.assert_close(hints.size_gain, expected.size_gain, rtol=1e-6, atol=0)
