@@ -68,7 +68,9 @@ def anchors() -> dict[str, SceneStream]:
     scene = tiny_causal_scene(seed=6, num_anchors=400)
     packetization = Packetization(block_size=150, lanes=1, grouping="hashed", packet_bytes=900)
     tiers = torch.arange(400) % 5 != 0
-    tiered = encode_scene(scene, packetization, tiers=tiers.to(torch.uint8))
+    smaller = scene.anchors.scalings * torch.where(tiers[:, None], torch.tensor([1.0] * 3 + [0.2] * 3), 1.0)
+    unlike = replace(scene, anchors=replace(scene.anchors, scalings=smaller))
+    tiered = encode_scene(unlike, packetization, tiers=tiers.to(torch.uint8))
     return {
         "anchors": encode_scene(scene, packetization),
         "sketched": with_sketch(encode_scene(scene, packetization)),
