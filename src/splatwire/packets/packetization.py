@@ -121,8 +121,8 @@ def spread_packetization(num_anchors: int) -> Packetization:
     """Returns lanes over the whole scene: one block, or as few as there can be, in packets of at most 375 anchors.
 
     In blocks of 3000 in 8 lanes the loss of a packet takes an eighth of what is there, and of two packets a quarter:
-    neighbours often share their fate. With 20 % lost, a picture is 0.03 to 0.45 dB better with these, the worst of
-    24 losses 0.3 to 1.2 dB, at equal bytes (`benchmarks/results/spread.json`).
+    neighbours often share their fate. At equal bytes and 20 % loss, lego is 0.30 to 0.44 dB better with these, and the
+    worst of 16 losses 0.6 dB; snowmiku_small gains 0.0 to 0.06 dB (`benchmarks/results/spread.json`).
 
     Args:
         num_anchors: Anchors that will be coded.
