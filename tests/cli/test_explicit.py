@@ -35,6 +35,12 @@ def stream(ply):
     return path
 
 
+def test_gaussians_take_the_papers_packets_unless_told_otherwise(run, ply, tmp_path):
+    run("encode", ply, "-o", tmp_path / "a.swz")
+    packetization = run("inspect", tmp_path / "a.swz", "--json").json["packetization"]
+    assert (packetization["block_size"], packetization["lanes"]) == (3000, 8)
+
+
 def test_what_arrives_whole_is_the_scene(run, ply, stream, tmp_path):
     assert run("decode", stream, "-o", tmp_path / "back.ply").status == 0
     source, back = read_splats(ply), read_splats(tmp_path / "back.ply")

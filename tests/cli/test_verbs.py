@@ -37,6 +37,24 @@ def test_encode_takes_a_packetization(run, journey, tmp_path):
     assert asked.items() <= packetization.items()
 
 
+@pytest.mark.parametrize(
+    ("words", "block_size", "lanes"),
+    [
+        ((), 240, 8),  # one block of all anchors: lanes reach over the whole scene
+        (("--preset", "spread"), 240, 8),
+        (("--preset", "paper"), 3000, 8),
+        (("--block-size", 60), 60, 8),  # the paper's numbers where one of them is changed
+        (("--lanes", 4), 3000, 4),
+    ],
+)
+def test_lanes_of_anchors_reach_over_the_whole_scene_unless_told_otherwise(
+    run, journey, tmp_path, words, block_size, lanes
+):
+    run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", *words)
+    packetization = read_stream(tmp_path / "a.swz")[0].manifest.packetization
+    assert (packetization.block_size, packetization.lanes) == (block_size, lanes)
+
+
 def test_encode_fits_the_context_model_again(run, journey, tmp_path):
     words = ("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--json", "--refine")
     sizes = [run(*words, steps).json["parts"]["packet_payloads"] for steps in (0, 80, 80)]
