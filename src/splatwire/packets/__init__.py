@@ -8,7 +8,6 @@ from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet, packet_f
 from splatwire.packets.packet_id import PARTS, PacketId
 from splatwire.packets.packetization import (
     PRESETS,
-    SPREAD,
     Packetization,
     packetization_named,
     spread_packetization,
@@ -29,7 +28,6 @@ __all__ = [
     "PARTS",
     "PRESETS",
     "SEND_ORDERS",
-    "SPREAD",
     "Arrangement",
     "Manifest",
     "Packet",
