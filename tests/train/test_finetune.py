@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from scenes import tiny_scene
+from scenes import tiny_causal_scene, tiny_scene
 from splatwire.cli.main import main
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
@@ -88,3 +88,8 @@ def test_the_command(
             main([*map(str, words), *option])
         assert stopped.value.code == 2
         assert option[0] in capsys.readouterr().err
+
+
+def test_scenes_of_format_1_go_on_without_a_mean_of_late_iterations() -> None:
+    assert fine_tuning(create_config(model="hacpp"), tiny_scene()).averaged == 0
+    assert fine_tuning(create_config(), tiny_causal_scene()).averaged == create_config().averaged > 0
