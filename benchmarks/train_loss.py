@@ -65,12 +65,15 @@ def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: arg
         stream, concealers = add_concealment(stream, "sketch", made.section), (*CONCEALERS, "sketch")
         found["bytes with sketch"] = stream.num_bytes
     for loss in options.losses:
-        sums, model = dict.fromkeys(concealers, 0.0), parse_loss(loss, packetization.unit)
+        each, lost, model = {name: [] for name in concealers}, 0.0, parse_loss(loss, packetization.unit)
         for seed in range(options.seeds):
             received = decode_stream(draw_mask(stream, model, seed=seed).apply(stream))
+            lost += 1 - float(received.erasures.known.float().mean())
             for name in concealers:
-                sums[name] += assess_scene(conceal(received, name), test, views, 0).psnr / options.seeds
-        found[loss] = {name: round(value, 3) for name, value in sums.items()}
+                each[name].append(assess_scene(conceal(received, name), test, views, 0).psnr)
+        found[loss] = {name: round(sum(values) / len(values), 3) for name, values in each.items()}
+        found[f"{loss}, least"] = {name: round(min(values), 3) for name, values in each.items()}
+        found[f"{loss}, lost"] = round(lost / options.seeds, 4)
     return found
 
 

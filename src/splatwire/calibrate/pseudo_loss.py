@@ -74,11 +74,6 @@ def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) 
 
 def without(context: AnchorContext, known: Bool[Tensor, "N"]) -> AnchorContext:
     """The context that a receiver has when only `known` anchors have arrived."""
-    a, keep = context.anchors, known[:, None]
-    anchors = replace(
-        a, features=a.features * keep, scalings=a.scalings * keep, offsets=a.offsets * keep[:, :, None],
-        mask=a.mask & keep,
-    )  # fmt: skip
-    if context.guessed is not None:
-        anchors = replace(anchors, positions=torch.where(keep, a.positions, context.guessed))
-    return replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))
+    return replace(
+        context, anchors=context.anchors.arrived(known, context.guessed), erasures=Erasures.of_anchors(known)
+    )

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-import torch
 from jaxtyping import Bool, Float, Int8
 from torch import Tensor
 
@@ -187,14 +186,7 @@ class PartialScene:
 
     def without(self, known: Bool[Tensor, "N"]) -> "PartialScene":
         """The same scene when only some anchors are there, as if the packets of the others had not come."""
-
-        def gap(values: Tensor) -> Tensor:
-            return torch.where(known.view(-1, *[1] * (values.dim() - 1)), values, torch.zeros_like(values))
-
-        anchors = self.scene.anchors
-        there = replace(anchors, **{name: gap(getattr(anchors, name)) for name in DECODED_ATTRIBUTES})
-        if self.guessed is not None:
-            there = replace(there, positions=torch.where(known[:, None], anchors.positions, self.guessed))
+        there = self.scene.anchors.arrived(known, self.guessed)
         return replace(self, scene=replace(self.scene, anchors=there), erasures=Erasures.of_anchors(known))
 
     def fill(self, rows: Tensor | slice, source: "PartialScene | None") -> None:

@@ -42,6 +42,21 @@ class Anchors:
         """Returns the anchors at `index` (integers or a boolean mask over N), in that order."""
         return Anchors(**{f.name: getattr(self, f.name)[index] for f in dataclasses.fields(self)})
 
+    def arrived(self, known: Bool[Tensor, "N"], guessed: Float[Tensor, "N 3"] | None) -> "Anchors":
+        """Returns what a receiver has when only some of them came: of the others nothing but where they are guessed.
+
+        Args:
+            known: Which came.
+            guessed: Where the others stand; None where places are known from the start.
+        """
+
+        def gap(values: Tensor, instead: Tensor | None = None) -> Tensor:
+            there = known.view(-1, *[1] * (values.dim() - 1))
+            return torch.where(there, values, torch.zeros_like(values) if instead is None else instead)
+
+        positions = self.positions if guessed is None else gap(self.positions, guessed)
+        return Anchors(positions, gap(self.features), gap(self.scalings), gap(self.offsets), gap(self.mask))
+
     def to(self, device: torch.device | str) -> "Anchors":
         """Returns the same anchors on `device`."""
         return Anchors(**{f.name: getattr(self, f.name).to(device) for f in dataclasses.fields(self)})
