@@ -81,6 +81,26 @@ def test_what_is_lost_and_how_the_rest_grows_is_as_at_a_receiver(
     assert float((grown.size_gain[order] - expected.size_gain).abs().max()) < 1e-4
 
 
+@pytest.mark.parametrize("share", [0.25, 0.5])
+def test_the_first_anchors_alone_grow_as_those_of_a_tier_do_at_a_receiver(
+    share: float, state: TrainState, config: TrainConfig
+) -> None:
+    with torch.no_grad():  # the sizes of the two tiers must differ
+        state.parameters["log_scalings"][:, 3:] += torch.linspace(0, -3, state.num_anchors)[:, None]
+    tiers = (torch.arange(state.num_anchors) >= round(share * state.num_anchors)).to(torch.uint8)
+    stream = encode_scene(export_scene(state, config), PACKETS, tiers=tiers)
+    plan = stream.manifest.plan
+    received = decode_stream(stream.with_packets([p for p in stream.packets if plan.tier_of(p.id.block) == 0]))
+    expected = Grow()(context_of(received))
+    order = anchor_order(state.voxels.numpy(), "morton")
+    grown = _losses(_lossy(config, concealer="grow")).keep_first(state, share)
+    assert isinstance(grown, Grown)
+    assert torch.equal(grown.known[order], ~expected.left_out)
+    ratio = grown.size_gain[order] / expected.size_gain
+    assert float((ratio - 1).abs().max()) < 0.03  # a tier's size is a byte
+    assert float(expected.size_gain.max()) < Grow().max_excess * share**-0.5 - 0.1  # less than for tiers alike
+
+
 @pytest.mark.parametrize("rate", ["0.2", "0.4"])
 def test_what_is_lost_is_drawn_as_a_receiver_draws_it(rate: str, state: TrainState, config: TrainConfig) -> None:
     model, order = parse_loss(f"bernoulli:{rate}"), anchor_order(state.voxels.numpy(), "morton")

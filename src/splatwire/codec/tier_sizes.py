@@ -18,9 +18,6 @@ _MOST = 255
 def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> bytes:
     """Says how large anchors of each tier are: what one counts for where it, or its neighbour, is lost.
 
-    An anchor's footprint is the product of its two largest sizes for each of its Gaussians; the size of a tier is the
-    square root of their mean. Nearly as good as importance for views, and known without any.
-
     Args:
         anchors: Anchors by rank, N.
         tiers: Tier of each, N; none is empty.
@@ -29,12 +26,30 @@ def encode_tier_sizes(anchors: Anchors, tiers: np.ndarray, num_tiers: int) -> by
     Returns:
         A byte for each tier.
     """
-    axes = np.sort(np.nan_to_num(anchors.scalings[:, 3:6].float().numpy()).clip(min=0).astype(np.float64), axis=1)
-    footprints = axes[:, 1] * axes[:, 2] * anchors.mask.sum(dim=1).numpy()
+    sizes = relative_sizes(anchors.scalings[:, 3:6].numpy(), anchors.mask.sum(dim=1).numpy(), tiers, num_tiers)
+    return np.rint(-_STEPS * np.log2(sizes)).clip(max=_MOST).astype(np.uint8).tobytes()
+
+
+def relative_sizes(sizes: np.ndarray, gaussians: np.ndarray, tiers: np.ndarray, num_tiers: int) -> np.ndarray:
+    """How large anchors of each tier are, as a share of the largest.
+
+    An anchor's footprint is the product of its two largest sizes for each of its Gaussians; the size of a tier is the
+    square root of their mean. Nearly as good as importance for views, and known without any.
+
+    Args:
+        sizes: Base sizes of the anchors' Gaussians along three axes, (N, 3).
+        gaussians: How many Gaussians each has, (N).
+        tiers: Tier of each, (N); none is empty.
+        num_tiers: Number of tiers.
+
+    Returns:
+        float64 (tiers), above 0 and at most 1.
+    """
+    axes = np.sort(np.nan_to_num(sizes.astype(np.float32)).clip(min=0).astype(np.float64), axis=1)
+    footprints = axes[:, 1] * axes[:, 2] * gaussians
     means = np.bincount(tiers, footprints, num_tiers) / np.bincount(tiers, minlength=num_tiers)
     means = np.clip(means, np.finfo(np.float64).tiny, np.finfo(np.float64).max)
-    octaves = (np.log2(means.max()) - np.log2(means)) / 2
-    return np.rint(_STEPS * octaves).clip(max=_MOST).astype(np.uint8).tobytes()
+    return np.exp2((np.log2(means) - np.log2(means.max())) / 2)
 
 
 def read_tier_sizes(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray | None:

@@ -6,12 +6,13 @@ channel's own models, and a concealer fills the gaps as it does at a receiver.
 
 import numpy as np
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from splatwire.channel import LossModel, parse_loss
 from splatwire.channel.transmit import draw_in_order
 from splatwire.codec.geometry import anchor_order
+from splatwire.codec.tier_sizes import relative_sizes
 from splatwire.conceal import Grow
 from splatwire.conceal.context import mean_log_size
 from splatwire.conceal.grow import lost_share_among
@@ -94,9 +95,19 @@ class PacketLosses:
 
     @torch.no_grad()
     def keep_first(self, state: TrainState, share: float) -> Loss | None:
-        """Lets the first rows of the state arrive, the most important share of the anchors, and conceals the rest."""
+        """Lets the first rows of the state arrive, the most important share of the anchors, and conceals the rest.
+
+        Sizes are of two tiers, as a stream that is cut off between them says them.
+        """
         self._arrange(state)
-        return self._concealed(state, self._order < round(share * state.num_anchors))
+        known = self._order < round(share * state.num_anchors)
+        if bool(known.all()) or not bool(known.any()):
+            return None
+        tiers = (~known).long().cpu().numpy()
+        sizes = state.scalings()[self._order, 3:6].cpu().numpy()
+        gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
+        relative = torch.from_numpy(relative_sizes(sizes, gaussians, tiers, 2)[tiers])
+        return self._concealed(state, known, relative.to(state.device))
 
     @torch.no_grad()
     def lose(
@@ -116,7 +127,9 @@ class PacketLosses:
         received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
 
-    def _concealed(self, state: TrainState, known: Bool[Tensor, "N"]) -> Loss | None:
+    def _concealed(
+        self, state: TrainState, known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None
+    ) -> Loss | None:
         """What arrived, by rank, with what the concealer makes of it, by row."""
         if bool(known.all()) or not bool(known.any()):
             return None
@@ -126,9 +139,11 @@ class PacketLosses:
             return Filled(arrived, self._rows_around, self._cache.positions(state))
         gain = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
-            size = mean_log_size(self._model.expected_scalings(state, self._order)).double().exp()
+            size = tier_sizes
+            if size is None:
+                size = mean_log_size(self._model.expected_scalings(state, self._order)).double().exp()
             share = lost_share_among(self._neighbors[known], size * ~known, size)
-            gain[known] = _GROW.gain(1 - share.float(), known)
+            gain[known] = _GROW.gain(1 - share.float(), known, tier_sizes)
         gain_of = torch.empty_like(gain)
         gain_of[self._order] = gain
         return Grown(arrived, gain_of)
