@@ -9,7 +9,7 @@ scenes of each model and more, `bd_rate` is how many bytes the causal model take
 A stream in place of a scene is measured as it is, without what it has for concealers.
 
     python benchmarks/causal.py --photos lego=DIR lego=lego_12.scene ... [--output results/causal.json] [--plot rd.png]
-    python benchmarks/causal.py --rows monday.json tuesday.json --output results/causal.json --plot pictures/causal.svg
+    python benchmarks/causal.py --rows monday.json tuesday.json --output results/causal.json --plot causal.png
 """
 
 import argparse
@@ -196,6 +196,7 @@ def plot(scenes: dict[str, list[dict[str, Any]]], path: Path) -> None:
             if points:
                 axis.plot(*zip(*points, strict=True), marker="o", label=label)
         axis.set(title=name, xlabel="kB, everything counted", ylabel="test PSNR, dB")
+        axis.margins(0.12)
         axis.legend()
     pyplot.tight_layout()
     pyplot.savefig(path)

@@ -57,3 +57,17 @@ def test_the_first_share_arrives(state: TrainState, dataset: Dataset, config: Tr
     assert loss.known.tolist() == [True] * count + [False] * (state.num_anchors - count)
     assert bool((loss.size_gain[:count] > 1).any())
     assert bool((loss.size_gain[count:] == 1).all())
+
+
+@pytest.mark.parametrize(("since", "again"), [(1, True), (101, False), (201, False), (301, True), (601, True)])
+def test_anchors_are_sorted_again_as_importance_changes(
+    since: int, again: bool, state: TrainState, dataset: Dataset, config: TrainConfig
+) -> None:
+    losses = LossTraining(first=(0.25,), concealer="grow")
+    config = dataclasses.replace(config, losses=losses, marks=dataclasses.replace(config.marks, growth_end=5))
+    channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
+    state.iteration = config.marks.growth_end + since
+    order_anchors(state, Importance.of_footprints(-importance_of(state, config, dataset.cameras).share + 1))
+    channel.begin(state, dataset.cameras)
+    share = importance_of(state, config, dataset.cameras).share
+    assert bool((share[:-1] >= share[1:]).all()) == again
