@@ -140,14 +140,28 @@ def test_statistics_of_one_view(state: TrainState) -> None:
 
 def test_nothing_goes_before_the_first_pruning(state: TrainState, config: TrainConfig) -> None:
     _seen(state, config, gradient=0.0, opacity=0.0)
-    state.iteration = 99
-    before = state.num_anchors
+    state.statistics.opacity_sum[: state.num_anchors // 2] += state.statistics.visits[: state.num_anchors // 2]
+    state.iteration, before = 99, state.num_anchors
     assert adjust_anchors(state, _rules(config, first_pruning=100)) == (0, 0)
     assert state.num_anchors == before
 
 
-def test_a_scene_of_nothing_is_an_error(state: TrainState, config: TrainConfig) -> None:
+def test_a_fog_stays_until_half_of_the_growth(state: TrainState, config: TrainConfig) -> None:
+    half = config.marks.growth_end // 2
+    for iteration in (1, half):
+        _seen(state, config, gradient=0.0, opacity=0.0)
+        state.iteration, before = iteration, state.num_anchors
+        assert adjust_anchors(state, _rules(config)) == (0, 0)
+        assert state.num_anchors == before
     _seen(state, config, gradient=0.0, opacity=0.0)
-    state.iteration = 100
-    with pytest.raises(DivergedError, match=r"iteration 100: every anchor has become transparent"):
-        adjust_anchors(state, _rules(config, first_pruning=100))
+    state.iteration = half + 1
+    with pytest.raises(DivergedError, match=rf"iteration {half + 1}: every anchor has become transparent"):
+        adjust_anchors(state, _rules(config))
+
+
+def test_a_clearing_ends_the_fog(state: TrainState, config: TrainConfig) -> None:
+    _seen(state, config, gradient=0.0, opacity=0.0)
+    bright = max(1, state.num_anchors // 50)  # 2 %
+    state.statistics.opacity_sum[:bright] = state.statistics.visits[:bright]
+    before = state.num_anchors
+    assert adjust_anchors(state, _rules(config)) == (0, before - bright)
