@@ -128,24 +128,24 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     """Draws the picture without loss against the one at 20 % loss (`scene_free`), by share of lossy iterations."""
     from matplotlib import pyplot
 
-    curves: dict[tuple[str, int, int, bool], list[tuple[float, float, float]]] = {}
+    curves: dict[tuple[str, str, int, int], list[tuple[float, float, float]]] = {}
     for row in rows:
         if row.get("model") == "causal":
             point = (row["share"] if row["models"] else 0.0, row["clean"], row["bernoulli:0.2"]["scene_free"])
-            key = row["scene"], row["seed"], row.get("losses_seed", 0), "commit" in row
+            key = row["scene"], row.get("start", ""), row["seed"], row.get("losses_seed", 0)
             curves.setdefault(key, []).append(point)
     names = sorted({scene for scene, *_ in curves})
-    _, axes = pyplot.subplots(1, len(names), figsize=(4 * len(names), 3.6), squeeze=False)
-    for (name, seed, again, earlier), points in sorted(curves.items()):
+    _, axes = pyplot.subplots(1, len(names), figsize=(4 * len(names), 4.8), squeeze=False)
+    for (name, start, seed, again), points in sorted(curves.items()):
         shares, clean, lossy = zip(*sorted(points), strict=True)
         axis = axes[0][names.index(name)]
-        label = f"seed {seed}" + (", second half once more" if again else "") + (", recipe before" if earlier else "")
-        axis.plot(clean, lossy, ":" if earlier else "-", marker="o", label=label)
+        label = f"{start}, then 720 more" if start else f"seed {seed}" + (", second half once more" if again else "")
+        axis.plot(clean, lossy, ":" if start else "-", marker="o", label=label)
         for place in zip(shares, clean, lossy, strict=True):
             axis.annotate(f"{place[0]:g}", place[1:], textcoords="offset points", xytext=(4, 4), fontsize=8)
     for axis, name in zip(axes[0], names, strict=True):
         axis.set(title=name, xlabel="PSNR without loss, dB", ylabel="PSNR at 20 % loss, dB")
-        axis.legend(fontsize=8)
+        axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.2))
     pyplot.tight_layout()
     pyplot.savefig(path)
 
