@@ -2,12 +2,12 @@
 
 Figures are of the decoded stream on the test photos: PSNR without loss, and means over masks of `.pak` packets for each
 concealer; `--cuts` adds the first share of the bytes alone, most important anchors first, and anchors from everywhere.
-A run is added to the table with `--output`; `--init` goes on with a scene file for a tenth of the iterations.
+A run is added to the table with `--output`; `--init` goes on with a scene file for 720 iterations.
 
     python benchmarks/train_loss.py lego_small                                              # as without --loss
     python benchmarks/train_loss.py lego_small --model causal --lmbda 0.006 --loss bernoulli:0.2
     python benchmarks/train_loss.py lego_small --loss bernoulli:0.2 --share 1
-    python benchmarks/train_loss.py snowmiku_small --init official.scene --loss bernoulli:0.2 --iterations 240
+    python benchmarks/train_loss.py snowmiku_small --init official.scene --loss bernoulli:0.2
     python benchmarks/train_loss.py --plot pictures/train_loss.svg                          # of the table's rows
 """
 
@@ -34,7 +34,6 @@ from splatwire.model.scene_file import load_scene, save_scene
 from splatwire.packets import packetization_named, send_sequence
 from splatwire.render.importance import footprint_importance
 from splatwire.train import Listener, RunOptions, TrainConfig, create_config, load_checkpoint, train_scene
-from splatwire.train.config import TRAINED_CONCEALERS
 from splatwire.train.finetune import fine_tuning, state_of_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.presets import MODELS
@@ -166,7 +165,6 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--loss", nargs="*", default=[])
     parser.add_argument("--share", type=float)
-    parser.add_argument("--concealer", choices=TRAINED_CONCEALERS)
     parser.add_argument("--losses", nargs="*", default=["bernoulli:0.2"], help="what the result is tested under")
     parser.add_argument("--sketch", type=float, default=0.0, help="share of the bytes, 0 for none")
     parser.add_argument("--cuts", nargs="*", type=float, default=[])
@@ -187,13 +185,12 @@ def main() -> None:
     torch.set_num_threads(1)
     numba.set_num_threads(1)
     folder, recipe = SCENES[arguments.scene]
-    iterations = arguments.iterations or (240 if arguments.init else 2400)
+    iterations = arguments.iterations or (720 if arguments.init else 2400)
     config = create_config(
         **recipe, model=arguments.model, iterations=iterations, refine_steps=arguments.refine, lmbda=arguments.lmbda,
         losses=tuple(arguments.loss), seed=arguments.seed,
     )  # fmt: skip
-    changed = {name: value for name in ("share", "concealer") if (value := getattr(arguments, name)) is not None}
-    losses = dataclasses.replace(config.losses, **changed)
+    losses = config.losses if arguments.share is None else dataclasses.replace(config.losses, share=arguments.share)
     config = dataclasses.replace(config, losses=losses)
     train, test = (
         open_dataset(arguments.data / "scenes" / folder, split=split, test_views=config.test_views)

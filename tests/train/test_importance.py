@@ -13,9 +13,8 @@ from splatwire.train.context import AnchorCache, TrainedContext
 from splatwire.train.importance import importance_of, order_anchors
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED
-from splatwire.train.loss_concealment import Grown
 from splatwire.train.losses import prepare_photo
-from splatwire.train.packet_loss import PacketLosses
+from splatwire.train.packet_loss import Loss, PacketLosses
 from splatwire.train.state import TrainState
 from splatwire.train.step import TrainingStep
 
@@ -44,7 +43,7 @@ def test_anchors_are_ordered_with_all_that_belongs_to_them(state: TrainState, co
 
 
 def test_the_first_share_arrives(state: TrainState, dataset: Dataset, config: TrainConfig) -> None:
-    losses = LossTraining(first=(0.25,), share=1.0, concealer="grow")
+    losses = LossTraining(first=(0.25,), share=1.0)
     config = dataclasses.replace(config, losses=losses, marks=dataclasses.replace(config.marks, growth_end=5))
     channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     assert state.iteration == config.marks.growth_end + 1
@@ -52,7 +51,7 @@ def test_the_first_share_arrives(state: TrainState, dataset: Dataset, config: Tr
     importance = importance_of(state, config, dataset.cameras).share
     assert bool((importance[:-1] >= importance[1:]).all())
     loss = channel.draw(state, None)
-    assert isinstance(loss, Grown)
+    assert isinstance(loss, Loss)
     count = round(0.25 * state.num_anchors)
     assert loss.known.tolist() == [True] * count + [False] * (state.num_anchors - count)
     assert bool((loss.size_gain[:count] > 1).any())
@@ -63,7 +62,7 @@ def test_the_first_share_arrives(state: TrainState, dataset: Dataset, config: Tr
 def test_anchors_are_sorted_again_as_importance_changes(
     since: int, again: bool, state: TrainState, dataset: Dataset, config: TrainConfig
 ) -> None:
-    losses = LossTraining(first=(0.25,), concealer="grow")
+    losses = LossTraining(first=(0.25,))
     config = dataclasses.replace(config, losses=losses, marks=dataclasses.replace(config.marks, growth_end=5))
     channel = PacketLosses(config, TrainedContext(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     state.iteration = config.marks.growth_end + since

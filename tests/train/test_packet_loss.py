@@ -11,21 +11,19 @@ import torch
 from splatwire.channel import draw_mask, parse_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.geometry import anchor_order
-from splatwire.conceal import Grow, Idw, context_of
+from splatwire.conceal import Grow, context_of
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.prior_field import evaluate_prior
 from splatwire.packets import Packetization, PacketPlan
-from splatwire.scene import Anchors
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import LossTraining, TrainConfig
 from splatwire.train.context import AnchorCache, SampleRate, TrainedContext
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
 from splatwire.train.kernels import COMPILED
-from splatwire.train.loss_concealment import Filled, Grown, Loss
 from splatwire.train.losses import prepare_photo
-from splatwire.train.packet_loss import PacketLosses, packet_of_rank
+from splatwire.train.packet_loss import Loss, PacketLosses, packet_of_rank
 from splatwire.train.presets import create_config
 from splatwire.train.state import TrainState
 from splatwire.train.step import TrainingStep
@@ -33,8 +31,8 @@ from splatwire.train.step import TrainingStep
 PACKETS = Packetization(block_size=50, lanes=4)
 
 
-def _lossy(config: TrainConfig, *models: str, share: float = 0.5, concealer: str = "idw") -> TrainConfig:
-    return dataclasses.replace(config, losses=LossTraining(models, share=share, concealer=concealer))
+def _lossy(config: TrainConfig, *models: str, share: float = 0.5) -> TrainConfig:
+    return dataclasses.replace(config, losses=LossTraining(models, share=share))
 
 
 def _losses(config: TrainConfig) -> PacketLosses:
@@ -74,8 +72,8 @@ def test_what_is_lost_and_how_the_rest_grows_is_as_at_a_receiver(
     exact = evaluate_prior(scene.coding.context, context.anchors.positions, scene.coding.config)
     expected = Grow()(dataclasses.replace(context, prior=exact))
     order = anchor_order(state.voxels.numpy(), "morton")
-    grown = _losses(_lossy(config, model, concealer="grow")).lose(state, PACKETS, loss_model, 7, 1)
-    assert isinstance(grown, Grown)
+    grown = _losses(_lossy(config, model)).lose(state, PACKETS, loss_model, 7, 1)
+    assert isinstance(grown, Loss)
     assert torch.equal(grown.known[order], ~expected.left_out)
     assert 0.1 < float(expected.left_out.float().mean()) < 0.9
     assert float((grown.size_gain[order] - expected.size_gain).abs().max()) < 1e-4
@@ -93,42 +91,12 @@ def test_the_first_anchors_alone_grow_as_those_of_a_tier_do_at_a_receiver(
     received = decode_stream(stream.with_packets([p for p in stream.packets if plan.tier_of(p.id.block) == 0]))
     expected = Grow()(context_of(received))
     order = anchor_order(state.voxels.numpy(), "morton")
-    grown = _losses(_lossy(config, concealer="grow")).keep_first(state, share)
-    assert isinstance(grown, Grown)
+    grown = _losses(_lossy(config)).keep_first(state, share)
+    assert isinstance(grown, Loss)
     assert torch.equal(grown.known[order], ~expected.left_out)
     ratio = grown.size_gain[order] / expected.size_gain
     assert float((ratio - 1).abs().max()) < 0.03  # a tier's size is a byte
     assert float(expected.size_gain.max()) < Grow().max_excess * share**-0.5 - 0.1  # less than for tiers alike
-
-
-@pytest.mark.parametrize("rate", ["0.2", "0.4"])
-def test_what_is_lost_is_drawn_as_a_receiver_draws_it(rate: str, state: TrainState, config: TrainConfig) -> None:
-    model, order = parse_loss(f"bernoulli:{rate}"), anchor_order(state.voxels.numpy(), "morton")
-    scene = export_scene(state, config)
-    stream = encode_scene(scene, PACKETS)
-    context = context_of(decode_stream(draw_mask(stream, model, seed=3).apply(stream)))
-    by_rank, known = scene.anchors.select(torch.from_numpy(order)), context.erasures.known
-    expected = Idw()(dataclasses.replace(context, anchors=_gaps(by_rank, known))).anchors
-    lost = _losses(_lossy(config, "bernoulli:0.2")).lose(state, PACKETS, model, 3, 1)
-    assert isinstance(lost, Filled)
-    rows = torch.from_numpy(order)
-    anchors = dataclasses.replace(by_rank, features=torch.zeros_like(by_rank.features))  # as the rounded ones are
-    weight = by_rank.mask.float()
-    found, weight = lost.filled(state, rows, anchors, weight, config.mask_threshold)
-    for name in ("features", "scalings", "offsets"):
-        value, right = getattr(found, name)[~known], getattr(expected, name)[~known]
-        right = right * expected.mask[~known][:, :, None] if name == "offsets" else right
-        assert torch.allclose(value, right, rtol=1e-4, atol=1e-5), name
-        assert torch.equal(getattr(found, name)[known], getattr(anchors, name)[known])
-    assert torch.equal(found.mask[~known], expected.mask[~known])
-    assert torch.equal(weight, found.mask.float())
-
-
-def _gaps(anchors: Anchors, known: torch.Tensor) -> Anchors:
-    holes = {name: getattr(anchors, name).clone() for name in ("features", "scalings", "offsets", "mask")}
-    for value in holes.values():
-        value[~known] = 0
-    return dataclasses.replace(anchors, **holes)
 
 
 @pytest.mark.parametrize(("block_size", "packet_anchors"), [(40, 7), (40, 64), (1000, 7), (1000, 64)])
@@ -175,13 +143,12 @@ def test_anchors_that_draw_nothing_leave_before_packets_are_lost(
     assert export_scene(state, config).anchors.num_anchors == state.num_anchors
 
 
-@pytest.mark.parametrize("concealer", ["grow", "idw"])
 def test_lost_anchors_learn_nothing_from_the_picture(
-    concealer: str, dataset: Dataset, state: TrainState, config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+    dataset: Dataset, state: TrainState, config: TrainConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where only the picture pulls: without a rate."""
     config = dataclasses.replace(config, marks=dataclasses.replace(config.marks, context_start=100))
-    config = _lossy(config, "bernoulli:0.5", share=1.0, concealer=concealer)
+    config = _lossy(config, "bernoulli:0.5", share=1.0)
     drawn, draw = [], PacketLosses.draw
 
     def watched(losses: PacketLosses, state: TrainState, rate: SampleRate | None) -> Loss | None:
@@ -216,8 +183,6 @@ def test_what_losses_are_trained_for_is_text() -> None:
             create_config(losses=(wrong,))
     with pytest.raises(InvalidValueError, match="share of lossy"):
         LossTraining(share=1.5)
-    with pytest.raises(UnknownNameError, match="kriging"):
-        LossTraining(concealer="kriging")
-    for model, concealer in (("hacpp", "idw"), ("causal", "grow")):
+    for model in ("hacpp", "causal"):
         losses = create_config(model=model, losses=("bernoulli:0.2",), loss_share=0.8).losses
-        assert (losses.models, losses.share, losses.concealer) == (("bernoulli:0.2",), 0.8, concealer)
+        assert (losses.models, losses.share) == (("bernoulli:0.2",), 0.8)

@@ -38,7 +38,7 @@ def _trained(dataset: Dataset, config: TrainConfig, iterations: int) -> TrainSta
 
 PICTURE = [("heads.color.output.bias", i) for i in (10, 25, 40)] + [("heads.color.hidden.weight", 40)]
 LOSSY = ("heads.color.output.bias", 52)
-"""Of anchors that stand in for lost ones, too."""
+"""Where packets are lost, too."""
 RATE = [(name, 40) for name in ("features", "log_scalings", "offsets", "prior.hidden.weight", "channel.1.output.bias")]
 
 
@@ -49,7 +49,7 @@ RATE = [(name, 40) for name in ("features", "log_scalings", "offsets", "prior.hi
 )
 def test_directional_derivative(name: str, iterations: int, rate: float, dataset: Dataset, config: TrainConfig) -> None:
     if (name, iterations) == LOSSY:  # every iteration after growth loses packets, this one too
-        losses = LossTraining(("bernoulli:0.3",), share=1.0, concealer="idw")
+        losses = LossTraining(("bernoulli:0.3",), share=1.0)
         config = dataclasses.replace(config, losses=losses)
     state = _trained(dataset, config, iterations)
     config = dataclasses.replace(config, weights=dataclasses.replace(config.weights, rate=rate))

@@ -25,7 +25,7 @@ _PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 _PRESET_OF_LAYOUT = {"blender": "synthetic_nerf", "bungeenerf": "bungeenerf"}
 CPU_ITERATIONS = 2400
 """Length of a run on a CPU unless the user says otherwise: minutes, not days."""
-FINE_TUNING_ITERATIONS = 240
+FINE_TUNING_ITERATIONS = 720
 """Length of a run that goes on with a finished scene."""
 
 
@@ -49,7 +49,7 @@ class Train:
     """Bytes that the encoded scene is to have, as 500kB, 1.2MB or 500000: lambda is steered there in the second half of
     the run, from --lmbda on."""
     iterations: int | None = None
-    """Length of the run; all phases keep their proportions. 2,400 if absent, 240 with a scene to go on with (the
+    """Length of the run; all phases keep their proportions. 2,400 if absent, 720 with a scene to go on with (the
     published schedules have 30,000)."""
     voxel_size: float | None = None
     """Spacing of anchors in world units, 0 to derive it from the points. The recipe's own if absent."""

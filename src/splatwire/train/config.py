@@ -3,7 +3,7 @@
 import dataclasses
 from dataclasses import dataclass, field
 
-from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.errors import InvalidValueError
 from splatwire.model import ModelConfig
 from splatwire.model.causal import CausalConfig
 
@@ -179,10 +179,6 @@ class RefineConfig:
             )
 
 
-TRAINED_CONCEALERS = ("idw", "grow")
-"""Concealers that a scene can be trained with (`splatwire.train.loss_concealment`)."""
-
-
 @dataclass(frozen=True)
 class LossTraining:
     """Packets that are lost in training, so that the scene learns to do without any of them (`train.packet_loss`).
@@ -195,20 +191,16 @@ class LossTraining:
             places lose nothing and others much: snowmiku_small comes out 0.2 to 0.4 dB better than with `spread`, with
             and without loss (two trainings), lego 0.1 dB worse.
         share: Share of the iterations, once the number of anchors stays, that are lossy.
-        concealer: What is drawn instead of what is lost: one of `TRAINED_CONCEALERS`, by the model.
     """
 
     models: tuple[str, ...] = ()
     first: tuple[float, ...] = ()
     packets: tuple[str, ...] = ("paper", "datagram")
     share: float = 0.5
-    concealer: str = "idw"
 
     def __post_init__(self) -> None:
         if not 0 <= self.share <= 1:
             raise InvalidValueError(f"the share of lossy iterations must be from 0 to 1, not {self.share}")
-        if self.concealer not in TRAINED_CONCEALERS:
-            raise UnknownNameError("concealer to train with", self.concealer, TRAINED_CONCEALERS)
 
 
 @dataclass(frozen=True)

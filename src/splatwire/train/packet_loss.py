@@ -1,12 +1,14 @@
 """What the network will lose, in training: anchors leave an iteration packet by packet, and what stays is concealed.
 
 Packets are those of the stream that the anchors would be encoded into at that moment, their fate is drawn by the
-channel's own models, and a concealer fills the gaps as it does at a receiver.
+channel's own models, and received anchors grow over the gaps as at a receiver (`grow`).
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
 from splatwire.channel import LossModel, parse_loss
@@ -20,9 +22,8 @@ from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.packets import HEADER_BYTES, Packetization, PacketPlan, packetization_named
 from splatwire.scene import Cameras
 from splatwire.train.config import TrainConfig
-from splatwire.train.context import AnchorCache, SampleRate
+from splatwire.train.context import AnchorCache, SampleRate, Seen
 from splatwire.train.importance import importance_of, order_anchors
-from splatwire.train.loss_concealment import Filled, Grown, Loss
 from splatwire.train.models import TrainedModel
 from splatwire.train.state import TrainState, keep_anchors
 
@@ -34,6 +35,26 @@ _SORT_INTERVAL = 3 * _TIDY_INTERVAL
 where half of the bytes came and 0.5 where a quarter did. Each takes a picture of every training view."""
 _MASK_BYTES = 0.8
 """About what the mask of an anchor takes; the rate estimate leaves masks out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Loss:
+    """What an iteration loses, concealed by `grow`: lost anchors are left out, received ones grow.
+
+    Attributes:
+        known: True for anchors that arrived.
+        size_gain: How much larger each of them is drawn, 1 for lost anchors.
+    """
+
+    known: Bool[Tensor, "N"]
+    size_gain: Float[Tensor, "N"]
+
+    def drawn(self, visible: Int64[Tensor, "M"], seen: Seen) -> tuple[Int64[Tensor, "m"], Seen, Float[Tensor, "m"]]:
+        """Returns those of the visible anchors that are drawn, how they are seen, and gains on their sizes."""
+        kept = self.known[visible]
+        (features, scalings, offsets), masks = seen
+        left = features[kept], scalings[kept], offsets[kept]
+        return visible[kept], (left, masks[kept]), self.size_gain[visible[kept]]
 
 
 class PacketLosses:
@@ -50,7 +71,6 @@ class PacketLosses:
         self._models = tuple(parse_loss(text) for text in config.losses.models)
         self._voxels: Tensor | None = None
         self._neighbors = torch.empty(0, 0, dtype=torch.int64)
-        self._rows_around = torch.empty(0, 0, dtype=torch.int64)
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
@@ -138,8 +158,6 @@ class PacketLosses:
             return None
         arrived = torch.empty_like(known)
         arrived[self._order] = known
-        if self._config.losses.concealer == "idw":
-            return Filled(arrived, self._rows_around, self._cache.positions(state))
         gain = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
             size = tier_sizes
@@ -149,7 +167,7 @@ class PacketLosses:
             gain[known] = _GROW.gain(1 - share.float(), known, tier_sizes)
         gain_of = torch.empty_like(gain)
         gain_of[self._order] = gain
-        return Grown(arrived, gain_of)
+        return Loss(arrived, gain_of)
 
     def _arrange(self, state: TrainState) -> None:
         """The anchors by rank, and the neighbours of each rank; computed again only when the anchors change."""
@@ -160,8 +178,6 @@ class PacketLosses:
         positions = self._cache.positions(state)[self._order]
         own = torch.arange(state.num_anchors, device=state.device)
         self._neighbors, _ = nearest_others(NeighborTree(positions), positions, own, _GROW.neighbors)
-        self._rows_around = torch.empty_like(self._neighbors)
-        self._rows_around[self._order] = self._order[self._neighbors]
         self._voxels = state.voxels
 
 

@@ -168,10 +168,7 @@ def _faster_later(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _causal(config: TrainConfig) -> TrainConfig:
-    """The recipe with the causal model, whose masks have to learn fast, and whose networks are small.
-
-    Lost anchors are left out: with `idw`, they are drawn where they are guessed, and `grow` is 2 dB better on lego.
-    """
+    """The recipe with the causal model, whose masks have to learn fast, and whose networks are small."""
     return dataclasses.replace(
         config,
         model=CausalConfig(),
@@ -179,7 +176,6 @@ def _causal(config: TrainConfig) -> TrainConfig:
         rates=_faster_later(dataclasses.replace(config.rates, mask_logits=CAUSAL_MASK_RATE), config.marks.iterations),
         weights=dataclasses.replace(config.weights, sample_share=CAUSAL_SAMPLE_SHARE),
         growth=dataclasses.replace(config.growth, gradient_threshold=CAUSAL_GRADIENT),
-        losses=dataclasses.replace(config.losses, concealer="grow"),
         mask_threshold=CAUSAL_MASK_THRESHOLD,
     )
 

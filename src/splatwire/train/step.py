@@ -77,8 +77,6 @@ class TrainingStep:
         if (lost := self._losses.draw(state, rate)) is not None:
             visible, (attributes, weight), size_gain = lost.drawn(visible, (attributes, weight))
         anchors = self._seen(state, visible, attributes, weight)
-        if lost is not None:
-            anchors, weight = lost.filled(state, visible, anchors, weight, config.mask_threshold)
         watched = gathers_statistics(config.marks, state.iteration)
         spawned = self._spawn(state, anchors, weight, view, size_gain)
         drawing = self._draw(spawned.gaussians, view, watched)

@@ -98,10 +98,13 @@ export class SplatWire extends HTMLElement {
       await view.frame();
       await view.sorted();
       // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
-      let before = "", now = view.canvas.toDataURL("image/png");
+      // Sorts take the longer the busier the machine is, as frames do.
+      let before = "", now = view.canvas.toDataURL("image/png"), wait = 400;
       for (let n = 0; n < 20 && now !== before; n++) {
-        await pause(400);
+        await pause(wait);
+        const began = performance.now();
         await view.frame();
+        wait = Math.max(400, 8 * (performance.now() - began));
         [before, now] = [now, view.canvas.toDataURL("image/png")];
       }
       return now;
