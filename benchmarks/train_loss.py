@@ -44,6 +44,7 @@ SCENES: dict[str, tuple[str, dict[str, Any]]] = {
     "snowmiku_small": ("snowmiku_small", {"voxel_size": 0.01}),
     "snowmiku": ("snowmiku", {}),
     "bonsai_small": ("bonsai_small", {}),
+    "llff_flower_small": ("llff_flower_small", {}),
 }
 CONCEALERS = ("drop", "grow", "idw", "scene_free")
 TABLE = Path(__file__).parent / "results" / "train_loss.json"
