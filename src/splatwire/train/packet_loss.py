@@ -118,19 +118,9 @@ class PacketLosses:
 
     @torch.no_grad()
     def keep_first(self, state: TrainState, share: float) -> Loss | None:
-        """Lets the first rows of the state arrive, the most important share of the anchors, and conceals the rest.
-
-        Sizes are of two tiers, as a stream that is cut off between them says them.
-        """
+        """Lets the first rows of the state arrive, the most important share of the anchors, and conceals the rest."""
         self._arrange(state)
-        known = self._order < round(share * state.num_anchors)
-        if bool(known.all()) or not bool(known.any()):
-            return None
-        tiers = (~known).long().cpu().numpy()
-        sizes = state.scalings()[self._order, 3:6].cpu().numpy()
-        gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
-        relative = torch.from_numpy(relative_sizes(sizes, gaussians, tiers, 2)[tiers])
-        return self._concealed(state, known, relative.to(state.device))
+        return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
 
     @torch.no_grad()
     def lose(
@@ -150,9 +140,7 @@ class PacketLosses:
         received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
         return self._concealed(state, torch.from_numpy(received[packet]).to(state.device))
 
-    def _concealed(
-        self, state: TrainState, known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None
-    ) -> Loss | None:
+    def _concealed(self, state: TrainState, known: Bool[Tensor, "N"], *, cut_off: bool = False) -> Loss | None:
         """What arrived, by rank, with what the concealer makes of it, by row."""
         if bool(known.all()) or not bool(known.any()):
             return None
@@ -160,6 +148,7 @@ class PacketLosses:
         arrived[self._order] = known
         gain = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
+            tier_sizes = self._tier_sizes(state, known) if cut_off else None
             size = tier_sizes
             if size is None:
                 size = mean_log_size(self._model.expected_scalings(state, self._order)).double().exp()
@@ -168,6 +157,13 @@ class PacketLosses:
         gain_of = torch.empty_like(gain)
         gain_of[self._order] = gain
         return Loss(arrived, gain_of)
+
+    def _tier_sizes(self, state: TrainState, known: Bool[Tensor, "N"]) -> Float[Tensor, "N"]:
+        """Sizes by rank of two tiers, what arrived and what did not, as a stream that is cut off between them says."""
+        tiers = (~known).long().cpu().numpy()
+        sizes = state.scalings()[self._order, 3:6].cpu().numpy()
+        gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
+        return torch.from_numpy(relative_sizes(sizes, gaussians, tiers, 2)[tiers]).to(state.device)
 
     def _arrange(self, state: TrainState) -> None:
         """The anchors by rank, and the neighbours of each rank; computed again only when the anchors change."""
