@@ -17,17 +17,17 @@ import torch
 from figures import publish
 from torch import Tensor
 
-from splatwire.calibrate.pseudo_loss import calibration_data, without
+from splatwire.calibrate.pseudo_loss import calibration_data
 from splatwire.codec import decode_stream
-from splatwire.conceal import AnchorContext, create_concealer
+from splatwire.conceal import create_concealer
 from splatwire.conceal.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.evaluate.views import spread
 from splatwire.metrics import psnr
-from splatwire.model import AnchorScene, PartialScene
+from splatwire.model import AnchorScene, Partial
 from splatwire.packets import read_stream
 from splatwire.render import render_scene
-from splatwire.scene import Anchors, Erasures
+from splatwire.scene import Anchors
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "paper": {},
@@ -59,16 +59,16 @@ def mixed(truth: Anchors, filled: Anchors, kept: tuple[str, ...]) -> Anchors:
     return replace(anchors, offsets=anchors.offsets * anchors.mask[:, :, None])
 
 
-def fillings(complete: PartialScene, context: AnchorContext) -> dict[str, Callable[[], AnchorScene]]:
+def fillings(complete: Partial, context: Partial) -> dict[str, Callable[[], AnchorScene]]:
     """Every row: what is drawn after a loss."""
-    truth, received = complete.scene.anchors, context.anchors
-    lossy = PartialScene(replace(complete.scene, anchors=received), context.erasures, complete.prior)
+    truth, received = complete.scene.anchors, context.scene.anchors
+    lossy = replace(context, scene=complete.scene.with_elements(received))
 
     def scene(anchors: Anchors) -> AnchorScene:
         return replace(complete.scene, anchors=anchors)
 
     def filled(name: str, **options: Any) -> Anchors:
-        anchors: Anchors = create_concealer(name, **options)(context).anchors
+        anchors: Anchors = create_concealer(name, **options)(context).elements
         return anchors
 
     rows: dict[str, Callable[[], AnchorScene]] = {
@@ -92,7 +92,7 @@ def fillings(complete: PartialScene, context: AnchorContext) -> dict[str, Callab
                 mixed(truth, filled(name), kept)
             )
     absolute = create_concealer("kriging", target="absolute")
-    rows["kriging: absolute values"] = lambda: scene(absolute(context).anchors)
+    rows["kriging: absolute values"] = lambda: scene(absolute(context).elements)
     rows["kriging: residuals to the prior"] = lambda: scene(filled("kriging"))
     return rows
 
@@ -113,14 +113,14 @@ def main() -> None:
     references: Tensor = render_scene(complete.scene, seen)
     scores: dict[str, list[float]] = {}
     for known in data.pseudo_losses([options.rate] * options.masks, 0):
-        context = replace(without(data.context, known), erasures=Erasures.of_anchors(known))
+        context = data.complete.without(known)
         for name, make in fillings(complete, context).items():
             pictures = render_scene(make(), seen)
             each = [float(psnr(a[None], b[None])) for a, b in zip(pictures, references, strict=True)]
             scores.setdefault(name, []).append(float(torch.tensor(each).mean()))
             print(f"{name:<60} {scores[name][-1]:.2f}", flush=True)
     rows = {name: round(sum(values) / len(values), 2) for name, values in scores.items()}
-    result = {"scene": options.stream.stem, "anchors": data.context.anchors.num_anchors, "rate": options.rate,
+    result = {"scene": options.stream.stem, "anchors": data.complete.scene.anchors.num_anchors, "rate": options.rate,
               "views": seen.num_views, "masks": options.masks, "psnr": rows}  # fmt: skip
     publish(result, options.output)
 

@@ -44,8 +44,8 @@ from splatwire.model import AnchorScene, CausalCoding
 from splatwire.model.scene_file import load_scene
 from splatwire.model.voxels import voxel_indices
 from splatwire.ops.morton import morton_encode
-from splatwire.packets import CAUSAL, SceneStream, read_stream, stream_to_bytes
-from splatwire.packets.sections import CAUSAL_SECTIONS, FIXED_SECTIONS
+from splatwire.packets import SceneStream, read_stream, stream_to_bytes
+from splatwire.packets.limits import SCHEMAS
 from splatwire.train.causal import number_bits
 from splatwire.train.quality import assess_scene
 
@@ -104,7 +104,7 @@ def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
 def plain(stream: SceneStream) -> SceneStream:
     """The stream without named sections: what it shows of a complete transfer is the same (but for a background)."""
     fixed = ByteReader(stream.side_info, "side information")
-    num_sections = len(CAUSAL_SECTIONS if stream.manifest.codec == CAUSAL else FIXED_SECTIONS)
+    num_sections = len(SCHEMAS[stream.manifest.codec].sections)
     side_info = b"".join(framed(fixed.blob()) for _ in range(num_sections))
     manifest = replace(
         stream.manifest, side_info_bytes=len(side_info), side_info_digest=hashlib.sha256(side_info).hexdigest()
@@ -134,6 +134,7 @@ def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
     best = np.inf
     for _ in range(repetitions):
         decoder, plan = open_decoder(stream.manifest, stream.side_info), stream.manifest.plan
+        decoder.make_room()
         members = [plan.members(packet.id, packet.num_anchors) for packet in stream.packets]
         runs = np.array_split(np.arange(len(members)), max(1, stream.manifest.num_anchors // 3000))
         before = time.process_time()

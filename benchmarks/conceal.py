@@ -12,12 +12,13 @@ import time
 import numpy as np
 import torch
 
-from splatwire.conceal import AnchorContext, Concealer, Gnn, GnnWeights, create_concealer
-from splatwire.conceal.gnn import GNN_PRESETS
-from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
-from splatwire.conceal.gnn.weights import scene_fingerprint
-from splatwire.model import AttributePrior, Prior
+from splatwire.conceal import Concealer, create_concealer
+from splatwire.model import AnchorScene, AttributePrior, Partial, Prior
 from splatwire.ops.morton import morton_encode
+from splatwire.paper import Gnn, GnnWeights
+from splatwire.paper.gnn import GNN_PRESETS
+from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
+from splatwire.paper.gnn.weights import scene_fingerprint
 from splatwire.scene import AnchorLayout, Anchors, Erasures
 
 GOAL_SECONDS = {
@@ -42,7 +43,7 @@ def surface_points(num_points: int, rng: np.random.Generator, num_surfaces: int 
     return (voxels[order] * 0.001).astype(np.float32)
 
 
-def make_context(num_anchors: int, loss: float, seed: int) -> AnchorContext:
+def make_context(num_anchors: int, loss: float, seed: int) -> Partial:
     rng, generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
     layout = AnchorLayout()
 
@@ -65,15 +66,16 @@ def make_context(num_anchors: int, loss: float, seed: int) -> AnchorContext:
         offset=AttributePrior(draw(30), draw(30).abs_().add_(0.1), step),
         context=draw(96),
     )
-    return AnchorContext(anchors, Erasures.of_anchors(known), prior, layout)
+    scene = AnchorScene(anchors, heads=None, coding=None)  # no concealer looks at networks
+    return Partial(scene, Erasures.of_anchors(known), {}, (prior, layout))
 
 
-def concealer_for(name: str, context: AnchorContext) -> Concealer:
+def concealer_for(name: str, context: Partial) -> Concealer:
     """A concealer; the GNN's weights are untrained, which takes the same time."""
     if not name.startswith("gnn"):
         return create_concealer(name)
     settings = GNN_PRESETS[name[4:] or "paper"]
-    network = InpaintingNetwork(InputSizes(context.layout, context.prior.context.shape[1]), settings)
+    network = InpaintingNetwork(InputSizes(context[AnchorLayout], context[Prior].context.shape[1]), settings)
     return Gnn(GnnWeights(network.eval().requires_grad_(False), scene_fingerprint(context), {}))
 
 

@@ -33,7 +33,6 @@ from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.data import open_dataset
-from splatwire.evaluate.scenes import complete_scene
 from splatwire.evaluate.views import spread
 from splatwire.model.appearance import Scene
 from splatwire.packets import PRESETS, SceneStream
@@ -46,6 +45,7 @@ from splatwire.render import iterate_views
 from splatwire.render.importance import footprint_importance, surrounding_cameras
 from splatwire.render.precision import classes_of
 from splatwire.scene import Cameras
+from splatwire.scene_io import open_scene
 from splatwire.transport.preview import stream_preview
 from splatwire.transport.protection import Protection
 
@@ -123,7 +123,7 @@ class Bench:
     """One scene: its streams and views."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self.scene, self.concealer = complete_scene(arguments.scene), arguments.conceal
+        self.scene, self.concealer = open_scene(arguments.scene), arguments.conceal
         self.train, self.planning, self.reported = looks_of(self.scene, arguments)
         seen_from = self.train.cameras.select(spread(self.train.cameras.num_views, 6))
         importance = footprint_importance(self.scene, seen_from)

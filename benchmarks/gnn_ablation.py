@@ -16,23 +16,23 @@ from typing import Any
 
 import torch
 
-from splatwire.calibrate.gnn import calibrate
-from splatwire.calibrate.gnn_config import CALIBRATION_PRESETS, CalibrationConfig
-from splatwire.calibrate.gnn_losses import LOSS_PRESETS, channel_spread, normalized_errors
-from splatwire.calibrate.gnn_run import pseudo_graphs
-from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data, without
+from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
 from splatwire.codec import decode_stream
-from splatwire.conceal import Gnn, GnnSettings, create_concealer
+from splatwire.conceal import create_concealer
 from splatwire.conceal.conceal import conceal
-from splatwire.conceal.gnn import GNN_PRESETS, write_section
-from splatwire.conceal.gnn.graph import RepairGraph
 from splatwire.data import load_cameras
 from splatwire.evaluate.views import spread
 from splatwire.metrics import psnr
-from splatwire.model import PartialScene
+from splatwire.model import Partial
 from splatwire.packets import read_stream
+from splatwire.paper import Gnn, GnnSettings
+from splatwire.paper.calibration.calibrate import calibrate
+from splatwire.paper.calibration.config import CALIBRATION_PRESETS, CalibrationConfig
+from splatwire.paper.calibration.losses import LOSS_PRESETS, channel_spread, normalized_errors
+from splatwire.paper.calibration.run import pseudo_graphs
+from splatwire.paper.gnn import GNN_PRESETS, write_section
+from splatwire.paper.gnn.graph import RepairGraph
 from splatwire.render import render_scene
-from splatwire.scene import Erasures
 
 PAPER, ON = GNN_PRESETS["paper"], "interpolation"
 KRIGED = replace(PAPER, interpolation="kriging", baseline=ON)
@@ -65,11 +65,9 @@ BASELINES: dict[str, tuple[str, dict[str, str]]] = {
 class Scorer:
     """Scores concealed scenes on the held-out losses."""
 
-    def __init__(
-        self, data: CalibrationData, complete: PartialScene, held_out: list[RepairGraph], cameras: Any
-    ) -> None:
+    def __init__(self, data: CalibrationData, complete: Partial, held_out: list[RepairGraph], cameras: Any) -> None:
         self.data, self.complete, self.cameras = data, complete, cameras
-        self.truth, self.spread = data.context.anchors, channel_spread(data.context.anchors)
+        self.truth, self.spread = data.complete.scene.anchors, channel_spread(data.complete.scene.anchors)
         self.known = []
         for graph in held_out:
             known = torch.ones(self.truth.num_anchors, dtype=torch.bool)
@@ -83,15 +81,14 @@ class Scorer:
     def errors(self, concealer: Any) -> dict[str, float]:
         rows = []
         for known in self.known:
-            anchors = concealer(without(self.data.context, known)).anchors
+            anchors = concealer(self.data.complete.without(known)).elements
             lost = (~known).nonzero()[:, 0]
             rows.append(normalized_errors(anchors.select(lost), self.truth, self.spread, lost))
         return {name: round(sum(row[name] for row in rows) / len(rows), 4) for name in rows[0]}
 
     def psnr(self, concealer: Any) -> float:
         known = self.known[0]
-        lossy = replace(self.complete.scene, anchors=without(self.data.context, known).anchors)
-        scene = conceal(PartialScene(lossy, Erasures.of_anchors(known), self.complete.prior), concealer)
+        scene = conceal(self.complete.without(known), concealer)
         values = [float(psnr(self._draw(scene, view), picture)[0]) for view, picture in enumerate(self.references)]
         return round(sum(values) / len(values), 3)
 

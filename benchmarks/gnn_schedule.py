@@ -21,15 +21,16 @@ from typing import Any
 import torch
 from gnn_ablation import BASELINES, Scorer
 
-from splatwire.calibrate.gnn_config import CALIBRATION_PRESETS, CalibrationConfig
-from splatwire.calibrate.gnn_run import CalibrationRun, restore_checkpoint, save_checkpoint
 from splatwire.calibrate.pseudo_loss import calibration_data
 from splatwire.codec import decode_stream
-from splatwire.conceal import Gnn, create_concealer
-from splatwire.conceal.gnn.weights import save_weights
+from splatwire.conceal import create_concealer
 from splatwire.data import load_cameras
 from splatwire.evaluate.views import spread
 from splatwire.packets import read_stream
+from splatwire.paper import Gnn
+from splatwire.paper.calibration.config import CALIBRATION_PRESETS, CalibrationConfig
+from splatwire.paper.calibration.run import CalibrationRun, restore_checkpoint, save_checkpoint
+from splatwire.paper.gnn.weights import save_weights
 
 _NEVER_STALE = 10**6
 
@@ -92,7 +93,7 @@ def main() -> None:
             name: create_concealer(kind, **more) for name, (kind, more) in BASELINES.items() if "," not in name
         }
         report = {
-            "scene": options.stream.stem, "anchors": run.data.context.anchors.num_anchors, "views": seen.num_views,
+            "scene": options.stream.stem, "anchors": run.data.scene.num_elements, "views": seen.num_views,
             "config": dataclasses.asdict(run.config), "reference": run.reference, "cpu_seconds": 0.0,
             "psnr": {name: scorer.psnr(concealer) for name, concealer in concealers.items()}, "points": [],
         }  # fmt: skip

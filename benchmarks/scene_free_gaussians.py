@@ -19,12 +19,12 @@ from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import conceal, create_concealer
 from splatwire.conceal.scene_free import save_gain_network
-from splatwire.evaluate.scenes import complete_scene
 from splatwire.metrics import psnr
 from splatwire.packets import PRESETS
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
+from splatwire.scene_io import open_scene
 
 RATES = (0.2, 0.1, 0.3)
 FLOOR = 1e-5
@@ -33,7 +33,7 @@ FLOOR = 1e-5
 def train(options: argparse.Namespace) -> dict[str, object]:
     started, streams = time.perf_counter(), []
     for path in options.scenes:
-        scene = complete_scene(path)
+        scene = open_scene(path)
         stream = encode_scene(scene, PRESETS["datagram"], classes=classes_of(scene))
         streams.append(LossyStream(stream, surrounding_cameras(scene, options.views, options.width)))
         print(f"{path.name}: {stream.manifest.num_anchors} Gaussians", file=sys.stderr, flush=True)
@@ -59,7 +59,7 @@ def score(options: argparse.Namespace) -> dict[str, object]:
     given = {} if options.weights is None else {"gaussian_weights": options.weights}
     names = {name: create_concealer(name, **(given if name == "scene_free" else {})) for name in options.conceal}
     for path in options.scenes:
-        scene = complete_scene(path)
+        scene = open_scene(path)
         stream = encode_scene(scene, PRESETS["datagram"], classes=classes_of(scene))
         cameras = surrounding_cameras(scene, options.views, options.width)
         truth = list(iterate_views(scene, cameras))

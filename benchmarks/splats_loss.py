@@ -33,7 +33,6 @@ from splatwire.codec.schemas.gaussians.side_info import read_side_info
 from splatwire.codec.schemas.gaussians.source_scene import SourceScene
 from splatwire.conceal import conceal
 from splatwire.entropy.range_kernels import ZERO, encoder_finish, encoder_start
-from splatwire.evaluate.scenes import complete_scene
 from splatwire.metrics import psnr
 from splatwire.model import SplatScene
 from splatwire.ops.compiled import njit
@@ -41,13 +40,14 @@ from splatwire.packets import HEADER_BYTES, PRESETS, Packetization, SceneStream
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
+from splatwire.scene_io import open_scene
 
 CONFIG = SketchConfig(views=12, scored_views=4, masks=1, held_out_masks=1)
 WHOLE = Packetization(block_size=(1 << 16) - 1, lanes=1, grouping="contiguous")
 
 
 def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
-    scene = complete_scene(path)
+    scene = open_scene(path)
     stream = encode_scene(scene, PRESETS["datagram"], classes=classes_of(scene))
     cameras = surrounding_cameras(scene, options.views, options.width)
     truth, loss = list(iterate_views(scene, cameras)), parse_loss("bernoulli:0.2", "datagram")
@@ -108,7 +108,7 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
 
 
 def packets_of(path: Path, _: argparse.Namespace) -> dict[str, object]:
-    scene = complete_scene(path)
+    scene = open_scene(path)
     classes = classes_of(scene)
     whole = encode_scene(scene, WHOLE, classes=classes)
     near = whole.num_bytes - HEADER_BYTES * len(whole.packets)
@@ -158,7 +158,7 @@ def cell_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> d
 
 def places_of(path: Path, options: argparse.Namespace) -> dict[str, object]:
     """What it costs, and brings, to send the cells of all Gaussians apart from packets, where they are not lost."""
-    scene = complete_scene(path)
+    scene = open_scene(path)
     classes = classes_of(scene)
     stream = encode_scene(scene, PRESETS["datagram"], classes=classes)
     cameras = surrounding_cameras(scene, options.views, options.width)

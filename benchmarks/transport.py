@@ -35,7 +35,7 @@ from splatwire.packets import (
     read_stream,
     write_stream,
 )
-from splatwire.packets.sections import FIXED_SECTIONS
+from splatwire.packets.limits import FORMAT_1_SECTIONS
 from splatwire.transport import Protection, Receiver, ReceiverOptions, Server, ServerLimits, make_program
 from splatwire.transport.address import Address
 from splatwire.transport.fec import recover
@@ -79,7 +79,7 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
             count = min(per_packet, plan.block_anchors(block) - first)
             packets.append(make_packet(PacketId(block, first), count, bytes(1124)))
     sections = ByteWriter()
-    for size in (side_bytes, *(0,) * (len(FIXED_SECTIONS) - 1)):
+    for size in (side_bytes, *(0,) * (len(FORMAT_1_SECTIONS) - 1)):
         sections.blob(bytes(size))
     return make_stream(
         packetization=PRESETS["datagram"], num_anchors=num_anchors, feature_dim=50, num_offsets=10,

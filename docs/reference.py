@@ -2,9 +2,12 @@
 
 import contextlib
 import importlib
+import inspect
 import io
 import os
-from collections.abc import Iterator
+import pkgutil
+from collections.abc import Iterable, Iterator
+from types import ModuleType
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -12,10 +15,10 @@ from mkdocs.structure.files import File, Files
 from splatwire.cli.main import VERBS, main
 
 ROOMS = (
-    "scene", "model", "packets", "channel", "codec", "conceal", "render", "metrics", "data", "train", "evaluate",
-    "transport", "view",
+    "scene_io", "scene", "data", "train", "importers", "formats", "model", "codec", "packets", "channel", "conceal",
+    "paper", "render", "metrics", "evaluate", "evaluate.study", "exporters", "calibrate", "plan", "transport", "view",
 )  # fmt: skip
-"""Rooms with a public face, in the order of the journey."""
+"""Rooms that a program uses, in the order of the journey."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -46,7 +49,26 @@ def _python() -> Iterator[str]:
     for room in ROOMS:
         module = importlib.import_module(f"splatwire.{room}")
         yield f"\n## splatwire.{room}\n\n{(module.__doc__ or '').strip()}\n\n"
-        for name in sorted(n for n in module.__all__ if not n.startswith("_")):
-            home = getattr(getattr(module, name), "__module__", module.__name__)
-            if home.startswith("splatwire.") and not isinstance(getattr(module, name), (dict, int, str)):
-                yield f"::: {home}.{name}\n    options:\n      heading_level: 3\n\n"
+        for home, name in public_names(module):
+            yield f"::: {home}.{name}\n    options:\n      heading_level: 3\n\n"
+
+
+def public_names(room: ModuleType) -> list[tuple[str, str]]:
+    """Classes and functions of a room, each with the module that it is from.
+
+    They are those that the room's package exports; a room that exports nothing shows those of its files.
+    """
+    found = _names_in(room, getattr(room, "__all__", vars(room)))
+    if not found:
+        files = [file.name for file in pkgutil.iter_modules(room.__path__) if not file.name.startswith("_")]
+        modules = [importlib.import_module(f"{room.__name__}.{file}") for file in files]
+        found = [
+            entry for module in modules for entry in _names_in(module, vars(module)) if entry[0] == module.__name__
+        ]
+    return found
+
+
+def _names_in(module: ModuleType, names: Iterable[str]) -> list[tuple[str, str]]:
+    values = {name: getattr(module, name) for name in sorted(names) if not name.startswith("_")}
+    shown = {name: value for name, value in values.items() if inspect.isclass(value) or inspect.isfunction(value)}
+    return [(value.__module__, name) for name, value in shown.items() if value.__module__.startswith("splatwire.")]

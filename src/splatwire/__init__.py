@@ -18,30 +18,30 @@ if TYPE_CHECKING:
     from splatwire.errors import SplatwireError as SplatwireError
     from splatwire.importers.hacpp import import_hacpp as import_hacpp
     from splatwire.model.anchor_scene import AnchorScene as AnchorScene
-    from splatwire.model.anchor_scene import PartialScene as PartialScene
-    from splatwire.model.scene_file import load_scene as load_scene
-    from splatwire.model.scene_file import save_scene as save_scene
+    from splatwire.model.partial import Partial as Partial
     from splatwire.packets import Packetization as Packetization
     from splatwire.packets import SceneStream as SceneStream
     from splatwire.packets import read_stream as read_stream
     from splatwire.packets import write_stream as write_stream
     from splatwire.render import render_scene as render_scene
+    from splatwire.scene_io import open_scene as open_scene
+    from splatwire.scene_io import save_scene as save_scene
 
 _HOME = {
     "AnchorScene": "splatwire.model.anchor_scene",
     "Packetization": "splatwire.packets",
-    "PartialScene": "splatwire.model.anchor_scene",
+    "Partial": "splatwire.model.partial",
     "SceneStream": "splatwire.packets",
     "SplatwireError": "splatwire.errors",
     "create_concealer": "splatwire.conceal",
     "decode_stream": "splatwire.codec",
     "encode_scene": "splatwire.codec",
     "import_hacpp": "splatwire.importers.hacpp",
-    "load_scene": "splatwire.model.scene_file",
+    "open_scene": "splatwire.scene_io",
     "parse_loss": "splatwire.channel",
     "read_stream": "splatwire.packets",
     "render_scene": "splatwire.render",
-    "save_scene": "splatwire.model.scene_file",
+    "save_scene": "splatwire.scene_io",
     "transmit": "splatwire.channel",
     "write_stream": "splatwire.packets",
 }

@@ -5,16 +5,17 @@ import pytest
 import torch
 
 from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
-from splatwire.calibrate.pseudo_loss import calibration_data, without
+from splatwire.calibrate.pseudo_loss import calibration_data
 from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
 from splatwire.calibrate.sketch_fit import SketchFit, fit_sketch, sketch_material
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene
-from splatwire.conceal import conceal, context_of
+from splatwire.conceal import conceal
 from splatwire.conceal.sketch.concealer import buckets_of, sizes_of, sketched_attributes, with_sketch
 from splatwire.conceal.sketch.section import read_sketch, write_sketch
 from splatwire.errors import InvalidValueError
+from splatwire.model import ExpectedPlaces
 from splatwire.packets import Packetization
 from splatwire.render import render_scene
 from splatwire.render.sensitivity import render_sensitivity
@@ -40,7 +41,7 @@ def result(stream, data):
 
 @pytest.fixture(scope="module")
 def material(data):
-    return sketch_material(data.context, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
+    return sketch_material(data.complete, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
 
 
 def test_a_sketch_fits_its_share_and_brings_something(stream, result) -> None:
@@ -60,7 +61,7 @@ def test_the_stream_carries_it(stream, data, result) -> None:
     lossy, _ = transmit(richer, parse_loss("bernoulli:0.4"), seed=1)
     partial = decode_stream(lossy)
     drawn = conceal(partial, "sketch")
-    section = read_sketch(result.section, sizes_of(data.context), buckets_of(data.context))
+    section = read_sketch(result.section, sizes_of(data.complete), buckets_of(data.complete))
     there = partial.erasures.known | torch.from_numpy(section.levels > 0)
     assert torch.equal(drawn.hints.left_out, ~there)
     assert torch.equal(
@@ -70,25 +71,26 @@ def test_the_stream_carries_it(stream, data, result) -> None:
 
 def test_more_bytes_bring_copies_closer(data, material) -> None:
     """Error of the copies under the metric that they are chosen by, relative to leaving the anchors out."""
-    nothing = without(data.context, torch.zeros(500, dtype=torch.bool))
+    nothing = data.complete.without(torch.zeros(500, dtype=torch.bool))
     errors, sizes = [], []
     for price in (1e-8, 1e-10, 1e-12):
         section = fit_sketch(material, price, SketchFit())
-        sizes.append(len(write_sketch(section, buckets_of(data.context))))
+        sizes.append(len(write_sketch(section, buckets_of(data.complete))))
         copied = with_sketch(nothing, section)
         rows = torch.from_numpy(section.levels > 0)
-        wrong = copied.anchors.features[rows] - data.context.anchors.features[rows]
+        wrong = copied.scene.anchors.features[rows] - data.complete.scene.anchors.features[rows]
         errors.append(float((wrong**2).mean()))
     assert sizes == sorted(sizes)
     assert errors == sorted(errors, reverse=True)
-    assert errors[-1] < 0.05 * float(data.context.anchors.features.var())
+    assert errors[-1] < 0.05 * float(data.complete.scene.anchors.features.var())
 
 
 def test_scalings_are_relative_to_the_prior(data, material) -> None:
     section = fit_sketch(material, 1e-13, SketchFit(num_levels=6))
     rows = np.flatnonzero(section.levels)
-    true = data.context.anchors.scalings[rows]
-    copied = with_sketch(without(data.context, torch.zeros(500, dtype=torch.bool)), section).anchors.scalings[rows]
+    true = data.complete.scene.anchors.scalings[rows]
+    nothing = data.complete.without(torch.zeros(500, dtype=torch.bool))
+    copied = with_sketch(nothing, section).scene.anchors.scalings[rows]
     assert float((copied / true).log().abs().median()) < 0.2
     flat = sketched_attributes(section, torch.ones(len(rows), 6))[1]
     assert not torch.allclose(flat, copied)
@@ -98,10 +100,12 @@ def test_scalings_are_relative_to_the_prior(data, material) -> None:
 def test_a_pseudo_loss_leaves_what_a_receiver_has(make) -> None:
     """Where packets say where anchors are, lost ones stand where they are guessed."""
     stream = encode_scene(make(seed=2, num_anchors=300), Packetization(block_size=100))
-    lossy = context_of(decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0]))
-    pretended = without(calibration_data(stream, decode_stream(stream)).context, lossy.erasures.known)
-    for field in dataclasses.fields(lossy.anchors):
-        assert torch.equal(getattr(pretended.anchors, field.name), getattr(lossy.anchors, field.name)), field.name
+    lossy = decode_stream(transmit(stream, parse_loss("bernoulli:0.4"), seed=1)[0])
+    pretended = calibration_data(stream, decode_stream(stream)).complete.without(lossy.erasures.known)
+    for field in dataclasses.fields(lossy.scene.anchors):
+        assert torch.equal(getattr(pretended.scene.anchors, field.name), getattr(lossy.scene.anchors, field.name)), (
+            field.name
+        )
     assert torch.equal(pretended.erasures.received, lossy.erasures.received)
     assert torch.equal(pretended.places, lossy.places)
 
@@ -110,10 +114,10 @@ def test_a_pseudo_loss_leaves_what_a_receiver_has(make) -> None:
 def test_copies_stand_where_the_lost_ones_stood(make) -> None:
     stream = encode_scene(make(seed=2, num_anchors=300), Packetization(block_size=100))
     data = calibration_data(stream, decode_stream(stream))
-    material = sketch_material(data.context, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
+    material = sketch_material(data.complete, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
     section = fit_sketch(material, 1e-15, SketchFit(num_levels=6))
-    copied = with_sketch(without(data.context, torch.zeros(300, dtype=torch.bool)), section).anchors
-    there, true = torch.from_numpy(section.levels > 0)[:, None] & copied.mask, data.context.anchors
+    copied = with_sketch(data.complete.without(torch.zeros(300, dtype=torch.bool)), section).scene.anchors
+    there, true = torch.from_numpy(section.levels > 0)[:, None] & copied.mask, data.complete.scene.anchors
     assert int(there.sum()) > 20
     assert bool((true.mask | ~there).all())
 
@@ -121,8 +125,10 @@ def test_copies_stand_where_the_lost_ones_stood(make) -> None:
         return (anchors.positions[:, None] + anchors.offsets * anchors.scalings[:, None, :3])[there]
 
     wrong = (centers(copied) - centers(true)).norm(dim=1).median()
-    guessed = data.context.guessed
-    moved = 0.1 * float(true.positions.std()) if guessed is None else (true.positions - guessed).norm(dim=1).median()
+    guessed = data.complete.find(ExpectedPlaces)
+    moved = 0.1 * float(true.positions.std())
+    if guessed is not None:
+        moved = (true.positions - guessed.positions).norm(dim=1).median()
     assert float(wrong) < 0.3 * float(moved)
 
 

@@ -10,7 +10,7 @@ from splatwire.calibrate.sketch_of import sketch_of
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.errors import InvalidValueError
-from splatwire.model import SplatScene
+from splatwire.model import Copies, SplatScene
 from splatwire.render.importance import surrounding_cameras
 
 CONFIG = SketchConfig(share=0.1, views=3, scored_views=2, masks=1, held_out_masks=1)
@@ -34,7 +34,7 @@ def result(stream, views):
 def test_a_sketch_fits_its_share_and_brings_something(stream, result) -> None:
     assert 0.09 * stream.num_bytes < len(result.section) <= 0.1 * stream.num_bytes
     assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
-    copies = decode_stream(add_concealment(stream, "sketch", result.section)).copies
+    copies = decode_stream(add_concealment(stream, "sketch", result.section)).find(Copies)
     assert len(copies.places) == result.num_sketched
     assert (copies.growth[0], copies.growth[2]) == (result.exponent, result.trust)
 
@@ -46,7 +46,7 @@ def test_the_same_seed_gives_the_same_bytes(stream, views, result) -> None:
 def test_the_most_important_come_first(stream, result) -> None:
     """Larger and more opaque than most."""
     whole = decode_stream(stream).scene.splats
-    copies = decode_stream(add_concealment(stream, "sketch", result.section)).copies
+    copies = decode_stream(add_concealment(stream, "sketch", result.section)).find(Copies)
     weight = whole.opacities * whole.scales.log().mean(dim=1).mul(2).exp()
     assert float(weight[copies.places].median()) > 2 * float(weight.median())
 
@@ -68,5 +68,5 @@ def test_the_background_of_the_views_counts(stream, views) -> None:
     complete = decode_stream(stream)
     white = sketch_of(stream, complete, dataclasses.replace(views, background=(1.0, 1.0, 1.0)), CONFIG)
     black = sketch_of(stream, complete, views, CONFIG)
-    places = [decode_stream(add_concealment(stream, "sketch", s.section)).copies.places for s in (white, black)]
+    places = [decode_stream(add_concealment(stream, "sketch", s.section)).find(Copies).places for s in (white, black)]
     assert set(places[0].tolist()) != set(places[1].tolist())

@@ -141,6 +141,13 @@ def test_trace_layouts(tmp_path, text):
     assert draw(Trace(tmp_path / "loss.txt"), 6).tolist() == [True, True, False, True, False, False]
 
 
+def test_the_trace_of_the_documents_is_one(pytestconfig, tmp_path):
+    text = (pytestconfig.rootpath / "docs" / "transport.md").read_text(encoding="utf-8")
+    path = tmp_path / "trace.txt"
+    path.write_text(text.partition("A trace is text")[2].partition("```text\n")[2].partition("```")[0])
+    assert "".join(str(int(arrived)) for arrived in parse_loss(f"trace:{path}").entries) == "1111011001101"
+
+
 def test_trace_too_short(tmp_path):
     path = tmp_path / "loss.txt"
     path.write_text("10")

@@ -111,15 +111,14 @@ def test_own_renders_are_compared_on_one_colour(run, white, stream):
 
 
 def test_a_protocol_composes_photos_on_it(run, white, stream, tmp_path):
-    path = tmp_path / "mine.toml"
+    path, words = tmp_path / "mine.toml", ("--workers", 1, "--views", 1, "-o", tmp_path / "out", "--json")
     path.write_text(PROTOCOL.format(folder=white))
-    words = ("evaluate", path, "--workers", 1, "--views", 1, "--json")
-    first = run(*words, "-o", tmp_path / "own")
+    first = run("study", path, *words)
     assert first.status == 0, first.err
-    own = first.json["rows"][0]["figures"]["psnr"]["mean"]
-    red = run(*words, "-o", tmp_path / "own", "--background", 1, 0, 0).json
+    path.write_text(path.read_text().replace("[[scene]]", "[[scene]]\nbackground = [1.0, 0.0, 0.0]"))
+    red = run("study", path, *words).json
     assert red["num_computed"] == 1  # another colour is another unit of work
-    assert min(own, red["rows"][0]["figures"]["psnr"]["mean"]) > 35
+    assert min(content["rows"][0]["figures"]["psnr"]["mean"] for content in (first.json, red)) > 35
 
 
 def test_a_sketch_is_calibrated_on_it(run, white, stream, tmp_path, monkeypatch):

@@ -92,7 +92,6 @@ def test_transmit_settings(run, journey, tmp_path, words, named):
     ("words", "named"),
     [
         (("--preset", "best"), "best"),
-        (("--order", "hilbert"), "hilbert"),
         (("--block-size", "0"), "block size"),
         (("--lanes", "1000"), "lanes"),
     ],
@@ -112,24 +111,23 @@ def test_unknown_concealer_is_told_before_any_work(run, journey, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("words", "instead"),
     [
-        ("--engine", "local"),
-        ("--workers", 1),
-        ("--store", "x"),
-        ("--data-root", "x"),
-        ("--scene", "bundled"),
-        ("--photos", "x"),
-        ("--weights", "x"),
-        ("--scene-name", "x"),
+        (("--engine", "local"), "splatwire study"),
+        (("--data_root=x",), "SPLATWIRE_DATA"),
+        (("--scene-name", "x"), "splatwire study --scene FILE"),
+        (("--send-order", "block"), "splatwire transmit"),
     ],
 )
-def test_options_of_protocols_are_for_protocols(run, journey, words):
-    reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
-    assert_complains(run("evaluate", journey / "tiny.swz", *reference, *words), words[0], "protocol files (.toml)")
+def test_former_words_are_answered_with_the_new_ones(run, journey, words, instead):
+    assert_complains(run("evaluate", journey / "tiny.swz", *words), words[0][:6].rstrip("_"), instead)
 
 
-@pytest.mark.parametrize("words", [("--seeds", 1), ("--contiguous",), ("--send-order", "block")])
+def test_a_protocol_is_not_evaluated(run, tmp_path):
+    assert_complains(run("evaluate", "table3.toml", "-o", tmp_path), "splatwire study table3.toml")
+
+
+@pytest.mark.parametrize("words", [("--seeds", 1), ("--contiguous",)])
 def test_options_of_losses_need_losses(run, journey, words):
     reference = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json")
     assert_complains(run("evaluate", journey / "tiny.swz", *reference, *words), words[0], "--loss")
@@ -139,17 +137,14 @@ def test_cameras_and_references_must_be_given(run, journey, tmp_path):
     assert_complains(run("evaluate", journey / "tiny.swz"), "--data")
     words = ("--reference", journey / "tiny.swz", "--cameras", journey / "cameras.json", "--data", tmp_path)
     assert_complains(run("evaluate", journey / "tiny.swz", *words), "either --cameras FILE or --data")
-    assert_complains(run("demo", "--stream", journey / "tiny.swz", "-o", tmp_path), "--cameras")
     assert_complains(
         run("render", journey / "tiny.scene", "-o", tmp_path, "--cameras", tmp_path / "no.json"), "no.json"
     )
 
 
-def test_a_lossy_stream_cannot_be_encoded_or_demonstrated(run, journey, tmp_path):
+def test_a_lossy_stream_cannot_be_encoded(run, journey, tmp_path):
     run("decode", journey / "lossy.swz", "-o", tmp_path / "gaps.scene")
     assert_complains(run("encode", tmp_path / "gaps.scene", "-o", tmp_path / "x.swz"), "gaps.scene")
-    words = ("--cameras", journey / "cameras.json", "-o", tmp_path / "demo")
-    assert_complains(run("demo", "--stream", journey / "lossy.swz", *words), "complete")
 
 
 def test_json_and_data_cannot_share_standard_output(run, journey):

@@ -17,9 +17,9 @@ def test_calibrate_then_conceal_with_the_weights(run, journey, tmp_path):
 
 def test_calibrate_into_a_stream(run, journey, tmp_path, monkeypatch):
     """An interpolation made useless on purpose is improved by anything."""
-    from splatwire.conceal import PriorMean
+    from splatwire.paper import PriorMean
 
-    monkeypatch.setattr("splatwire.conceal.gnn.graph.Kriging", PriorMean)
+    monkeypatch.setattr("splatwire.paper.gnn.graph.Kriging", PriorMean)
     target = tmp_path / "calibrated.swz"
     words = ("--preset", "compact", "--iterations", 20, "--json")
     content = run("calibrate", "gnn", journey / "tiny.swz", "-o", target, *words).json
@@ -38,7 +38,7 @@ def test_calibrate_into_a_stream(run, journey, tmp_path, monkeypatch):
 
 
 def test_what_does_not_pay_is_not_put_into_a_stream(run, journey, tmp_path, monkeypatch):
-    monkeypatch.setattr("splatwire.conceal.gnn.weights.GnnWeights.improves", property(lambda _: False))
+    monkeypatch.setattr("splatwire.paper.gnn.weights.GnnWeights.improves", property(lambda _: False))
     words = ("--preset", "compact", "--iterations", 2)
     outcome = run("calibrate", "gnn", journey / "tiny.swz", "-o", tmp_path / "c.swz", *words)
     assert outcome.status == 2

@@ -1,11 +1,15 @@
 """Explicit Gaussians through the journey: file to packets, losses, and back to a file."""
 
+import zipfile
+from dataclasses import replace
+
 import pytest
 import torch
 
+from formats.handmade import some_splats
 from splatwire.codec import add_concealment
 from splatwire.formats import read_splats, write_splats
-from splatwire.packets import read_stream
+from splatwire.packets import read_stream, write_stream
 from splatwire.scene.splats import Splats
 from splatwire.transport.preview import stream_preview
 
@@ -39,6 +43,40 @@ def test_gaussians_take_the_papers_packets_unless_told_otherwise(run, ply, tmp_p
     run("encode", ply, "-o", tmp_path / "a.swz")
     packetization = run("inspect", tmp_path / "a.swz", "--json").json["packetization"]
     assert (packetization["block_size"], packetization["lanes"]) == (3000, 8)
+
+
+def test_inspect_tells_what_a_file_of_gaussians_holds(run, ply):
+    facts, splats = run("inspect", ply, "--json").json, read_splats(ply)
+    assert facts["kind"] == "explicit Gaussians (ply)"
+    assert (facts["num_gaussians"], facts["degree"], facts["num_bytes"]) == (COUNT, 0, ply.stat().st_size)
+    for number, axis in enumerate("xyz"):
+        places = splats.means[:, number].sort().values.tolist()
+        assert facts["bounds"][axis] == [places[0], places[-1]]
+        assert places[5] < facts["core"][axis][0] < facts["core"][axis][1] < places[-5]
+    assert facts["sizes"]["most"] == float(splats.scales.max())
+    assert facts["opacities"]["median"] == pytest.approx(float(splats.opacities.double().quantile(0.5)))
+    assert facts["problems"] == []
+    shown = run("inspect", ply).out
+    assert "num_packets" not in shown
+    assert "problems" in shown
+
+
+def test_inspect_tells_what_is_wrong(run, ply, tmp_path):
+    splats = read_splats(ply)
+    splats.means[7] = 1e6
+    splats.scales[8] = 50.0
+    splats.scales[9, 0] = 1e-8
+    splats.opacities[10:13] = 1e-4
+    splats.sh[14, 0, 1] = 40.0
+    harmonics = torch.cat([splats.sh, torch.zeros(COUNT, 3, 3)], dim=1)
+    write_splats([replace(splats, sh=harmonics)], tmp_path / "wrong.ply")
+    problems = run("inspect", tmp_path / "wrong.ply", "--json").json["problems"]
+    expected = (("farther", 1, 7), ("larger than the core", 1, 8), ("as long as thick", 1, 9), ("transparent", 3, 10),
+                ("colour outside", 1, 14))  # fmt: skip
+    for problem, (what, count, row) in zip(problems, expected, strict=False):
+        assert what in problem
+        assert problem.endswith(f": {count} of {COUNT}, first row {row}")
+    assert problems[5:] == ["the harmonics of degree 1 are all 0: they cost bytes for nothing"]
 
 
 def test_what_arrives_whole_is_the_scene(run, ply, stream, tmp_path):
@@ -116,7 +154,9 @@ def test_redundancy_is_planned(run, stream, tmp_path):
 
 
 def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):
-    assert "works on anchors" in run("decode", stream, "-o", tmp_path / "a.ply", "--conceal", "cari").err
+    assert (
+        "this stream of Gaussians has not" in run("decode", stream, "-o", tmp_path / "a.ply", "--conceal", "cari").err
+    )
     assert "do not have" in run("encode", ply, "-o", tmp_path / "a.swz", "--refine", "10").err
     assert "explicit Gaussians, not anchors" in run("calibrate", "gnn", stream, "-o", tmp_path / "gnn.swz").err
 
@@ -160,3 +200,38 @@ def test_a_sketch_travels_in_the_stream(run, stream, tmp_path):
     assert left["drop"] < left["sketch"] < COUNT
     plain = run("inspect", stream, "--json").json
     assert run("inspect", target, "--json").json["side_info_parts"].keys() - plain["side_info_parts"] == {"sketch"}
+
+
+@pytest.mark.parametrize(
+    ("words", "more"),
+    [
+        (("inspect",), ()),
+        (("encode",), ("-o", "{out}/a.swz")),
+        (("render",), ("-o", "{out}/p", "--cameras", "{journey}/cameras.json", "--scale", 0.2)),
+        (("export", "spz"), ("-o", "{out}/a.spz")),
+        (("export", "splat"), ("-o", "{out}/a.splat")),
+        (("import", "splats"), ("-o", "{out}/a.ply")),
+        (("evaluate",), ("--reference", "{folder}", "--cameras", "{journey}/cameras.json", "--views", 1)),
+        (("calibrate", "preview"), ("-o", "{out}/b.swz", "--cameras", "{journey}/cameras.json")),
+    ],
+)
+def test_a_folder_of_sog_goes_into_every_verb(run, journey, tmp_path, words, more):
+    write_splats([some_splats(40, 1)], tmp_path / "a.sog")
+    with zipfile.ZipFile(tmp_path / "a.sog") as bundle:
+        bundle.extractall(tmp_path / "sog")
+    (tmp_path / "out").mkdir()
+    places = {"out": tmp_path / "out", "journey": journey, "folder": tmp_path / "sog"}
+    rest = [str(word).format(**places) for word in more]
+    outcome = run(words[0], *words[1:], tmp_path / "sog", *rest, "--json")
+    assert outcome.status == 0, outcome.err
+    assert outcome.json
+
+
+@pytest.mark.parametrize("end", ["ply", "compressed.ply", "spz", "sog", "splat"])
+@pytest.mark.parametrize("more", [(), ("--conceal", "grow")])
+def test_a_stream_of_which_nothing_arrived_is_one_line(run, stream, tmp_path, end, more):
+    write_stream(read_stream(stream)[0].with_packets(()), tmp_path / "none.swz")
+    outcome = run("decode", tmp_path / "none.swz", "-o", tmp_path / f"x.{end}", *more)
+    assert outcome.status == 2
+    assert outcome.err.splitlines()[-1].endswith("there is no Gaussian to write")
+    assert not (tmp_path / f"x.{end}").exists()

@@ -3,7 +3,8 @@ import torch
 
 from scenes import tiny_cameras
 from splatwire.data import save_cameras
-from splatwire.formats import read_splats
+from splatwire.formats import read_splats, write_splats
+from splatwire.scene.splats import Splats
 
 
 @pytest.mark.parametrize("source", ["tiny.scene", "tiny.swz"])
@@ -48,6 +49,7 @@ def test_an_export_is_drawn_and_compared_with(run, journey, tmp_path):
         (["--degree", 4], "degree 0 to 3"),
         (["--views", 8], "--views must be 9"),
         (["--data", "x", "--cameras", "y"], "either --data"),
+        (["--views", "16", "--cameras", "y"], "either --data"),
     ],
 )
 def test_mistakes_are_told_in_one_line(run, journey, tmp_path, words, message):
@@ -61,3 +63,79 @@ def test_standard_output_is_refused(run, journey):
     done = run("export", "ply", journey / "tiny.scene", "-o", "-")
     assert done.status == 2
     assert "give -o a file" in done.err
+
+
+@pytest.fixture
+def curved(tmp_path):
+    """Gaussians whose colours depend on the direction, degree 3."""
+    rng = torch.Generator().manual_seed(2)
+    quats = torch.nn.functional.normalize(torch.randn(80, 4, generator=rng), dim=1)
+    means, scales = torch.rand(80, 3, generator=rng), torch.rand(80, 3, generator=rng) * 0.05 + 0.01
+    harmonics = torch.randn(80, 16, 3, generator=rng) * 0.2
+    path = tmp_path / "curved.ply"
+    write_splats([Splats(means, quats, scales, torch.full((80,), 0.7), harmonics)], path)
+    return path
+
+
+def test_gaussians_are_written_with_the_degree_that_was_asked_for(run, curved, tmp_path):
+    for degree in (0, 1, 3):
+        done = run("export", "ply", curved, "-o", tmp_path / "a.ply", "--degree", degree, "--json")
+        assert done.json["degree"] == read_splats(tmp_path / "a.ply").degree == degree
+        assert done.err == ""
+
+
+def test_gaussians_are_measured_where_somebody_asks(run, curved, journey, tmp_path):
+    words = ("export", "spz", curved, "-o", tmp_path / "a.spz")
+    assert run(*words, "--json").json["measured"] is None
+    seen = run(*words, "--cameras", journey / "cameras.json", "--json").json["measured"]
+    assert seen["num_views"] == 2
+    assert seen["psnr_to_scene"] > 30
+    assert run(*words, "--views", 16, "--json").json["measured"]["num_views"] == 2
+    for option in ("--cameras", "--data"):
+        done = run(*words, option, tmp_path / "nowhere.json")
+        assert (done.status, done.out) == (2, "")
+        assert "nowhere.json" in done.err
+
+
+def test_harmonics_that_a_file_cannot_hold_are_told(run, curved, tmp_path):
+    told = "one colour for all directions; the scene's harmonics, of degree 3"
+    assert told in run("export", "splat", curved, "-o", tmp_path / "a.splat").err
+    assert read_splats(tmp_path / "a.splat").degree == 0
+    done = run("export", "splat", curved, "-o", tmp_path / "b.splat", "--degree", 2)
+    assert done.status == 2
+    assert "one colour for all directions" in done.err
+    assert run("encode", curved, "-o", tmp_path / "a.swz").status == 0
+    assert told in run("decode", tmp_path / "a.swz", "-o", tmp_path / "c.splat").err
+    assert told not in run("decode", tmp_path / "a.swz", "-o", tmp_path / "c.ply").err
+
+
+@pytest.mark.parametrize("name", ["x.ksplat", "x.txt", "-"])
+def test_a_name_of_no_format_is_refused_before_decoding(run, curved, journey, tmp_path, monkeypatch, name):
+    def never(*words, **options):
+        raise AssertionError("decoded")
+
+    assert run("encode", curved, "-o", tmp_path / "a.swz").status == 0
+    monkeypatch.setattr("splatwire.codec.decode_stream", never)
+    done = run("decode", tmp_path / "a.swz", "-o", tmp_path / name if name != "-" else name)
+    assert (done.status, done.out) == (2, "")
+    assert "format of explicit Gaussians" in done.err
+    done = run("decode", journey / "tiny.swz", "-o", tmp_path / "x.glb")
+    assert done.status == 2
+    assert "the name says a glTF file" in done.err
+
+
+def test_fewer_bits_of_spz_are_smaller_and_for_spz_alone(run, curved, tmp_path):
+    sizes = {}
+    for name, words in {"full": (), "fewer": ("--harmonic-bits", 5, 4)}.items():
+        found = run("export", "spz", curved, "-o", tmp_path / f"{name}.spz", "--json", *words)
+        sizes[name] = found.json["num_bytes"]
+    assert sizes["fewer"] < 0.9 * sizes["full"]
+    for words, reason in (
+        (("sog", curved, "-o", tmp_path / "a.sog", "--harmonic-bits", 5, 4), "is for spz"),
+        (("spz", curved, "-o", tmp_path / "a.spz", "--harmonic-bits", 0, 9), "from 1 to 8"),
+    ):
+        done = run("export", *words)
+        assert done.status == 2
+        assert reason in done.err
+    assert run("export", "glb", curved, "-o", tmp_path / "a.glb").status == 0
+    assert read_splats(tmp_path / "a.glb").degree == 3

@@ -1,6 +1,13 @@
+import itertools
+import os
+import re
+import signal
 import subprocess
 import sys
+import threading
 
+import numba
+import numpy as np
 import pytest
 
 import splatwire
@@ -27,6 +34,26 @@ def test_every_verb_has_help_and_json(run, words):
     outcome = run(*words, "--help")
     assert outcome.status == 0
     assert "--json" in outcome.out
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_help_fits_a_narrow_terminal(run, words, monkeypatch):
+    """No number is cut at its comma, no line ends before it is full, and nothing is said to be None."""
+    monkeypatch.setenv("COLUMNS", "80")
+    told = run(*words, "--help").out
+    assert "None" not in told
+    assert not re.search(r"\d,\s*│\n│\s+\d", told)
+    lines = [line[1:-1].strip() for line in told.splitlines() if line.startswith("│")]
+    for line, after in itertools.pairwise(lines):
+        option = after.startswith(("-", "─")) or line.startswith(("-", "─")) or not after
+        assert option or line.endswith((".", ")")) or len(line) + len(after.split()[0]) > 45, line
+
+
+def test_the_overview_tells_of_version_and_completion(run):
+    told = run("--help").out
+    assert "--version" in told
+    assert "--tyro-print-completion" in told
+    assert "complete" in run("--tyro-print-completion", "bash").out
 
 
 def test_version(run):
@@ -71,6 +98,31 @@ def test_errors_are_one_line_without_traceback(run, monkeypatch, error, status, 
     assert words in outcome.err
     assert outcome.err.count("\n") == 1
     assert outcome.out == ""
+
+
+def test_ctrl_c_in_a_kernel_is_one_line(run, monkeypatch):
+    """numba makes a SystemError of it where a kernel returns an array."""
+
+    class Interrupted:
+        def run(self) -> None:
+            words = (os.getpid(), signal.SIGINT)
+            timer = threading.Timer(0.2, os.kill, words)
+            timer.start()
+            while True:
+                _long_kernel(np.ones(3), 60_000_000)
+
+    _long_kernel(np.ones(3), 1)
+    monkeypatch.setattr(main_module, "_parse", lambda arguments: Interrupted())
+    outcome = run("demo")
+    assert (outcome.status, outcome.out, outcome.err) == (130, "", "splatwire: stopped\n")
+
+
+@numba.njit(nogil=True)  # so that the timer's thread runs meanwhile
+def _long_kernel(values, count):
+    total = 0.0
+    for index in range(count):
+        total += np.sin(values[index % len(values)])
+    return np.full(3, total), total
 
 
 def test_our_own_slips_keep_their_traceback(monkeypatch):

@@ -107,7 +107,16 @@ def test_a_deadline_is_a_budget(run, datagrams):
     assert content["budget_bytes"] == 125_000
 
 
-def test_mistakes_are_told(run, journey, datagrams):
-    assert "--preset datagram" in run("plan", journey / "tiny.swz").err
-    assert "needs --rate" in run("plan", datagrams, "--deadline", 1.0).err
+def test_a_stream_in_other_packets_is_planned_for_as_it_is_served(run, journey, tmp_path):
+    from splatwire.codec import repack
+    from splatwire.packets import PRESETS, read_stream
+
+    outcome = run("plan", journey / "tiny.swz", "--views", 1, "--trials", 5, "-o", tmp_path / "plan.json")
+    assert "packets that fit datagrams" in outcome.err
+    served = repack(read_stream(journey / "tiny.swz")[0], PRESETS["datagram"])
+    assert json.loads((tmp_path / "plan.json").read_text())["stream_id"] == f"{served.manifest.stream_id:08x}"
+
+
+def test_mistakes_are_told(run, datagrams):
+    assert "--deadline and --rate together" in run("plan", datagrams, "--deadline", 1.0).err
     assert "unknown loss" in run("plan", datagrams, "--loss", "weather").err.lower()

@@ -3,10 +3,13 @@
 import contextlib
 import json
 import signal
+import socket
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 from urllib.request import urlopen
 
 import numpy as np
@@ -17,7 +20,7 @@ from processes import told_by
 from scenes import tiny_scene
 from splatwire.cli.main import main
 from splatwire.cli.receive import parse_seconds
-from splatwire.codec import add_concealment, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, preview_scene, write_preview
 from splatwire.errors import InvalidValueError
 from splatwire.formats import read_splats
@@ -148,6 +151,18 @@ def test_a_scene_is_written_on_the_spot(url: str, tmp_path: Path):
     assert load_scene(target).anchors.num_anchors == 400
 
 
+def test_a_stream_in_other_packets_is_served_as_the_same_scene(tmp_path: Path):
+    paper, got = tmp_path / "paper.swz", tmp_path / "got.swz"
+    whole = encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=1))
+    write_stream(whole, paper)
+    with serving(str(paper)) as facts:
+        assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(got)) == 0
+    received = read_stream(got)[0]
+    assert received.manifest.packetization.hashed
+    sent, seen = decode_stream(whole).scene.elements, decode_stream(received).scene.elements
+    assert all(torch.equal(values, vars(seen)[name]) for name, values in vars(sent).items())
+
+
 def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     paper = tmp_path / "paper.swz"
     write_stream(encode_scene(tiny_scene(seed=1, num_anchors=400), Packetization(lanes=1)), paper)
@@ -155,7 +170,6 @@ def test_mistakes_are_told_in_one_line(url: str, tmp_path: Path, capsys: pytest.
         (("receive", f"{url}/other", "-o", str(tmp_path / "a.swz")), "no such stream"),
         (("receive", "http://x", "-o", str(tmp_path / "a.swz")), "is not an address"),
         (("receive", url, "-o", str(tmp_path / "a.swz"), "--deadline", "soon"), "is not a time"),
-        (("serve", str(paper)), "--preset datagram"),
         (("serve", str(paper), "--port", "70000"), "a port is a number"),
         (("serve", str(paper), "--protect", "tier9=1"), "is not parity for a tier"),
         (("serve", str(paper), "--protect", "tier0=1", "tier0=1"), "is not parity for a tier"),
@@ -219,6 +233,29 @@ def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: p
         assert facts["fingerprint"] == identity.fingerprint
         url = f"quic://127.0.0.1:{facts['port']}"
         assert call("receive", url, "-o", target, "--authority", str(certificate)) == 0
+
+
+def test_ending_beside_slow_readers_says_what_was_served_and_no_more():
+    """Readers of the page that take nothing, half-open requests, and a page that is half there."""
+    pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+    command = [sys.executable, "-m", "splatwire", "serve", "--page", "0", "--port", "0", "--json"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        (name,), page = (facts := json.loads(server.stdout.readline()))["streams"], urlsplit(facts["page"])
+        with contextlib.ExitStack() as stack:
+            for said in (f"GET /streams/{name}.swz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", "GET / HTTP/1.1\r\n"):
+                for _ in range(50):
+                    client = stack.enter_context(socket.create_connection((page.hostname, page.port), timeout=30))
+                    client.sendall(said.encode())
+                    if said.endswith("\r\n\r\n"):
+                        assert client.recv(8) == b"HTTP/1.1"  # so it is being served
+            server.terminate()
+            _, told = server.communicate(timeout=30)
+    finally:
+        server.kill()
+        server.communicate()
+    assert server.returncode == 0
+    assert told.splitlines() == ["served 0 clients, 0 bytes"]
 
 
 def test_tiers_on_the_command_line():

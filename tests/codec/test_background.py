@@ -23,7 +23,7 @@ def test_a_background_crosses_the_wire(scene: AnchorScene, preset: str) -> None:
     stream = encode_scene(replace(scene, background=WHITE), PRESETS[preset])
     partial = decode_stream(stream.with_packets(stream.packets[1:]))
     assert background_of(stream) == partial.scene.background == WHITE
-    assert SECTION not in partial.concealment
+    assert SECTION not in partial.sections
     assert background_of(add_concealment(stream, "gnn", b"weights")) == WHITE
 
 

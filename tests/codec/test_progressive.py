@@ -13,7 +13,7 @@ from scenes import tiny_scene
 from splatwire.codec import decode_stream, encode_scene, progressive
 from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
-from splatwire.model import PartialScene
+from splatwire.model import Partial, Prior
 from splatwire.packets import PacketId, Packetization, SceneStream, make_packet
 
 PACKETIZATIONS = {
@@ -41,14 +41,14 @@ def shuffled(stream: SceneStream, seed: int) -> list:
     return packets
 
 
-def assert_same(a: PartialScene, b: PartialScene) -> None:
+def assert_same(a: Partial, b: Partial) -> None:
     assert torch.equal(a.erasures.received, b.erasures.received)
     for name in ("positions", "features", "scalings", "offsets", "mask"):
         assert torch.equal(getattr(a.scene.anchors, name), getattr(b.scene.anchors, name)), name
-    assert torch.equal(a.prior.context, b.prior.context)
+    assert torch.equal(a[Prior].context, b[Prior].context)
     for name in ("feature", "scaling", "offset"):
         for part in ("mean", "scale", "step"):
-            assert torch.equal(getattr(getattr(a.prior, name), part), getattr(getattr(b.prior, name), part)), name
+            assert torch.equal(getattr(getattr(a[Prior], name), part), getattr(getattr(b[Prior], name), part)), name
     assert torch.equal(a.scene.heads.color.output.weight, b.scene.heads.color.output.weight)
 
 
@@ -132,7 +132,7 @@ def test_side_information_must_be_there_and_fit(stream):
 
 def test_progress_reaches_the_end(stream):
     shares: list[float] = []
-    ProgressiveDecoder(stream.manifest, stream.side_info, progress=shares.append)
+    assert ProgressiveDecoder(stream.manifest, stream.side_info, progress=shares.append).partial
     assert shares[-1] == 1.0
 
 
@@ -170,4 +170,4 @@ def test_a_snapshot_is_the_whole_scene_in_tensors_of_its_own():
             assert getattr(fixed.scene, field.name) == getattr(decoder.partial.scene, field.name), field.name
     decoder.add(stream.packets[5:])
     assert_same(fixed, there)
-    assert decoder.snapshot().concealment == decoder.partial.concealment
+    assert decoder.snapshot().sections == decoder.partial.sections

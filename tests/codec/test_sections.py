@@ -7,12 +7,12 @@ import torch
 from splatwire.byte_io import ByteWriter
 from splatwire.codec import add_concealment, decode_stream, encode_scene, side_info_parts, without_concealment
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
-from splatwire.conceal import context_of
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.scene_file import load_partial, save_partial
 from splatwire.packets import ANCHORS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
-from splatwire.packets.sections import MAX_SECTIONS, read_sections, split_sections, write_sections
+from splatwire.packets.limits import MAX_SECTIONS
+from splatwire.packets.sections import read_sections, split_sections, write_sections
 
 SECTIONS = {"gnn": b"weights", "hints": b"", "later_release": bytes(range(200))}
 
@@ -62,16 +62,16 @@ def test_a_decoder_hands_them_to_concealers(stream: SceneStream, tmp_path: Path)
     for name, data in SECTIONS.items():
         richer = add_concealment(richer, name, data)
     partial = decode_stream(richer.with_packets(richer.packets[1:]))
-    assert partial.concealment == SECTIONS
-    assert context_of(partial).to_cpu().concealment == SECTIONS
+    assert partial.sections == SECTIONS
+    assert partial.to_cpu().sections == SECTIONS
     plain = decode_stream(stream.with_packets(stream.packets[1:]))
-    assert plain.concealment == {}
+    assert plain.sections == {}
     assert torch.equal(partial.scene.anchors.features, plain.scene.anchors.features)
     save_partial(partial, tmp_path / "rich")
-    assert load_partial(tmp_path / "rich").concealment == SECTIONS
+    assert load_partial(tmp_path / "rich").sections == SECTIONS
     save_partial(plain, tmp_path / "plain")
-    save_partial(replace(partial, concealment={}), tmp_path / "stripped")
-    assert load_partial(tmp_path / "plain").concealment == {}
+    save_partial(replace(partial, sections={}), tmp_path / "stripped")
+    assert load_partial(tmp_path / "plain").sections == {}
     assert (tmp_path / "plain").read_bytes() == (tmp_path / "stripped").read_bytes()
 
 

@@ -12,7 +12,7 @@ from splatwire.codec.decoding import open_decoder
 from splatwire.codec.encoding import scene_in_order
 from splatwire.codec.schemas.hacpp.separated import SECTION
 from splatwire.errors import BitstreamError, DesyncError
-from splatwire.model import AnchorScene, PartialScene
+from splatwire.model import AnchorScene, Partial
 from splatwire.packets import (
     PRESETS,
     PacketId,
@@ -41,7 +41,7 @@ def whole(stream: SceneStream) -> Anchors:
     return decode_stream(stream).scene.anchors
 
 
-def without(stream: SceneStream, *ids: PacketId) -> PartialScene:
+def without(stream: SceneStream, *ids: PacketId) -> Partial:
     return decode_stream(stream.with_packets(packet for packet in stream.packets if packet.id not in ids))
 
 
@@ -74,7 +74,7 @@ def test_no_loss_gives_the_integers_of_atomic_packets(scene: AnchorScene, packet
     assert separated.manifest.symbols_digest == atomic.manifest.symbols_digest
     ours, other = decode_stream(separated), decode_stream(atomic)
     assert ours.erasures.num_lost == 0
-    assert SECTION not in ours.concealment
+    assert SECTION not in ours.sections
     for name in NAMES:
         assert torch.equal(getattr(ours.scene.anchors, name), getattr(other.scene.anchors, name))
     assert stream_from_bytes(stream_to_bytes(separated))[0] == separated

@@ -52,7 +52,7 @@ def test_the_decoded_scene_is_the_same_with_and_without(scene: AnchorScene, stre
     assert plain.manifest.tiers == ()
     ours, other = decode_stream(stream), decode_stream(plain)
     assert ours.erasures.num_lost == 0
-    assert SECTION not in ours.concealment
+    assert SECTION not in ours.sections
     for name in NAMES:
         assert torch.equal(getattr(ours.scene.anchors, name), getattr(other.scene.anchors, name))
 
@@ -155,7 +155,7 @@ def test_damaged_sections_are_errors_or_other_tiers(stream: SceneStream):
 @pytest.mark.parametrize(
     ("stated", "message"),
     [
-        ([[700, 4]], "number of tiers"),
+        ([[700, 4]], "2 to 8 of them"),
         ([[300, 4], [300, 4]], "do not add up"),
         ([[0, 4], [700, 4]], "number of anchors of a tier"),
         ([[-5, 4], [705, 4]], "number of anchors of a tier"),

@@ -33,4 +33,4 @@ def test_one_camera_and_parallel_ones_look_ahead():
 def test_concealers_do_not_see_it():
     stream = add_concealment(encode_scene(tiny_scene(seed=2)), SECTION, viewpoint_section(tiny_cameras()))
     assert SECTION in sections_of(stream)
-    assert SECTION not in decode_stream(stream).concealment
+    assert SECTION not in decode_stream(stream).sections

@@ -4,7 +4,7 @@ import pytest
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.codec.integer_network import IntegerLinear
 from splatwire.codec.weight_bytes import read_mlp, write_mlp
-from splatwire.codec.weights import QuantisedMlp, quantise_linear, quantise_mlp
+from splatwire.codec.weights import QuantisedMlp, exact_linear, exact_mlp, quantise_linear, quantise_mlp
 from splatwire.entropy.coder import encode_symbols
 from splatwire.entropy.integers import scale_index, write_integers, zero_mean_rows
 from splatwire.errors import BitstreamError
@@ -131,3 +131,33 @@ def test_wrong_shape_is_named() -> None:
 def test_weights_beyond_exact_arithmetic_are_refused() -> None:
     with pytest.raises(BitstreamError, match="exactly"):
         IntegerLinear(np.full((2, 64), 1 << 23, dtype=np.int64), np.zeros(2, dtype=np.int64))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_quantised_network_is_found_in_its_own_numbers(seed: int) -> None:
+    mlp, layers, _ = network(np.random.default_rng(seed), True)
+    numbers = [tuple(part.astype(np.float64) for part in layer.dequantised()) for layer in (mlp.hidden, mlp.output)]
+    found = exact_mlp(*numbers, leaky=True)
+    assert found is not None
+    for one, other in ((found.hidden, mlp.hidden), (found.output, mlp.output)):
+        assert np.array_equal(one.integer().weight, other.integer().weight)
+        assert np.array_equal(one.bias, other.bias)
+    assert num_bytes(found) <= 1.02 * num_bytes(mlp)
+    assert exact_mlp(*layers, leaky=True) is None
+
+
+@pytest.mark.parametrize("scale", [1.0, 100.0, 300.0])
+def test_float32_holds_what_the_integers_stand_for(scale: float) -> None:
+    rng = np.random.default_rng(0)
+    weight = rng.normal(size=(6, 8)) * scale
+    layer = quantise_linear(weight, np.zeros(6), rng.normal(size=(100, 8)), np.full(6, 1e-4))
+    found = exact_linear(*(part.astype(np.float64) for part in layer.dequantised()))
+    assert found is not None
+    assert np.array_equal(found.integer().weight, layer.integer().weight)
+
+
+def test_rows_and_columns_of_zeros_are_exact() -> None:
+    weight = np.array([[0.0, 0.0, 0.0], [0.0, 65535.5 / 65536, 0.0]]) * 2
+    found = exact_linear(weight, np.zeros(2))
+    assert found is not None
+    assert np.array_equal(found.dequantised()[0], weight)

@@ -1,12 +1,26 @@
 """Small hand-made scenes with gaps."""
 
 from dataclasses import replace
+from typing import Any
 
 import torch
 
-from splatwire.conceal import AnchorContext
-from splatwire.model import AttributePrior, Prior
+from splatwire.model import (
+    AnchorScene,
+    AttributePrior,
+    ContextModel,
+    GaussianHeads,
+    HacppCoding,
+    HashGrid,
+    Linear,
+    Mlp,
+    ModelConfig,
+    Partial,
+    Prior,
+    SplatScene,
+)
 from splatwire.scene import AnchorLayout, Anchors, Erasures
+from splatwire.scene.splats import Splats
 
 LAYOUT = AnchorLayout(feature_dim=10, num_offsets=4, feature_groups=(2, 2, 2, 2, 2))
 CONTEXT_DIM = 12
@@ -14,7 +28,7 @@ CONTEXT_DIM = 12
 
 def random_context(
     num_anchors: int, seed: int, *, loss: float | int = 0.3, separated: bool = False, layout: AnchorLayout = LAYOUT
-) -> AnchorContext:
+) -> Partial:
     """Independent random numbers everywhere; attributes that were not received are zero, as a decoder returns them."""
     rng = torch.Generator().manual_seed(seed)
 
@@ -40,27 +54,57 @@ def random_context(
         offset=AttributePrior(normal(3 * layout.num_offsets), 0.1 + uniform(3 * layout.num_offsets), step),
         context=normal(CONTEXT_DIM),
     )
-    return AnchorContext(anchors, Erasures(known), prior, layout)
+    return partial_of(anchors, Erasures(known), prior, layout)
 
 
-def permuted(context: AnchorContext, order: torch.Tensor) -> AnchorContext:
-    prior = context.prior
+def partial_of(anchors: Anchors, erasures: Erasures, *said: Any) -> Partial:
+    """A decoded scene of these anchors, whose networks say nothing."""
+    mlp = Mlp(Linear(torch.zeros(1, 1), torch.zeros(1)), Linear(torch.zeros(1, 1), torch.zeros(1)))
+    signs = torch.ones(1, 1, dtype=torch.int8)
+    model = ContextModel(HashGrid(signs, signs.expand(3, 1, 1), torch.zeros(3), torch.ones(3)), mlp, (mlp,))
+    layout = next(record for record in said if isinstance(record, AnchorLayout))
+    coding = HacppCoding(model, 0.001, ModelConfig(layout=layout))
+    return Partial(AnchorScene(anchors, GaussianHeads(mlp, mlp, mlp), coding), erasures, {}, said)
+
+
+def changed(context: Partial, **fields: Any) -> Partial:
+    """The same with other anchors, erasures, prior or sections, or with other fields of its anchors."""
+    anchors = fields.pop("anchors", context.elements)
+    said = [fields.pop("prior")] if "prior" in fields else []
+    own = {name: fields.pop(name) for name in list(fields) if name in vars(anchors)}
+    scene = context.scene.with_elements(replace(anchors, **own))
+    return replace(context, scene=scene, **fields).saying(*said)
+
+
+def permuted(context: Partial, order: torch.Tensor) -> Partial:
+    prior = context[Prior]
     parts = (
         AttributePrior(part.mean[order], part.scale[order], part.step[order])
         for part in (prior.feature, prior.scaling, prior.offset)
     )
-    return AnchorContext(
-        context.anchors.select(order),
+    return partial_of(
+        context.scene.anchors.select(order),
         Erasures(context.erasures.received[order]),
         Prior(*parts, context=prior.context[order]),
-        context.layout,
+        context[AnchorLayout],
     )
 
 
-def only(context: AnchorContext, known: torch.Tensor) -> AnchorContext:
+def only(context: Partial, known: torch.Tensor) -> Partial:
     """The context of a receiver to whom only some anchors came, all of their attributes."""
-    a, blank = context.anchors, known[:, None]
+    a, blank = context.scene.anchors, known[:, None]
     anchors = Anchors(
         a.positions, a.features * blank, a.scalings * blank, a.offsets * blank[:, :, None], a.mask & blank
     )
-    return replace(context, anchors=anchors, erasures=Erasures.of_anchors(known))
+    return changed(context, anchors=anchors, erasures=Erasures.of_anchors(known))
+
+
+def gaussians(
+    positions: torch.Tensor, opacities: torch.Tensor, known: torch.Tensor, log_scales: torch.Tensor | None = None
+) -> Partial:
+    """Explicit Gaussians, of size 1 unless said otherwise."""
+    count = len(positions)
+    scales = torch.ones(count, 3) if log_scales is None else log_scales.exp()
+    quats = torch.tensor([1.0, 0.0, 0.0, 0.0]).expand(count, -1).clone()
+    splats = Splats(positions, quats, scales, opacities, torch.zeros(count, 1, 3))
+    return Partial(SplatScene(splats), Erasures.of_anchors(known))

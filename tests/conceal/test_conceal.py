@@ -3,21 +3,16 @@ import dataclasses
 import pytest
 import torch
 
-from conceal.gaps import LAYOUT, permuted, random_context
-from splatwire.conceal import AnchorContext, Concealed, conceal, concealer_names, context_of, create_concealer
+from conceal.gaps import changed, permuted, random_context
+from splatwire.conceal import Concealed, conceal, concealer_names, create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model import (
     AnchorScene,
-    ContextModel,
-    GaussianHeads,
-    HacppCoding,
-    HashGrid,
-    Linear,
-    Mlp,
-    ModelConfig,
-    PartialScene,
+    Copies,
+    Partial,
+    Prior,
 )
-from splatwire.scene import Attribute, Erasures
+from splatwire.scene import AnchorLayout, Attribute, Erasures
 
 NAMES = ("drop", "prior", "idw", "cari", "grow", "scene_free")
 FIELDS = {
@@ -28,25 +23,16 @@ FIELDS = {
 }
 
 
-def partial_scene(context: AnchorContext) -> PartialScene:
-    mlp = Mlp(Linear(torch.zeros(1, 1), torch.zeros(1)), Linear(torch.zeros(1, 1), torch.zeros(1)))
-    signs = torch.ones(1, 1, dtype=torch.int8)
-    model = ContextModel(HashGrid(signs, signs.expand(3, 1, 1), torch.zeros(3), torch.ones(3)), mlp, (mlp,))
-    heads = GaussianHeads(mlp, mlp, mlp)
-    scene = AnchorScene(context.anchors, heads, HacppCoding(model, 0.001, ModelConfig(layout=context.layout)))
-    return PartialScene(scene, context.erasures, context.prior)
-
-
 def same_bits(a: torch.Tensor, b: torch.Tensor) -> bool:
     return a.dtype == b.dtype and a.shape == b.shape and a.numpy().tobytes() == b.numpy().tobytes()
 
 
 def assert_drawable(scene: AnchorScene) -> None:
-    assert scene.hints is not None
     for name in ("positions", "features", "scalings", "offsets"):
         assert bool(getattr(scene.anchors, name).isfinite().all()), name
-    assert bool((scene.hints.size_gain > 0).all())
-    assert bool(scene.hints.size_gain.isfinite().all())
+    if scene.hints is not None:
+        assert bool((scene.hints.size_gain > 0).all())
+        assert bool(scene.hints.size_gain.isfinite().all())
     assert bool((scene.anchors.scalings >= 0).all())
     assert bool((scene.anchors.offsets[~scene.anchors.mask] == 0).all())
 
@@ -71,14 +57,14 @@ def test_an_unknown_option_is_an_error() -> None:
 @pytest.mark.parametrize("separated", [False, True])
 def test_what_was_received_stays_bit_for_bit(name: str, separated: bool) -> None:
     context = random_context(200, 4, separated=separated)
-    before = {f: getattr(context.anchors, f).clone() for f in ("positions", *FIELDS.values())}
-    scene = conceal(partial_scene(context), name)
+    before = {f: getattr(context.scene.anchors, f).clone() for f in ("positions", *FIELDS.values())}
+    scene = conceal(context, name)
     assert same_bits(scene.anchors.positions, before["positions"])
     for attribute, part in FIELDS.items():
         received = context.erasures.column(attribute)
         decoded, concealed = before[part], getattr(scene.anchors, part)
         assert same_bits(concealed[received], decoded[received])
-        assert same_bits(getattr(context.anchors, part), decoded), "the input was changed in place"
+        assert same_bits(getattr(context.scene.anchors, part), decoded), "the input was changed in place"
     assert_drawable(scene)
 
 
@@ -87,65 +73,61 @@ class Vandal:
 
     name = "vandal"
 
-    def __call__(self, context: AnchorContext) -> Concealed:
-        other = random_context(context.anchors.num_anchors, 99, loss=0)
-        return Concealed.filled(other.anchors)
+    def __call__(self, context: Partial) -> Concealed:
+        other = random_context(context.scene.anchors.num_anchors, 99, loss=0)
+        return Concealed.filled(other.elements)
 
 
 def test_the_law_holds_for_concealers_that_do_not_keep_it() -> None:
     context = random_context(50, 1, separated=True)
-    scene = conceal(partial_scene(context), Vandal())
+    scene = conceal(context, Vandal())
     for attribute, part in FIELDS.items():
         received = context.erasures.column(attribute)
-        assert same_bits(getattr(scene.anchors, part)[received], getattr(context.anchors, part)[received])
-        assert not torch.equal(getattr(scene.anchors, part)[~received], getattr(context.anchors, part)[~received])
+        assert same_bits(getattr(scene.anchors, part)[received], getattr(context.scene.anchors, part)[received])
+        assert not torch.equal(getattr(scene.anchors, part)[~received], getattr(context.scene.anchors, part)[~received])
 
 
 def test_bad_proposals_are_refused() -> None:
     context = random_context(30, 1)
 
     class Short(Vandal):
-        def __call__(self, context: AnchorContext) -> Concealed:
-            return Concealed.filled(context.anchors.select(torch.arange(3)))
+        def __call__(self, context: Partial) -> Concealed:
+            return Concealed.filled(context.scene.anchors.select(torch.arange(3)))
 
     class Explodes(Vandal):
-        def __call__(self, context: AnchorContext) -> Concealed:
-            proposal = Concealed.filled(context.anchors)
+        def __call__(self, context: Partial) -> Concealed:
+            proposal = Concealed.filled(context.scene.anchors)
             return dataclasses.replace(proposal, size_gain=proposal.size_gain / 0)
 
     class Negative(Vandal):
-        def __call__(self, context: AnchorContext) -> Concealed:
-            proposal = Concealed.filled(context.anchors)
+        def __call__(self, context: Partial) -> Concealed:
+            proposal = Concealed.filled(context.scene.anchors)
             return dataclasses.replace(proposal, opacity_gain=-proposal.size_gain)
 
     for concealer in (Short(), Explodes(), Negative()):
         with pytest.raises(InvalidValueError, match="concealer 'vandal' returned"):
-            conceal(partial_scene(context), concealer)
+            conceal(context, concealer)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_lost_changes_nothing(name: str) -> None:
     context = random_context(40, 2, loss=0)
-    scene = conceal(partial_scene(context), name)
-    for part in FIELDS.values():
-        assert same_bits(getattr(scene.anchors, part), getattr(context.anchors, part))
-    assert scene.hints is not None
-    assert bool((scene.hints.size_gain == 1).all())
-    assert not bool(scene.hints.left_out.any())
+    scene = conceal(context, name)
+    assert scene is context.scene
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_everything_lost_leaves_the_prior_or_nothing(name: str) -> None:
     context = random_context(40, 2, loss=1)
-    scene = conceal(partial_scene(context), name)
+    scene = conceal(context, name)
     assert_drawable(scene)
     assert scene.hints is not None
     if name in ("drop", "grow", "scene_free"):
         assert bool(scene.hints.left_out.all())
         return
     assert not bool(scene.hints.left_out.any())
-    torch.testing.assert_close(scene.anchors.features, context.prior.feature.mean, rtol=0, atol=0)
-    torch.testing.assert_close(scene.anchors.offsets.flatten(1), context.prior.offset.mean, rtol=0, atol=0)
+    torch.testing.assert_close(scene.anchors.features, context[Prior].feature.mean, rtol=0, atol=0)
+    torch.testing.assert_close(scene.anchors.offsets.flatten(1), context[Prior].offset.mean, rtol=0, atol=0)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -153,7 +135,7 @@ def test_everything_lost_leaves_the_prior_or_nothing(name: str) -> None:
 def test_tiny_scenes(name: str, num_anchors: int) -> None:
     for seed in range(6):
         for loss in (0.0, 0.5, 1.0):
-            assert_drawable(conceal(partial_scene(random_context(num_anchors, seed, loss=loss)), name))
+            assert_drawable(conceal(random_context(num_anchors, seed, loss=loss), name))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -161,41 +143,44 @@ def test_one_known_anchor(name: str) -> None:
     context = random_context(30, 3, loss=0)
     known = torch.zeros(30, dtype=torch.bool)
     known[7] = True
-    scene = conceal(partial_scene(dataclasses.replace(context, erasures=Erasures.of_anchors(known))), name)
+    scene = conceal(dataclasses.replace(context, erasures=Erasures.of_anchors(known)), name)
     assert_drawable(scene)
     if name == "idw":
-        assert torch.equal(scene.anchors.features, context.anchors.features[7].expand(30, -1))
-        assert torch.equal(scene.anchors.mask, context.anchors.mask[7].expand(30, -1))
+        assert torch.equal(scene.anchors.features, context.scene.anchors.features[7].expand(30, -1))
+        assert torch.equal(scene.anchors.mask, context.scene.anchors.mask[7].expand(30, -1))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_all_anchors_in_one_place_with_zero_contexts(name: str) -> None:
     context = random_context(60, 6)
-    anchors = dataclasses.replace(context.anchors, positions=torch.zeros(60, 3))
-    prior = dataclasses.replace(context.prior, context=torch.zeros_like(context.prior.context))
-    assert_drawable(conceal(partial_scene(dataclasses.replace(context, anchors=anchors, prior=prior)), name))
+    anchors = dataclasses.replace(context.scene.anchors, positions=torch.zeros(60, 3))
+    prior = dataclasses.replace(context[Prior], context=torch.zeros_like(context[Prior].context))
+    assert_drawable(conceal(changed(context, anchors=anchors, prior=prior), name))
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_permuting_the_anchors_permutes_the_scene(name: str) -> None:
     context = random_context(120, 8)
     order = torch.randperm(120, generator=torch.Generator().manual_seed(1))
-    straight, mixed = conceal(partial_scene(context), name), conceal(partial_scene(permuted(context, order)), name)
+    straight, mixed = conceal(context, name), conceal(permuted(context, order), name)
     assert straight.hints is not None
     assert mixed.hints is not None
     for part in FIELDS.values():
         torch.testing.assert_close(
-            getattr(mixed.anchors, part), getattr(straight.anchors, part)[order], rtol=1e-5, atol=1e-5
+            getattr(mixed.elements, part), getattr(straight.elements, part)[order], rtol=1e-5, atol=1e-5
         )
     torch.testing.assert_close(mixed.hints.size_gain, straight.hints.size_gain[order])
     assert torch.equal(mixed.hints.left_out, straight.hints.left_out[order])
 
 
-def test_a_context_shows_the_anchors_and_not_the_model() -> None:
-    context = context_of(partial_scene(random_context(10, 0)))
-    names = {field.name for field in dataclasses.fields(context)}
-    assert names == {"anchors", "erasures", "prior", "layout", "concealment", "guessed", "tier_sizes"}
-    assert context.layout == LAYOUT
+def test_what_is_lacking_is_one_sentence() -> None:
+    context = random_context(10, 0)
+    with pytest.raises(InvalidValueError, match="this stream of anchors says nothing of kind Copies"):
+        context[Copies]
+    bare = dataclasses.replace(context, said=(context[AnchorLayout],))
+    with pytest.raises(InvalidValueError, match="concealer 'cari' needs Prior, which this stream of anchors has not"):
+        conceal(bare, "cari")
+    assert {"drop", "grow"} <= set(concealer_names((), bare.offers)) < set(concealer_names((), context.offers))
 
 
 def test_a_context_of_unequal_parts_is_refused() -> None:

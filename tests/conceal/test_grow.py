@@ -3,17 +3,17 @@ import dataclasses
 import pytest
 import torch
 
-from conceal.gaps import random_context
+from conceal.gaps import gaussians, random_context
 from splatwire.conceal import Drop, Grow
-from splatwire.conceal.context import ElementContext
 from splatwire.conceal.grow import lost_share
 from splatwire.errors import InvalidValueError
+from splatwire.model import Prior
 from splatwire.scene import Erasures
 
 
 def test_the_gain_is_the_share_that_is_left_to_the_power_of_minus_a_half() -> None:
     context = random_context(200, 1)
-    known, positions = context.erasures.known, context.anchors.positions.double()
+    known, positions = context.erasures.known, context.scene.anchors.positions.double()
     result = Grow(neighbors=10, max_gain=100.0, max_excess=float("inf"))(context)
     assert torch.equal(result.left_out, ~known)
     for k in range(200):
@@ -21,7 +21,7 @@ def test_the_gain_is_the_share_that_is_left_to_the_power_of_minus_a_half() -> No
             assert result.size_gain[k] == 1
             continue
         near = (positions - positions[k]).norm(dim=1).argsort()[1:11]
-        size = context.prior.scaling.mean[near, 3:].double().log().mean(dim=1).exp()
+        size = context[Prior].scaling.mean[near, 3:].double().log().mean(dim=1).exp()
         lost = float((size * ~known[near]).sum() / size.sum())
         assert float(result.size_gain[k]) == pytest.approx(
             min((1 - lost) ** -0.5, 100.0) if lost < 1 else 100.0, rel=1e-5
@@ -30,7 +30,7 @@ def test_the_gain_is_the_share_that_is_left_to_the_power_of_minus_a_half() -> No
 
 def test_small_anchors_that_are_lost_weigh_less_than_large_ones() -> None:
     context = random_context(300, 6, loss=0)
-    size = context.prior.scaling.mean[:, 3:].log().mean(dim=1)
+    size = context[Prior].scaling.mean[:, 3:].log().mean(dim=1)
     large = size >= size.median()
 
     def gain(known: torch.Tensor) -> float:
@@ -42,7 +42,7 @@ def test_small_anchors_that_are_lost_weigh_less_than_large_ones() -> None:
 
 def test_weights_all_alike_count_heads() -> None:
     context = random_context(200, 7)
-    positions, known = context.anchors.positions, context.erasures.known
+    positions, known = context.scene.anchors.positions, context.erasures.known
     heads = lost_share(positions, known, 9)
     assert torch.equal(heads, lost_share(positions, known, 9, torch.full((200,), 3.0)))
     assert float(heads[known].max()) <= 1
@@ -86,7 +86,7 @@ def test_explicit_gaussians_become_as_opaque_as_those_that_they_stand_for() -> N
     rng = torch.Generator().manual_seed(3)
     positions, opacities = torch.rand(400, 3, generator=rng), torch.rand(400, generator=rng) * 0.98 + 0.01
     known = torch.arange(400) % 2 == 0
-    hints = Grow().hints(ElementContext(positions, torch.zeros(400), known, opacities))
+    hints = Grow()(gaussians(positions, opacities, known))
     assert torch.equal(hints.left_out, ~known)
     seen = (opacities * hints.opacity_gain)[known]
     through, alone = 1 - seen, 1 - opacities[known]
@@ -99,6 +99,6 @@ def test_explicit_gaussians_become_as_opaque_as_those_that_they_stand_for() -> N
 def test_gaussians_that_nothing_is_lost_around_stay_as_they_are() -> None:
     known = torch.ones(50, dtype=torch.bool)
     opacities = torch.linspace(0.1, 0.9, 50)
-    hints = Grow().hints(ElementContext(torch.rand(50, 3), torch.zeros(50), known, opacities))
+    hints = Grow()(gaussians(torch.rand(50, 3), opacities, known))
     torch.testing.assert_close(hints.opacity_gain, torch.ones(50))
     torch.testing.assert_close(hints.size_gain, torch.ones(50))

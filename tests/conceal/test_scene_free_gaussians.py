@@ -4,31 +4,34 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from conceal.gaps import gaussians
 from splatwire.conceal import SceneFree, concealer_names
-from splatwire.conceal.context import ElementContext
 from splatwire.conceal.scene_free import ElementNetwork, load_gain_network, save_gain_network
 from splatwire.conceal.scene_free.elements import ELEMENT_SIGNATURE, element_inputs
 from splatwire.conceal.scene_free.weights import default_element_weights, load_element_network
 from splatwire.errors import BitstreamError
+from splatwire.model import Partial
+from splatwire.scene import Erasures
+from splatwire.scene.splats import Splats
 
 
-def cloud(count: int = 300, loss: float = 0.3, unit: float = 1.0) -> ElementContext:
+def cloud(count: int = 300, loss: float = 0.3, unit: float = 1.0) -> Partial:
     rng = torch.Generator().manual_seed(5)
     positions = torch.rand(count, 3, generator=rng)
     scales = (torch.randn(count, 3, generator=rng) * 0.5 - 3).sort(dim=1, descending=True).values
     known = torch.rand(count, generator=rng) >= loss
     opacities = torch.where(known, torch.rand(count, generator=rng), 0.0)
     scales = scales + torch.tensor(unit).log()
-    return ElementContext(positions * unit, scales.mean(dim=1), known, opacities, scales)
+    return gaussians(positions * unit, opacities, known, scales)
 
 
 def test_without_losses_nothing_changes_and_nothing_is_nan() -> None:
-    whole = SceneFree().hints(cloud(loss=0.0))
+    whole = SceneFree()(cloud(loss=0.0))
     torch.testing.assert_close(whole.size_gain, torch.ones(300))
     torch.testing.assert_close(whole.opacity_gain, torch.ones(300), rtol=1e-4, atol=1e-4)
     assert not bool(whole.left_out.any())
     for context in (cloud(loss=1.1), cloud(count=1, loss=0.0), cloud(count=3), cloud(loss=0.97)):
-        hints = SceneFree().hints(context)
+        hints = SceneFree()(context)
         assert torch.equal(hints.left_out, ~context.known)
         assert bool(hints.size_gain.isfinite().all() & (hints.size_gain > 0).all())
         assert bool(hints.opacity_gain.isfinite().all() & (hints.opacity_gain >= 0).all())
@@ -38,8 +41,8 @@ def test_units_and_order_do_not_matter() -> None:
     plain, large = cloud(), cloud(unit=50.0)
     torch.testing.assert_close(element_inputs(plain).signature, element_inputs(large).signature, rtol=1e-3, atol=1e-3)
     turned = torch.randperm(300, generator=torch.Generator().manual_seed(1))
-    other = ElementContext(*(value[turned] for value in vars(plain).values() if value is not None))
-    gains, others = SceneFree().hints(plain), SceneFree().hints(other)
+    other = Partial(plain.scene.select(turned), Erasures.of_anchors(plain.known[turned]))
+    gains, others = SceneFree()(plain), SceneFree()(other)
     torch.testing.assert_close(gains.size_gain[turned], others.size_gain, rtol=1e-3, atol=1e-4)
     assert element_inputs(plain).signature.shape[1] == ELEMENT_SIGNATURE
 
@@ -67,5 +70,5 @@ def test_its_file_is_not_that_of_anchors(tmp_path) -> None:
 
 
 def test_who_fills_attributes_of_anchors_is_not_offered() -> None:
-    assert set(concealer_names((), "Gaussians")) == {"drop", "grow", "scene_free"}
+    assert set(concealer_names((), {Splats})) == {"drop", "grow", "scene_free"}
     assert {"idw", "cari", "prior"} < set(concealer_names())

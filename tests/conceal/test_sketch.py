@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from conceal.gaps import LAYOUT, random_context
 from splatwire.conceal import Grow, concealer_names, create_concealer
-from splatwire.conceal.conceal import keep_received
 from splatwire.conceal.sketch.concealer import SketchedLoss, buckets_of, conceal_with, sizes_of, with_sketch
 from splatwire.conceal.sketch.section import (
     SECTION,
@@ -90,7 +89,8 @@ def test_hostile_bytes_give_one_kind_of_error(data: st.DataObject) -> None:
         return
     context = random_context(200, 0)
     proposal = conceal_with(context, read)
-    for part in (proposal.anchors.features, proposal.anchors.scalings, proposal.anchors.offsets, proposal.size_gain):
+    drawn = proposal.elements
+    for part in (drawn.features, drawn.scalings, drawn.offsets, proposal.size_gain):
         assert bool(part.isfinite().all())
 
 
@@ -127,12 +127,12 @@ def test_it_is_listed_only_where_there_is_a_section() -> None:
 @pytest.mark.parametrize("separated", [False, True])
 def test_received_attributes_win_and_the_rest_is_left_out(separated: bool) -> None:
     context, sketch = random_context(200, 3, loss=0.5, separated=separated), a_sketch(4)
-    context = dataclasses.replace(context, concealment={SECTION: write_sketch(sketch, buckets_of(context))})
+    context = dataclasses.replace(context, sections={SECTION: write_sketch(sketch, buckets_of(context))})
     proposal = create_concealer("sketch")(context)
-    kept = keep_received(context, proposal.anchors)
+    kept = context.elements.kept(context.erasures, proposal.elements)
     for column, name in enumerate(("features", "scalings", "offsets", "mask")):
         there = context.erasures.received[:, column]
-        assert torch.equal(getattr(kept, name)[there], getattr(context.anchors, name)[there])
+        assert torch.equal(getattr(kept, name)[there], getattr(context.scene.anchors, name)[there])
     sketched = torch.from_numpy(sketch.levels > 0)
     assert torch.equal(proposal.left_out, ~(context.erasures.known | sketched))
     rows = sketched & ~context.erasures.received.any(dim=1)
@@ -171,7 +171,7 @@ def test_the_network_corrects_the_growth_as_far_as_it_is_trusted() -> None:
         assert bool((gain[~drawn] == 1).all())
         assert float(gain.log().abs().max()) <= 0.3 + 1e-6
     assert torch.equal(corrected.left_out, grown.left_out)
-    assert torch.equal(corrected.anchors.features, grown.anchors.features)
+    assert torch.equal(corrected.elements.features, grown.elements.features)
 
 
 def test_without_trust_both_ways_to_the_growth_agree() -> None:
@@ -185,7 +185,7 @@ def test_without_trust_both_ways_to_the_growth_agree() -> None:
 def test_extreme_losses_stay_finite(loss: float) -> None:
     for share in (0.0, 0.01, 1.0):
         proposal = conceal_with(random_context(200, 8, loss=loss), a_sketch(9, share=share, trust=1.0))
-        parts = [proposal.anchors.features, proposal.anchors.scalings, proposal.size_gain]
+        parts = [proposal.elements.features, proposal.elements.scalings, proposal.size_gain]
         parts += [] if proposal.opacity_gain is None else [proposal.opacity_gain]
         assert all(bool(part.isfinite().all()) for part in parts)
 

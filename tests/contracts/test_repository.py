@@ -1,5 +1,6 @@
 """Promises of the repository itself."""
 
+import importlib.metadata
 import os
 import re
 import subprocess
@@ -31,9 +32,28 @@ def test_every_requirement_is_pinned():
 
 
 def test_no_dependency_has_a_viral_licence():
-    """GPL and LGPL packages that this field likes to use, by name."""
+    """By what every pinned package that is installed says of itself; those that this field likes, by name."""
     text = (REPOSITORY / "constraints.txt").read_text(encoding="utf-8")
     assert not re.search(r"^(torchac|zfec|plyfile|pykdtree)==", text, re.MULTILINE)
+    pinned = re.findall(r"^([A-Za-z0-9._-]+)==", text, re.MULTILINE)
+    said = {name: _licence(name) for name in pinned if _there(name)}
+    assert {"numpy", "torch"} <= set(said)
+    assert {name: words for name, words in said.items() if re.search(r"GPL|General Public", words)} == {}
+    assert [name for name, words in said.items() if not words] == []
+
+
+def _there(name: str) -> bool:
+    try:
+        return bool(importlib.metadata.version(name))
+    except importlib.metadata.PackageNotFoundError:
+        return False
+
+
+def _licence(name: str) -> str:
+    facts = importlib.metadata.metadata(name)
+    classes = [line for line in facts.get_all("Classifier") or [] if line.startswith("License")]
+    first = (facts.get("License") or "").strip().partition("\n")[0]
+    return " ".join(filter(None, [facts.get("License-Expression"), first, *classes]))
 
 
 def test_the_bundled_scene_is_small():
@@ -51,9 +71,14 @@ def test_local_links_of_documents_lead_somewhere(path):
             assert (document.parent / target).exists(), f"{path} points to {target}"
 
 
-def test_the_readme_commands_are_the_ones_that_ci_runs():
-    assert ".ci/run" in (REPOSITORY / "README.md").read_text(encoding="utf-8")
-    assert (REPOSITORY / ".ci" / "run").stat().st_mode & 0o111
+def test_readme_names_ci_run_and_ci_run_makes_every_check():
+    assert re.search(r"^\.ci/run$", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    script = REPOSITORY / ".ci" / "run"
+    assert script.stat().st_mode & 0o111
+    steps = re.findall(r"^ *(?:CHECKED=.* )?step (.*)$", script.read_text(encoding="utf-8"), re.MULTILINE)
+    for check in ("ruff check", "ruff format --check", "mypy", "lint-imports", "mkdocs build", "pytest", ".ci/interp"):
+        assert sum(check in step for step in steps) == 1, check
+    assert any("--constraint constraints.txt" in step for step in steps)
 
 
 def test_every_place_claims_the_same_oldest_python():

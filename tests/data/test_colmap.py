@@ -30,7 +30,7 @@ def test_simple_pinhole_has_one_focal_length(capture):
     assert view.K.tolist() == [[31, 0, 19], [0, 31, 11], [0, 0, 1]]
 
 
-@pytest.mark.parametrize(("model", "count"), [("SIMPLE_RADIAL", 4), ("OPENCV", 8)])
+@pytest.mark.parametrize(("model", "count"), [("OPENCV_FISHEYE", 8), ("FULL_OPENCV", 12)])
 def test_a_bending_lens_is_refused_and_the_fix_is_named(capture, model, count):
     folder = capture.write_binary(model, (30.0,) * count)
     with pytest.raises(DatasetError, match=f"{model}.*image_undistorter"):

@@ -107,3 +107,22 @@ def glb_of(document: object, binary: bytes) -> bytes:
 def write(path: Path, data: bytes) -> Path:
     path.write_bytes(data)
     return path
+
+
+FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+def ply(form: str, elements: dict[str, np.ndarray], newline: bytes = b"\n", comments: tuple[bytes, ...] = ()) -> bytes:
+    """A PLY of elements, each a record array, in one of the `FORMATS`."""
+    lines = [b"ply", f"format {form} 1.0".encode(), *comments]
+    body = b""
+    words = {"f4": "float", "f8": "double", "u1": "uchar", "i4": "int", "u4": "uint32", "i2": "int16"}
+    for name, rows in elements.items():
+        lines.append(f"element {name} {len(rows)}".encode())
+        kinds = [(field, rows.dtype[field].str[1:]) for field in rows.dtype.names]
+        lines += [f"property  {words[kind]} {field} ".encode() for field, kind in kinds]
+        if form == "ascii":
+            body += b"".join(b" ".join(repr(value.item()).encode() for value in row) + newline for row in rows)
+        else:
+            body += rows.astype(rows.dtype.newbyteorder(FORMATS[form])).tobytes()
+    return newline.join([*lines, b"end_header", b""]) + body

@@ -6,6 +6,7 @@ behind them are met. `SPLATWIRE_FUZZ_CASES=100000 pytest tests/formats/test_fuzz
 
 import io
 import json
+import lzma
 import os
 import struct
 import zipfile
@@ -19,10 +20,11 @@ import torch
 import zstandard
 from PIL import Image
 
-from formats.handmade import glb, glb_of, ksplat, legacy_spz, modern_spz, some_splats
+from formats.handmade import glb, glb_of, ksplat, legacy_spz, modern_spz, ply, some_splats
 from splatwire.errors import DatasetError
 from splatwire.formats import read_splats, write_splats
 from splatwire.formats._columns import FREE_GAUSSIANS
+from splatwire.formats.ply_file import read_ply_elements
 from splatwire.scene.splats import Splats
 
 CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "1200"))
@@ -135,11 +137,33 @@ def _ply(rng: np.random.Generator, base: bytes) -> bytes:
     return head + b"end_header\n" + changed[: len(body)].ljust(len(body), b"\0")
 
 
+def _text_ply(rng: np.random.Generator, base: bytes) -> bytes:
+    """A word of the header or of the rows becomes another, or bytes in between are hit."""
+    if rng.random() < 0.3:
+        return _hit(base, rng)
+    words = base.split(b" ")
+    lies = [b"0", b"-1", b"nan", b"inf", b"1e400", b"x", b"", b"\n\n", b"9" * 70, b"1_0", b"list uchar", b"\0", b"300"]
+    for _ in range(rng.integers(1, 4)):
+        words[rng.integers(len(words))] = lies[rng.integers(len(lies))]
+    return b" ".join(words)
+
+
+def _other_ways(base: bytes, folder: Path) -> dict[str, bytes]:
+    """A PLY as text and in the other byte order."""
+    (folder / "base.ply").write_bytes(base)
+    elements = {name: element.rows for name, element in read_ply_elements(folder / "base.ply").items()}
+    return {form: ply(form, elements) for form in ("ascii", "binary_big_endian")}
+
+
 LIES: dict[str, tuple[str, Callable[[np.random.Generator, bytes], bytes]]] = {
     "ply": (".ply", _ply),
     "ply header": (".ply", _header_only),
     "compressed ply": (".compressed.ply", _ply),
     "compressed ply header": (".compressed.ply", _header_only),
+    "text ply": (".ascii", _text_ply),
+    "big-endian ply": (".big", _ply),
+    "big-endian ply header": (".big", _header_only),
+    "xz ply": (".xz", lambda rng, base: _hit(base, rng)),
     "gzip spz": (".spz", _gzip_spz),
     "zstd spz": (".spz", _zstd_spz),
     "sog": (".sog", _sog),
@@ -169,6 +193,11 @@ def bases(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[bytes]]:
         for degree in (0, 2):
             write_splats([some_splats(8, degree)], folder / f"{degree}{end}")
             found.setdefault(end, []).append((folder / f"{degree}{end}").read_bytes())
+            if end in (".ply", ".compressed.ply"):
+                ways = _other_ways(found[end][-1], folder)
+                found.setdefault(".ascii", []).append(ways["ascii"])
+                found.setdefault(".big", []).append(ways["binary_big_endian"])
+                found.setdefault(".xz", []).append(lzma.compress(found[end][-1], preset=0))
     return found
 
 

@@ -3,16 +3,20 @@
 `npm install @playcanvas/splat-transform` in any folder, whose `node_modules` SPLATWIRE_NODE_MODULES names.
 """
 
+import json
 import os
 import shutil
+import struct
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
 from formats.handmade import some_splats
 from splatwire.formats import read_splats, write_splats
+from splatwire.formats.spz import FEWER_BITS, write_spz
 from splatwire.render.reference import rotation_matrices
 from splatwire.scene.splats import Splats
 
@@ -61,6 +65,36 @@ def test_theirs_is_read(
     write_splats([splats], tmp_path / "a.ply")
     _convert(tmp_path / "a.ply", tmp_path / f"b{end}", *options)
     _compare(read_splats(tmp_path / f"b{end}"), splats, size, color)
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_our_gltf_says_what_theirs_says(degree: int, tmp_path: Path) -> None:
+    """They write such files and do not read them."""
+    write_splats([some_splats(300, degree)], tmp_path / "a.ply")
+    write_splats([some_splats(300, degree)], tmp_path / "a.glb")
+    _convert(tmp_path / "a.ply", tmp_path / "b.glb")
+    _compare(read_splats(tmp_path / "a.glb"), read_splats(tmp_path / "b.glb"), 1e-5, 1e-5)
+    ours, theirs = (_document(tmp_path / name) for name in ("a.glb", "b.glb"))
+    assert ours["meshes"] == theirs["meshes"]
+    assert ours["extensionsUsed"] == theirs["extensionsUsed"]
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_fewer_bits_of_spz_are_their_numbers(degree: int, tmp_path: Path) -> None:
+    write_splats([some_splats(300, degree)], tmp_path / "a.ply")
+    write_spz([some_splats(300, degree)], tmp_path / "a.spz", FEWER_BITS)
+    _convert(tmp_path / "a.ply", tmp_path / "b.spz", "--spz-version", "3")
+    ours, theirs = (read_splats(tmp_path / name) for name in ("a.spz", "b.spz"))
+    ours, theirs = (splats.select(splats.means[:, 0].argsort()) for splats in (ours, theirs))
+    # halves are rounded either way, and cut ranges end at 255 or at the last multiple
+    assert float((ours.sh[:, 1:] != theirs.sh[:, 1:]).double().mean()) < 0.02 if degree else ours.sh.shape[1] == 1
+
+
+def _document(path: Path) -> dict[str, Any]:
+    data = path.read_bytes()
+    content = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    assert isinstance(content, dict)
+    return content
 
 
 @pytest.mark.parametrize("degree", [0, 3])

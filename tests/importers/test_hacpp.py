@@ -238,7 +238,7 @@ BAD = {
     "nan bounds": (edit_bounds([0, np.nan, 0]), "x_bound_min.pkl: the bounds are not 3 finite numbers"),
     "empty box": (edit_bounds([9, 0, 0]), "x_bound_min is not below"),
     "off the grid": (edit_column("x", 0.013), "not whole multiples .*xyz_gpcc.npz"),
-    "nan position": (edit_column("y", np.nan), "has nan as y"),
+    "nan positions": (edit_column("y", np.nan), "none of its 9 anchors is left: 0 have no offset, 9 cannot be drawn"),
     "no z": (edit_column("z", None), "property z is missing"),
     "missing scale": (edit_column("scale_5", None), "5 properties scale_\\*, expected 6"),
     "missing feature": (edit_column("f_anchor_feat_4", None), "4 properties f_anchor_feat_\\*, expected 5"),
@@ -256,10 +256,26 @@ def test_a_wrong_model_is_refused_with_file_and_reason(name, model):
 
 def test_an_empty_scene_and_overflowing_scalings_are_refused(model):
     columns = model.columns() | {"f_mask_0": np.zeros(9), "f_mask_1": np.zeros(9)}
-    with pytest.raises(DatasetError, match="the scene is empty"):
+    with pytest.raises(DatasetError, match="9 have no offset"):
         import_hacpp(model.write(columns))
-    with pytest.raises(DatasetError, match="logarithmic scalings overflow"):
+    with pytest.raises(DatasetError, match="9 cannot be drawn"):
         import_hacpp(model.write(model.columns() | {"f_mask_0": np.full(9, 2.0), "scale_0": np.full(9, 200.0)}))
+
+
+@pytest.mark.parametrize("decoded", [True, False])
+def test_anchors_that_cannot_be_drawn_are_left_out(decoded, model, caplog):
+    columns = {name: np.array(values) for name, values in model.columns().items()}
+    if not decoded:
+        columns |= {name: 20 * values - 10 for name, values in columns.items() if name.startswith("f_mask_")}
+    whole = import_hacpp(model.write(columns)).anchors
+    columns["x"][2], columns["f_anchor_feat_1"][4], columns["scale_3"][5] = np.nan, np.inf, np.nan
+    hidden = int(np.flatnonzero(~model.mask[:, 1])[0])
+    columns["f_offset_1"][hidden] = np.nan
+    kept = torch.tensor([i not in (2, 4, 5) for i in range(9)])
+    left = import_hacpp(model.write(columns)).anchors
+    for name, values in vars(whole).items():
+        assert torch.equal(getattr(left, name), values[kept])
+    assert "3 of 9 anchors cannot be drawn and are left out (the first is row 2)" in caplog.records[-1].getMessage()
 
 
 def test_a_voxel_size_that_is_a_huge_array_is_refused_before_it_is_allocated(model):

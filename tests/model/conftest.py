@@ -12,7 +12,7 @@ from splatwire.model import (
     Linear,
     Mlp,
     ModelConfig,
-    PartialScene,
+    Partial,
     Prior,
     RenderHints,
 )
@@ -61,11 +61,12 @@ def tiny_hints() -> RenderHints:
 
 
 @pytest.fixture
-def tiny_partial(tiny_scene) -> PartialScene:
+def tiny_partial(tiny_scene) -> Partial:
     g = torch.Generator().manual_seed(8)
 
     def prior(channels: int) -> AttributePrior:
         return AttributePrior(*(torch.rand(7, c, generator=g) for c in (channels, channels, 1)))
 
     full = Prior(prior(5), prior(6), prior(9), torch.randn(7, GRID.context_dim, generator=g))
-    return PartialScene(tiny_scene, Erasures.of_anchors(torch.arange(7) % 2 == 0), full)
+    layout = tiny_scene.coding.config.layout
+    return Partial(tiny_scene, Erasures.of_anchors(torch.arange(7) % 2 == 0), {}, (full, layout))

@@ -8,12 +8,12 @@ import pytest
 
 from attacks import attack, mutated_bytes, mutated_json
 from scenes import SMALL_CONFIG, VOXEL_SIZE, tiny_cameras, tiny_scene
-from splatwire.conceal.gnn.network import InpaintingNetwork, InputSizes
-from splatwire.conceal.gnn.settings import GnnSettings
-from splatwire.conceal.gnn.weights import GnnWeights, load_weights, save_weights
 from splatwire.data import Dataset, SparsePoints
 from splatwire.errors import BitstreamError
 from splatwire.model.scene_file import load_background, load_scene_file, save_scene
+from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
+from splatwire.paper.gnn.settings import GnnSettings
+from splatwire.paper.gnn.weights import GnnWeights, load_weights, save_weights
 from splatwire.train.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.train.config import RefineConfig, TrainConfig
 from splatwire.train.initial import initial_state

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from safetensors.torch import load_file, save_file
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.model import TierSizes
 from splatwire.model.scene_file import load_background, load_partial, load_scene, save_partial, save_scene
 
 
@@ -83,13 +84,14 @@ def test_a_partial_scene_survives_bit_for_bit(tiny_partial, tmp_path):
 def test_sizes_of_tiers_survive_and_none_are_none(tiny_partial, tmp_path):
     save_partial(tiny_partial, tmp_path / "none")
     assert load_partial(tmp_path / "none").tier_sizes is None
-    told = dataclasses.replace(tiny_partial, tier_sizes=torch.linspace(1e-3, 1, 7))
+    told = tiny_partial.saying(TierSizes(torch.linspace(1e-3, 1, 7)))
     save_partial(told, tmp_path / "told")
     assert torch.equal(load_partial(tmp_path / "told").tier_sizes, told.tier_sizes)
-    for sizes, message in ((torch.linspace(0, 1, 7), "'anchors.tier_sizes' has a size"), (torch.ones(6), "tier_sizes")):
-        save_partial(dataclasses.replace(tiny_partial, tier_sizes=sizes), tmp_path / "damaged")
-        with pytest.raises(BitstreamError, match=message):
-            load_partial(tmp_path / "damaged")
+    save_partial(tiny_partial.saying(TierSizes(torch.linspace(0, 1, 7))), tmp_path / "damaged")
+    with pytest.raises(BitstreamError, match=r"'anchors\.tier_sizes' has a size"):
+        load_partial(tmp_path / "damaged")
+    with pytest.raises(ValueError, match="do not fit"):
+        tiny_partial.saying(TierSizes(torch.ones(6)))
 
 
 def test_an_empty_scene_survives(tiny_scene, tmp_path):

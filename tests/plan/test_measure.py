@@ -7,7 +7,7 @@ from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, preview_gaussians, write_preview
 from splatwire.conceal import conceal
 from splatwire.errors import InvalidValueError
-from splatwire.model import PartialScene
+from splatwire.model import Partial
 from splatwire.packets import PRESETS
 from splatwire.plan.damage import BLANK_PSNR
 from splatwire.plan.measure import (
@@ -24,11 +24,11 @@ from splatwire.render.importance import footprint_importance
 
 
 @pytest.fixture(scope="module")
-def complete() -> PartialScene:
+def complete() -> Partial:
     return decode_stream(encode_scene(tiny_scene()))
 
 
-def test_losing_more_of_what_matters_costs_more(complete: PartialScene) -> None:
+def test_losing_more_of_what_matters_costs_more(complete: Partial) -> None:
     cameras = tiny_cameras()
     tiers = footprint_importance(complete.scene, cameras).tiers((0.3,))
     damage = measure_damage(LossyPictures(complete, cameras, "drop"), tiers, seed=1)
@@ -39,7 +39,7 @@ def test_losing_more_of_what_matters_costs_more(complete: PartialScene) -> None:
     assert damage.mse[0, -1] > damage.mse[1, -1] > 0
 
 
-def test_what_is_lost_is_gone_and_the_rest_untouched(complete: PartialScene) -> None:
+def test_what_is_lost_is_gone_and_the_rest_untouched(complete: Partial) -> None:
     num = complete.scene.anchors.num_anchors
     known = torch.arange(num) % 3 > 0
     partial = complete.without(known)
@@ -51,7 +51,7 @@ def test_what_is_lost_is_gone_and_the_rest_untouched(complete: PartialScene) -> 
     assert torch.equal(after.positions, before.positions)
 
 
-def test_damage_needs_a_complete_stream(complete: PartialScene) -> None:
+def test_damage_needs_a_complete_stream(complete: Partial) -> None:
     num = complete.scene.anchors.num_anchors
     partial = complete.without(torch.arange(num) > 0)
     with pytest.raises(InvalidValueError, match="1 anchors are lost"):
@@ -59,7 +59,7 @@ def test_damage_needs_a_complete_stream(complete: PartialScene) -> None:
 
 
 @pytest.mark.parametrize("concealer", ["drop", "grow", "scene_free"])
-def test_pictures_are_those_of_concealing_from_scratch(complete: PartialScene, concealer: str) -> None:
+def test_pictures_are_those_of_concealing_from_scratch(complete: Partial, concealer: str) -> None:
     cameras, num = tiny_cameras(), complete.scene.anchors.num_anchors
     photos = [image + 0.1 for image in iterate_views(complete.scene, cameras)]
     pictures = LossyPictures(complete, cameras, concealer, photos=photos)

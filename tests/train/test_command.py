@@ -59,6 +59,8 @@ def test_a_short_run(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     assert load_checkpoint(output.with_name("trained.scene.checkpoint"))[0].iteration == 20
     assert _run(_words(folder, output, "--resume", "--json")) == 0  # nothing is left to do, and that is no mistake
     assert json.loads(capsys.readouterr().out)["test_psnr"] == result["test_psnr"]
+    assert _run(_words(folder, output, "--resume", "--seed", 3, "--loss", "bernoulli:0.2")) == 2
+    assert "--loss, --seed: the checkpoint was made with another value" in capsys.readouterr().err
 
 
 def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> None:

@@ -17,15 +17,18 @@ from PIL import Image
 from rich.console import Console
 from rich.progress import Progress as Bars
 
-from splatwire.cli._training import columns, line
+from splatwire.cli._training import columns, line, time_left
 from splatwire.cli.main import main
 from splatwire.cli.train import CPU_ITERATIONS, Train, check_device
+from splatwire.data import Dataset
 from splatwire.errors import BackendUnavailableError, InvalidValueError
 from splatwire.formats import read_splats, write_splats
 from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
-from splatwire.train import Progress
-from splatwire.train.initial import points_of_splats
+from splatwire.train import Progress, create_config
+from splatwire.train.initial import initial_state, points_of_splats
+from splatwire.train.progress import RunningMeans
+from splatwire.train.step import StepReport
 
 _FAR = Progress(20_000, 30_000, 0.1234, 0.1234, 1_234_567, 123_450_000, 7200.0, 12.3)
 
@@ -80,13 +83,26 @@ def test_counter_and_time_left_fit_into_80_columns() -> None:
     told = io.StringIO()
     console = Console(file=told, width=80, force_terminal=True, color_system=None)
     bars = Bars(*columns(), console=console, expand=True, get_time=itertools.count(step=3).__next__)
-    task = bars.add_task(f"{line(_FAR)}, test 27.31 dB", total=30_000)
+    task = bars.add_task(f"{line(_FAR)}, test 27.31 dB", total=30_000, left=time_left(_FAR))
     for iteration in range(19_990, 20_001, 2):
         bars.update(task, completed=iteration)
     console.print(bars.get_renderable())
     assert "20000/30000" in told.getvalue()
     assert re.search(r"\d:\d\d:\d\d", told.getvalue())
     assert "loss 0.1234" in told.getvalue()
+
+
+def test_compiling_does_not_count_in_the_time_left(dataset: Dataset) -> None:
+    """Also where it happens in several iterations; nothing is promised before there are enough of them."""
+    config = create_config("mipnerf360", iterations=2400)
+    state, means = initial_state(dataset, config), RunningMeans(config)
+    report = StepReport(loss=0.1, l1=0.1, bits_per_anchor=None, num_gaussians=1)
+    told = []
+    for iteration, seconds in enumerate([40.0, 12.0, 9.0] + [0.1] * 30, 1):
+        state.iteration = iteration
+        told.append(time_left(means.after(state, report, seconds, 0.0)))
+    assert told[0] == "-:--:--"
+    assert set(told[9:]) <= {f"0:03:{second}" for second in range(50, 60)}
 
 
 def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,7 +169,7 @@ BAD = {
         "one size",
     ),
     "a pose that is not finite": (lambda root: _edit(root, lambda c: _poison(c)), "is not finite"),
-    "a lens that bends": (lambda root: _edit(root, lambda c: c.update(k1=0.1)), "undistort"),
+    "a fisheye lens": (lambda root: _edit(root, lambda c: c.update(k1=0.1, k3=0.1)), "undistort"),
     "a single view": (lambda root: _edit(root, lambda c: c.update(frames=c["frames"][:2])), "at least 2 views"),
     "no views": (lambda root: _edit(root, lambda c: c.update(frames=[])), "no views"),
 }

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+from conceal.gaps import changed
 from splatwire.channel import draw_mask, parse_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.geometry import anchor_order
-from splatwire.conceal import Grow, context_of
+from splatwire.conceal import Grow
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.prior_field import evaluate_prior
@@ -68,9 +69,9 @@ def test_what_is_lost_and_how_the_rest_grows_is_as_at_a_receiver(
     stream = encode_scene(scene, PACKETS)
     assert stream.manifest.num_anchors == state.num_anchors
     received = decode_stream(draw_mask(stream, loss_model, seed=7).apply(stream))
-    context = context_of(received)  # but for its rounded weights
-    exact = evaluate_prior(scene.coding.context, context.anchors.positions, scene.coding.config)
-    expected = Grow()(dataclasses.replace(context, prior=exact))
+    context = received  # but for its rounded weights
+    exact = evaluate_prior(scene.coding.context, context.scene.anchors.positions, scene.coding.config)
+    expected = Grow()(changed(context, prior=exact))
     order = anchor_order(state.voxels.numpy(), "morton")
     grown = _losses(_lossy(config, model)).lose(state, PACKETS, loss_model, 7, 1)
     assert isinstance(grown, Loss)
@@ -89,7 +90,7 @@ def test_the_first_anchors_alone_grow_as_those_of_a_tier_do_at_a_receiver(
     stream = encode_scene(export_scene(state, config), PACKETS, tiers=tiers)
     plan = stream.manifest.plan
     received = decode_stream(stream.with_packets([p for p in stream.packets if plan.tier_of(p.id.block) == 0]))
-    expected = Grow()(context_of(received))
+    expected = Grow()(received)
     order = anchor_order(state.voxels.numpy(), "morton")
     grown = _losses(_lossy(config)).keep_first(state, share)
     assert isinstance(grown, Loss)

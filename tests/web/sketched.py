@@ -7,10 +7,9 @@ from conceal.test_sketch import a_sketch
 from splatwire.codec import add_concealment, decode_stream
 from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
 from splatwire.codec.schemas.gaussians.decoder import open_side_info
-from splatwire.conceal.context import context_of
 from splatwire.conceal.sketch.concealer import buckets_of, expected_scalings, sizes_of, sketched_attributes
 from splatwire.conceal.sketch.section import SECTION, SketchSection, read_sketch, write_sketch
-from splatwire.model import PartialScene, PartialSplats
+from splatwire.model import Copies, Partial, Prior
 from splatwire.packets import SceneStream
 
 
@@ -23,29 +22,27 @@ def with_copies(stream: SceneStream, growth: tuple[float, float, float] = (0.25,
 
 def with_sketch(stream: SceneStream, trust: float = 0.75) -> SceneStream:
     """The same anchors with copies, whose numbers mean nothing, of a fifth."""
-    context = context_of(decode_stream(stream))
+    context = decode_stream(stream)
     sketch = a_sketch(3, sizes_of(context), trust=trust)
     return add_concealment(stream, SECTION, write_sketch(sketch, buckets_of(context)))
 
 
-def copies_of(partial: PartialScene | PartialSplats) -> tuple[np.ndarray, list[float]]:
+def copies_of(partial: Partial) -> tuple[np.ndarray, list[float]]:
     """Places of the copies, and numbers of them one after another."""
-    if isinstance(partial, PartialSplats):
-        assert partial.copies is not None
-        splats = partial.copies.splats
+    copies = partial.find(Copies)
+    if copies is not None:
+        splats = copies.splats
         numbers = (splats.means, splats.scales, splats.quats, splats.opacities)
-        return partial.copies.places.numpy(), torch.cat([part.flatten() for part in numbers]).double().tolist()
-    section, prior = section_of(partial), partial.prior
+        return copies.places.numpy(), torch.cat([part.flatten() for part in numbers]).double().tolist()
+    section, prior = section_of(partial), partial[Prior]
     places = np.flatnonzero(section.levels)
     found = sketched_attributes(section, expected_scalings(prior)[torch.from_numpy(places)])
     features, scalings, offsets, mask = found
     far = offsets * scalings[:, None, :3] * mask[:, :, None]
-    assert partial.guessed is not None
-    numbers = (partial.guessed[torch.from_numpy(places)], features, scalings[:, 3:], far)
+    numbers = (partial.places[torch.from_numpy(places)], features, scalings[:, 3:], far)
     return places, torch.cat([part.flatten() for part in numbers]).double().tolist()
 
 
-def section_of(partial: PartialScene) -> SketchSection:
+def section_of(partial: Partial) -> SketchSection:
     """The sketch of a stream of anchors."""
-    context = context_of(partial)
-    return read_sketch(context.concealment[SECTION], sizes_of(context), buckets_of(context))
+    return read_sketch(partial.sections[SECTION], sizes_of(partial), buckets_of(partial))

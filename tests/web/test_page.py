@@ -65,6 +65,13 @@ def programs(stream: SceneStream) -> dict[str, Program]:
     return {"ball": make_program(stream), "anchors": make_program(anchors)}
 
 
+def answered(content: PageContent, request: bytes) -> bytes:
+    """What is answered, in one piece."""
+    head, body = content.answer(request)
+    assert isinstance(body, bytes)
+    return head + body
+
+
 def run(work: Any) -> None:
     asyncio.run(asyncio.wait_for(work, 240))
 
@@ -102,6 +109,9 @@ def test_a_browser_receives_decodes_and_draws(
                 )
                 for digits in (identity.fingerprint, "0" * 64)
             ]
+            links = iter([Link(relay.port, WEBTRANSPORT_PATH, "1" * 64)] * 2)  # of a page before the renewal
+            renewed = Link(relay.port, WEBTRANSPORT_PATH, identity.fingerprint)
+            older = await stack.enter_async_context(PageServer(PageContent(programs, lambda: next(links, renewed))))
             half = half_of(with_copies(stream))
             gaps = await stack.enter_async_context(PageServer(PageContent({"half": stream_to_bytes(half)})))
 
@@ -116,6 +126,8 @@ def test_a_browser_receives_decodes_and_draws(
                     check_stream(page, stream, "in this file")
                     assert opened(page, broken.url) == "complete"
                     check_stream(page, stream, "HTTP, in order and without loss")
+                    assert opened(page, older.url) == "complete"
+                    check_stream(page, stream, "WebTransport datagrams")
                     assert "this page cannot draw" in opened(page, f"{lossy.url}?stream=anchors")
                     assert "no such stream" in opened(page, f"{lossy.url}?stream=none") or "404" in status(
                         page, "failed"
@@ -167,18 +179,18 @@ def test_the_page_server_gives_its_files_and_the_streams_and_nothing_else(
         ("GET //etc/passwd HTTP/1.1\r\nHost: 10.0.0.1", b"404"),
         ("POST / HTTP/1.1\r\nHost: 10.0.0.1", b"405"),
         ("GET / HTTP/1.1\r\nHost: rebound.example", b"403"),
-        ("GET / HTTP/1.1\r\n", b"403"),
+        ("GET / HTTP/1.1", b"400"),
         ("\xff\xfe", b"400"),
         ("GET / HTTP/2\r\nHost: 10.0.0.1", b"400"),
     ):
-        assert content.answer(request.encode("latin-1")).startswith(b"HTTP/1.1 " + code), request
-    file = content.answer(b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2]
+        assert answered(content, request.encode("latin-1")).startswith(b"HTTP/1.1 " + code), request
+    file = answered(content, b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2]
     assert file == program_file(programs["ball"])
     assert stream_from_bytes(file)[0] == stream
-    page = content.answer(b"GET /?stream=%22%3E%3Cscript%3E HTTP/1.1\r\nHost: 10.0.0.1:80").decode()
+    page = answered(content, b"GET /?stream=%22%3E%3Cscript%3E HTTP/1.1\r\nHost: 10.0.0.1:80").decode()
     assert "<script>" not in page
     assert "connect-src 'self' https://10.0.0.1:4840;" in page
-    told = json.loads(content.answer(b"GET /streams.json HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2])
+    told = json.loads(answered(content, b"GET /streams.json HTTP/1.1\r\nHost: 10.0.0.1").partition(b"\r\n\r\n")[2])
     assert told["streams"] == ["/streams/ball.swz", "/streams/anchors.swz"]
     assert told["port"] == 4840
 
@@ -186,7 +198,7 @@ def test_the_page_server_gives_its_files_and_the_streams_and_nothing_else(
 def test_other_sites_may_use_streams_as_far_as_origins_say(programs: dict[str, Program]) -> None:
     request = b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1\r\nOrigin: https://a.org"
     allowed = [
-        PageContent(programs, origins=origins).answer(request)
+        answered(PageContent(programs, origins=origins), request)
         for origins in (None, ("https://a.org",), ("https://b.org",))
     ]
     heads = [answer.partition(b"\r\n\r\n")[0] for answer in allowed]
@@ -228,11 +240,11 @@ def test_noise_is_no_request(programs: dict[str, Program]) -> None:
 def test_scripts_are_packed_for_who_takes_it_and_a_preview_comes_with_the_page(stream: SceneStream) -> None:
     content = PageContent({"ball": make_program(stream, preview=b"<seen>")})
     request = b"GET /splatwire-view.js HTTP/1.1\r\nHost: 127.0.0.1"
-    plain = content.answer(request).partition(b"\r\n\r\n")[2]
-    head, _, packed = content.answer(request + b"\r\nAccept-Encoding: br, gzip").partition(b"\r\n\r\n")
+    plain = answered(content, request).partition(b"\r\n\r\n")[2]
+    head, _, packed = answered(content, request + b"\r\nAccept-Encoding: br, gzip").partition(b"\r\n\r\n")
     assert b"Content-Encoding: gzip" in head
     assert gzip.decompress(packed) == plain
-    assert b'preview="PHNlZW4+"' in content.answer(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip")
+    assert b'preview="PHNlZW4+"' in answered(content, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nAccept-Encoding: gzip")
     begins = add_concealment(stream, SECTION, struct.pack("<9f", 1, 2.5, -3, 0, 0, 0, 0, -1, 0))
     content = PageContent({"ball": make_program(begins, preview=b"<seen>")})
-    assert b'viewpoint="1 2.5 -3 0 0 0 0 -1 0"' in content.answer(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
+    assert b'viewpoint="1 2.5 -3 0 0 0 0 -1 0"' in answered(content, b"GET / HTTP/1.1\r\nHost: 127.0.0.1")

@@ -90,8 +90,11 @@ def preview() -> bytes:
 
 def test_the_tests_in_node_pass(tmp_path: Path) -> None:
     """Every integer, table and Gaussian of several streams against Python's, and what needs no Python."""
-    golden = json.loads((Path(__file__).parents[1] / "golden" / "gaussians.json").read_text())
-    vectors = {name: stream_from_bytes(base64.b64decode(vector["swz"]))[0] for name, vector in golden.items()}
+    vectors = {}
+    for file in ("gaussians", "gaussians_3"):
+        golden = json.loads((Path(__file__).parents[1] / "golden" / f"{file}.json").read_text())
+        for name, vector in golden.items():
+            vectors[f"{file}_{name}"] = stream_from_bytes(base64.b64decode(vector["swz"]))[0]
     vectors["causal"] = read_stream(Path(__file__).parents[1] / "golden" / "tiny_causal.swz")[0]
     files = [write(stream, tmp_path / f"{name}.swz") for name, stream in (streams() | vectors).items()]
     (tmp_path / "expected.json").write_text(answers(files, preview()))

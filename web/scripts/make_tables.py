@@ -1,31 +1,73 @@
-"""Writes the table of the normal distribution that the browser's decoder uses.
+"""Writes the tables that the browser's decoder shares with Python: the normal distribution, and what a stream may be.
 
 python web/scripts/make_tables.py
 
-It is made with the decimal module (`splatwire.entropy.tables`), which JavaScript lacks; a test compares digests.
+The first is made with the decimal module (`splatwire.entropy.tables`), which JavaScript lacks. Tests compare both with
+what this writes.
 """
 
 import base64
+import json
 from pathlib import Path
 
+from splatwire.codec import weight_bytes, weights
+from splatwire.entropy import integers
 from splatwire.entropy.tables import TOTAL_BITS, normal_table
+from splatwire.packets import limits
 
-HEAD = """\
-// Made by web/scripts/make_tables.py; do not edit.
-
+SOURCES = Path(__file__).parents[1] / "src"
+MADE = "// Made by web/scripts/make_tables.py; do not edit.\n\n"
+NORMAL = """\
 /** Standard normal distribution function from 0 to 6 by 1/128, less 1/2, out of 2^24: three bytes each, low first. */
 export const UPPER_NORMAL =
 """
+LIMITS = "// What a stream may be: the twin of `splatwire.packets.limits`.\n\n"
+NETWORKS = "// How large quantised networks may be: the twin of `splatwire.codec.weight_bytes`.\n\n"
+NETWORK_LIMITS = {
+    weight_bytes: ("MAX_WIDTH", "MAX_WEIGHTS"), weights: ("MAX_SHIFT", "MAX_STEP"), integers: ("MAX_SYMBOL",),
+}  # fmt: skip
 
 
-def main() -> None:
-    """Writes `src/entropy/normal_table.ts`."""
+def normal_module() -> str:
+    """The table of the normal distribution."""
     values = normal_table()
     upper = [int(v) - (1 << (TOTAL_BITS - 1)) for v in values[len(values) // 2 :]]
     text = base64.b64encode(b"".join(v.to_bytes(3, "little") for v in upper)).decode()
     lines = [f'  "{text[i : i + 100]}"' for i in range(0, len(text), 100)]
-    target = Path(__file__).parents[1] / "src" / "entropy" / "normal_table.ts"
-    target.write_text(HEAD + " +\n".join(lines) + ";\n")
+    return MADE + NORMAL + " +\n".join(lines) + ";\n"
+
+
+def limits_module() -> str:
+    """Every constant of `splatwire.packets.limits`, and its schemas."""
+    found = {name: value for name, value in vars(limits).items() if name.isupper() and type(value) in (int, str, tuple)}
+    codecs = ("ANCHORS", "CAUSAL", "GAUSSIANS", "COLUMNS", "FORMAT_1_SECTIONS")
+    lines = [f"export const {name} = {json.dumps(value)};" for name, value in found.items() if name not in codecs]
+    schemas = [
+        f"  {schema.name}: {{ formatVersion: {schema.format_version}, elements: {json.dumps(schema.elements)}, "
+        f"sections: {json.dumps(schema.sections)}, elementsPerByte: {schema.elements_per_byte} }},"
+        for schema in limits.SCHEMAS.values()
+    ]
+    return MADE + LIMITS + "\n".join([*lines, "export const SCHEMAS = {", *schemas, "};"]) + "\n"
+
+
+def network_module() -> str:
+    """Limits of quantised networks."""
+    lines = [f"export const {name} = {getattr(of, name)};" for of, names in NETWORK_LIMITS.items() for name in names]
+    return MADE + NETWORKS + "\n".join(lines) + "\n"
+
+
+FILES = {
+    "entropy/normal_table.ts": normal_module,
+    "packets/limits.ts": limits_module,
+    "codec/network_limits.ts": network_module,
+}
+"""What writes each file, below `src`."""
+
+
+def main() -> None:
+    """Writes them all."""
+    for name, module in FILES.items():
+        (SOURCES / name).write_text(module())
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-// npm test: bundles the tests for node and runs them. `npm run fuzz -- STREAM...` runs 100,000 hostile cases.
+// npm test: bundles the tests for node and runs them; `only NAME` one of them. `npm run fuzz -- STREAM...` runs 100,000 hostile cases.
 // STREAMS names streams to decode (a list, ':' between), EXPECTED a file with answers of Python (tests/transport/web_answers.py).
 
 import { spawnSync } from "node:child_process";
@@ -9,9 +9,11 @@ import { fileURLToPath } from "node:url";
 
 import { build } from "esbuild";
 
-const root = fileURLToPath(new URL("..", import.meta.url)), fuzz = process.argv[2] === "fuzz", out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
+const root = fileURLToPath(new URL("..", import.meta.url)), fuzz = process.argv[2] === "fuzz", only = process.argv[2] === "only" ? process.argv[3] : null, out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
 try {
-  const names = readdirSync(join(root, "test")).filter((name) => name.endsWith(".test.ts") && (!fuzz || name === "hostile.test.ts"));
+  // agreement.test.ts compares with what Python said of the same bytes (ANSWERS, tests/web/test_agreement.py)
+  const wanted = (name) => (only ? name === `${only}.test.ts` : fuzz ? name === "hostile.test.ts" : name !== "agreement.test.ts");
+  const names = readdirSync(join(root, "test")).filter((name) => name.endsWith(".test.ts") && wanted(name));
   await build({
     absWorkingDir: root, entryPoints: names.map((name) => `test/${name}`), bundle: true, platform: "node", format: "esm",
     outdir: out, outExtension: { ".js": ".mjs" }, sourcemap: "inline", logLevel: "error",

@@ -11,7 +11,7 @@ import { nextTurn } from "./turns.ts";
 const AT_A_TIME = 32, ENOUGH = 8192, DEGREE = 3, NUMBER = 15, BYTES = 512;
 
 const INFO: SideInfo = {
-  degree: DEGREE, numHarmonics: 3 * NUMBER, sizeLog: 0, unit: 16, sections: new Map(),
+  degree: DEGREE, numHarmonics: 3 * NUMBER, sizeLog: 0, unit: 16, coarsest: 8, sections: new Map(),
   bases: new Int32Array(STEPS).fill(256),
   transform: Int8Array.from({ length: NUMBER * NUMBER }, (_, n) => (n % (NUMBER + 1) ? 0 : 127)),
   boxes: { shifts: Int32Array.of(8), corners: new Float64Array(3), extents: new Uint8Array(3).fill(255), bits: Int32Array.of(16) },

@@ -9,7 +9,7 @@ import type { Counts, Listener } from "./transport/events.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Received } from "./transport/received.ts";
 import { receiveBytes, receiveFile } from "./transport/reliable.ts";
-import { receiveDatagrams } from "./transport/webtransport.ts";
+import { askServer, receiveDatagrams, type Session } from "./transport/webtransport.ts";
 import { nextTurn } from "./turns.ts";
 import { warmUp } from "./warm.ts";
 
@@ -171,13 +171,24 @@ function pausing(wanted: () => boolean): Pause {
 
 const reception = new Reception();
 
+/** A page may be older than its server's certificate: where no session comes about, the server is asked for the hash of today. */
+async function receiveSession(session: Session, name: string, file: string): Promise<string> {
+  try {
+    return await receiveDatagrams(session, name, reception);
+  } catch (error) {
+    const now = session.fingerprint && !reception.begun ? await askServer(new URL(file)) : null;
+    if (!now?.fingerprint || now.fingerprint === session.fingerprint) throw error;
+    return receiveDatagrams({ ...session, fingerprint: now.fingerprint }, name, reception);
+  }
+}
+
 async function open({ session, name, file, bytes }: ToWorker & { kind: "open" }): Promise<string> {
   if (bytes) return receiveBytes(bytes, reception);
   void warmUp(() => !reception.begun);
   if (!session) return receiveFile(file, reception);
   let ended: string;
   try {
-    ended = await receiveDatagrams(session, name, reception);
+    ended = await receiveSession(session, name, file);
     if (["complete", "sent", "stopped"].includes(ended)) return ended;
   } catch (error) {
     ended = (error as Error).message;

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
-import type { AnchorPart } from "../src/codec/causal/schema.ts";
+import type { AnchorPart } from "../src/codec/anchor_part.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import { GaussianPart } from "../src/codec/gaussians/schema.ts";
 import type { Part } from "../src/codec/schema.ts";

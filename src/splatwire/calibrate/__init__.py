@@ -1,1 +1,1 @@
-"""What a sender fits to its finished scene: the GNN's weights, a sketch, a preview; and the scene-free network."""
+"""What a sender fits to its finished scene: a sketch, a preview; and the scene-free network."""

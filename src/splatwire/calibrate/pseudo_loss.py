@@ -1,7 +1,7 @@
 """What a sender calibrates on: its complete scene, and pseudo-losses of whole packets (paper, 3.4)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -9,11 +9,10 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from splatwire.codec.tiers import arrange_stream
-from splatwire.conceal import AnchorContext, context_of
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, PartialScene
+from splatwire.model import AnchorScene, Partial
 from splatwire.packets import PacketGroups, SceneStream
-from splatwire.scene import Cameras, Erasures
+from splatwire.scene import Cameras
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,25 +20,30 @@ class CalibrationData:
     """What a sender calibrates on.
 
     Attributes:
-        scene: The complete scene as a decoder returns it.
-        context: The same for a concealer, nothing lost.
+        complete: The complete scene as a decoder returns it.
         groups: Anchors by packet.
         cameras: Where a loss in the picture looks from; None without one.
     """
 
-    scene: AnchorScene
-    context: AnchorContext
+    complete: Partial[AnchorScene]
     groups: PacketGroups
     cameras: Cameras | None = None
+
+    @property
+    def scene(self) -> AnchorScene:
+        """The scene itself."""
+        return self.complete.scene
 
     def pseudo_losses(self, rates: Sequence[float], seed: int | np.random.SeedSequence) -> list[Bool[Tensor, "N"]]:
         """Draws a loss for each of the rates: which anchors are known after it."""
         seeds = np.random.SeedSequence(seed) if isinstance(seed, int) else seed
         each = zip(rates, seeds.generate_state(len(rates)).tolist(), strict=True)
-        return [pseudo_loss(self.groups, self.context.anchors.num_anchors, rate, number) for rate, number in each]
+        return [pseudo_loss(self.groups, self.complete.scene.num_elements, rate, number) for rate, number in each]
 
 
-def calibration_data(stream: SceneStream, complete: PartialScene, cameras: Cameras | None = None) -> CalibrationData:
+def calibration_data(
+    stream: SceneStream, complete: Partial[AnchorScene], cameras: Cameras | None = None
+) -> CalibrationData:
     """Prepares a decoded stream.
 
     Args:
@@ -55,7 +59,7 @@ def calibration_data(stream: SceneStream, complete: PartialScene, cameras: Camer
         raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
     if len(groups.starts) < 3:
         raise InvalidValueError("calibration needs a stream of at least two packets")
-    return CalibrationData(complete.scene, context_of(complete).to_cpu(), groups, cameras)
+    return CalibrationData(complete.to_cpu(), groups, cameras)
 
 
 def dropped_packets(count: int, rate: float, seed: int) -> list[int]:
@@ -70,10 +74,3 @@ def pseudo_loss(groups: PacketGroups, num_anchors: int, rate: float, seed: int) 
     for group in dropped_packets(count, rate, seed):
         known[torch.from_numpy(groups.ranks[groups.starts[group] : groups.starts[group + 1]])] = False
     return known
-
-
-def without(context: AnchorContext, known: Bool[Tensor, "N"]) -> AnchorContext:
-    """The context that a receiver has when only `known` anchors have arrived."""
-    return replace(
-        context, anchors=context.anchors.arrived(known, context.guessed), erasures=Erasures.of_anchors(known)
-    )

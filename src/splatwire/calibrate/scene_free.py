@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.calibrate.checks import check_settings
-from splatwire.calibrate.pseudo_loss import CalibrationData, without
+from splatwire.calibrate.pseudo_loss import CalibrationData
 from splatwire.conceal.scene_free import GainNetwork
 from splatwire.conceal.scene_free.elements import ElementInputs, ElementNetwork
 from splatwire.conceal.scene_free.network import HIDDEN, GainInputs, gain_inputs
@@ -81,10 +81,10 @@ def train_scene_free(
 def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> "Lessons":
     if data.cameras is None:
         raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
-    around = surroundings_of(data.context, torch.arange(data.scene.anchors.num_anchors))
+    around = surroundings_of(data.complete, torch.arange(data.scene.anchors.num_anchors))
     with torch.no_grad():
         inputs = [
-            gain_inputs(without(data.context, known), around.select(known))
+            gain_inputs(data.complete.without(known), around.select(known))
             for known in data.pseudo_losses(config.drop_rates, seeds)
         ]
     return Lessons(data.scene, data.cameras, inputs)

@@ -10,13 +10,13 @@ from splatwire.calibrate.pseudo_loss import pseudo_loss
 from splatwire.calibrate.scene_free import Lessons, SceneFreeConfig, train_on
 from splatwire.codec import decode_stream
 from splatwire.codec.tiers import arrange_stream
-from splatwire.conceal.context import elements_of
 from splatwire.conceal.scene_free import ElementNetwork
 from splatwire.conceal.scene_free.elements import element_inputs
 from splatwire.errors import InvalidValueError
-from splatwire.model import PartialSplats
+from splatwire.model import Partial, SplatScene
 from splatwire.packets import Packet, PacketGroups, SceneStream
 from splatwire.scene import Cameras
+from splatwire.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +66,13 @@ def _lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random.SeedS
         there = tuple(p for p, start in zip(packets, groups.starts[:-1], strict=True) if known[groups.ranks[start]])
         partial = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
         with torch.no_grad():
-            inputs.append(element_inputs(elements_of(partial)))
+            inputs.append(element_inputs(partial))
     return Lessons(complete.scene, lossy.cameras, inputs)
 
 
-def _decoded(stream: SceneStream) -> PartialSplats:
+def _decoded(stream: SceneStream) -> Partial[SplatScene]:
     partial = decode_stream(stream)
-    if not isinstance(partial, PartialSplats):
+    if Splats not in partial.offers:
         raise InvalidValueError(f"this network is for explicit Gaussians, not for {partial.scene.ELEMENTS}")
     return partial
 

@@ -9,15 +9,15 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from splatwire.calibrate.checks import check_settings
-from splatwire.calibrate.pseudo_loss import CalibrationData, without
+from splatwire.calibrate.pseudo_loss import CalibrationData
 from splatwire.calibrate.sketch_fit import SketchFit, SketchMaterial, fit_sketch, sketch_material
 from splatwire.calibrate.views import CalibrationViews, Progress, References
-from splatwire.conceal import AnchorContext, Concealed, Concealer, Drop, Grow
-from splatwire.conceal.conceal import keep_received
+from splatwire.conceal import Concealed, Concealer, Drop, Grow
+from splatwire.conceal.conceal import drawn
 from splatwire.conceal.sketch.concealer import SketchedLoss, buckets_of, conceal_with, with_sketch
 from splatwire.conceal.sketch.section import MAX_TRUST, SketchSection, write_sketch
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, RenderHints
+from splatwire.model import AnchorScene, Partial
 from splatwire.render import iterate_views
 from splatwire.render.sensitivity import render_sensitivity
 
@@ -108,15 +108,15 @@ def sketch_for_stream(
         InvalidValueError: If a sketch of that size holds nothing, or no view shows anything.
     """
     started, show = time.perf_counter(), progress or (lambda task, share: None)
-    data = replace(data, scene=views.in_front(data.scene))
+    data = replace(data, complete=replace(data.complete, scene=views.in_front(data.scene)))
     sensitivity = render_sensitivity(
         data.scene, views.reduced(config.views, config.width).cameras, probes=config.probes, seed=config.seed,
         progress=lambda share: show("what each anchor is worth", share),
     )  # fmt: skip
     if not float(sensitivity.removal.sum()) > 0:
         raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
-    material = sketch_material(data.context, sensitivity)
-    buckets = buckets_of(data.context)
+    material = sketch_material(data.complete, sensitivity)
+    buckets = buckets_of(data.complete)
     section = _of_size(material, buckets, config, round(config.share * stream_bytes), show)
     scored = _Scores(data, views.reduced(config.scored_views, config.width), config)
     section = _best_growth(scored, section, config, show)
@@ -180,7 +180,7 @@ class _Scores:
     """Mean PSNR of concealed pseudo-losses; references are drawn, or loaded, once."""
 
     def __init__(self, data: CalibrationData, views: CalibrationViews, config: SketchConfig) -> None:
-        self._scene, self._context = data.scene, data.context
+        self._complete = data.complete
         rates = [config.drop_rate] * (config.masks + config.held_out_masks)
         known = data.pseudo_losses(rates, config.seed)
         self.chosen_on, self._held_out = known[: config.masks], known[config.masks :]
@@ -192,7 +192,7 @@ class _Scores:
 
     def sketched(self, section: SketchSection, known: Bool[Tensor, "N"]) -> SketchedLoss:
         """A loss with the copies in place, for `quality_of` with any growth."""
-        return SketchedLoss.of(with_sketch(without(self._context, known), section))
+        return SketchedLoss.of(with_sketch(self._complete.without(known), section))
 
     def quality_of(self, loss: SketchedLoss, section: SketchSection) -> float:
         """Decibels over the views with the growth of a section."""
@@ -205,10 +205,11 @@ class _Scores:
         return sum(each) / len(each)
 
     def _concealed(self, method: "Concealer | SketchSection", known: Bool[Tensor, "N"]) -> AnchorScene:
-        context: AnchorContext = without(self._context, known)
-        proposal = conceal_with(context, method) if isinstance(method, SketchSection) else method(context)
-        return self._drawn(context, proposal)
+        partial = self._complete.without(known)
+        return self._drawn(
+            partial, conceal_with(partial, method) if isinstance(method, SketchSection) else method(partial)
+        )
 
-    def _drawn(self, context: AnchorContext, proposal: Concealed) -> AnchorScene:
-        hints = RenderHints(proposal.size_gain, proposal.left_out, proposal.opacity_gain)
-        return replace(self._scene, anchors=keep_received(context, proposal.anchors), hints=hints)
+    def _drawn(self, partial: Partial[AnchorScene], proposal: Concealed) -> AnchorScene:
+        scene: AnchorScene = drawn(partial, partial, proposal, "sketch")
+        return scene

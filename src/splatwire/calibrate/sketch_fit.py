@@ -8,9 +8,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.conceal import AnchorContext
 from splatwire.conceal.sketch.concealer import MAX_LOG_SIZE, expected_scalings
 from splatwire.conceal.sketch.section import MAX_DIRECTION, OFFSET_STEPS, SketchBasis, SketchSection
+from splatwire.model import AnchorScene, ExpectedPlaces, Partial, Prior
 from splatwire.render.sensitivity import Sensitivity
 
 _CANDIDATES = 0.3
@@ -80,15 +80,15 @@ class SketchMaterial:
     num_anchors: int
 
 
-def sketch_material(context: AnchorContext, sensitivity: Sensitivity) -> SketchMaterial:
+def sketch_material(complete: Partial[AnchorScene], sensitivity: Sensitivity) -> SketchMaterial:
     """Prepares a complete scene for sketches of any size."""
-    anchors = context.anchors
+    anchors = complete.scene.anchors
     removal = sensitivity.removal.numpy()
     num = len(removal)
     order = np.argsort(-removal, kind="stable")
     important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
     candidates = np.sort(order[: max(round(_CANDIDATES * num), 1)])
-    relative = (anchors.scalings.clamp(min=1e-9) / expected_scalings(context.prior)).log()
+    relative = (anchors.scalings.clamp(min=1e-9) / expected_scalings(complete[Prior])).log()
     relative = relative.clamp(-MAX_LOG_SIZE, MAX_LOG_SIZE)
     channels = torch.cat([anchors.features, relative], dim=1).double().numpy()
     metric = sensitivity.metric.numpy() / num
@@ -104,16 +104,16 @@ def sketch_material(context: AnchorContext, sensitivity: Sensitivity) -> SketchM
         candidates, channels[candidates], mean, axes.T @ whiten, color @ axes, np.sqrt(np.maximum(variances, 0)),
         np.maximum((detail / np.diag(metric)).mean(axis=1), 1e-12), sensitivity.offsets.numpy()[candidates],
         removal[candidates], sensitivity.offset_removal.numpy()[candidates],
-        _offsets_of_copies(context).numpy()[candidates], anchors.mask.numpy()[candidates], num,
+        _offsets_of_copies(complete).numpy()[candidates], anchors.mask.numpy()[candidates], num,
     )  # fmt: skip
 
 
-def _offsets_of_copies(context: AnchorContext) -> Float[Tensor, "N O"]:
+def _offsets_of_copies(complete: Partial[AnchorScene]) -> Float[Tensor, "N O"]:
     """Offsets from where a receiver has a lost anchor, which its own packet would have told better."""
-    anchors = context.anchors
-    if context.guessed is None:
+    anchors, guessed = complete.scene.anchors, complete.find(ExpectedPlaces)
+    if guessed is None:
         return anchors.offsets.double().flatten(1)
-    moved = (anchors.positions - context.guessed).double() / anchors.scalings[:, :3].double().clamp(min=1e-9)
+    moved = (anchors.positions - guessed.positions).double() / anchors.scalings[:, :3].double().clamp(min=1e-9)
     return (anchors.offsets.double() + moved[:, None] * anchors.mask[:, :, None]).flatten(1)
 
 

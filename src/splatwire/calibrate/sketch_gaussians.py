@@ -19,11 +19,11 @@ from splatwire.codec.schemas.gaussians.copies import MAX_COPIES, read_copies
 from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
 from splatwire.codec.schemas.gaussians.decoder import open_side_info
 from splatwire.conceal import conceal
-from splatwire.conceal.context import elements_of
-from splatwire.conceal.scene_free.elements import element_inputs, grown_gaussians
-from splatwire.conceal.scene_free.weights import default_element_weights
+from splatwire.conceal.conceal import drawn
+from splatwire.conceal.scene_free.elements import element_inputs
+from splatwire.conceal.sketch.concealer import grown_with_copies, with_copies
 from splatwire.errors import InvalidValueError
-from splatwire.model import Copies, PartialSplats
+from splatwire.model import Copies, Partial, SplatScene
 from splatwire.model.appearance import Scene
 from splatwire.packets import SceneStream
 from splatwire.render import iterate_views
@@ -42,7 +42,7 @@ _NONE: Growth = (0.0, 0.0, 0.0)
 
 def sketch_of_gaussians(
     stream: SceneStream,
-    complete: PartialSplats,
+    complete: Partial[SplatScene],
     views: CalibrationViews,
     config: SketchConfig,
     *,
@@ -110,7 +110,7 @@ class _Scores:
     def __init__(
         self,
         stream: SceneStream,
-        complete: PartialSplats,
+        complete: Partial[SplatScene],
         copies: Copies,
         views: CalibrationViews,
         config: SketchConfig,
@@ -124,16 +124,17 @@ class _Scores:
 
     def best_growth(self, show: Progress) -> Growth:
         """The growth that gives the best pictures."""
-        seen = [elements_of(partial.with_copies()) for partial in self._chosen_on]
-        inputs = [element_inputs(elements) for elements in seen]
+        filled = [with_copies(partial, self._copies) for partial in self._chosen_on]
+        inputs = [element_inputs(partial) for partial in filled]
         tried: dict[Growth, float] = {}
 
         def best_of(growths: Sequence[Growth]) -> Growth:
             for growth in growths:
                 quality = 0.0
-                for partial, elements, around in zip(self._chosen_on, seen, inputs, strict=True):
-                    hints = grown_gaussians(elements, around, default_element_weights(), growth[2], growth[:2])
-                    quality += self.quality(replace(partial.with_copies().scene, hints=hints))
+                for partial, around in zip(filled, inputs, strict=True):
+                    quality += self.quality(
+                        drawn(partial, partial, grown_with_copies(partial, around, growth), "sketch")
+                    )
                 tried[growth] = quality
                 show("choosing the growth", len(tried) / (len(GROWTHS) + len(TRUSTS) - 1))
             return max(tried, key=lambda growth: tried[growth])
@@ -144,7 +145,7 @@ class _Scores:
     def held_out(self, growth: Growth, show: Progress) -> dict[str, float]:
         """Decibels on losses that chose nothing, by concealer."""
         copies = replace(self._copies, growth=growth)
-        losses, found = [replace(partial, copies=copies) for partial in self._held_out], {}
+        losses, found = [partial.saying(copies) for partial in self._held_out], {}
         for number, name in enumerate(("drop", "grow", "sketch")):
             found[name] = sum(self.quality(conceal(partial, name)) for partial in losses) / len(losses)
             show("held-out losses", (number + 1) / 3)
@@ -156,8 +157,7 @@ class _Scores:
         each = [self._references.psnr(view, picture) for view, picture in pictures]
         return sum(each) / len(each)
 
-    def _decoded(self, stream: SceneStream) -> PartialSplats:
+    def _decoded(self, stream: SceneStream) -> Partial[SplatScene]:
         partial = decode_stream(stream)
-        assert isinstance(partial, PartialSplats)
         scene = replace(partial.scene, background=self._complete.scene.background)
-        return replace(partial, scene=scene, copies=self._copies)
+        return replace(partial, scene=scene).saying(self._copies)

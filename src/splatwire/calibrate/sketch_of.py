@@ -4,8 +4,7 @@ from splatwire.calibrate.pseudo_loss import calibration_data
 from splatwire.calibrate.sketch import SketchConfig, SketchResult, sketch_for_stream
 from splatwire.calibrate.sketch_gaussians import sketch_of_gaussians
 from splatwire.calibrate.views import CalibrationViews, Progress
-from splatwire.model import PartialSplats
-from splatwire.model.appearance import Partial
+from splatwire.model import Partial, Prior
 from splatwire.packets import SceneStream
 
 
@@ -29,7 +28,7 @@ def sketch_of(
     Raises:
         InvalidValueError: If something was lost, a sketch of that size holds nothing, or no view shows anything.
     """
-    if isinstance(complete, PartialSplats):
+    if complete.find(Prior) is None:
         return sketch_of_gaussians(stream, complete, views, config, progress=progress)
     data = calibration_data(stream, complete)
     return sketch_for_stream(data, views, stream.num_bytes, config, progress=progress)

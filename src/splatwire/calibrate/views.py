@@ -11,13 +11,12 @@ from torch import Tensor
 
 from splatwire.data import Dataset
 from splatwire.metrics import psnr
-from splatwire.model import AnchorScene, SplatScene
 from splatwire.model.appearance import Scene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
 from splatwire.scene.background import Background
 
-AnyScene = TypeVar("AnyScene", AnchorScene, SplatScene, Scene)
+AnyScene = TypeVar("AnyScene", bound=Scene)
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done, 0 to 1."""
 _MOST_DECIBELS = 100.0

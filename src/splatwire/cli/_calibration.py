@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import is_stream, prepared_output
+from splatwire.cli._files import check_inputs, is_stream, prepared_output
 from splatwire.cli._output import JsonFlag, Reporter
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
@@ -33,11 +33,12 @@ class LookFrom:
         """Refuses what contradicts itself, before any work.
 
         Raises:
-            InvalidValueError: If photos and cameras were given, or the background is no colour.
+            InvalidValueError: If photos and cameras were given, one is not there, or the background is no colour.
         """
         if self.data is not None and self.cameras is not None:
             raise InvalidValueError("give --data or --cameras, not both: photos have their own cameras")
         chosen_background(self.background)
+        check_inputs(self.data, self.cameras)
 
     def views(self, scene: "Scene") -> "tuple[CalibrationViews, str]":
         """Training photos, cameras, or a sphere of views; and which of them, in words."""
@@ -97,13 +98,13 @@ def stream_output(path: Path, what: str) -> Path:
 def complete_stream(source: Path, show: Reporter) -> "SceneStream":
     """The stream that a person named; a scene is encoded first."""
     from splatwire.codec import encode_scene
-    from splatwire.evaluate.scenes import complete_scene
     from splatwire.packets import read_stream
     from splatwire.render.precision import classes_of
+    from splatwire.scene_io import open_scene
 
     if is_stream(source):
         return read_stream(source)[0]
-    scene = complete_scene(source)
+    scene = open_scene(source)
     return encode_scene(scene, classes=classes_of(scene), progress=lambda share: show("encoding", share))
 
 

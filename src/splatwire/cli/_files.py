@@ -23,7 +23,10 @@ _FORMATS = {
     ".spz": "an SPZ file",
     ".ksplat": "a .ksplat file",
     ".sog": "a SOG file",
+    ".glb": "a glTF file",
     ".json": "JSON",
+    ".toml": "a protocol",
+    ".html": "a page",
     ".zip": "a ZIP archive",
     ".png": "a picture",
     ".jpg": "a picture",
@@ -118,6 +121,28 @@ def prepared_output(path: Path, *, folder: bool = False, suffix: str | None = No
     except (FileExistsError, NotADirectoryError) as error:
         raise InvalidValueError(f"{path.parent}: not a folder, so nothing can be written into it") from error
     return path
+
+
+def check_folder(path: Path) -> None:
+    """Says at once, not after the work, what stands in the way of a folder for outputs; it is not made yet.
+
+    Raises:
+        InvalidValueError: If it cannot be a folder.
+    """
+    there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    if not there.is_dir():
+        raise InvalidValueError(f"{there}: not a folder, so nothing can be written into it")
+
+
+def check_inputs(*paths: Path | None) -> None:
+    """Says before the work which input is not there.
+
+    Raises:
+        InvalidValueError: If one does not exist; None is none.
+    """
+    for path in paths:
+        if path is not None and not path.exists():
+            raise InvalidValueError(f"{path}: no such file or folder")
 
 
 def is_stream(path: Path) -> bool:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 from splatwire.errors import DesyncError, SplatwireError
 
 if TYPE_CHECKING:
-    from splatwire.model import PartialScene
+    from splatwire.model import Partial
     from splatwire.packets import SceneStream
 
 
-def decode_in_fresh_process(stream: "SceneStream") -> "PartialScene":
+def decode_in_fresh_process(stream: "SceneStream") -> "Partial":
     """Writes a stream to a file, has a new interpreter decode it, and reads the scene back.
 
     Args:

@@ -6,11 +6,15 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Annotated, Any, TypeAlias
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import tyro
 
 from splatwire.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.model.appearance import Scene
 
 JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
 
@@ -33,6 +37,19 @@ def print_json(content: Mapping[str, Any]) -> None:
 def print_summary(text: str, output: str = "") -> None:
     """Prints a line for a person; on standard error when standard output carries the data."""
     print(text, file=sys.stderr if output == "-" or sys.stdout is None else sys.stdout)
+
+
+def tell_lost_harmonics(scene: "Scene", path: str | Path) -> None:
+    """Says on standard error what a `.splat` file does not hold: the spherical harmonics of a scene.
+
+    Args:
+        scene: What was written.
+        path: The file.
+    """
+    degree = getattr(scene.elements, "degree", 0)
+    if degree and Path(path).suffix.lower() == ".splat":
+        told = "a .splat file has one colour for all directions"
+        print(f"{path}: {told}; the scene's harmonics, of degree {degree}, are not in it", file=sys.stderr)
 
 
 @contextmanager

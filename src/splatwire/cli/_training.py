@@ -4,8 +4,10 @@ import re
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from splatwire.errors import InvalidValueError
@@ -14,14 +16,48 @@ if TYPE_CHECKING:
     from rich.progress import ProgressColumn
 
     from splatwire.model import AnchorScene
-    from splatwire.train import Listener, Progress, QualityReport
+    from splatwire.train import Listener, Progress, QualityReport, TrainConfig
 
 _SIZE = re.compile(r"(\d+(?:\.\d+)?) *(B|kB|KB|MB)?")
 _UNITS = {"": 1, "B": 1, "kB": 1000, "KB": 1000, "MB": 1_000_000}
 _NEAR = 0.03
 """A size that is missed by more is told."""
+_UNKNOWN = "-:--:--"
 _PLAIN_INTERVAL_S = 30.0
 """Without a terminal, a line this often."""
+
+_RECIPE = {
+    "preset": attrgetter("preset"),
+    "model": attrgetter("model.__class__"),
+    "lmbda": attrgetter("weights.rate"),
+    "size": attrgetter("weights.size"),
+    "iterations": attrgetter("marks.iterations"),
+    "voxel-size": attrgetter("voxel_size"),
+    "growth-interval": attrgetter("marks.growth_interval"),
+    "refine": attrgetter("refine.steps"),
+    "loss": attrgetter("losses.models", "losses.first"),
+    "loss-share": attrgetter("losses.share"),
+    "background": attrgetter("background"),
+    "seed": attrgetter("seed"),
+}
+"""Options of a recipe, and where it has them."""
+
+
+def check_same_recipe(given: Iterable[str], asked: "TrainConfig", kept: "TrainConfig") -> None:
+    """Refuses options that a run that goes on could not follow: its recipe is that of the checkpoint.
+
+    Args:
+        given: Options that the user gave.
+        asked: The recipe that they make.
+        kept: That of the checkpoint.
+
+    Raises:
+        InvalidValueError: If they differ in one of them.
+    """
+    other = [name for name in given if name in _RECIPE and _RECIPE[name](asked) != _RECIPE[name](kept)]
+    if other:
+        options = ", ".join(f"--{name}" for name in other)
+        raise InvalidValueError(f"{options}: the checkpoint was made with another value, which --resume keeps")
 
 
 @contextmanager
@@ -44,15 +80,14 @@ def watch(on_test: Any) -> "Iterator[Listener]":
         console.print("stopping after this iteration; press Ctrl-C again to stop at once without a checkpoint")
 
     with Bars(*columns(), console=console, expand=True, disable=not console.is_terminal) as bars:
-        task = bars.add_task("starting", total=None)
+        task = bars.add_task("starting", total=None, left=_UNKNOWN)
 
         def progress(now: "Progress") -> None:
             text = line(now) + "".join(tests[-1:])
-            bars.update(task, completed=now.iteration, total=now.iterations, description=text)
+            bars.update(task, completed=now.iteration, total=now.iterations, description=text, left=time_left(now))
             if not console.is_terminal and time.monotonic() - printed[0] > _PLAIN_INTERVAL_S:
                 printed[0] = time.monotonic()
-                left = (now.iterations - now.iteration) / now.iterations_per_second
-                plain = f"{now.iteration}/{now.iterations} {text}, {left / 60:.0f} min left"
+                plain = f"{now.iteration}/{now.iterations} {text}, {time_left(now)} left"
                 console.print(plain, markup=False, highlight=False, soft_wrap=True)
 
         def tested(report: "QualityReport") -> None:
@@ -71,13 +106,13 @@ def watch(on_test: Any) -> "Iterator[Listener]":
 
 def columns() -> "tuple[ProgressColumn, ...]":
     """Counter and time left come first and whole; what does not fit into the terminal is cut off the description."""
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.table import Column
 
     whole, rest = Column(no_wrap=True), Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return (
         MofNCompleteColumn(table_column=whole),
-        TimeRemainingColumn(elapsed_when_finished=True, table_column=whole),
+        TextColumn("{task.fields[left]}", table_column=whole),
         BarColumn(bar_width=10),
         TextColumn("{task.description}", table_column=rest),
     )
@@ -86,8 +121,15 @@ def columns() -> "tuple[ProgressColumn, ...]":
 def line(now: "Progress") -> str:
     """What a run has come to, in one line."""
     size = f", ~{now.estimated_bytes / 1e6:.2f} MB" if now.estimated_bytes is not None else ""
-    speed = f"{now.iterations_per_second:.1f} it/s"
-    return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_anchors:,} anchors{size}, {speed}"
+    speed = "" if now.iterations_per_second is None else f", {now.iterations_per_second:.1f} it/s"
+    return f"loss {now.loss:.4f}, L1 {now.l1:.4f}, {now.num_anchors:,} anchors{size}{speed}"
+
+
+def time_left(now: "Progress") -> str:
+    """How long the rest of a run takes at its speed, as hours:minutes:seconds."""
+    if now.iterations_per_second is None:
+        return _UNKNOWN
+    return str(timedelta(seconds=round((now.iterations - now.iteration) / now.iterations_per_second)))
 
 
 def parsed_size(text: str) -> int:

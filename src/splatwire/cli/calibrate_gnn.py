@@ -1,6 +1,7 @@
 """`splatwire calibrate gnn`: weights of the inpainting network for one scene, in the stream or in a file."""
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,10 +15,10 @@ from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError, UnknownNameError
 
 if TYPE_CHECKING:
-    from splatwire.calibrate.gnn_config import CalibrationConfig
-    from splatwire.calibrate.gnn_run import CalibrationResult
     from splatwire.calibrate.pseudo_loss import CalibrationData
     from splatwire.packets import SceneStream
+    from splatwire.paper.calibration.config import CalibrationConfig
+    from splatwire.paper.calibration.run import CalibrationResult
 
 _RENDER_WIDTH = 200
 
@@ -59,7 +60,7 @@ class CalibrateGnn:
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.calibrate.gnn import calibrate
+        from splatwire.paper.calibration.calibrate import calibrate
 
         self._check()
         config, output = self._config(), prepared_output(self.output)
@@ -84,12 +85,14 @@ class CalibrateGnn:
 
     def _check(self) -> None:
         """Refuses options that would do nothing."""
-        from splatwire.conceal.gnn.weights import PRECISIONS
+        from splatwire.paper.gnn.weights import PRECISIONS
 
         if self.precision is not None and self.precision not in PRECISIONS:
             raise UnknownNameError("precision", self.precision, PRECISIONS)
         if self.precision is not None and self._embeds:
             raise InvalidValueError("--precision is for a file of weights: in a stream --bits says how exact they are")
+        if not 0 <= self.render_weight < math.inf:
+            raise InvalidValueError(f"--render-weight is 0 or more, not {self.render_weight:g}")
         if not self.render_weight:
             given = {"--cameras": self.cameras, "--render-width": self.render_width, "--background": self.background}
             idle = [name for name, value in given.items() if value is not None]
@@ -97,8 +100,8 @@ class CalibrateGnn:
                 raise InvalidValueError(f"{', '.join(idle)}: only for the rendering loss, and --render-weight is 0")
 
     def _config(self) -> "CalibrationConfig":
-        from splatwire.calibrate.gnn_config import CALIBRATION_PRESETS
-        from splatwire.conceal.gnn.quantise import check_bits
+        from splatwire.paper.calibration.config import CALIBRATION_PRESETS
+        from splatwire.paper.gnn.quantise import check_bits
 
         if self.preset not in CALIBRATION_PRESETS:
             raise UnknownNameError("calibration preset", self.preset, CALIBRATION_PRESETS)
@@ -124,14 +127,15 @@ class CalibrateGnn:
         complete = decode_anchors(stream, progress=lambda share: show("decoding", share))
         data = calibration_data(stream, complete, cameras)
         if background is not None:
-            data = dataclasses.replace(data, scene=dataclasses.replace(data.scene, background=background))
+            scene = dataclasses.replace(data.scene, background=background)
+            data = dataclasses.replace(data, complete=dataclasses.replace(data.complete, scene=scene))
         return stream, data
 
     def _write(self, stream: "SceneStream", result: "CalibrationResult", bits: int) -> dict[str, int | float]:
         """Writes weights, alone or in the stream; returns what they cost."""
         from splatwire.codec import without_concealment
-        from splatwire.conceal.gnn.section import SECTION, write_section
-        from splatwire.conceal.gnn.weights import save_weights
+        from splatwire.paper.gnn.section import SECTION, write_section
+        from splatwire.paper.gnn.weights import save_weights
 
         if self._embeds:
             bare = without_concealment(stream, SECTION)

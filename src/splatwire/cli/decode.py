@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from splatwire.cli._files import input_path, output_path, read_report_json
-from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
+from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars, tell_lost_harmonics
 
 
 @dataclass(frozen=True)
@@ -29,21 +29,25 @@ class Decode:
         """Runs the verb."""
         from splatwire.codec import decode_stream
         from splatwire.conceal import create_concealer
-        from splatwire.evaluate.scenes import save_decoded
+        from splatwire.formats.kinds import writer_for
         from splatwire.model import AnchorScene
         from splatwire.model.scene_digest import scene_digest
         from splatwire.packets import read_stream
+        from splatwire.scene_io import save_decoded
 
         concealer = None if self.conceal is None else create_concealer(self.conceal)
         with input_path(self.stream) as source:
             stream, report = read_stream(source)
         elements = stream.manifest.elements
         suffix = "" if elements == AnchorScene.ELEMENTS else Path(self.output).suffix
+        if elements != AnchorScene.ELEMENTS:
+            writer_for(self.output)  # a name that says no format is told before the work
         started = time.perf_counter()
         with progress_bars() as show, output_path(self.output, suffix=suffix, json=self.json) as path:
             partial = decode_stream(stream, progress=lambda share: show("decoding", share))
             decoded = time.perf_counter()
             written = save_decoded(partial, concealer, path)
+        tell_lost_harmonics(written, self.output)
         count, num_lost = written.num_elements, partial.erasures.num_lost
         if self.json:
             print_json(

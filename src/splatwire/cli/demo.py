@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE, SPLATS
+from splatwire.cli._files import check_folder
 from splatwire.cli._output import JsonFlag, print_json, progress_bars
-from splatwire.cli._scenes import BackgroundOption, chosen_background
-from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.evaluate.study import Study
@@ -42,20 +41,15 @@ class Demo:
     """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak."""
     seed: int = 0
     """Seed of the losses."""
-    stream: Path | None = None
-    """Another complete stream instead of the bundled one; needs --cameras."""
-    cameras: Path | None = None
-    """Cameras file of that stream."""
     views: int | None = None
     """Most views, spread evenly; all where absent."""
-    background: BackgroundOption = None
-    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
     json: JsonFlag = False
     """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""
         started = time.perf_counter()
+        check_folder(self.output)
         with (
             progress_bars() as show,
             tempfile.TemporaryDirectory(prefix="splatwire-") as folder,
@@ -79,25 +73,21 @@ class Demo:
 
         print_rows(content["rows"], result.study.title, lpips_note=result.lpips_note)
         print(f"report: {report}")
-        if explicit is not None:
-            title = f"the same of explicit Gaussians, as any splat file holds them: {SPLATS}, made from the same photos"
-            print_rows(explicit["rows"], title, lpips_note=result.lpips_note)
-            print(f"report: {explicit['report']}")
+        title = f"the same of explicit Gaussians, as any splat file holds them: {SPLATS}, made from the same photos"
+        print_rows(explicit["rows"], title, lpips_note=result.lpips_note)
+        print(f"report: {explicit['report']}")
         print(f"PSNR is against the lossless scene's own renders. {seconds:.0f} s in all.")
 
     @contextmanager
-    def _explicit(self) -> Iterator[Callable[[], dict[str, Any] | None]]:
-        """Has another process evaluate the bundled Gaussians meanwhile; what waits for its answer, None for none."""
+    def _explicit(self) -> Iterator[Callable[[], dict[str, Any]]]:
+        """Has another process evaluate the bundled Gaussians meanwhile; what waits for its answer."""
         from splatwire.cli._fresh import in_fresh_process
 
-        if self.stream is not None:
-            yield lambda: None
-            return
-        source, background = ASSETS / SPLATS, () if self.background is None else ("--background", *self.background)
+        source = ASSETS / SPLATS
         views = () if self.views is None else ("--views", self.views)
         with in_fresh_process(
             "evaluate", source, "--reference", source, "--cameras", ASSETS / CAMERAS, "--loss", self.loss,
-            "--seeds", self.seed, "--lpips-views", _LPIPS_VIEWS, *views, *background, "-o", self.output / "explicit",
+            "--seeds", self.seed, "--lpips-views", _LPIPS_VIEWS, *views, "-o", self.output / "explicit",
         ) as answer:  # fmt: skip
             yield answer
 
@@ -107,21 +97,21 @@ class Demo:
         Args:
             folder: For temporary files.
         """
+        from splatwire.codec import offers_of
         from splatwire.conceal import concealer_names
         from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
         from splatwire.packets import read_stream
         from splatwire.packets.sections import sections_of
 
-        background = chosen_background(self.background)
-        source, cameras = self._input(folder)
+        source = _bundled_stream(folder)
         stream, _ = read_stream(source)
-        concealers = concealer_names(sections_of(stream), stream.manifest.elements)
+        concealers = concealer_names(sections_of(stream), offers_of(stream.manifest.codec))
         contiguous = replace(stream.manifest.packetization, grouping="contiguous")
         loss = Loss(self.loss)
         return Study(
             name=source.stem,
             title=f"splatwire demo: {source.stem} under {loss.process.name}",
-            scenes=(SceneEntry(source.stem, source, "stream", cameras=cameras, background=background),),
+            scenes=(SceneEntry(source.stem, source, "stream", cameras=ASSETS / CAMERAS),),
             rows=concealment_rows(concealers, contiguous=contiguous),
             losses=(loss,),
             seeds=(self.seed,),
@@ -131,18 +121,15 @@ class Demo:
             lpips_views=_LPIPS_VIEWS,
         )
 
-    def _input(self, folder: Path) -> tuple[Path, Path]:
-        """The stream and the cameras."""
-        from splatwire.codec import add_concealment
-        from splatwire.packets import read_stream, write_stream
 
-        if (self.stream is None) != (self.cameras is None):
-            raise InvalidValueError("give --stream and --cameras together")
-        if self.stream is not None and self.cameras is not None:
-            return self.stream, self.cameras
-        stream = add_concealment(read_stream(ASSETS / SCENE)[0], "gnn", (ASSETS / _NETWORK).read_bytes())
-        write_stream(stream, folder / SCENE)
-        return folder / SCENE, ASSETS / CAMERAS
+def _bundled_stream(folder: Path) -> Path:
+    """The bundled stream with the network's weights in it."""
+    from splatwire.codec import add_concealment
+    from splatwire.packets import read_stream, write_stream
+
+    stream = add_concealment(read_stream(ASSETS / SCENE)[0], "gnn", (ASSETS / _NETWORK).read_bytes())
+    write_stream(stream, folder / SCENE)
+    return folder / SCENE
 
 
 def _decode(stream: "SceneStream") -> "Partial":

@@ -35,12 +35,6 @@ class Encode:
     """Most elements of a spatial block."""
     lanes: int | None = None
     """Packets that a block is split into."""
-    lane_seed: int | None = None
-    """Seed of the lane hash."""
-    order: str | None = None
-    """Ranking of elements: morton or raster (anchors only)."""
-    grouping: str | None = None
-    """Elements of a lane: stratified (hashed) or contiguous."""
     tiers: tuple[float, ...] = ()
     """Shares of the elements, most important first, that get packets of their own: 0.05, or 0.05 0.15."""
     keep: float = 1.0
@@ -53,8 +47,6 @@ class Encode:
     refine: int = 0
     """Steps in which the context model is fitted to the scene again before: 600 take a minute or two and save some
     percent of the bytes. `train` does so by itself; a scene that was decoded or imported from HAC++ loses 0.1 dB."""
-    seed: int = 0
-    """Seed of that."""
     quality: str | None = None
     """How finely explicit Gaussians are quantised: small, default or near-lossless."""
     background: BackgroundOption = None
@@ -70,20 +62,24 @@ class Encode:
             raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
         if not 0 < self.keep <= 1:
             raise InvalidValueError(f"--keep takes a share above 0 and at most 1, not {self.keep:g}")
+        from splatwire.codec.schemas.gaussians.quality import quality_of
         from splatwire.train.config import RefineConfig
 
-        config = RefineConfig(steps=self.refine, seed=self.seed)
+        if self.quality is not None:
+            quality_of(self.quality)
+
+        config = RefineConfig(steps=self.refine)
         from splatwire.codec import add_concealment, encode_scene
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import viewpoint_section
-        from splatwire.evaluate.scenes import complete_scene
         from splatwire.model import AnchorScene
         from splatwire.packets import write_stream
         from splatwire.render.precision import classes_of
         from splatwire.render.pruning import thinned
+        from splatwire.scene_io import open_scene
 
         with input_path(self.scene) as source:
-            scene = complete_scene(source)
+            scene = open_scene(source)
         if self.quality is not None and scene.ELEMENTS == AnchorScene.ELEMENTS:
             raise InvalidValueError("--quality is for explicit Gaussians; anchors have steps of their own")
         if config.steps and not isinstance(scene, AnchorScene):
@@ -100,7 +96,7 @@ class Encode:
                 left = thinned(scene, self.keep, cameras, progress=lambda share: report("what nobody misses", share))
                 scene, lost = left.scene, left.psnr
             report("looking at the scene", 0.0)
-            tiers, classes = self._tiers(scene, cameras), classes_of(scene, cameras)
+            tiers, classes = self._tiers(scene, cameras), classes_of(scene, cameras, anew=self.quality is not None)
             report("looking at the scene", 1.0)
             packetization = self.packetization(scene.ELEMENTS, int(scene.drawable.sum()))
             stream = encode_scene(
@@ -162,18 +158,12 @@ class Encode:
             num_elements: How many of them will be coded.
 
         Raises:
-            UnknownNameError: If there is no such preset, order or grouping.
+            UnknownNameError: If there is no such preset.
             InvalidValueError: If a number is out of range.
         """
         from splatwire.packets import packetization_named
 
-        changes = {
-            "block_size": self.block_size,
-            "lanes": self.lanes,
-            "seed": self.lane_seed,
-            "order": self.order,
-            "grouping": self.grouping,
-        }
-        given = {key: value for key, value in changes.items() if value is not None}
-        preset = self.preset or ("paper" if self.block_size or self.lanes else None)
-        return replace(packetization_named(preset, elements, num_elements), **given)  # type: ignore[arg-type]
+        chosen = self.block_size is not None or self.lanes is not None
+        start = packetization_named(self.preset or ("paper" if chosen else None), elements, num_elements)
+        block_size = start.block_size if self.block_size is None else self.block_size
+        return replace(start, block_size=block_size, lanes=start.lanes if self.lanes is None else self.lanes)

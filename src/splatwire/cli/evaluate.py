@@ -1,4 +1,4 @@
-"""`splatwire evaluate`: a stream or scene is scored, or a protocol file runs."""
+"""`splatwire evaluate`: a stream or scene is scored."""
 
 import tempfile
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import input_path, is_stream
+from splatwire.cli._files import check_folder, check_inputs, input_path, is_stream
 from splatwire.cli._output import JsonFlag, print_json, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
@@ -15,16 +15,14 @@ from splatwire.errors import InvalidValueError
 if TYPE_CHECKING:
     from splatwire.evaluate.study import Row, SceneEntry, Study
 
-_FOR_PROTOCOLS = ("engine", "workers", "store", "data_root", "scene", "photos", "weights", "scene_name")
-
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Score a stream or scene: lose packets, conceal, draw the test views and compare; or run a protocol file."""
+    """Score a stream or scene: lose packets, conceal, draw the test views and compare."""
 
     source: tyro.conf.Positional[str]
     """Stream (complete or with losses), scene file or explicit Gaussians (as they are; with --loss they are encoded
-    first), - for standard input; or a protocol file (.toml), as in benchmarks/paper."""
+    first); - for standard input."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder: its test photos are the references, inside their masks where they have some."""
     reference: Path | None = None
@@ -35,50 +33,26 @@ class Evaluate:
     """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak.
     Without it the source is scored as it is."""
     seeds: tuple[int, ...] = ()
-    """One transmission per seed; all methods meet the same losses. Without it seed 0, or the protocol's."""
+    """One transmission per seed; all methods meet the same losses. Seed 0 where absent."""
     conceal: tuple[str, ...] = ()
     """Concealers to compare; all where absent."""
     contiguous: bool = False
     """Add a row for packets of contiguous anchors, without concealment."""
-    send_order: str | None = None
-    """interleaved (where absent), block or tiers."""
-    renderer: str | None = None
-    """Renderer: cpu, reference or gsplat; cpu where absent, or the protocol's."""
+    renderer: str = "cpu"
+    """cpu, reference or gsplat."""
     background: BackgroundOption = None
-    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent (or what the protocol
-    says)."""
+    """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
     views: int | None = None
     """Most views, spread evenly; all where absent."""
     lpips_views: int | None = None
     """Most views that LPIPS is computed on (slow on a CPU); all where absent."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Folder for an HTML report with pictures, and for everything else that a protocol writes."""
-    engine: str | None = None
-    """Protocols: local (processes, where absent), ray (RAY_ADDRESS or a local cluster) or slurm."""
-    workers: int | None = None
-    """Protocols: workers at a time; one per processor where absent."""
-    store: Path | None = None
-    """Protocols: folder of finished work, OUTPUT/store where absent; what is there is not computed again."""
-    data_root: Path | None = None
-    """Protocols: value of ${SPLATWIRE_DATA} in their paths."""
-    scene: str | None = None
-    """Protocols: a stream, scene file, HAC++ folder, or the word bundled, instead of the protocol's scenes."""
-    photos: Path | None = None
-    """Protocols: dataset folder of --scene; without it --cameras, and the scene's own renders as references."""
-    weights: Path | None = None
-    """Protocols: calibrated GNN weights of --scene."""
-    scene_name: str | None = None
-    """Protocols: what --scene is called."""
+    """Folder for an HTML report with pictures."""
     json: JsonFlag = False
     """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""
-        if self.source.endswith(".toml"):
-            from splatwire.cli._protocol import run_protocol
-
-            run_protocol(self)
-            return
         from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
 
         self._check()
@@ -107,22 +81,24 @@ class Evaluate:
         from splatwire.conceal import create_concealer
         from splatwire.render import create_renderer
 
-        for name in _FOR_PROTOCOLS:
-            if getattr(self, name) is not None:
-                raise InvalidValueError(
-                    f"--{name.replace('_', '-')} is for protocol files (.toml), {self.source} is none"
-                )
+        if self.source.endswith(".toml"):
+            raise InvalidValueError(
+                f"{self.source} is a protocol, which `splatwire study {self.source} -o FOLDER` runs"
+            )
+        check_inputs(self.data, self.reference, self.cameras)
+        if self.output is not None:
+            check_folder(self.output)
         if self.loss is None:
-            for name in ("seeds", "contiguous", "send_order"):
+            for name in ("seeds", "contiguous"):
                 if getattr(self, name):
-                    raise InvalidValueError(f"--{name.replace('_', '-')} needs --loss: without it nothing is sent")
+                    raise InvalidValueError(f"--{name} needs --loss: without it nothing is sent")
         if self.reference is None and (self.data is None or self.cameras is not None):
             raise InvalidValueError("give --data FOLDER, or --reference SCENE (with --cameras FILE or --data FOLDER)")
         if self.cameras is not None and self.data is not None:
             raise InvalidValueError("give either --cameras FILE or --data FOLDER")
         for concealer in self.conceal:
             create_concealer(concealer)
-        create_renderer(self.renderer or "cpu")
+        create_renderer(self.renderer)
 
     def study(self, path: Path) -> "Study":
         """What is compared.
@@ -150,39 +126,40 @@ class Evaluate:
             title=f"{name} {'as it is' if self.loss is None else 'under ' + self.loss}",
             scenes=(entry,),
             rows=rows,
-            losses=(Loss(self.loss or "none", send_order=self.send_order or "interleaved"),),
+            losses=(Loss(self.loss or "none"),),
             seeds=self.seeds or (0,),
             baseline=lossy[0] if lossy else None,
             views=self.views,
             lpips_views=self.lpips_views,
-            renderer=self.renderer or "cpu",
+            renderer=self.renderer,
         )
 
     def _rows(self, entry: "SceneEntry") -> "tuple[Row, ...]":
+        from splatwire.codec import codec_of, offers_of
         from splatwire.conceal import concealer_names
-        from splatwire.evaluate.scenes import open_scene
         from splatwire.evaluate.study import Row, concealment_rows
+        from splatwire.model import Partial
         from splatwire.model.appearance import scene_of
         from splatwire.packets import packetization_named, read_stream
+        from splatwire.packets.sections import sections_of
+        from splatwire.scene_io import read_scene_file
 
         if entry.kind == "stream":
-            from splatwire.packets.sections import sections_of
-
             stream, _ = read_stream(entry.source)
             manifest, packed = stream.manifest, stream.manifest.packetization
-            sections, elements = sections_of(stream), manifest.elements
+            sections, codec = sections_of(stream), manifest.codec
             complete = len(stream.packets) == manifest.num_packets
         else:
-            loaded, erasures = open_scene(entry.source)
-            complete = erasures is None or erasures.num_lost == 0
+            found = read_scene_file(entry.source)
+            loaded, complete = found.loaded, found.num_lost == 0
             if self.loss is None and scene_of(loaded) is loaded:
                 name = "no loss" if complete else "as it is"
                 return (Row(name, name, None, lossless=complete),)
             scene = scene_of(loaded)
-            elements = scene.ELEMENTS
-            packed = packetization_named(None, elements, int(scene.drawable.sum()))
-            sections = getattr(loaded, "concealment", {})
-        names = self.conceal or concealer_names(sections, elements)
+            codec = codec_of(scene)
+            packed = packetization_named(None, scene.ELEMENTS, int(scene.drawable.sum()))
+            sections = dict(loaded.sections) if isinstance(loaded, Partial) else {}
+        names = self.conceal or concealer_names(sections, offers_of(codec))
         if self.loss is None:
             return concealment_rows(() if complete else names, complete=complete)
         contiguous = replace(packed, grouping="contiguous") if self.contiguous else None

@@ -8,36 +8,43 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from splatwire.cli._files import input_path, prepared_output
-from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
+from splatwire.cli._files import check_inputs, input_path, prepared_output
+from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars, tell_lost_harmonics
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.data import Dataset
-    from splatwire.model import AnchorScene
+    from splatwire.model.appearance import Scene
     from splatwire.scene import Cameras
     from splatwire.scene.splats import Splats
+
+_VIEWS = 64
+"""Views on a sphere that anchors are fitted to and measured on."""
 
 
 @dataclass(frozen=True)
 class Export:
     """Export a scene as explicit Gaussians, which common splat viewers open; the loss of quality is measured."""
 
-    kind: tyro.conf.Positional[Literal["ply", "compressed-ply", "spz", "sog", "splat"]]
+    kind: tyro.conf.Positional[Literal["ply", "compressed-ply", "spz", "sog", "splat", "glb"]]
     """ply is the format of 3DGS; compressed-ply, spz and sog are smaller; splat has 32 bytes per Gaussian
-    and one colour for all directions."""
+    and one colour for all directions; glb is glTF with KHR_gaussian_splatting."""
     scene: tyro.conf.Positional[str]
     """Scene file, decoded scene with gaps, or stream; - for standard input. Explicit Gaussians are converted."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """File to write."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
-    """Dataset folder: fitted to its training views, measured on its test views and photos."""
+    """Dataset folder: anchors are fitted to its training views; its test views and photos measure the export."""
     cameras: Path | None = None
     """Cameras file whose views are fitted to and measured on, instead of a dataset."""
-    views: int = 64
-    """Without --data and --cameras: views on a sphere around the scene, of which every eighth only measures."""
-    degree: int = 3
-    """Degree of the spherical harmonics, 0 to 3."""
+    views: int | None = None
+    """Views on a sphere around the scene, of which every eighth only measures, instead of --data and --cameras; 64 for
+    anchors where nothing else is given. Gaussians are measured only where --data, --cameras or --views ask for it."""
+    degree: int | None = None
+    """Highest degree of the spherical harmonics, 0 to 3; 3 where absent, 0 of a .splat, which has no other."""
+    harmonic_bits: tuple[int, int] | None = None
+    """Bits of an SPZ's harmonics of degree 1, and of those beyond: 8 8 where absent; 5 4, as other programs write them,
+    for a smaller file."""
     conceal: str = "drop"
     """Concealer for a scene with gaps."""
     json: JsonFlag = False
@@ -46,29 +53,41 @@ class Export:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.conceal import create_concealer
-        from splatwire.evaluate.scenes import drawable_scene
         from splatwire.exporters import FitCounts
-        from splatwire.model import AnchorScene
+        from splatwire.formats import read_splats
+        from splatwire.model.appearance import explicit_gaussians
         from splatwire.ops.spherical_harmonics import num_functions
+        from splatwire.render import create_renderer
+        from splatwire.scene_io import drawable_scene
 
-        num_functions(self.degree)
+        num_functions(self._degree)
         concealer = create_concealer(self.conceal)
-        if str(self.output) == "-":
-            raise InvalidValueError("an export is read back to be measured: give -o a file")
-        prepared_output(self.output, suffix=f".{self.kind.removeprefix('compressed-')}")
+        self._check()
         with input_path(self.scene) as source:
             scene, num_lost = drawable_scene(source, concealer)
         started, counts, measured = time.perf_counter(), FitCounts(), None
         with progress_bars() as show:
-            if isinstance(scene, AnchorScene):
-                measured = self._fit(scene, counts, show)
+            views = self._views(scene)
+            splats = explicit_gaussians(scene)
+            if splats is None:
+                from splatwire.exporters import fit_splats
+
+                assert views is not None
+                degree = self._degree
+                draw = create_renderer("cpu")
+                self._write(fit_splats(scene, views.fitted_to, draw, degree=degree, counts=counts, progress=show))
             else:
-                counts.possible = counts.written = self._write(iter([scene.drawn()]))
+                degree = min(splats.degree, self._degree)
+                counts.possible = counts.written = self._write(iter([splats.at_most_degree(degree)]))
+                tell_lost_harmonics(scene, self.output)
+            if views is not None:
+                splats = read_splats(self.output)
+                measured = measure(scene, splats, views.measured_on, views.photos, show)
         result = {
             "output": str(self.output),
             "num_gaussians": counts.written,
             "num_bytes": self.output.stat().st_size,
-            "degree": self._degree if isinstance(scene, AnchorScene) else min(scene.splats.degree, self._degree),
+            "degree": degree,
             "left_out": {"unseen": counts.unseen, "faint": counts.faint},
             "num_lost": num_lost,
             "seconds": time.perf_counter() - started,
@@ -79,55 +98,72 @@ class Export:
         else:
             print_summary(_sentence(result))
 
+    def _check(self) -> None:
+        """Refuses what contradicts itself, before any work."""
+        if str(self.output) == "-":
+            raise InvalidValueError("an export is read back to be measured: give -o a file")
+        prepared_output(self.output, suffix=f".{self.kind.removeprefix('compressed-')}")
+        if self.kind == "splat" and self.degree:
+            raise InvalidValueError(
+                f"--degree {self.degree}: a .splat file has one colour for all directions, degree 0"
+            )
+        if self.harmonic_bits is not None and self.kind != "spz":
+            raise InvalidValueError("--harmonic-bits is for spz: other formats have harmonics of one width")
+        if self.harmonic_bits is not None and not all(1 <= bits <= 8 for bits in self.harmonic_bits):
+            raise InvalidValueError(f"--harmonic-bits takes two numbers from 1 to 8, not {self.harmonic_bits}")
+        if sum(value is not None for value in (self.data, self.cameras, self.views)) > 1:
+            raise InvalidValueError("give either --data FOLDER, --cameras FILE or --views NUMBER")
+        check_inputs(self.data, self.cameras)
+        if self.views is not None and self.views < 9:
+            raise InvalidValueError(f"--views must be 9 or more, not {self.views}")
+
     @property
     def _degree(self) -> int:
-        return self.degree if self.kind != "splat" else 0
+        return self.degree if self.degree is not None else 0 if self.kind == "splat" else 3
 
     def _write(self, parts: "Iterator[Splats]") -> int:
         from splatwire.formats.kinds import WRITERS
+        from splatwire.formats.spz import write_spz
 
+        if self.harmonic_bits is not None:
+            return write_spz(parts, self.output, self.harmonic_bits)
         return WRITERS[self.kind.replace("-", ".")](parts, self.output)
 
-    def _fit(self, scene: "AnchorScene", counts: Any, show: Reporter) -> dict[str, Any]:
-        from splatwire.exporters import fit_splats
-        from splatwire.formats.kinds import READERS
-        from splatwire.render import create_renderer
-
-        fitted_to, measured_on, photos = self._views(scene)
-        draw = create_renderer("cpu")
-        parts = fit_splats(scene, fitted_to, draw, degree=self._degree, counts=counts, progress=show)
-        self._write(parts)
-        splats = READERS[self.kind.removeprefix("compressed-")](self.output)
-        return measure(scene, splats, measured_on, photos, show)
-
-    def _views(self, scene: "AnchorScene") -> "tuple[Cameras, Cameras, Dataset | None]":
-        """Views to fit to, views to measure on, and photos of the latter."""
+    def _views(self, scene: "Scene") -> "_Views | None":
+        """Where the scene is looked at from; None for Gaussians of which nobody wants it."""
         from splatwire.data import load_cameras, open_dataset
+        from splatwire.model.appearance import explicit_gaussians
         from splatwire.render.importance import surrounding_cameras
 
-        if self.data is not None and self.cameras is not None:
-            raise InvalidValueError("give either --data FOLDER or --cameras FILE")
         if self.data is not None:
             test = open_dataset(self.data, split="test", background=scene.background)
-            return open_dataset(self.data, split="train").cameras, test.cameras, test
+            return _Views(open_dataset(self.data, split="train").cameras, test.cameras, test)
         if self.cameras is not None:
             cameras = load_cameras(self.cameras)
-            return cameras, cameras, None
-        if self.views < 9:
-            raise InvalidValueError(f"--views must be 9 or more, not {self.views}")
-        cameras = surrounding_cameras(scene, self.views)
-        held_out = [view for view in range(self.views) if view % 8 == 4]
-        return cameras.select([v for v in range(self.views) if v not in held_out]), cameras.select(held_out), None
+            return _Views(cameras, cameras)
+        if self.views is None and explicit_gaussians(scene) is not None:
+            return None
+        cameras = surrounding_cameras(scene, self.views or _VIEWS)
+        held_out = [view for view in range(cameras.num_views) if view % 8 == 4]
+        fitted_to = [view for view in range(cameras.num_views) if view not in held_out]
+        return _Views(cameras.select(fitted_to), cameras.select(held_out))
+
+
+@dataclass(frozen=True)
+class _Views:
+    fitted_to: "Cameras"
+    measured_on: "Cameras"
+    photos: "Dataset | None" = None
 
 
 def measure(
-    scene: "AnchorScene", splats: "Splats", cameras: "Cameras", photos: "Dataset | None", show: Reporter
+    scene: "Scene", splats: "Splats", cameras: "Cameras", photos: "Dataset | None", show: Reporter
 ) -> dict[str, Any]:
-    """Compares pictures of explicit Gaussians with those of the scene that they were fitted to, and with photos.
+    """Compares pictures of an export with those of the scene that it was made of, and with photos.
 
     Args:
         scene: The scene.
-        splats: The Gaussians.
+        splats: The Gaussians of the export.
         cameras: Where both are looked at from.
         photos: Photos from there, if there are any.
         show: Progress.

@@ -51,7 +51,7 @@ class Import:
         from splatwire.importers.hacpp import import_hacpp
         from splatwire.importers.scaffold import import_scaffold
         from splatwire.model.scene_digest import scene_digest
-        from splatwire.model.scene_file import save_scene
+        from splatwire.scene_io import save_scene
 
         if self.kind == "scaffold":
             scene = import_scaffold(self.model_dir, appearance=self.appearance)

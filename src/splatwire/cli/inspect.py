@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Inspect:
-    """Show what is in a stream or a scene file: sizes by part, packets, anchors, losses."""
+    """Show what is in a stream, scene file or file of Gaussians: bytes by part, losses; bounds, sizes, problems."""
 
     source: tyro.conf.Positional[str]
-    """Stream (a .swz file or a folder) or scene file; - for standard input."""
+    """Stream (a .swz file or a folder), scene file or explicit Gaussians; - for standard input."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -68,34 +68,51 @@ def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, A
 
 
 def _describe_scene(path: Path) -> dict[str, Any]:
-    from splatwire.evaluate.scenes import open_scene
     from splatwire.formats import splats_kind
-    from splatwire.model import AnchorScene
     from splatwire.model.appearance import scene_of
     from splatwire.model.scene_digest import scene_digest
     from splatwire.model.tensor_file import tensor_bytes
+    from splatwire.scene_io import read_scene_file
 
-    loaded, erasures = open_scene(path)
-    scene = scene_of(loaded)
+    if (kind := splats_kind(path)) is not None:
+        return _describe_gaussians(path, kind)
+    found = read_scene_file(path)
+    scene = scene_of(found.loaded)
     content: dict[str, Any] = {
-        "kind": "scene" if loaded is scene else "partial scene",
-        "num_packets": None,
+        "kind": "scene" if found.loaded is scene else "partial scene",
         "num_gaussians": scene.num_gaussians,
         "digest": scene_digest(scene.elements),
-        "num_lost": 0 if erasures is None else erasures.num_lost,
-        "decoded": erasures is not None,
+        "num_lost": found.num_lost,
+        "decoded": found.erasures is not None,
     }
-    if not isinstance(scene, AnchorScene):
-        return content | {"kind": f"explicit Gaussians ({splats_kind(path)})", "degree": scene.splats.degree}
-    layout = scene.coding.config.layout
-    return content | {
-        "num_bytes": path.stat().st_size,
-        "parts": tensor_bytes(path),
-        "num_anchors": scene.num_elements,
-        "voxel_size": scene.coding.voxel_size,
-        "feature_dim": layout.feature_dim,
-        "num_offsets": layout.num_offsets,
+    return content | {"num_bytes": path.stat().st_size, "parts": tensor_bytes(path), **scene.facts}
+
+
+def _describe_gaussians(path: Path, kind: str) -> dict[str, Any]:
+    """A file of explicit Gaussians, with what of its rows is left out where it is drawn or encoded."""
+    from splatwire.cli._gaussians import describe_gaussians
+    from splatwire.formats import read_rows
+    from splatwire.model.scene_digest import scene_digest
+
+    splats, rows = read_rows(path)
+    kept = splats if rows.complete else splats.select(rows.kept)
+    return {
+        "kind": f"explicit Gaussians ({kind})",
+        "num_bytes": _size(path),
+        **describe_gaussians(kept),
+        "num_rows": splats.num_gaussians,
+        "left_out": {
+            "draw_nothing": rows.num_invisible,
+            "cannot_be_drawn": rows.num_invalid,
+            "first_that_cannot": rows.first_invalid,
+        },
+        "digest": scene_digest(kept),
     }
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file, or of all files in a folder."""
+    return sum(file.stat().st_size for file in path.iterdir()) if path.is_dir() else path.stat().st_size
 
 
 def _print_table(source: str, content: Mapping[str, Any]) -> None:
@@ -123,7 +140,11 @@ def _text(value: Any) -> str:
     if isinstance(value, int):
         return f"{value:,}"
     if isinstance(value, float):
-        return f"{value:,.3f}"
+        return f"{value:,.3f}" if 0.01 <= abs(value) < 1e6 or value == 0 else f"{value:.3g}"
+    if isinstance(value, list) and value and all(isinstance(item, float) for item in value):
+        return " to ".join(map(_text, value))
+    if isinstance(value, list):
+        return "\n".join(map(_text, value)) or "none"
     if isinstance(value, Mapping):
         return ", ".join(f"{key} {_text(item)}" for key, item in value.items())
     return "-" if value is None else str(value)

@@ -13,6 +13,9 @@ from typing import Any
 import tyro
 
 import splatwire
+from splatwire.cli._former import answer_former_words
+from splatwire.cli._help import tell
+from splatwire.cli._left_out import telling_what_is_left_out
 from splatwire.cli._waiting import telling_why_it_takes_long
 from splatwire.errors import SplatwireError
 
@@ -33,10 +36,16 @@ VERBS = {
     "decode": "decode.Decode",
     "render": "render.Render",
     "evaluate": "evaluate.Evaluate",
+    "study": "study.StudyCommand",
 }
 """Verb to file and settings class; each class has a `run()`."""
 
-_DESCRIPTION = "Carries 3D Gaussian splats across lossy networks. `splatwire demo` shows it in a minute."
+_DESCRIPTION = """Carries 3D Gaussian splats across lossy networks.
+
+`splatwire demo` shows it; `splatwire VERB --help` tells what a verb takes.
+`splatwire --version` tells the version.
+`splatwire --tyro-print-completion bash` (zsh, tcsh) prints a shell's completion.
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -101,33 +110,53 @@ def _run(arguments: list[str]) -> int:
         return 0
     try:
         verb = _parse(arguments)
-        with telling_why_it_takes_long(arguments[0] if arguments else ""):
+        with telling_why_it_takes_long(arguments[0] if arguments else ""), telling_what_is_left_out():
             verb.run()
     except BrokenPipeError:
         raise
-    except (SplatwireError, OSError) as error:
-        return _complain(str(error))
-    except KeyboardInterrupt:
-        print("splatwire: stopped", file=sys.stderr)
-        return 130
+    except (Exception, KeyboardInterrupt) as error:
+        if _is_interruption(error):
+            print("splatwire: stopped", file=sys.stderr)
+            return 130
+        if isinstance(error, (SplatwireError, OSError)):
+            return _complain(str(error))
+        if isinstance(error, MemoryError):
+            return _complain(f"there is not enough memory here: {error}".rstrip(": "))
+        raise
     return 0
+
+
+def _is_interruption(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: while a compiled kernel runs, it comes out as a SystemError of the kernel."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _parse(arguments: list[str]) -> Any:
     """Reads the words; only the chosen verb's file is imported, unless an overview is asked for."""
-    config = (tyro.conf.FlagCreatePairsOff, tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes)
+    config = (
+        tyro.conf.FlagCreatePairsOff,
+        tyro.conf.OmitArgPrefixes,
+        tyro.conf.OmitSubcommandPrefixes,
+        tyro.conf.DisallowNone,
+    )
     if arguments and arguments[0] in VERBS:
         verb = arguments[0]
-        return tyro.cli(_settings(verb), prog=f"splatwire {verb}", args=arguments[1:], config=config)
-    verbs = {verb: _settings(verb) for verb in VERBS}
+        answer_former_words(verb, arguments[1:])
+        return tyro.cli(settings_of(verb), prog=f"splatwire {verb}", args=arguments[1:], config=config)
+    verbs = {verb: settings_of(verb) for verb in VERBS}
     return tyro.extras.subcommand_cli_from_dict(
         verbs, prog="splatwire", description=_DESCRIPTION, args=arguments or ["--help"], config=config
     )
 
 
-def _settings(verb: str) -> Any:
+def settings_of(verb: str) -> Any:
+    """The settings class of a verb; only its file is imported."""
     module, name = VERBS[verb].split(".")
-    return getattr(importlib.import_module(f"splatwire.cli.{module}"), name)
+    settings = getattr(importlib.import_module(f"splatwire.cli.{module}"), name)
+    tell(settings)
+    return settings
 
 
 def _complain(message: str) -> int:

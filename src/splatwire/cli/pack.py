@@ -30,7 +30,7 @@ class Pack:
         with input_path(self.source) as path:
             stream, report = read_stream(path)
             data = pack_stream(stream, Path(self.source).stem)
-        with output_path(self.output, json=self.json) as target, written_whole(target) as new:
+        with output_path(self.output, suffix=".html", json=self.json) as target, written_whole(target) as new:
             new.write_bytes(data)
         if self.json:
             print_json({"bytes": len(data), "num_packets": len(stream.packets), "num_lost_packets": report.num_missing})

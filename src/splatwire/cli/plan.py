@@ -1,13 +1,15 @@
 """`splatwire plan`: where redundancy pays for a given channel and budget."""
 
 import json
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import input_path, prepared_output
+from splatwire.cli._datagrams import in_datagrams
+from splatwire.cli._files import check_inputs, input_path, prepared_output
 from splatwire.cli._output import JsonFlag, print_json, progress_bars
 from splatwire.errors import InvalidValueError
 from splatwire.files.whole import write_whole
@@ -22,20 +24,22 @@ if TYPE_CHECKING:
     from splatwire.plan.planner import Plan
     from splatwire.scene import Cameras
 
+_BUDGET, _TRIALS = 1.3, 100
+
 
 @dataclass(frozen=True)
 class PlanCommand:
     """Split a budget of bytes between side information, tiers of importance and nothing, for `serve --plan`."""
 
     streams: tyro.conf.Positional[list[str]]
-    """Complete stream of the preset datagram, best encoded with --tiers; - for standard input. Several streams of one
-    scene compete: without tiers, with tiers, with a sketch."""
+    """Complete stream, best encoded with --tiers; - for standard input. Several streams of one scene compete: without
+    tiers, with tiers, with a sketch. One of another preset than datagram is planned for as `serve` sends it."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Plan to write, a JSON object that `serve --plan` takes."""
     loss: str = "bernoulli:0.2"
     """Channel, in datagrams: bernoulli:RATE, gilbert:RATE,BURST, ..."""
-    budget: float = 1.3
-    """Bytes that may be sent, as a multiple of the stream without any protection."""
+    budget: float | None = None
+    """Bytes that may be sent, as a multiple of the stream without any protection; 1.3 where absent."""
     deadline: float | None = None
     """Instead of --budget: seconds until nothing more counts; needs --rate."""
     rate: float | None = None
@@ -50,8 +54,8 @@ class PlanCommand:
     """Photos whose training cameras say what is seen; cameras around the scene if not given."""
     views: int = 7
     """Views that the damage is measured in; few tell too little of what is seen from elsewhere."""
-    trials: int = 100
-    """Simulated transfers of each candidate."""
+    trials: int | None = None
+    """Simulated transfers of each candidate, 100 where absent; there are none with --way-back."""
     drawn: int = 6
     """Simulated transfers whose pictures decide between the best candidates."""
     seed: int = 0
@@ -66,8 +70,7 @@ class PlanCommand:
         from splatwire.plan.plan_file import plan_content
         from splatwire.transport.protection import Protection
 
-        if not self.streams:
-            raise InvalidValueError("name at least one stream to plan for")
+        self._check()
         loss = parse_loss(self.loss)
         streams = [_read(path) for path in self.streams]
         with progress_bars() as report:
@@ -81,12 +84,38 @@ class PlanCommand:
                  "budget_bytes": budget, "plain_bytes": plain, "stream": path}  # fmt: skip
         content = plan_content(plan.protection, stream.manifest.stream_id, facts)
         if self.output is not None:
-            write_whole(prepared_output(self.output), (json.dumps(content, indent=1) + "\n").encode())
+            write_whole(self.output, (json.dumps(content, indent=1) + "\n").encode())
         if self.json:
             print_json(content)
         else:
             file = self.output or "FILE (-o FILE writes it)"
             _print_plan(plan, stream.manifest.elements, f"splatwire serve {path} --plan {file}")
+
+    def _check(self) -> None:
+        """Refuses what contradicts itself, before any work."""
+        if not self.streams:
+            raise InvalidValueError("name at least one stream to plan for")
+        if self.output is not None:
+            prepared_output(self.output)
+        check_inputs(self.data)
+        if (self.deadline is None) != (self.rate is None) or (self.deadline is not None and self.budget is not None):
+            raise InvalidValueError("give --budget, or --deadline and --rate together")
+        above = {"--budget": self.budget, "--deadline": self.deadline, "--rate": self.rate}
+        for name, value in above.items():
+            if value is not None and not 0 < value < math.inf:
+                raise InvalidValueError(f"{name} must be above 0, not {value:g}")
+        if min(self.views, self.drawn, self._trials) < 1:
+            raise InvalidValueError("--views, --trials and --drawn are at least 1")
+        if not 0 < self.most_protection <= 1:
+            raise InvalidValueError(f"--most-protection is above 0 and at most 1, not {self.most_protection:g}")
+        if self.way_back and self.trials is not None:
+            raise InvalidValueError("--trials: with --way-back nothing is simulated that it counts")
+        if self.seed < 0:
+            raise InvalidValueError(f"--seed is 0 or more, not {self.seed}")
+
+    @property
+    def _trials(self) -> int:
+        return _TRIALS if self.trials is None else self.trials
 
     def _plan(
         self, offers: "list[Offer]", loss: "LossModel", budget: float, progress: "Callable[[float], None]"
@@ -100,15 +129,13 @@ class PlanCommand:
                 seed=self.seed, progress=progress,
             )  # fmt: skip
         return plan_protection(
-            offers, loss, budget_bytes=budget, trials=self.trials, drawn=self.drawn, seed=self.seed,
+            offers, loss, budget_bytes=budget, trials=self._trials, drawn=self.drawn, seed=self.seed,
             most_protection=self.most_protection, progress=progress,
         )  # fmt: skip
 
     def _budget_bytes(self, plain: int) -> float:
-        if self.deadline is None:
-            return self.budget * plain
-        if self.rate is None or not (self.rate > 0 and self.deadline > 0):
-            raise InvalidValueError("--deadline needs --rate, and both must be above 0")
+        if self.deadline is None or self.rate is None:
+            return (_BUDGET if self.budget is None else self.budget) * plain
         return self.deadline * self.rate * 1e6 / 8
 
     def _offer(self, stream: "SceneStream", progress: "Callable[[float], None]") -> "Offer":
@@ -142,11 +169,9 @@ def _read(path: str) -> "SceneStream":
 
     with input_path(path) as file:
         stream, _ = read_stream(file)
-    if not stream.manifest.packetization.hashed:
-        raise InvalidValueError("a plan is for datagrams: encode the scene with --preset datagram")
     if len(stream.packets) != stream.manifest.num_packets:
         raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
-    return stream
+    return in_datagrams(stream, path)
 
 
 def _print_plan(plan: "Plan", elements: str, how: str) -> None:

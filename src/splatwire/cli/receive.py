@@ -6,14 +6,22 @@ import re
 import signal
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from splatwire.cli._files import STANDARD, STREAM_SUFFIX, output_path, prepared_output, read_report_json
-from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars
+from splatwire.cli._output import (
+    JsonFlag,
+    Reporter,
+    print_json,
+    print_summary,
+    progress_bars,
+    tell_lost_harmonics,
+)
+from splatwire.cli._receiving import TrustOptions
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
@@ -41,12 +49,7 @@ class Receive:
     """Do not ask for lost packets again."""
     conceal: str | None = None
     """Decode, hide what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file."""
-    fingerprint: str | None = None
-    """With quic://: SHA-256 of the server's certificate, as the server tells it; nothing else about it matters then."""
-    authority: Path | None = None
-    """With quic://: PEM file of certificates that vouch for the server's, or its own; else those the system knows."""
-    insecure: bool = False
-    """With quic://: take any certificate; somebody on the path can pose as the server."""
+    trust: TrustOptions = field(default_factory=TrustOptions)
     pcap: Path | None = None
     """Write all datagrams, sent and received, to this file in the format of tcpdump."""
     json: JsonFlag = False
@@ -85,28 +88,15 @@ class Receive:
         self, address: "Address", options: "ReceiverOptions", note: Callable[["Event"], None]
     ) -> "tuple[Receiver, bool]":
         """Runs the transfer, with the capture that was asked for; says whether somebody ended it."""
-        from splatwire.errors import InvalidValueError
         from splatwire.transport.pcap import Capture
 
-        if address.scheme != "quic" and (self.fingerprint or self.authority or self.insecure):
-            raise InvalidValueError("--fingerprint, --authority and --insecure are for quic://")
+        transfer = self.trust.transfer(address)
         with contextlib.ExitStack() as stack:
             tap = None
             if self.pcap is not None:
                 capture = Capture(stack.enter_context(self.pcap.open("wb")).write)
                 tap = lambda source, target, data: capture.add(source, target, data, time.time())  # noqa: E731
-            if address.scheme == "udp":
-                from splatwire.transport.udp import receive_udp
-
-                return asyncio.run(_stoppable(lambda stop: receive_udp(address, options, note, tap, stop)))
-            from splatwire.transport.quic import need_aioquic
-
-            need_aioquic()
-            from splatwire.transport.quic_client import Trust, receive_quic
-
-            authority = None if self.authority is None else self.authority.read_bytes()
-            trust = Trust(authority, self.fingerprint, self.insecure)
-            return asyncio.run(_stoppable(lambda stop: receive_quic(address, options, trust, note, tap, stop)))
+            return asyncio.run(_stoppable(lambda stop: transfer(options, note, tap=tap, stop=stop)))
 
     def _keep_preview(self, preview: bytes) -> str:
         """Writes the preview beside the output that there is not, as a PLY of 3DGS; says what became of it."""
@@ -139,9 +129,9 @@ class Receive:
     def _write_scene(self, stream: "SceneStream", concealer: Any, path: Path) -> None:
         from splatwire.codec import decode_stream
         from splatwire.errors import InvalidValueError
-        from splatwire.evaluate.scenes import save_decoded
         from splatwire.model import AnchorScene
         from splatwire.packets import write_stream
+        from splatwire.scene_io import save_decoded
 
         if self._explicit == (stream.manifest.elements == AnchorScene.ELEMENTS):
             kept = Path(self.output).resolve().with_suffix(STREAM_SUFFIX)
@@ -150,7 +140,7 @@ class Receive:
                 f"{self.url} sent {stream.manifest.elements}, which {self.output} is no name for; what arrived is in "
                 f"{kept}: `splatwire decode` or `splatwire export` take it from there"
             )
-        save_decoded(decode_stream(stream), concealer, path)
+        tell_lost_harmonics(save_decoded(decode_stream(stream), concealer, path), self.output)
 
     def _concealer(self) -> Any:
         if self.conceal is None:

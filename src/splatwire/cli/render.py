@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import input_path
+from splatwire.cli._files import check_folder, input_path
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
@@ -48,13 +48,14 @@ class Render:
         from splatwire.conceal import create_concealer
         from splatwire.data import save_cameras
         from splatwire.evaluate.pixels import png_bytes, to_pixels
-        from splatwire.evaluate.scenes import drawable_scene
         from splatwire.evaluate.views import views_of
         from splatwire.files.names import distinct_names
         from splatwire.files.whole import write_whole
         from splatwire.render.importance import surrounding_cameras
+        from splatwire.scene_io import drawable_scene
 
         concealer = create_concealer(self.conceal)
+        check_folder(self.output)
         with input_path(self.scene) as source:
             scene, num_lost = drawable_scene(source, concealer)
         cameras = surrounding_cameras(scene, _AROUND, _AROUND_SIZE) if cameras is None else cameras

@@ -6,7 +6,7 @@ import re
 import signal
 import socket
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import tyro
 
 from splatwire.cli import _bundled
+from splatwire.cli._datagrams import in_datagrams
 from splatwire.cli._output import JsonFlag, print_json
 
 if TYPE_CHECKING:
@@ -27,8 +28,9 @@ class Serve:
     """Serve streams over UDP or QUIC to many clients at once; stop with Ctrl-C."""
 
     streams: tyro.conf.Positional[tuple[str, ...]] = ()
-    """Streams of the preset datagram: .swz files or folders; the bundled scene's Gaussians if absent. A client names
-    one by its file name without the ending; one that names none gets the first."""
+    """Streams, .swz files or folders; the bundled scene's Gaussians if absent. One of another preset than datagram is
+    put into packets that fit datagrams first, which changes nothing of the scene. A client names one by its file name
+    without the ending; one that names none gets the first."""
     port: int = 4840
     """UDP port; 0 lets the system choose."""
     host: str = "127.0.0.1"
@@ -94,7 +96,7 @@ class Serve:
                 raise InvalidValueError(
                     f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
                 )
-        streams = {name: (path, read_stream(Path(path))[0]) for name, path in named.items()}
+        streams = {name: (path, in_datagrams(read_stream(Path(path))[0], path)) for name, path in named.items()}
         for path, stream in streams.values():
             if planned is not None and stream.manifest.stream_id != planned:
                 raise InvalidValueError(
@@ -139,20 +141,22 @@ class Serve:
         rate = None if self.rate is None else self.rate * 1e6 / 8
         return ServerLimits(self.clients, self.clients_per_address, silence_s=self.idle, fixed_rate=rate)
 
-    def identity(self) -> "Identity":
-        """Certificate and key of a QUIC server.
+    def identity(self) -> "Callable[[], Identity]":
+        """What gives the certificate and key of a QUIC server; one that was made on the spot is renewed.
 
         Raises:
             InvalidValueError: If only one of them was given, or they are something else.
         """
         from splatwire.errors import InvalidValueError
-        from splatwire.transport.certificate import from_pem, self_signed
+        from splatwire.transport.certificate import RenewedIdentity, from_pem
 
         if (self.certificate is None) != (self.key is None):
             raise InvalidValueError("--certificate and --key belong together")
         if self.certificate is None or self.key is None:
-            return self_signed(("localhost", "127.0.0.1", "::1", socket.gethostname(), self.host))
-        return from_pem(self.certificate.read_bytes(), self.key.read_bytes())
+            hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname(), self.host)
+            return RenewedIdentity(hosts, told=_told_renewed)
+        given = from_pem(self.certificate.read_bytes(), self.key.read_bytes())
+        return lambda: given
 
     async def _serve(self, programs: "dict[str, Program]") -> None:
         stop = asyncio.Event()
@@ -188,7 +192,7 @@ class Serve:
         from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits, need_aioquic
 
         need_aioquic()
-        from splatwire.transport.page import PageServer
+        from splatwire.transport.page import PageLimits, PageServer
         from splatwire.transport.page_content import Link, PageContent
         from splatwire.transport.quic_server import QuicServer
 
@@ -199,13 +203,22 @@ class Serve:
         )  # fmt: skip
         stack.callback(server.close)
         await server.start()
-        facts = {"fingerprint": identity.fingerprint}
+        facts = {"fingerprint": identity().fingerprint}
         if self.page is not None:
-            link = Link(server.port, WEBTRANSPORT_PATH, None if self.certificate else identity.fingerprint)
+
+            def link() -> Link:
+                return Link(server.port, WEBTRANSPORT_PATH, None if self.certificate else identity().fingerprint)
+
             content = PageContent(programs, link, self.host, self.origins or None)
-            page = await stack.enter_async_context(PageServer(content, self.page))
+            spent = PageLimits(self.clients, 2 * self.clients_per_address)
+            page = await stack.enter_async_context(PageServer(content, self.page, spent))
             facts["page"] = page.url
         return server, facts
+
+
+def _told_renewed(identity: "Identity") -> None:
+    """Says by which fingerprint a server is known from here on."""
+    print(f"the certificate was renewed; fingerprint: {identity.fingerprint}", file=sys.stderr, flush=True)
 
 
 def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:

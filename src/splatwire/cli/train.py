@@ -11,11 +11,12 @@ import tyro
 from splatwire.cli._files import prepared_output
 from splatwire.cli._output import JsonFlag, print_json, print_summary
 from splatwire.cli._scenes import BackgroundOption, chosen_background
-from splatwire.cli._training import parsed_size, told_size, watch
+from splatwire.cli._training import check_same_recipe, parsed_size, told_size, watch
 from splatwire.errors import BackendUnavailableError, InvalidValueError, UnknownNameError
 
 if TYPE_CHECKING:
     from splatwire.data import Dataset
+    from splatwire.model import AnchorScene
     from splatwire.train import QualityReport, TrainConfig, TrainResult
     from splatwire.train.state import TrainState
 
@@ -49,8 +50,8 @@ class Train:
     """Bytes that the encoded scene is to have, as 500kB, 1.2MB or 500000: lambda is steered there in the second half of
     the run, from --lmbda on."""
     iterations: int | None = None
-    """Length of the run; all phases keep their proportions. 2,400 if absent, 720 with a scene to go on with (the
-    published schedules have 30,000)."""
+    """Length of the run; all phases keep their proportions. 2400 if absent, 720 with a scene to go on with (the
+    published schedules have 30000)."""
     voxel_size: float | None = None
     """Spacing of anchors in world units, 0 to derive it from the points. The recipe's own if absent."""
     growth_interval: int | None = None
@@ -82,8 +83,6 @@ class Train:
     """Go on from the checkpoint beside the output; the recipe is that of the checkpoint."""
     checkpoint_interval: int = 1000
     """Iterations between checkpoints."""
-    test_interval: int = 1000
-    """Iterations between tests on the way; 0 for one at the end only."""
     preview: str | None = None
     """Picture to write after each test: the first test view's photo and what the scene makes of it."""
     json: JsonFlag = False
@@ -96,20 +95,21 @@ class Train:
         from PIL import Image
 
         from splatwire.files.whole import written_whole
-        from splatwire.model.scene_file import save_scene
+        from splatwire.scene_io import save_scene
         from splatwire.train import RunOptions, load_checkpoint, save_checkpoint, train_scene
 
         output = prepared_output(Path(self.output), suffix="")
         checkpoint = output.with_name(output.name + ".checkpoint")
         if self.resume:
             state, config = load_checkpoint(checkpoint)
+            check_same_recipe(self._given(), self._config(), config)
             train, test = self._datasets(config)
         else:
             state, config, train, test = self._start(_PLACES[device])
             save_checkpoint(
                 state, config, checkpoint
             )  # now, not in an hour, is when to learn that it cannot be written
-        options = RunOptions(checkpoint, self.checkpoint_interval, self.test_interval)
+        options = RunOptions(checkpoint, self.checkpoint_interval)
 
         def save_preview(report: "QualityReport") -> None:
             if self.preview:
@@ -131,42 +131,40 @@ class Train:
 
     def _start(self, place: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
         """State and recipe before the first iteration, and the views."""
-        from splatwire.files.kinds import SCENE, file_kind
+        from splatwire.model import AnchorScene, SplatScene
+        from splatwire.scene_io import open_scene
         from splatwire.train.initial import initial_state, points_of_splats
 
         chosen = " (chosen by the data)" if self.preset == "auto" else ""
-        if self.init is not None and file_kind(self.init) == SCENE:
-            return self._going_on(self.init, f"{chosen}, on the {place}")
+        start = None if self.init is None else open_scene(self.init)
+        if isinstance(start, AnchorScene):
+            return self._going_on(start, f"{chosen}, on the {place}")
         config = self._config()
         train, test = self._datasets(config)
         told = f"recipe {config.preset}{chosen}, {config.marks.iterations:,} iterations on the {place}"
         print(told, file=sys.stderr)
-        if self.init is not None:
-            from splatwire.formats import read_splats
-
-            train = dataclasses.replace(train, points=points_of_splats(read_splats(self.init)))
+        if isinstance(start, SplatScene):
+            train = dataclasses.replace(train, points=points_of_splats(start.splats))
         if train.points is None or not train.points.num_points:
             print("the data has no points: the first anchors stand at random places", file=sys.stderr)
         return initial_state(train, config), config, train, test
 
-    def _going_on(self, path: Path, told: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
+    def _going_on(self, scene: "AnchorScene", told: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
         """The same for a finished scene."""
         from splatwire.model import CausalCoding
-        from splatwire.model.scene_file import load_scene
         from splatwire.train.finetune import fine_tuning, state_of_scene
         from splatwire.train.presets import CAUSAL, HACPP
 
         if self.voxel_size is not None or self.growth_interval is not None:
             raise InvalidValueError("anchors of a finished scene stay: no --voxel-size and no --growth-interval")
-        scene = load_scene(path)
         model = CAUSAL if isinstance(scene.coding, CausalCoding) else HACPP
         if self.model not in (None, model):
-            raise InvalidValueError(f"{path} is a scene of model {model}, which it keeps")
+            raise InvalidValueError(f"{self.init} is a scene of model {model}, which it keeps")
         iterations = FINE_TUNING_ITERATIONS if self.iterations is None else self.iterations
         config = fine_tuning(dataclasses.replace(self, iterations=iterations, model=model)._config(), scene)
         config = dataclasses.replace(config, background=chosen_background(self.background) or scene.background)
         train, test = self._datasets(config)
-        print(f"{path} goes on for {iterations:,} iterations with recipe {config.preset}{told}", file=sys.stderr)
+        print(f"{self.init} goes on for {iterations:,} iterations with recipe {config.preset}{told}", file=sys.stderr)
         return state_of_scene(scene, train, config), config, train, test
 
     def _check(self) -> str:
@@ -178,9 +176,14 @@ class Train:
             raise InvalidValueError(f"--preview must end in {', '.join(_PICTURES)}, not {self.preview}")
         if self.loss_share is not None and not self.loss:
             raise InvalidValueError("--loss-share says how often --loss loses packets, which is not given")
-        if self.checkpoint_interval < 1 or self.test_interval < 0:
-            raise InvalidValueError("--checkpoint-interval must be 1 or more, --test-interval 0 or more")
+        if self.checkpoint_interval < 1:
+            raise InvalidValueError(f"--checkpoint-interval must be 1 or more, not {self.checkpoint_interval}")
         return check_device(self.device)
+
+    def _given(self) -> list[str]:
+        """Options that are not as they are where nobody gives them."""
+        fields = [field for field in dataclasses.fields(self) if field.default is not dataclasses.MISSING]
+        return [field.name.replace("_", "-") for field in fields if getattr(self, field.name) != field.default]
 
     def _config(self) -> "TrainConfig":
         from splatwire.data import dataset_layout

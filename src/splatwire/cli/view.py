@@ -1,9 +1,9 @@
-"""`splatwire view`: the page that shows a stream, its losses and how they are hidden."""
+"""`splatwire view`: a page on this machine that shows a stream, its losses and how they are hidden."""
 
 import asyncio
 import signal
-from contextlib import ExitStack
-from dataclasses import dataclass
+import webbrowser
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,21 +11,20 @@ import tyro
 
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, is_stream
-from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
-from splatwire.cli._scenes import BackgroundOption, chosen_background
+from splatwire.cli._output import JsonFlag, print_json, print_summary
+from splatwire.cli._receiving import TrustOptions
 from splatwire.errors import BitstreamError, InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
     from splatwire.scene import Cameras
     from splatwire.transport.page_content import PageContent
-    from splatwire.view.live import Receive
-    from splatwire.view.model import Source
+    from splatwire.view import Relay
 
 
 @dataclass(frozen=True)
 class View:
-    """Look at a stream in a browser: losses, concealers, damage, and the transfer as it happens."""
+    """Look at a stream in a browser: losses, concealers, and the transfer as it happens."""
 
     stream: tyro.conf.Positional[str] = ""
     """Stream, udp:// or quic://HOST[:PORT][/NAME] of a server, or - for standard input; the bundled scene if absent."""
@@ -35,14 +34,9 @@ class View:
     """Address to listen on; others than this machine get in only if you choose an address that they can reach."""
     port: int = 8080
     """Port of the page; 0 lets the system choose."""
-    renderer: str = "cpu"
-    """What draws streams of format 1: cpu or gsplat. All others are drawn by the browser."""
-    background: BackgroundOption = None
-    """RGB from 0 to 1 behind streams of format 1; what the scene was trained in front of where absent."""
-    fingerprint: str | None = None
-    """With quic://: SHA-256 of the server's certificate, as the server tells it; nothing else about it matters then."""
-    insecure: bool = False
-    """With quic://: take any certificate; somebody on the path can pose as the server."""
+    open: bool = True
+    """Open the page in this machine's browser."""
+    trust: TrustOptions = field(default_factory=TrustOptions)
     json: JsonFlag = False
     """Print one JSON object, with the address of the page, when it is ready."""
 
@@ -52,32 +46,17 @@ class View:
 
         if not 0 <= self.port < 1 << 16:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.port} is not")
+        if self.trust.given and "://" not in self.stream:
+            raise InvalidValueError("--fingerprint, --authority and --insecure are for quic://")
         cameras = None if self.cameras is None else load_cameras(self.cameras)
         if not self.stream and cameras is None:
             cameras = load_cameras(ASSETS / CAMERAS)
-        with ExitStack() as stack:
-            asyncio.run(self._serve(self._content(cameras, stack)))
+        if "://" in self.stream:
+            asyncio.run(self._hand_on(cameras))
+        else:
+            from splatwire.view import page_of_stream
 
-    def _content(self, cameras: "Cameras | None", stack: ExitStack) -> "PageContent":
-        """What is served: a stream that the browser draws, or pictures."""
-        from splatwire.packets import ANCHORS
-        from splatwire.view.live import LiveTransfer
-        from splatwire.view.page import page_of_pictures, page_of_stream
-        from splatwire.view.sources import FileSource
-
-        chosen = chosen_background(self.background)
-        with progress_bars() as show:
-            source: Source
-            if "://" in self.stream:
-                transfer = LiveTransfer(self.stream, self._receive())
-                stack.callback(transfer.stop)
-                source = transfer.start(show)
-            else:
-                stream = self._read()
-                if stream.manifest.codec != ANCHORS:
-                    return page_of_stream(stream, cameras, self.host)
-                source = FileSource(stream, progress=lambda share: show("decoding", share))
-            return page_of_pictures(source, cameras, self.host, self.renderer, chosen, show)
+            asyncio.run(self._serve(page_of_stream(self._read(), cameras, self.host)))
 
     def _read(self) -> "SceneStream":
         from splatwire.packets import read_stream
@@ -87,36 +66,51 @@ class View:
                 raise BitstreamError(f"{path} is not a splatwire stream; `splatwire encode` makes one of a scene")
             return read_stream(path)[0]
 
-    async def _serve(self, content: "PageContent") -> None:
+    async def _hand_on(self, cameras: "Cameras | None") -> None:
+        """Serves what another server sends, while it sends it."""
+        from splatwire.view import page_of_relay
+
+        relay = self._relay()
+        receiving = asyncio.create_task(relay.run())
+        try:
+            await relay.begun()
+            if receiving.done():
+                await receiving  # raises what went wrong
+            await self._serve(page_of_relay(relay, cameras, self.host), receiving)
+        finally:
+            receiving.cancel()
+            await asyncio.gather(receiving, return_exceptions=True)
+
+    async def _serve(self, content: "PageContent", receiving: "asyncio.Task[None] | None" = None) -> None:
+        """Serves the page until a signal, or until receiving fails."""
         from splatwire.transport.page import PageServer
 
         stop, loop = asyncio.Event(), asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stop.set)
+        if receiving is not None:
+            receiving.add_done_callback(lambda task: None if _went_well(task) else stop.set())
         async with PageServer(content, self.port) as page:
             if self.json:
-                print_json({"url": page.url, "drawn_by": "browser" if content.pictures is None else "server"})
+                print_json({"url": page.url})
             else:
                 print_summary(f"{page.url} (Ctrl-C ends it)")
+                if self.open:
+                    await asyncio.to_thread(webbrowser.open, page.url)
             await stop.wait()
+        if receiving is not None and receiving.done():
+            receiving.result()
 
-    def _receive(self) -> "Receive":
+    def _relay(self) -> "Relay":
         """What receives the stream that the address names."""
         from splatwire.transport import ReceiverOptions
         from splatwire.transport.address import parse_url
+        from splatwire.view import Relay
 
         address = parse_url(self.stream)
-        options = ReceiverOptions(name=address.name)
-        if address.scheme != "quic" and (self.fingerprint or self.insecure):
-            raise InvalidValueError("--fingerprint and --insecure are for quic://")
-        if address.scheme == "udp":
-            from splatwire.transport.udp import receive_udp
+        transfer, options = self.trust.transfer(address), ReceiverOptions(name=address.name)
+        return Relay(self.stream, lambda note: transfer(options, note))
 
-            return lambda note: receive_udp(address, options, note)
-        from splatwire.transport.quic import need_aioquic
 
-        need_aioquic()
-        from splatwire.transport.quic_client import Trust, receive_quic
-
-        trust = Trust(fingerprint=self.fingerprint, insecure=self.insecure)
-        return lambda note: receive_quic(address, options, trust, note)
+def _went_well(task: "asyncio.Task[None]") -> bool:
+    return not task.cancelled() and task.exception() is None

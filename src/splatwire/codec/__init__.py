@@ -7,7 +7,10 @@ from splatwire.codec.streams import (
     decode_anchors,
     decode_stream,
     encode_scene,
+    offers_of,
     progressive_decoder,
+    repack,
+    repackable,
 )
 from splatwire.packets.sections import add_concealment, side_info_parts, without_concealment
 
@@ -18,7 +21,10 @@ __all__ = [
     "decode_anchors",
     "decode_stream",
     "encode_scene",
+    "offers_of",
     "progressive_decoder",
+    "repack",
+    "repackable",
     "scene_in_order",
     "side_info_parts",
     "without_concealment",

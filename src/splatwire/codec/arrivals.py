@@ -17,6 +17,8 @@ class Arrivals:
     Attributes:
         manifest: The stream's manifest.
         lock: Held while packets are taken, and by whoever reads several rows as of one moment.
+        num_taken: Elements of the packets that were taken.
+        num_bytes: Bytes of side information and of the packets that were taken.
     """
 
     def __init__(self, manifest: Manifest, side_info: bytes, intake: PacketIntake | None) -> None:
@@ -24,6 +26,7 @@ class Arrivals:
         self.manifest, self._side_info = manifest, side_info
         self._intake = intake or PacketIntake(manifest)
         self._taken: set[PacketId] = set()
+        self.num_taken, self.num_bytes = 0, len(side_info)
 
     @property
     def num_packets(self) -> int:
@@ -57,4 +60,6 @@ class Arrivals:
         if not passed and self._intake.take(packet, "transfer") is None:
             return False
         self._taken.add(packet.id)
+        self.num_taken += packet.num_anchors
+        self.num_bytes += packet.num_bytes
         return True

@@ -1,23 +1,27 @@
 """Scene to stream, whatever schema its anchors are coded with."""
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int64, UInt8
 from torch import Tensor
 
+from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import background_sections
+from splatwire.codec.decoding import decode_anchors
 from splatwire.codec.geometry import anchor_order
 from splatwire.codec.schema import AnchorEncoder, CodedPackets, chunks, update_digest
-from splatwire.codec.schemas.causal.encoder import causal_encoder
-from splatwire.codec.schemas.hacpp.encoder import hacpp_encoder
+from splatwire.codec.schemas.causal.encoder import causal_encoder, causal_encoder_again
+from splatwire.codec.schemas.hacpp.encoder import hacpp_encoder, hacpp_encoder_again
+from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tier_sizes import encode_tier_sizes
 from splatwire.codec.tiers import SECTION as TIERS
-from splatwire.codec.tiers import encode_tiers
+from splatwire.codec.tiers import encode_tiers, read_tiers
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, CausalCoding
 from splatwire.model.voxels import voxel_indices
@@ -36,6 +40,7 @@ from splatwire.packets import (
     spread_packetization,
     tier_order,
 )
+from splatwire.packets.sections import sections_of
 from splatwire.version import __version__
 
 
@@ -74,15 +79,64 @@ def encode_anchors(
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
         sections[TIER_SIZES] = encode_tier_sizes(scene.anchors, tier_of, len(plan.tiers))
-    causal = isinstance(scene.coding, CausalCoding)
-    make = causal_encoder if causal else hacpp_encoder
-    encoder, side_info = make(scene, packetization, sections, noise)
+    encoder, side_info = _schema_of(scene).first(scene, packetization, sections, noise)
+    return _stream(scene, encoder, side_info, plan, tier_of, threads, progress)
+
+
+def repack_anchors(
+    stream: SceneStream,
+    packetization: Packetization,
+    *,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> SceneStream:
+    """The same integers under the same side information in other packets; see `splatwire.codec.repack`."""
+    manifest = stream.manifest
+    scene = decode_anchors(stream, threads=threads).scene
+    sections = sections_of(stream)
+    tier_of = read_tiers(sections, manifest)
+    if packetization.order != manifest.packetization.order:
+        if kept := sorted(set(sections) - {BACKGROUND, MASKS}):
+            raise InvalidValueError(
+                f"'{kept[0]}' of this stream is for anchors in {manifest.packetization.order} order"
+            )
+        scene = scene_in_order(scene, packetization.order)
+    plan = _plan(scene, packetization, tier_of)
+    encoder, side_info = _schema_of(scene).again(scene, packetization, stream.side_info)
+    return _stream(scene, encoder, side_info, plan, tier_of, threads, progress)
+
+
+@dataclass(frozen=True)
+class _Schema:
+    """How anchors are coded: the codec's name, what makes its encoders, and what the manifest says of an anchor."""
+
+    codec: str
+    first: Callable[..., tuple[AnchorEncoder, bytes]]
+    again: Callable[..., tuple[AnchorEncoder, bytes]]
+    stated: Mapping[str, Any]
+
+
+def _schema_of(scene: AnchorScene) -> _Schema:
+    if isinstance(scene.coding, CausalCoding):
+        return _Schema(CAUSAL, causal_encoder, causal_encoder_again, {})
+    return _Schema(ANCHORS, hacpp_encoder, hacpp_encoder_again, vars(scene.coding.config.layout))
+
+
+def _stream(
+    scene: AnchorScene,
+    encoder: AnchorEncoder,
+    side_info: bytes,
+    plan: PacketPlan,
+    tier_of: np.ndarray,
+    threads: int | None,
+    progress: Callable[[float], None] | None,
+) -> SceneStream:
     packets, digest = _encode_packets(encoder, plan, tier_of, threads, progress)
-    stated = {} if causal else vars(scene.coding.config.layout)
+    schema = _schema_of(scene)
     return make_stream(
-        packetization=packetization, num_anchors=plan.num_anchors, side_info=side_info, packets=packets,
+        packetization=plan.packetization, num_anchors=plan.num_anchors, side_info=side_info, packets=packets,
         symbols_digest=digest, writer=f"splatwire {__version__}", tiers=plan.tiers,
-        codec=CAUSAL if causal else ANCHORS, **stated,
+        codec=schema.codec, **schema.stated,
     )  # fmt: skip
 
 
@@ -139,7 +193,7 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
         order: As in `Packetization.order`.
 
     Returns:
-        The scene with the anchors that have at least one offset, render hints left out.
+        The scene with the anchors that can be drawn, render hints left out.
 
     Raises:
         InvalidValueError: If no anchor is left.
@@ -151,13 +205,13 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[Tensor, "n"]:
     """Indices of the scene's drawable anchors, sorted by rank.
 
     Args:
-        scene: The scene, N anchors of which n have at least one offset.
+        scene: The scene, N anchors of which n can be drawn (`splatwire.scene.rows`).
         order: As in `Packetization.order`.
 
     Raises:
         InvalidValueError: If no anchor is left.
     """
-    drawable = scene.anchors.mask.any(dim=1).nonzero()[:, 0]
+    drawable = scene.drawable.nonzero()[:, 0]
     if not len(drawable):
         raise InvalidValueError("the scene has no anchor that draws anything: there is nothing to encode")
     voxels = voxel_indices(scene.anchors.positions[drawable], scene.coding.voxel_size)

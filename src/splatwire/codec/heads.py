@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from splatwire.codec.weights import QuantisedMlp, quantise_mlp
+from splatwire.codec.weights import QuantisedMlp, exact_mlp, quantise_mlp
 from splatwire.model import GaussianHeads, Linear, Mlp
 from splatwire.scene import Anchors
 
@@ -44,7 +44,7 @@ def network_of(mlp: QuantisedMlp) -> Mlp:
 
 
 def quantised(network: Mlp, inputs: torch.Tensor, tolerance: np.ndarray) -> QuantisedMlp:
-    """Quantises a network for some inputs.
+    """Quantises a network for some inputs; one that was quantised before, as those of a decoded scene, stays as it is.
 
     Args:
         network: The network.
@@ -55,4 +55,6 @@ def quantised(network: Mlp, inputs: torch.Tensor, tolerance: np.ndarray) -> Quan
         (layer.weight.detach().double().numpy(), layer.bias.detach().double().numpy())
         for layer in (network.hidden, network.output)
     )
-    return quantise_mlp(hidden, output, inputs.double().numpy(), tolerance, leaky=network.negative_slope > 0)
+    leaky = network.negative_slope > 0
+    found = exact_mlp(hidden, output, leaky=leaky)
+    return found or quantise_mlp(hidden, output, inputs.double().numpy(), tolerance, leaky=leaky)

@@ -1,5 +1,6 @@
 """Packet by packet: what arrives is decoded into arrays that are a scene at every moment."""
 
+import copy
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -8,14 +9,14 @@ import numpy as np
 import torch
 
 from splatwire.codec.arrivals import Arrivals
-from splatwire.codec.decoding import open_decoder, tier_facts
-from splatwire.codec.schema import CHUNK_ANCHORS, chunks, update_digest
+from splatwire.codec.decoding import open_decoder, predict_all, tier_facts
+from splatwire.codec.memory import allocating, check_memory, threads_within
+from splatwire.codec.schema import AnchorDecoder, chunks, most_at_once, update_digest
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError
-from splatwire.model import PartialScene
-from splatwire.model.appearance import Partial
+from splatwire.model import AnchorScene, Partial
 from splatwire.ops.threads import one_blas_thread
-from splatwire.packets import Manifest, Packet, PacketIntake
+from splatwire.packets import Manifest, Packet, PacketId, PacketIntake
 from splatwire.scene import Erasures
 
 _FILLED = ("positions", "features", "scalings", "offsets", "mask")
@@ -26,15 +27,17 @@ _FILLED = ("positions", "features", "scalings", "offsets", "mask")
 class _Decoded:
     """Some packets' anchors, not yet written anywhere."""
 
-    ranks: np.ndarray
+    packets: list[Packet]
+    members: list[np.ndarray]
     rows: np.ndarray
 
 
 class ProgressiveDecoder(Arrivals):
     """Decodes a stream while it arrives: the same integers as `decode_stream`, in any order of packets.
 
-    Side information is read once, and the prior of every anchor evaluated; from then on a packet costs what its own
-    anchors cost. Packets may come from several threads, twice, damaged or from elsewhere: `report` counts them.
+    Side information is read once; from then on a packet costs what its own anchors cost. Packets may come from several
+    threads, twice, damaged or from elsewhere: `report` counts them. Until somebody asks for `partial`, only what
+    arrived takes memory; then the prior of every anchor is evaluated.
 
     Args:
         manifest: The stream's manifest.
@@ -42,7 +45,7 @@ class ProgressiveDecoder(Arrivals):
         intake: What its packets passed where they arrived; None lets them pass one here.
         threads: Threads for the prior of all anchors, and for packets of thousands of anchors that come at once; None
             for one for each processor. What a datagram brings is decoded by the thread that brings it.
-        progress: Called with the share of the prior that is done, 0 to 1.
+        progress: Called, where somebody asks for `partial`, with the share of the prior that is done, 0 to 1.
 
     Attributes:
         lock: Held while rows are written. Hold it to read several of them as of one moment.
@@ -63,21 +66,29 @@ class ProgressiveDecoder(Arrivals):
     ) -> None:
         super().__init__(manifest, side_info, intake)
         self._decoder = open_decoder(manifest, side_info)
-        tiers = tier_facts(self._decoder, manifest)
-        self._order = tiers.order
-        self._threads = threads
-        self._predict(progress)
-        num = manifest.num_anchors
-        self._symbols: np.ndarray | None = np.zeros((num, self._decoder.num_symbols), dtype=np.int32)
-        self._received = np.zeros((num, 4), dtype=np.bool_)
+        self._tiers = tier_facts(self._decoder, manifest)
+        self._threads, self._progress = threads, progress
+        self._what = f"decoding {manifest.num_anchors:,} anchors"
+        self._found: dict[PacketId, tuple[np.ndarray, np.ndarray]] = {}
+        self._checked = False
         self._num_known = 0
-        erasures = Erasures(torch.from_numpy(self._received))
-        self._partial = replace(self._decoder.scene(), erasures=erasures, tier_sizes=tiers.sizes)
+        self._room: AnchorDecoder | None = None
+        self._partial: Partial[AnchorScene] | None = None
 
     @property
-    def partial(self) -> PartialScene:
-        """The scene as it is now and as it will be: its tensors are filled in place (see `lock`)."""
-        return self._partial
+    def partial(self) -> Partial[AnchorScene]:
+        """The scene as it is now and as it will be: its tensors are filled in place (see `lock`).
+
+        Raises:
+            BitstreamError: If a scene of all anchors takes too much memory (`splatwire.codec.memory`).
+        """
+        with self.lock:
+            if self._partial is None:
+                check_memory(self._decoder.scene_bytes, None, self._what)
+                with allocating(self._what):
+                    self._make_room()
+            assert self._partial is not None
+            return self._partial
 
     @property
     def num_known(self) -> int:
@@ -96,12 +107,12 @@ class ProgressiveDecoder(Arrivals):
             InvalidValueError: If the stream has no such packet.
         """
         places = self.manifest.plan.members(packet.id, packet.num_anchors)
-        return places if self._order is None else self._order[places]
+        return places if self._tiers.order is None else self._tiers.order[places]
 
-    def snapshot(self) -> PartialScene:
+    def snapshot(self) -> Partial[AnchorScene]:
         """The scene as it is now, in tensors of its own that never change."""
         with self.lock:
-            live = self._partial
+            live = self.partial
             erasures = Erasures(live.erasures.received.clone())
             filled = {name: getattr(live.scene.anchors, name).clone() for name in _FILLED}
         scene = replace(live.scene, anchors=replace(live.scene.anchors, **filled))
@@ -111,16 +122,15 @@ class ProgressiveDecoder(Arrivals):
         """Brings another state of the scene to the one in which exactly some of what arrived is there.
 
         Args:
-            shown: The other state, in tensors of its own (`PartialScene.without`).
+            shown: The other state, in tensors of its own (`Partial.without`).
             wanted: Which anchors are to be there, bool (N).
 
         Returns:
             Anchors that were taken back and those that are new, int64.
         """
-        assert isinstance(shown, PartialScene)
         known = shown.erasures.known.numpy()
         old, new = np.flatnonzero(known & ~wanted), np.flatnonzero(wanted & ~known)
-        shown.fill(torch.from_numpy(new), self._partial)
+        shown.fill(torch.from_numpy(new), self.partial)
         shown.fill(torch.from_numpy(old), None)
         return old, new
 
@@ -134,35 +144,35 @@ class ProgressiveDecoder(Arrivals):
             Ranks of the anchors that are new, int64, in the order of the packets.
 
         Raises:
+            BitstreamError: If so many anchors in so few bytes take too much memory (`splatwire.codec.memory`).
             DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
         """
-        taken = self.take(packets)
-        new = [np.empty(0, dtype=np.int64)]
-        for decoded in self._decode_all(taken):
-            with self.lock:
-                self._store(decoded)
-            new.append(decoded.ranks)
+        taken, new = self.take(packets), [np.empty(0, dtype=np.int64)]
+        held = self.num_taken * (4 * self._decoder.num_symbols + 8)
+        working = most_at_once(taken) * self._decoder.row_bytes
+        what = f"decoding {self.num_taken:,} anchors that arrived"
+        threads = threads_within(held, working, self.num_bytes, what, self._threads)
+        with allocating(self._what):
+            for decoded in self._decode_all(taken, threads):
+                with self.lock:
+                    self._keep(decoded)
+                new += decoded.members
         if taken and self.complete:
             self._check()
         return np.concatenate(new)
 
-    def _predict(self, progress: Callable[[float], None] | None) -> None:
-        """Evaluates what is expected of every anchor."""
-        num = self.manifest.num_anchors
+    def _make_room(self) -> None:
+        """Makes a scene of all anchors, and writes into it what has arrived."""
+        room = copy.copy(self._decoder)  # which stays as it is: others may be decoding with it
+        predict_all(room, self.manifest.num_anchors, self._threads, self._progress)
+        for ranks, rows in self._found.values():
+            room.store(ranks, rows)
+        self._room, self._partial = room, room.scene().saying(*self._tiers.said)
 
-        def predict(start: int) -> int:
-            ranks = np.arange(start, min(start + CHUNK_ANCHORS, num))
-            self._decoder.predict(ranks)
-            return int(ranks[-1]) + 1
-
-        for done in ordered_map(predict, range(0, num, CHUNK_ANCHORS), self._threads):
-            if progress:
-                progress(done / num)
-
-    def _decode_all(self, packets: list[Packet]) -> Iterator[_Decoded]:
+    def _decode_all(self, packets: list[Packet], threads: int) -> Iterator[_Decoded]:
         runs = [packets[run] for run in chunks(np.array([packet.num_anchors for packet in packets]))]
         if len(runs) > 1:
-            yield from ordered_map(self._decode, runs, self._threads)
+            yield from ordered_map(self._decode, runs, threads)
         elif runs:
             with one_blas_thread():
                 decoded = self._decode(runs[0])
@@ -170,27 +180,27 @@ class ProgressiveDecoder(Arrivals):
 
     def _decode(self, packets: list[Packet]) -> _Decoded:
         members = [self.members(packet) for packet in packets]
-        ranks, counts = np.concatenate(members), np.array([len(m) for m in members])
-        payloads = [packet.payload for packet in packets]
-        return _Decoded(ranks, self._decoder.decode(ranks, counts, payloads))
+        counts, payloads = np.array([len(m) for m in members]), [packet.payload for packet in packets]
+        return _Decoded(packets, members, self._decoder.decode(np.concatenate(members), counts, payloads))
 
-    def _store(self, decoded: _Decoded) -> None:
-        self._decoder.store(decoded.ranks, decoded.rows)
-        self._received[decoded.ranks] = True
-        self._num_known += len(decoded.ranks)
-        if self._symbols is not None:
-            self._symbols[decoded.ranks] = decoded.rows
+    def _keep(self, decoded: _Decoded) -> None:
+        ends = np.cumsum([len(own) for own in decoded.members])[:-1]
+        for packet, own, rows in zip(decoded.packets, decoded.members, np.split(decoded.rows, ends), strict=True):
+            self._found[packet.id] = own, rows
+            self._num_known += len(own)
+            if self._room is not None:
+                self._room.store(own, rows)
 
     def _check(self) -> None:
-        """Compares all decoded integers with the manifest's digest, once; their copy is not needed after that."""
+        """Compares all decoded integers with the manifest's digest, once."""
         with self.lock:
-            symbols, self._symbols = self._symbols, None
-            if symbols is None or not self.has_every_packet:
+            if self._checked or not self.has_every_packet:
                 return
-        ranks = self.manifest.plan.groups().ranks
-        ranks = ranks if self._order is None else self._order[ranks]
-        digest = hashlib.sha256()
-        for start in range(0, len(ranks), CHUNK_ANCHORS):
-            update_digest(digest, symbols[ranks[start : start + CHUNK_ANCHORS]])
+            self._checked = True
+            digest = hashlib.sha256()
+            for packet_id in sorted(self._found):
+                update_digest(digest, self._found[packet_id][1])
+            if self._room is not None:  # nobody asks for them any more
+                self._found.clear()
         if digest.hexdigest() != self.manifest.symbols_digest:
             raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")

@@ -4,13 +4,14 @@ Which anchors share a packet, in which order, and what arrived, is the same for 
 `splatwire.codec.decoding`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.model import PartialScene
+from splatwire.model import AnchorScene, Partial
+from splatwire.packets import Packet
 
 CHUNK_ANCHORS = 3000
 """Anchors worked on at once: enough to keep the matrix products busy, small enough to stay in the cache."""
@@ -48,24 +49,31 @@ class AnchorEncoder(Protocol):
 
 @runtime_checkable
 class AnchorDecoder(Protocol):
-    """Reads the anchors of one stream into arrays by rank; zero where nothing was received.
+    """Reads the anchors of one stream; what it keeps of them is by rank, zero where nothing was received.
 
     Attributes:
         sections: Named sections of the side information.
         num_symbols: Integers of an anchor.
+        scene_bytes: Memory that `make_room` and `scene` take.
+        row_bytes: Memory that each anchor takes that is being decoded.
     """
 
     sections: Mapping[str, bytes]
     num_symbols: int
+    scene_bytes: int
+    row_bytes: int
+
+    def make_room(self) -> None:
+        """Makes arrays for all anchors, which `predict`, `store` and `scene` work on; `decode` needs none."""
 
     def predict(self, ranks: np.ndarray) -> None:
-        """Evaluates what is expected of some anchors before any packet; needed once, before they are decoded."""
+        """Evaluates what is expected of some anchors before any packet; needed once for each of them."""
 
     def decode(self, ranks: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]) -> np.ndarray:
         """Decodes packets; any bytes decode to something. May be called from several threads.
 
         Args:
-            ranks: int64 (n), anchors of all packets, packet by packet.
+            ranks: int64 (n), anchors of all packets, packet by packet; where there is room, `predict` knows them.
             counts: int64 (packets), anchors of each.
             payloads: One for each packet.
 
@@ -74,9 +82,9 @@ class AnchorDecoder(Protocol):
         """
 
     def store(self, ranks: np.ndarray, rows: np.ndarray) -> None:
-        """Writes the attributes of anchors that were decoded."""
+        """Writes the attributes of anchors that were decoded and predicted."""
 
-    def scene(self) -> PartialScene:
+    def scene(self) -> Partial[AnchorScene]:
         """The scene over the arrays, which share its memory."""
 
 
@@ -86,6 +94,11 @@ def update_digest(digest: Any, rows: np.ndarray) -> None:
     Packets are added in plan order, so that the digest does not depend on how they were batched.
     """
     digest.update(np.ascontiguousarray(rows.astype("<i4")).data)
+
+
+def most_at_once(packets: Iterable[Packet]) -> int:
+    """Anchors that are worked on at once at most: a chunk, or those of the largest packet."""
+    return max((packet.num_anchors for packet in packets), default=0) + CHUNK_ANCHORS
 
 
 def chunks(sizes: np.ndarray, most: int = CHUNK_ANCHORS) -> Iterator[slice]:

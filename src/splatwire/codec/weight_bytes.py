@@ -18,6 +18,7 @@ from splatwire.scene import AnchorLayout
 
 MAX_WIDTH = 4096
 MAX_WEIGHTS = 1 << 20
+"""Of the networks of a section together: a weight may take no bit at all, and takes 28 bytes of memory."""
 LEAKY = 1
 WITH_COLUMN_SCALES = 2
 FIT_ROUNDS = 4
@@ -33,7 +34,7 @@ def write_mlp(writer: ByteWriter, mlp: QuantisedMlp) -> None:
     _write_linear(writer, mlp.output)
 
 
-def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int) -> QuantisedMlp:
+def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int, most: int = MAX_WEIGHTS) -> QuantisedMlp:
     """Inverse of `write_mlp`.
 
     Args:
@@ -41,6 +42,7 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int) -> Quanti
         what: Which network, for error messages.
         inputs: Inputs that it must have.
         outputs: Outputs that it must have.
+        most: Weights that it may have.
 
     Raises:
         BitstreamError: If its shape or a number is impossible.
@@ -52,8 +54,8 @@ def read_mlp(reader: ByteReader, what: str, inputs: int, outputs: int) -> Quanti
         raise BitstreamError(f"{what} network: flags {flags} that this version does not know")
     if shape[0] != inputs or shape[2] != outputs or not 0 < hidden <= MAX_WIDTH:
         raise BitstreamError(f"{what} network: shape {shape} where {inputs} inputs and {outputs} outputs are needed")
-    if max(inputs, outputs) * hidden > MAX_WEIGHTS:
-        raise BitstreamError(f"{what} network: {shape} is too large")
+    if (inputs + outputs) * hidden > most:
+        raise BitstreamError(f"{what} network: {shape} is too large: networks have {MAX_WEIGHTS:,} weights at most")
     columns = bool(flags & WITH_COLUMN_SCALES)
     first = _read_linear(reader, what, inputs, hidden, columns)
     return QuantisedMlp(first, _read_linear(reader, what, hidden, outputs, columns), bool(flags & LEAKY))
@@ -77,8 +79,10 @@ def read_networks(data: bytes, shapes: Iterable[tuple[str, int, int]]) -> list[Q
     Raises:
         BitstreamError: If the bytes are damaged or something else.
     """
-    reader = ByteReader(data, "networks")
-    networks = [read_mlp(reader, name, inputs, outputs) for name, inputs, outputs in shapes]
+    reader, networks, left = ByteReader(data, "networks"), list[QuantisedMlp](), MAX_WEIGHTS
+    for name, inputs, outputs in shapes:
+        networks.append(read_mlp(reader, name, inputs, outputs, left))
+        left -= (inputs + outputs) * len(networks[-1].hidden.symbols)
     reader.finish()
     return networks
 

@@ -16,12 +16,16 @@ import numpy as np
 
 from splatwire.codec.fixed_point import ACTIVATION_BITS, WEIGHT_EXPONENT
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
+from splatwire.entropy.integers import MAX_SYMBOL
 
 BIAS_BITS = 12
 """Fractional bits of a bias."""
 
 MAX_SHIFT = 12
 MAX_STEP = 65535
+
+FINE_WEIGHT = 128.0
+"""Weights below this are whole multiples of `2**-WEIGHT_EXPONENT` in float32, too."""
 
 RIDGE = 0.003
 """Added to the variance of each input, as a share of it: correlations of a sample are not relied upon beyond that.
@@ -93,12 +97,77 @@ def quantise_linear(weight: np.ndarray, bias: np.ndarray, inputs: np.ndarray, no
     shifts = np.clip(np.floor(np.log2(rest.max() / rest)), 0, MAX_SHIFT).astype(np.int64)
     # rounding errors are uniform: each contributes (step * rest)**2 / 12
     spread = np.sqrt((((2.0**shifts) * rest) ** 2).sum() / 12)
-    steps = np.clip(np.rint(noise / spread * 2.0**WEIGHT_EXPONENT), 1, MAX_STEP).astype(np.int64)
+    # weights of 128 and more have coarser steps, so that a float32 holds what the integers stand for
+    grain = 2.0 ** np.ceil(np.log2(np.maximum(np.abs(weight).max(axis=1, initial=0) / FINE_WEIGHT, 1)))
+    steps = np.rint(noise / spread * 2.0**WEIGHT_EXPONENT / grain) * grain
+    steps = np.clip(steps, grain, MAX_STEP // grain * grain).astype(np.int64)
     unit = (steps[:, None] << shifts[None, :]) * 2.0**-WEIGHT_EXPONENT
     symbols, error = _round_in_turn(weight[:, order], unit, factor / rest[None, :])
     back = np.argsort(order)
     whole = np.rint((bias + error[:, back] @ mean) * 2.0**BIAS_BITS).astype(np.int32)
     return QuantisedLinear(symbols[:, back], steps, shifts[back], whole)
+
+
+def exact_mlp(
+    hidden: tuple[np.ndarray, np.ndarray], output: tuple[np.ndarray, np.ndarray], *, leaky: bool
+) -> QuantisedMlp | None:
+    """A network whose weights are whole numbers of the format's units already, as those of a decoded scene: as it is.
+
+    Args:
+        hidden: Weight (hidden, in) and bias of the first layer.
+        output: Weight (out, hidden) and bias of the second.
+        leaky: Slope 0.01 below zero instead of 0.
+
+    Returns:
+        The integers that stand for exactly these numbers; None if there are none.
+    """
+    first, second = exact_linear(*hidden), exact_linear(*output)
+    return None if first is None or second is None else QuantisedMlp(first, second, leaky)
+
+
+def exact_linear(weight: np.ndarray, bias: np.ndarray) -> QuantisedLinear | None:
+    """The layer of integers that stands for exactly these numbers; None if there is none.
+
+    Steps are not unique: any that divide all weights give the same numbers.
+
+    Args:
+        weight: float (out, in).
+        bias: float (out).
+    """
+    whole, base = weight * 2.0**WEIGHT_EXPONENT, bias * 2.0**BIAS_BITS
+    if not (_whole(whole, 2.0**48) and _whole(base, float(MAX_SYMBOL))):
+        return None
+    units = whole.astype(np.int64)
+    some, twos = units != 0, np.log2(np.maximum(units & -units, 1)).astype(np.int64)  # factors 2 of each weight
+    found = []
+    for rows_first in (True, False):
+        shifts = np.zeros(units.shape[1], np.int64) if rows_first else _fewest(twos, some, axis=0)
+        shifts = _fewest(twos - _fewest(twos - shifts, some, axis=1)[:, None], some, axis=0)
+        steps = np.array([_divisor(int(step)) for step in np.gcd.reduce(units >> shifts, axis=1)], dtype=np.int64)
+        found.append((units // (steps[:, None] << shifts), steps, shifts))
+    symbols, steps, shifts = min(found, key=lambda parts: float(np.log2(1 + np.abs(parts[0])).sum()))
+    if np.abs(symbols).max(initial=0) > MAX_SYMBOL:
+        return None
+    return QuantisedLinear(symbols.astype(np.int32), steps, shifts, base.astype(np.int32))
+
+
+def _fewest(twos: np.ndarray, some: np.ndarray, axis: int) -> np.ndarray:
+    """Factors 2 that all weights of a row or column have in common, those that are 0 apart."""
+    least = np.where(some, twos, MAX_SHIFT).min(axis=axis, initial=MAX_SHIFT)
+    return np.maximum(np.where(some.any(axis=axis), least, 0), 0)
+
+
+def _whole(values: np.ndarray, most: float) -> bool:
+    """Whether all are whole numbers and not too large."""
+    return bool((np.abs(values) <= most).all() and (values == np.rint(values)).all())
+
+
+def _divisor(number: int) -> int:
+    """The largest divisor that a row's step can be."""
+    if number <= MAX_STEP:
+        return max(number, 1)
+    smaller = np.arange(1, MAX_STEP + 1)
+    return int(smaller[number % smaller == 0][-1])
 
 
 def _explained(inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

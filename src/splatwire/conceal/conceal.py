@@ -1,26 +1,15 @@
 """From a partial scene to one that can be rendered."""
 
-import dataclasses
+from typing import Any
 
-import torch
-from torch import Tensor
-
-from splatwire.conceal.base import (
-    Concealed,
-    Concealer,
-    CopyConcealer,
-    ElementConcealer,
-    concealer_names,
-    create_concealer,
-)
-from splatwire.conceal.context import AnchorContext, context_of, elements_of
+from splatwire.conceal.base import Concealed, Concealer
+from splatwire.conceal.registry import check_needs, create_concealer
 from splatwire.errors import InvalidValueError, check_kind
-from splatwire.model import PartialScene, PartialSplats, RenderHints, SplatScene
 from splatwire.model.appearance import Partial, Scene
-from splatwire.scene import Anchors, Attribute
+from splatwire.model.partial import moved
 
 
-def conceal(partial: Partial, concealer: Concealer | str) -> Scene:
+def conceal(partial: Partial, concealer: Concealer | str) -> Any:
     """Fills, or leaves out, what was lost.
 
     Whatever the concealer proposes, every attribute that was received stays bit for bit; filled offsets are zero where
@@ -31,71 +20,54 @@ def conceal(partial: Partial, concealer: Concealer | str) -> Scene:
         concealer: A concealer or its name (`splatwire.conceal.create_concealer`).
 
     Returns:
-        The scene with filled elements and render hints, on the device of the input.
+        The scene with filled elements and render hints, of the kind and on the device of the input.
 
     Raises:
         UnknownNameError: No concealer has that name.
-        InvalidValueError: `partial` is none, it lacks what the concealer works with, or the concealer returned tensors
-            of other sizes or hints that cannot be drawn.
+        InvalidValueError: `partial` is none, it lacks what the concealer needs, or the concealer returned tensors of
+            other sizes or hints that cannot be drawn.
     """
     method = create_concealer(concealer) if isinstance(concealer, str) else concealer
-    if isinstance(partial, PartialSplats):
-        return _with_hints(partial, method)
-    check_kind(partial, PartialScene, "load_partial")
-    context = context_of(partial)
-    if context.erasures.num_lost == 0:
-        proposal = Concealed.filled(context.anchors.to("cpu"))
-    else:
-        proposal = method(context.to_cpu())
-    _check(proposal, context, method.name)
-    device = context.anchors.positions.device
-    opacity_gain = None if proposal.opacity_gain is None else proposal.opacity_gain.to(device)
-    hints = RenderHints(proposal.size_gain.to(device), proposal.left_out.to(device), opacity_gain)
-    return dataclasses.replace(partial.scene, anchors=keep_received(context, proposal.anchors.to(device)), hints=hints)
-
-
-def concealed(loaded: Scene | Partial, concealer: Concealer | str) -> Scene:
-    """Conceals what has gaps; a scene that can be drawn stays as it is. See `conceal`."""
-    return conceal(loaded, concealer) if isinstance(loaded, PartialScene | PartialSplats) else loaded
-
-
-def _with_hints(partial: PartialSplats, method: Concealer) -> SplatScene:
-    """Explicit Gaussians have no attributes that a prior expects: they are drawn differently, never filled."""
-    if not isinstance(method, ElementConcealer):
-        able = ", ".join(concealer_names(partial.concealment, SplatScene.ELEMENTS))
-        raise InvalidValueError(f"concealer '{method.name}' works on anchors; explicit Gaussians take {able}")
+    check_kind(partial, Partial, "decode_stream")
+    check_needs(method, partial)
     if partial.erasures.num_lost == 0:
         return partial.scene
-    filled = method.filled(partial) if isinstance(method, CopyConcealer) else partial
-    return dataclasses.replace(filled.scene, hints=method.hints(elements_of(filled)))
+    here = partial.to_cpu()
+    return drawn(partial, here, method(here), method.name)
 
 
-def keep_received(context: AnchorContext, proposed: Anchors) -> Anchors:
-    """Takes from `proposed` only what is missing in the context."""
-    received = context.erasures.received.to(context.anchors.positions.device)
+def drawn(partial: Partial, here: Partial, proposal: Concealed, name: str) -> Any:
+    """The scene that a proposal makes of what arrived.
 
-    def merge(attribute: Attribute, decoded: Tensor, filled: Tensor) -> Tensor:
-        column = received[:, int(attribute)].view(-1, *[1] * (decoded.dim() - 1))
-        return torch.where(column, decoded, filled)
+    Args:
+        partial: What arrived.
+        here: The same in main memory.
+        proposal: What a concealer makes of it.
+        name: Of the concealer, for messages.
 
-    anchors = context.anchors
-    mask = merge(Attribute.MASK, anchors.mask, proposed.mask)
-    return dataclasses.replace(
-        anchors,
-        features=merge(Attribute.FEATURE, anchors.features, proposed.features),
-        scalings=merge(Attribute.SCALING, anchors.scalings, proposed.scalings),
-        offsets=merge(Attribute.OFFSET, anchors.offsets, proposed.offsets * mask[:, :, None]),
-        mask=mask,
-    )
+    Raises:
+        InvalidValueError: If sizes are wrong, or hints cannot be drawn.
+    """
+    proposed = here.filled if proposal.elements is None else proposal.elements
+    _check(proposal, proposed, here, name)
+    elements = here.elements.kept(here.erasures, proposed)
+    device = partial.scene.positions.device
+    return partial.scene.with_elements(moved(elements, device), moved(proposal.hints, device))
 
 
-def _check(proposal: Concealed, context: AnchorContext, name: str) -> None:
-    num_anchors = context.anchors.num_anchors
-    opacity_gain = proposal.size_gain if proposal.opacity_gain is None else proposal.opacity_gain
-    sizes = {proposal.anchors.num_anchors, len(proposal.size_gain), len(proposal.left_out), len(opacity_gain)}
-    if sizes != {num_anchors} or not proposal.anchors.matches(context.layout):
-        raise InvalidValueError(f"concealer '{name}' returned {sorted(sizes)} rows for {num_anchors} anchors")
-    if not bool((proposal.size_gain.isfinite() & (proposal.size_gain > 0)).all()):
+def concealed(loaded: Scene | Partial, concealer: Concealer | str) -> Any:
+    """Conceals what has gaps; a scene that can be drawn stays as it is. See `conceal`."""
+    return conceal(loaded, concealer) if isinstance(loaded, Partial) else loaded
+
+
+def _check(proposal: Concealed, proposed: Any, partial: Partial, name: str) -> None:
+    count, hints = partial.scene.num_elements, proposal
+    opacity_gain = hints.size_gain if hints.opacity_gain is None else hints.opacity_gain
+    rows = {len(hints.size_gain), len(hints.left_out), len(opacity_gain), *(len(t) for t in vars(proposed).values())}
+    shapes = [{n: t.shape for n, t in vars(elements).items()} for elements in (proposed, partial.elements)]
+    if rows != {count} or shapes[0] != shapes[1]:
+        raise InvalidValueError(f"concealer '{name}' returned {sorted(rows)} rows for {count} {partial.scene.ELEMENTS}")
+    if not bool((hints.size_gain.isfinite() & (hints.size_gain > 0)).all()):
         raise InvalidValueError(f"concealer '{name}' returned a size gain that is not positive and finite")
     if not bool((opacity_gain.isfinite() & (opacity_gain >= 0)).all()):
         raise InvalidValueError(f"concealer '{name}' returned an opacity gain that is negative or not finite")

@@ -6,17 +6,13 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, check_at_least, register_concealer
-from splatwire.conceal.context import AnchorContext, ElementContext
-from splatwire.conceal.fill import prior_anchors
-from splatwire.model import RenderHints
+from splatwire.conceal.base import Concealed, check_at_least
+from splatwire.conceal.registry import register_concealer
+from splatwire.model import Partial
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 _CHUNK = 1 << 15
 _MOST_OPAQUE, _LEAST_OPAQUE = 0.999, 1e-6
-_SIZE_EXPONENT, _OPACITY_EXPONENT = 0.12, 0.8
-"""Explicit Gaussians overlap more than they cover: each is a little larger, and as opaque as so many of it. Measured at
-20 % loss of spread packets on luigi, tiger, truck, guitar and an export of snowmiku_small."""
 
 
 @register_concealer("grow")
@@ -26,17 +22,18 @@ class Grow:
 
     With exponent 1/2 the covered area of a surface stays what it was: of `n` discs `(1 - rho) n` are left, each
     `1 / (1 - rho)` as large. Neighbours count by the size that is expected of them, by the prior or by what the sender
-    says of their tier (`ElementContext`): where all that matters is there and only small ones are lost, as with a
+    says of their tier (`Partial.sizes`): where all that matters is there and only small ones are lost, as with a
     stream whose important anchors are protected, large anchors must not grow over what is small. With the last third to
     half of the packets of two scenes cut off, tiers in order of importance, the prior's sizes were worth 0.4 and 0.5 dB
     over counting heads; where all are lost alike, 0.01 to 0.05.
 
-    Of explicit Gaussians, the opacity o grows to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size much less: n in a row
-    let as much light through as those of them that arrived would have to.
+    How the growth divides into size and opacity is the elements' (`Coverage`). Of explicit Gaussians, the opacity o
+    grows to `1 - (1 - o) ** (1 - rho) ** -0.8` and the size much less: n in a row let as much light through as those of
+    them that arrived would have to.
 
     Attributes:
         neighbors: How many nearest anchors (received or lost, not counting the anchor itself) `rho` is taken over.
-        exponent: Power of the share that is left; 0 does nothing.
+        exponent: Power of the share that is left, times the elements' `Coverage`; 0 does nothing.
         max_excess: Upper limit of the gain as a multiple of the gain that the loss of the whole scene would give, at
             least 1. A few anchors in the middle of large holes would otherwise grow over what is intact: on an official
             model at 20 % loss, 1.08 was worth 0.14 dB over no limit. Infinite for none.
@@ -59,21 +56,18 @@ class Grow:
         """`grow`."""
         return "grow"
 
-    def __call__(self, context: AnchorContext) -> Concealed:
+    def __call__(self, partial: Partial) -> Concealed:
         """See `Concealer`."""
-        return Concealed.drawn(prior_anchors(context), self.hints(context.elements))
-
-    def hints(self, elements: ElementContext) -> RenderHints:
-        """See `ElementConcealer`."""
-        known, opacities = elements.known, elements.opacities
-        left = 1 - lost_share(elements.positions, known, self.neighbors, elements.sizes)
-        if opacities is None:
-            gain = self.gain(left, known, elements.tier_sizes)
-            return RenderHints(torch.where(known, gain, torch.ones_like(left)), ~known)
-        left = torch.where(known, self.limited(left, known), torch.ones_like(left))
-        opaque = 1 - (1 - opacities.clamp(max=_MOST_OPAQUE)) ** (left**-_OPACITY_EXPONENT)
+        known, coverage = partial.known, partial.scene.COVERAGE
+        left = 1 - lost_share(partial.places, known, self.neighbors, partial.sizes)
+        left = torch.where(known, self.limited(left, known, partial.tier_sizes), torch.ones_like(left))
+        size = left ** -(self.exponent * coverage.size)
+        if not coverage.opacity:
+            return Concealed(size, ~known)
+        opacities = partial.elements.opacities
+        opaque = 1 - (1 - opacities.clamp(max=_MOST_OPAQUE)) ** (left ** -(self.exponent * coverage.opacity))
         gain = torch.where(known, opaque / opacities.clamp(min=_LEAST_OPAQUE), torch.ones_like(left)).clamp(min=1)
-        return RenderHints(left**-_SIZE_EXPONENT, ~known, gain)
+        return Concealed(size, ~known, gain)
 
     def gain(
         self, left: Float[Tensor, "M"], known: Bool[Tensor, "N"], tier_sizes: Float[Tensor, "N"] | None = None

@@ -11,6 +11,8 @@ from splatwire.files.capped import open_regular
 from splatwire.files.kinds import is_not
 
 _MAX_LINE_BYTES = 1 << 26
+_MAX_WORDS = 20
+"""Of a camera, which has 16 at most."""
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -33,7 +35,7 @@ def read_cameras(path: Path) -> list[RawCamera]:
     known = dict(MODELS)
     cameras = []
     for number, line in _lines(path):
-        words = line.split()
+        words = line.split(maxsplit=_MAX_WORDS)
         if not words:
             continue
         try:

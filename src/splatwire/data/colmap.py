@@ -1,4 +1,4 @@
-"""Reads COLMAP reconstructions, binary or text: pinhole cameras, poses and sparse points."""
+"""Reads COLMAP reconstructions, binary or text: cameras with simple lenses, poses and sparse points."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +11,14 @@ from torch import Tensor
 from splatwire.data import _colmap_binary, _colmap_text
 from splatwire.data._checks import pinhole
 from splatwire.data._colmap_types import RawCamera, RawImage
+from splatwire.data.lens import NO_LENS, Lens
 from splatwire.errors import DatasetError
 
 _MAX_SIDE = 1 << 20
 _MAX_POSE = 1e12
+_MAX_BEND = 1e3
+_SIMPLE = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2}
+"""Models that are read, and how many focal lengths they have; centre and terms of the lens follow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,7 @@ class ColmapView:
         K: float64 (3, 3), for an image of `width` x `height` pixels.
         width: Width of the image that COLMAP saw.
         height: Its height.
+        lens: Its lens.
     """
 
     name: str
@@ -52,6 +57,7 @@ class ColmapView:
     K: np.ndarray
     width: int
     height: int
+    lens: Lens = NO_LENS
 
 
 def find_reconstruction(root: Path) -> Path | None:
@@ -70,7 +76,7 @@ def read_views(folder: Path) -> list[ColmapView]:
         folder: The reconstruction, usually `sparse/0`.
 
     Raises:
-        DatasetError: If a file is missing or damaged, a pose is not finite, or a camera is not a pinhole.
+        DatasetError: If a file is missing or damaged, a pose is not finite, or a camera has no simple lens.
     """
     cameras = _read(folder, "cameras")
     images = _read(folder, "images")
@@ -84,7 +90,8 @@ def read_views(folder: Path) -> list[ColmapView]:
         camera = by_id[image.camera_id]
         if not (0 < camera.width < _MAX_SIDE and 0 < camera.height < _MAX_SIDE):
             raise DatasetError(f"{folder}: camera {camera.camera_id} is {camera.width} x {camera.height} pixels large")
-        views.append(ColmapView(image.name, _viewmat(folder, image), _K(folder, camera), camera.width, camera.height))
+        K, lens = _optics(folder, camera)
+        views.append(ColmapView(image.name, _viewmat(folder, image), K, camera.width, camera.height, lens))
     return sorted(views, key=lambda view: (Path(view.name).stem, view.name))
 
 
@@ -131,13 +138,16 @@ def _viewmat(folder: Path, image: RawImage) -> np.ndarray:
     return viewmat
 
 
-def _K(folder: Path, camera: RawCamera) -> np.ndarray:  # noqa: N802  # the letter of every camera API
-    if camera.model == "SIMPLE_PINHOLE":
-        focal, cx, cy = camera.parameters
-        return pinhole(focal, focal, cx, cy)
-    if camera.model == "PINHOLE":
-        return pinhole(*camera.parameters)
-    raise DatasetError(
-        f"{folder}: camera {camera.camera_id} is of the model {camera.model}, which bends rays; only PINHOLE and "
-        "SIMPLE_PINHOLE are read. Run `colmap image_undistorter` and use its output folder"
-    )
+def _optics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, Lens]:
+    """Intrinsics and lens; radial terms come first in COLMAP's parameters, as in ours."""
+    if camera.model not in _SIMPLE:
+        raise DatasetError(
+            f"{folder}: camera {camera.camera_id} is of the model {camera.model}; {', '.join(_SIMPLE)} are read. Run "
+            "`colmap image_undistorter` and use its output folder"
+        )
+    focals = _SIMPLE[camera.model]
+    fx, fy, (cx, cy) = camera.parameters[0], camera.parameters[focals - 1], camera.parameters[focals : focals + 2]
+    bend = camera.parameters[focals + 2 :]
+    if not (np.abs(bend) < _MAX_BEND).all():
+        raise DatasetError(f"{folder}: camera {camera.camera_id} has lens parameters that are no sensible numbers")
+    return pinhole(fx, fy, cx, cy), Lens(*bend)

@@ -11,10 +11,11 @@ from torch import Tensor
 from splatwire.data import bungee
 from splatwire.data._checks import child, make_cameras, view_names
 from splatwire.data.colmap import ColmapView, SparsePoints, find_reconstruction, read_points, read_views
+from splatwire.data.lens import Undistortion, undistortion
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.transforms_json import TransformsView, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import PHOTOS, file_kind, is_not
 from splatwire.scene import Cameras
 from splatwire.scene.background import BLACK, Background
 
@@ -35,6 +36,7 @@ class Dataset:
         points: Sparse points of the reconstruction, if there are any.
         background: RGB that shows where a photo's alpha is below 1.
         mask_paths: A mask or None for each view; empty if no view has one.
+        undistortions: What makes a photo that of its camera, or None, for each view; empty if no lens bends rays.
     """
 
     cameras: Cameras
@@ -42,6 +44,7 @@ class Dataset:
     points: SparsePoints | None = None
     background: Background = BLACK
     mask_paths: tuple[Path | None, ...] = ()
+    undistortions: tuple[Undistortion | None, ...] = ()
 
     @property
     def num_views(self) -> int:
@@ -49,12 +52,14 @@ class Dataset:
         return self.cameras.num_views
 
     def image(self, view: int) -> Float[Tensor, "H W 3"]:
-        """Loads the photo of a view as RGB in [0, 1].
+        """Loads the photo of a view as RGB in [0, 1], undistorted where its lens bends rays.
 
         Raises:
             DatasetError: If the file is missing or damaged.
         """
-        return load_photo(self.image_paths[view], (self.cameras.width, self.cameras.height), self.background)
+        photo = load_photo(self.image_paths[view], (self.cameras.width, self.cameras.height), self.background)
+        bent = self.undistortions[view] if self.undistortions else None
+        return photo if bent is None else bent.image(photo)
 
     def mask(self, view: int) -> Bool[Tensor, "H W"] | None:
         """Loads the mask of a view, True where its photo counts; None where all of it does.
@@ -66,6 +71,8 @@ class Dataset:
         if path is None:
             return None
         mask = load_mask(path, (self.cameras.width, self.cameras.height))
+        bent = self.undistortions[view] if self.undistortions else None
+        mask = mask if bent is None else bent.mask(mask)
         if not bool(mask.any()):
             name = self.cameras.names[view]
             raise DatasetError(f"{path}: the mask of view '{name}' leaves nothing of its photo: remove the view")
@@ -75,7 +82,9 @@ class Dataset:
         """Returns the views at the given indices, in that order."""
         paths = tuple(self.image_paths[view] for view in views)
         masks = tuple(self.mask_paths[view] for view in views) if self.mask_paths else ()
-        return replace(self, cameras=self.cameras.select(views), image_paths=paths, mask_paths=masks)
+        bent = tuple(self.undistortions[view] for view in views) if self.undistortions else ()
+        cameras = self.cameras.select(views)
+        return replace(self, cameras=cameras, image_paths=paths, mask_paths=masks, undistortions=bent)
 
 
 def open_dataset(
@@ -93,7 +102,7 @@ def open_dataset(
     Mip-NeRF 360, Tanks & Temples and Deep Blending. BungeeNeRF: `poses_enu.json` and `images`, or that file beside a
     COLMAP reconstruction, which then gives the cameras. Blender: `transforms_train.json` and `transforms_test.json`,
     each its own split. nerfstudio: one `transforms.json`, with a `mask_path` for frames that have a mask. Where one
-    list of views must be split, it is sorted by name first.
+    list of views must be split, it is sorted by name first. Simple lenses (`splatwire.data.lens`) are undistorted.
 
     Args:
         path: The folder.
@@ -132,8 +141,8 @@ def open_dataset(
         image_paths = [view.image_path for view in views]
     if not views:
         raise DatasetError(f"{source}: has no views in the split '{split}': there are too few in all")
-    cameras = _cameras(source, views, image_paths, max_width)
-    return Dataset(cameras, tuple(image_paths), points, background, _masks(views, image_paths))
+    cameras, bent = _cameras(source, views, image_paths, max_width)
+    return Dataset(cameras, tuple(image_paths), points, background, _masks(views, image_paths), bent)
 
 
 def dataset_layout(path: Path) -> str | None:
@@ -168,7 +177,7 @@ def _transforms_views(path: Path, split: str, images: str | None, test_views: st
         "it has neither a COLMAP reconstruction (sparse/0/images.bin or .txt) nor poses_enu.json, "
         "transforms_train.json, transforms_test.json or transforms.json"
     )
-    raise DatasetError(is_not(path, "a dataset", why))
+    raise DatasetError(is_not(path, "a dataset", "" if file_kind(path) == PHOTOS else why))
 
 
 def _find_images(folder: Path, views: list[ColmapView]) -> list[Path]:
@@ -200,10 +209,11 @@ def _masks(views: Sequence[ColmapView | TransformsView], image_paths: list[Path]
 
 def _cameras(
     source: Path, views: Sequence[ColmapView | TransformsView], image_paths: list[Path], max_width: int | None
-) -> Cameras:
+) -> tuple[Cameras, tuple[Undistortion | None, ...]]:
+    """Cameras of the photos as they are loaded, and what undistorts them; nothing where no lens bends rays."""
     first = photo_size(image_paths[0])
     width, height = limited_size(*first, max_width)
-    intrinsics = []
+    intrinsics, bent = [], []
     for view, file in zip(views, image_paths, strict=True):
         size = photo_size(file)
         if size != first:
@@ -216,6 +226,21 @@ def _cameras(
                 f"{file}: is {size[0]} x {size[1]} pixels, which is not the shape of its camera, "
                 f"{view.width} x {view.height}"
             )
-        intrinsics.append(np.array([[width / view.width], [height / view.height], [1.0]]) * view.K)
+        K = np.array([[width / view.width], [height / view.height], [1.0]]) * view.K
+        bent.append(_undistortion(source, view, K, width, height))
+        intrinsics.append(K if bent[-1] is None else bent[-1].K)
     names = view_names([view.name for view in views])
-    return make_cameras(source, names, np.stack([view.viewmat for view in views]), np.stack(intrinsics), width, height)
+    viewmats = np.stack([view.viewmat for view in views])
+    cameras = make_cameras(source, names, viewmats, np.stack(intrinsics), width, height)
+    return cameras, tuple(bent) if any(bent) else ()
+
+
+def _undistortion(
+    source: Path, view: ColmapView | TransformsView, K: np.ndarray, width: int, height: int
+) -> Undistortion | None:  # fmt: skip
+    if not view.lens.bends or not min(K[0, 0], K[1, 1]) > 0:  # a focal length that is none is told with the cameras
+        return None
+    try:
+        return undistortion(view.lens, K, width, height)
+    except DatasetError as error:
+        raise DatasetError(f"{source}: view '{view.name}': {error}") from error

@@ -16,6 +16,10 @@ from splatwire.scene.background import BLACK, Background
 _OPAQUE_MODES = ("L", "P", "RGB")
 _ALPHA_MODES = ("LA", "PA", "RGBA")
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
+_FREE_PIXELS, _FREE_MASK_PIXELS = 16 << 20, 64 << 20
+"""So many pixels are believed of a photo, and of a mask, whatever its file's size."""
+_PIXELS_PER_BYTE = 32
+"""Beyond, a byte of file may stand for so many: photos have 10 at most."""
 
 
 def photo_size(path: Path) -> tuple[int, int]:
@@ -45,10 +49,15 @@ def load_photo(
         has_alpha = image.mode in _ALPHA_MODES or "transparency" in image.info
         if image.mode not in _OPAQUE_MODES + _ALPHA_MODES:
             raise DatasetError(f"{path}: images in mode {image.mode} are not read; convert it to 8-bit RGB")
+        _check_pixels(path, image, _FREE_PIXELS)
         try:
-            pixels = np.asarray(image.convert("RGBA" if has_alpha else "RGB"), dtype=np.float32) / 255
+            whole = image.convert("RGBA" if has_alpha else "RGB")
         except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
             raise DatasetError(f"{path}: the image is damaged: {error}") from error
+    if not has_alpha and size not in (None, whole.size):
+        whole = whole.resize(size, Image.Resampling.BICUBIC)
+    pixels: np.ndarray = np.array(whole, dtype=np.float32)
+    pixels /= 255
     if has_alpha:
         alpha = pixels[:, :, 3:]
         pixels = pixels[:, :, :3] * alpha + np.asarray(background, dtype=np.float32) * (1 - alpha)
@@ -71,6 +80,7 @@ def load_mask(path: Path, size: tuple[int, int]) -> Bool[Tensor, "H W"]:
     with _open(path) as image:
         if image.mode not in ("1", *_OPAQUE_MODES, *_ALPHA_MODES):
             raise DatasetError(f"{path}: masks in mode {image.mode} are not read; convert it to 8-bit grey")
+        _check_pixels(path, image, _FREE_MASK_PIXELS)
         try:
             grey = np.asarray(image.convert("L").resize(size, Image.Resampling.NEAREST))
         except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
@@ -88,6 +98,13 @@ def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, i
         return width, height
     factor = width / max_width
     return max(1, int(width / factor)), max(1, int(height / factor))
+
+
+def _check_pixels(path: Path, image: Image.Image, free: int) -> None:
+    """Checks that a file of some kilobytes does not become gigabytes of pixels."""
+    size = path.stat().st_size
+    if image.width * image.height > max(free, _PIXELS_PER_BYTE * size):
+        raise DatasetError(f"{path}: {image.width} x {image.height} pixels are more than {size} bytes of file can hold")
 
 
 def _open(path: Path) -> Image.Image:

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from splatwire.data._checks import check_rigid, child, matrix, pinhole
+from splatwire.data.lens import NO_LENS, Lens
 from splatwire.data.photos import photo_size
 from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
 
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
-_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+_IMAGES = "images/"
+_UNREAD = ("k3", "k4", "k5", "k6")
+_MAX_BEND = 1e3
 _MAX_NUMBER = 1e12
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -30,6 +33,7 @@ class TransformsView:
         width: Width that `K` is for.
         height: Height that `K` is for.
         mask_path: Its mask, if it has one.
+        lens: Its lens.
     """
 
     name: str
@@ -39,13 +43,15 @@ class TransformsView:
     width: int
     height: int
     mask_path: Path | None = None
+    lens: Lens = NO_LENS
 
 
 def read_transforms(path: Path, images: str | None = None) -> list[TransformsView]:
     """Reads the frames of a transforms file in their order.
 
     Poses are camera-to-world with OpenGL axes (y up, z backward). Intrinsics are `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`
-    (for all frames or for each), or `camera_angle_x` with a centred principal point and square pixels.
+    (for all frames or for each), or `camera_angle_x` with a centred principal point and square pixels. `k1`, `k2`, `p1`
+    and `p2` are the lens (OpenCV's model, as nerfstudio writes it).
 
     Args:
         path: The file.
@@ -53,30 +59,33 @@ def read_transforms(path: Path, images: str | None = None) -> list[TransformsVie
             the folder that is named alike (`masks_4`).
 
     Raises:
-        DatasetError: If the file is damaged, a lens distorts, a pose is not rigid, or an image or mask is missing.
+        DatasetError: If the file is damaged, a lens is not of that model, a pose is not rigid, or an image or mask
+            is missing.
     """
     content = read_json(path, DatasetError)
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames:
         raise DatasetError(f"{path}: has no views ('frames' is missing or empty)")
-    views = []
     for number, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise DatasetError(f"{path}: frame {number} has no 'file_path'")
-        views.append(_read_frame(path, content, frame, images))
-    return views
+    if images is not None and not any(frame["file_path"].removeprefix("./").startswith(_IMAGES) for frame in frames):
+        raise DatasetError(f"{path}: its paths do not begin with {_IMAGES}, which {images} would replace")
+    return [_read_frame(path, content, frame, images) for frame in frames]
 
 
 def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
     name = frame["file_path"].removeprefix("./")
-    if images is not None and name.startswith("images/"):
-        name = f"{images}/{name.removeprefix('images/')}"
+    if images is not None and name.startswith(_IMAGES):
+        name = f"{images}/{name.removeprefix(_IMAGES)}"
     image_path = _find_image(path, name)
     pose = matrix(path, name, frame.get("transform_matrix"), (4, 4))
     check_rigid(path, name, pose)
-    K, width, height = _intrinsics(path, name, {**content, **frame}, image_path)
+    values = {**content, **frame}
+    K, width, height = _intrinsics(path, name, values, image_path)
     viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
-    return TransformsView(name, image_path, viewmat, K, width, height, _find_mask(path, name, frame, images))
+    mask = _find_mask(path, name, frame, images)
+    return TransformsView(name, image_path, viewmat, K, width, height, mask, _lens(path, name, values))
 
 
 def _find_mask(path: Path, name: str, frame: dict[str, Any], images: str | None) -> Path | None:
@@ -104,10 +113,6 @@ def _find_image(path: Path, name: str) -> Path:
 
 
 def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path) -> tuple[np.ndarray, int, int]:
-    bent = [key for key in _DISTORTION if _number(path, name, values, key, 0.0) != 0]
-    if bent or "FISHEYE" in str(values.get("camera_model", "")).upper():
-        what = bent[0] if bent else "camera_model"
-        raise DatasetError(f"{path}: view '{name}' has lens distortion ({what}); undistort the images first")
     if "w" in values and "h" in values:
         width, height = (round(_number(path, name, values, key, 0.0)) for key in ("w", "h"))
     else:
@@ -124,6 +129,20 @@ def _intrinsics(path: Path, name: str, values: dict[str, Any], image_path: Path)
         fx = fy = width / (2 * math.tan(angle / 2))
     cx, cy = _number(path, name, values, "cx", width / 2), _number(path, name, values, "cy", height / 2)
     return pinhole(fx, fy, cx, cy), width, height
+
+
+def _lens(path: Path, name: str, values: dict[str, Any]) -> Lens:
+    unread = [key for key in _UNREAD if _number(path, name, values, key, 0.0) != 0]
+    if unread or "FISHEYE" in str(values.get("camera_model", "")).upper():
+        what = unread[0] if unread else "camera_model"
+        raise DatasetError(
+            f"{path}: view '{name}' has a lens ({what}) beyond k1, k2, p1 and p2: undistort the photos first, for "
+            "example with `colmap image_undistorter`"
+        )
+    bend = [_number(path, name, values, key, 0.0) for key in ("k1", "k2", "p1", "p2")]
+    if max(map(abs, bend)) > _MAX_BEND:
+        raise DatasetError(f"{path}: view '{name}' has lens parameters that are no sensible numbers")
+    return Lens(*bend)
 
 
 def _number(path: Path, name: str, values: dict[str, Any], key: str, default: float) -> float:

@@ -96,17 +96,20 @@ def decoder_start(data, begin, end, state):
 @no_type_check
 def decode_target(state, total_bits):
     """Number in `[0, 2**total_bits)` that the code points at."""
-    # Bytes that no encoder wrote may bring the code beyond its span, and then, shifted on, beyond 63 bits.
-    return max(min(state[0] // (state[1] >> total_bits), (1 << total_bits) - 1), 0)
+    # Bytes that no encoder wrote may point behind the last interval, at what the division leaves of the span.
+    return min(state[0] // (state[1] >> total_bits), (1 << total_bits) - 1)
 
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def decode_advance(data, end, state, start, size, total_bits):
-    """Removes `[start, start + size)` from the code and reads what is needed next; past `end` zeros are read."""
+    """Removes `[start, start + size)` from the code and reads what is needed next; past `end` zeros are read.
+
+    `size` is at least 1: an empty interval has no end.
+    """
     unit = state[1] >> total_bits
-    code = state[0] - unit * start
     span = unit * size
+    code = min(state[0] - unit * start, span - 1)  # see `decode_target`: the code stays within its span
     position = state[2]
     while span < BOTTOM:
         code <<= 8

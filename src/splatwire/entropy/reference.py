@@ -78,8 +78,8 @@ class ReferenceDecoder:
     def advance(self, start: int, size: int, total_bits: int) -> None:
         """Removes an interval from the code."""
         unit = self.span >> total_bits
-        self.code -= unit * start
         self.span = unit * size
+        self.code = min(self.code - unit * start, self.span - 1)  # hostile bytes point behind the last interval
         while self.span < RANGE_FLOOR:
             following = self.data[self.position] if self.position < len(self.data) else 0
             self.code = self.code << 8 | following

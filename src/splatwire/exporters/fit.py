@@ -10,7 +10,7 @@ from torch import Tensor
 from splatwire.errors import InvalidValueError
 from splatwire.exporters.neural import Slots, SlotView, slot_view, slots_of
 from splatwire.exporters.visibility import MIN_ALPHA, Draw, visible_areas
-from splatwire.model import AnchorScene
+from splatwire.model import AnchorScene, Scene
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_basis
 from splatwire.scene import Cameras
 from splatwire.scene.splats import Splats
@@ -42,7 +42,7 @@ class FitCounts:
 
 
 def fit_splats(
-    scene: AnchorScene,
+    scene: Scene,
     cameras: Cameras,
     draw: Draw,
     *,
@@ -71,6 +71,7 @@ def fit_splats(
     Raises:
         InvalidValueError: If the degree is not supported, or no view sees anything.
     """
+    assert isinstance(scene, AnchorScene)
     num_functions(degree)
     if cameras.num_views < 1:
         raise InvalidValueError("a fit needs at least one view")

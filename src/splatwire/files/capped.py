@@ -9,7 +9,8 @@ from typing import Any
 from splatwire.errors import SplatwireError
 from splatwire.files.kinds import is_not
 
-MAX_JSON_BYTES = 256 << 20
+MAX_JSON_BYTES = 64 << 20
+"""The poses of some 50,000 photos; what is parsed takes up to 25 times the memory."""
 
 
 def open_regular(path: Path, error: type[SplatwireError]) -> BufferedReader:

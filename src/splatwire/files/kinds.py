@@ -1,6 +1,7 @@
 """What a file or folder is, told by its first bytes, and what can be done with it: the one place that knows."""
 
 import json
+import lzma
 import re
 import stat
 import struct
@@ -33,15 +34,24 @@ class Kind:
         return f"{self.what}: {self.use}" if self.use else self.what
 
 
-_EXPLICIT = "`encode`, `import splats`, `render`, `export` and `train --init` read it"
+_VERBS = "`inspect`, `encode`, `render`, `export` and `evaluate`"
+_EXPLICIT = f"`open_scene` reads it in Python, {_VERBS}, `import splats` and `train --init` in a shell"
 NOTHING = Kind("nothing", "no such file or folder")
 EMPTY = Kind("empty", "an empty file")
 DEVICE = Kind("device", "a device, pipe or socket")
 UNREADABLE = Kind("unreadable", "a file that cannot be read")
-STREAM = Kind("stream", "a stream of splatwire", "`inspect`, `decode`, `transmit`, `render` and `view` read it")
+STREAM = Kind(
+    "stream",
+    "a stream of splatwire",
+    "`read_stream` reads it in Python, `inspect`, `decode`, `transmit`, `serve` and `view` in a shell",
+)
 STREAM_FOLDER = Kind("stream folder", "a stream of splatwire as a folder", STREAM.use)
-SCENE = Kind("scene", "a scene file of splatwire", "`encode`, `render`, `export` and `evaluate` read it")
-PARTIAL = Kind("partial scene", "a decoded scene with gaps", "`render`, `export` and `evaluate` read it")
+SCENE = Kind("scene", "a scene file of splatwire", f"`open_scene` reads it in Python, {_VERBS} in a shell")
+PARTIAL = Kind(
+    "partial scene",
+    "a decoded scene with gaps",
+    "`open_scene` with a concealer reads it in Python, `render`, `export` and `evaluate` in a shell",
+)
 CHECKPOINT = Kind("checkpoint", "the checkpoint of a training run", "`train --resume` goes on from it")
 TENSORS = Kind("safetensors", "a safetensors file that is neither scene nor checkpoint")
 SPLATS_PLY = Kind("ply", "a 3DGS PLY", _EXPLICIT)
@@ -55,6 +65,7 @@ KSPLAT = Kind("ksplat", "a .ksplat file", _EXPLICIT)
 SPZ = Kind("spz", "an SPZ file", _EXPLICIT)
 SOG = Kind("sog", "a SOG file", _EXPLICIT)
 SOG_FOLDER = Kind("sog folder", "a folder of SOG", _EXPLICIT)
+SOG_META = Kind("sog meta", "the meta.json of a folder of SOG", _EXPLICIT)
 GLB = Kind("glb", "a glTF file", "`import splats` reads it if it holds Gaussians")
 CAMERAS = Kind("cameras", "a cameras file", "it is for --cameras")
 TRANSFORMS = Kind("transforms", "a list of camera poses", "--data takes the folder that it is in")
@@ -64,9 +75,21 @@ HTML = Kind("html", "an HTML page", "a download may have gone wrong")
 TEXT = Kind("text", "a text file")
 UNKNOWN = Kind("unknown", "of no kind that is known here")
 HACPP = Kind("hacpp", "a model folder of HAC++ or Scaffold-GS", "`import hacpp` and `import scaffold` read it")
-DATASET = Kind("dataset", "a folder of posed photos", "`train --data` and `render --data` read it")
+DATASET = Kind("dataset", "a folder of posed photos", "`train` reads it, and `--data` of other verbs")
+PHOTOS = Kind(
+    "photos",
+    "a folder of photos without poses",
+    "`ns-process-data images --data PHOTOS --output-dir SCENE` of nerfstudio finds them, or, with the photos in "
+    "SCENE/images, `colmap automatic_reconstructor --image_path SCENE/images --workspace_path SCENE --dense 0`; then "
+    "`splatwire train SCENE`",
+)
 EMPTY_FOLDER = Kind("empty folder", "an empty folder")
 FOLDER = Kind("folder", "a folder without stream, model or dataset")
+STREAMS = (STREAM, STREAM_FOLDER)
+"""What `read_stream` reads."""
+SCENE_FILES = (SCENE, PARTIAL, TENSORS)
+"""What may hold a scene of anchors; its reader says more of it."""
+SOG_META_NAME = "meta.json"
 _PICTURE_USE = "photos are read with their poses, as a dataset folder"
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"\x93SWZ", STREAM),
@@ -75,7 +98,6 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"GIF8", Kind("picture", "a GIF picture", _PICTURE_USE)),
     (b"II*\0", Kind("picture", "a TIFF picture", _PICTURE_USE)),
     (b"MM\0*", Kind("picture", "a TIFF picture", _PICTURE_USE)),
-    (b"\xfd7zXZ\0", Kind("xz", "an xz archive")),
     (b"7z\xbc\xaf\x27\x1c", Kind("7z", "a 7-Zip archive")),
     (b"\x28\xb5\x2f\xfd", Kind("zstd", "a Zstandard archive")),
     (b"\x93NUMPY", Kind("npy", "a NumPy array")),
@@ -85,13 +107,16 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"NGSP", SPZ),
     (b"version https://git-lfs", LFS),
 )
-_MAGIC_BYTES = max(len(magic) for magic, _ in _MAGICS)
+_PLY = (b"ply\n", b"ply\r")
+XZ_MAGIC = b"\xfd7zXZ\0"
+_XZ_MEMORY_LIMIT = 80 << 20
 _OF_SCENES = {
     ("splatwire-scene", "scene"): SCENE,
     ("splatwire-scene", "partial"): PARTIAL,
     ("splatwire-checkpoint", None): CHECKPOINT,
 }
 _DATASET_NAMES = ("sparse", "colmap", "poses_enu.json", "transforms.json", "transforms_train.json")
+_PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\r\f\x1b"))
 
 
@@ -112,7 +137,8 @@ def file_kind(path: Path) -> Kind:
         return NOTHING
     except (OSError, ValueError):
         return UNREADABLE
-    return kind_of_bytes(head, status.st_size, path.suffix.lower())
+    kind = kind_of_bytes(head, status.st_size, path.suffix.lower())
+    return SOG_META if kind == JSON and path.name == SOG_META_NAME else kind
 
 
 def is_not(path: Path, wanted: str, why: str = "") -> str:
@@ -139,7 +165,10 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
     """
     if not head:
         return EMPTY
-    if head.startswith((b"ply\n", b"ply\r")):
+    if head.startswith(XZ_MAGIC):
+        inner = _unpacked_xz(head)
+        return _ply_kind(inner) if inner.startswith(_PLY) else Kind("xz", "an xz archive")
+    if head.startswith(_PLY):
         return _ply_kind(head)
     for magic, kind in _MAGICS:
         if head.startswith(magic):
@@ -186,8 +215,16 @@ def _unpacked(head: bytes) -> bytes:
         return b""
 
 
+def _unpacked_xz(head: bytes) -> bytes:
+    try:
+        decoder = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=_XZ_MEMORY_LIMIT)
+        return decoder.decompress(head, _HEAD_BYTES)
+    except (lzma.LZMAError, EOFError):
+        return b""
+
+
 def _ply_kind(head: bytes) -> Kind:
-    lines = head.partition(b"end_header")[0].split(b"\n")
+    lines = head.partition(b"end_header")[0].splitlines()
     names = {words[-1] for line in lines if (words := line.split()) and words[0] == b"property"}
     if b"f_anchor_feat_0" in names:
         return ANCHORS_PLY
@@ -230,10 +267,13 @@ def _folder_kind(folder: Path) -> Kind:
         return UNREADABLE
     if not names:
         return EMPTY_FOLDER
-    if "meta.json" in names:
+    if SOG_META_NAME in names:
         return SOG_FOLDER
     if "point_cloud" in names and (folder / "point_cloud").is_dir():
         return HACPP
     if any(name in names for name in _DATASET_NAMES):
         return DATASET
-    return STREAM_FOLDER if "manifest.json" in names or "side_info.bin" in names else FOLDER
+    if names & {"manifest.json", "side_info.bin"} or any(name.endswith(".pak") for name in names):
+        return STREAM_FOLDER
+    inside = {entry.name for entry in (folder / "images").iterdir()} if (folder / "images").is_dir() else set()
+    return PHOTOS if any(Path(name).suffix.lower() in _PHOTO_SUFFIXES for name in names | inside) else FOLDER

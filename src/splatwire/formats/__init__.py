@@ -1,6 +1,5 @@
 """Files of explicit Gaussians: a file a format, both directions, told by first bytes."""
 
-from splatwire.formats.kinds import read_splats as read_splats
-from splatwire.formats.kinds import splats_kind as splats_kind
-from splatwire.formats.kinds import write_splats as write_splats
-from splatwire.formats.kinds import writer_for as writer_for
+from splatwire.formats.kinds import format_of, read_rows, read_splats, splats_kind, write_splats, writer_for
+
+__all__ = ["format_of", "read_rows", "read_splats", "splats_kind", "write_splats", "writer_for"]

@@ -1,6 +1,6 @@
 """From the columns of a file to Gaussians: what every reader checks, and how much memory a file may ask for."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from pathlib import Path
 
@@ -11,11 +11,14 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.scene.splats import Splats
 
 MAX_GAUSSIANS = 20_000_000
-FREE_GAUSSIANS = 1 << 16
-"""So many Gaussians are believed of a file of any size; beyond, each needs at least a byte of file. The densest format
-needs ten times that, so that what a file makes a reader hold is at most some 250 times its size."""
+FREE_GAUSSIANS = 1 << 18
+"""So many Gaussians are believed of a file of any size: with harmonics of degree 3 they take 62 MB."""
+BYTES_PER_GAUSSIAN = 4
+"""So many bytes of file each needs beyond; the densest files that programs write have 7. With harmonics of degree 3 one
+takes 236 in memory, so that what a file makes a reader hold is at most some 120 times its size."""
 
 MAX_LOG_SCALE = 60.0
+"""Sizes are `exp` of minus this at least; what is larger than `exp` of this is no size."""
 _MIN_LENGTH = 1e-6
 
 
@@ -32,7 +35,7 @@ def check_count(path: Path, count: int, file_bytes: int) -> int:
     """
     if not 0 < count <= MAX_GAUSSIANS:
         raise DatasetError(f"{path}: a count of {count} Gaussians is not in 1 to {MAX_GAUSSIANS}")
-    if count > max(FREE_GAUSSIANS, file_bytes):
+    if count > max(FREE_GAUSSIANS, file_bytes // BYTES_PER_GAUSSIAN):
         raise DatasetError(f"{path}: a count of {count} Gaussians is more than {file_bytes} bytes of file can hold")
     return count
 
@@ -47,64 +50,76 @@ def build_splats(
     log_scales: np.ndarray | None = None,
     scales: np.ndarray | None = None,
 ) -> Splats:
-    """Checks columns and makes Gaussians of them; quaternions are normalised.
+    """Makes Gaussians of the columns of a file, a row for each of its own; quaternions are normalised.
+
+    Numbers at the end of what can be are moved to it: opacities into 0 to 1, sizes of 0 to the smallest. Which rows
+    are Gaussians that can be drawn is not asked here (`splatwire.scene.rows`); what is impossible becomes NaN.
 
     Args:
         path: The file, for messages.
         means: (N, 3).
-        quats: (N, 4), w first, of any length but 0.
+        quats: (N, 4), w first, of any length.
         opacities: (N), 0 to 1.
         sh: (N, D, 3) coefficients.
         log_scales: (N, 3) natural logarithms of the standard deviations; or
         scales: (N, 3) the standard deviations.
 
     Raises:
-        DatasetError: If a number is not finite, a size not positive, or a rotation has no direction; the message
-            names the Gaussian and the column.
+        DatasetError: If columns have different lengths.
     """
-    sizes = scales if log_scales is None else log_scales
-    assert sizes is not None
-    named = (("position", means), ("rotation", quats), ("opacity", opacities), ("harmonics", sh), ("scale", sizes))
+    sizes = _sizes(scales) if log_scales is None else _sizes_of_logs(log_scales)
+    named = (("rotation", quats), ("opacity", opacities), ("harmonics", sh), ("scale", sizes))
     for name, values in named:
         if len(values) != len(means):
             raise DatasetError(f"{path}: {len(values)} Gaussians have a {name}, {len(means)} a position")
-        _refuse(path, name, values, ~np.isfinite(values))
-    _refuse(path, "opacity", opacities, (opacities < 0) | (opacities > 1))
-    if log_scales is not None:
-        _refuse(path, "logarithm of a scale", log_scales, np.abs(log_scales) > MAX_LOG_SCALE)
-        sizes = np.exp(log_scales.astype(np.float32))
-    _refuse(path, "scale", sizes, sizes <= 0)
+    wide = quats.astype(np.float64)
+    lengths = np.linalg.norm(wide, axis=1, keepdims=True)
+    lengths[lengths < _MIN_LENGTH] = np.nan
     return Splats(
         means=_tensor(means),
-        quats=_tensor(unit_quaternions(path, quats)),
+        quats=_tensor(wide / lengths),
         scales=_tensor(sizes),
-        opacities=_tensor(opacities),
+        opacities=_tensor(np.clip(opacities, 0, 1)),
         sh=_tensor(sh),
     )
 
 
-def unit_quaternions(path: Path, quats: np.ndarray) -> np.ndarray:
-    """Normalises rotations, (N, 4) float64.
-
-    Raises:
-        DatasetError: If one has no direction.
-    """
-    wide = quats.astype(np.float64)
-    lengths = np.linalg.norm(wide, axis=1, keepdims=True)
-    _refuse(path, "rotation", quats, lengths < _MIN_LENGTH, "of length 0")
-    return np.asarray(wide / lengths)
+def _sizes(scales: np.ndarray | None) -> np.ndarray:
+    """Standard deviations, those of 0 the smallest that there are."""
+    assert scales is not None
+    wide = np.asarray(scales, np.float32)
+    return np.where(wide < 0, np.nan, np.maximum(wide, np.float32(np.exp(-MAX_LOG_SCALE))))
 
 
-def _refuse(path: Path, name: str, values: np.ndarray, bad: np.ndarray, why: str = "") -> None:
-    if not bad.any():
-        return
-    row = int(np.argwhere(bad)[0, 0])
-    found = np.array2string(values[row].ravel()[:4], precision=6, separator=", ")
-    raise DatasetError(f"{path}: Gaussian {row} has {found} as {name}{' ' if why else ''}{why}")
+def _sizes_of_logs(logs: np.ndarray) -> np.ndarray:
+    """The same of logarithms, of which those of -inf are sizes of 0."""
+    return np.exp(np.where(logs > MAX_LOG_SCALE, np.inf, np.maximum(logs, -MAX_LOG_SCALE)).astype(np.float32))
 
 
 def _tensor(values: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:
+    """The parts that have any Gaussians, for writers, as they come.
+
+    Args:
+        path: The file to be, for messages.
+        parts: Gaussians of one degree.
+
+    Raises:
+        InvalidValueError: If there is no Gaussian, or degrees differ.
+    """
+    degree = None
+    for part in parts:
+        if not part.num_gaussians:
+            continue
+        degree = part.degree if degree is None else degree
+        if part.degree != degree:
+            raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {degree}")
+        yield part
+    if degree is None:
+        raise InvalidValueError(f"{path}: there is no Gaussian to write")
 
 
 def join(path: Path, parts: Iterable[Splats]) -> Splats:
@@ -117,12 +132,7 @@ def join(path: Path, parts: Iterable[Splats]) -> Splats:
     Raises:
         InvalidValueError: If there is no Gaussian, degrees differ, or a number is not one of a Gaussian.
     """
-    pieces = list(parts)
-    if not sum(part.num_gaussians for part in pieces):
-        raise InvalidValueError(f"{path}: there is no Gaussian to write")
-    for part in pieces:
-        if part.degree != pieces[0].degree:
-            raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {pieces[0].degree}")
+    pieces = list(filled(path, parts))
     whole = Splats(**{f.name: torch.cat([getattr(p, f.name) for p in pieces]).detach().cpu() for f in fields(Splats)})
     if not all(torch.isfinite(value).all() for value in vars(whole).values()) or not (whole.scales > 0).all():
         raise InvalidValueError("a Gaussian has a number that is not finite, or a size that is not positive")

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from splatwire.files.kinds import SOG_META_NAME
 from splatwire.files.whole import written_whole
 from splatwire.formats._codebooks import nearest_number, number_codebook, vector_palette
 from splatwire.formats._columns import join
-from splatwire.formats.sog import CODES, META, PALETTE_COLUMNS
+from splatwire.formats.sog import CODES, PALETTE_COLUMNS
 from splatwire.ops.morton import morton_encode
 from splatwire.scene.splats import Splats
 from splatwire.version import __version__
@@ -55,7 +56,7 @@ def write_sog(parts: Iterable[Splats], path: Path) -> int:
     with written_whole(path) as unfinished, zipfile.ZipFile(unfinished, "w") as bundle:  # pictures are packed already
         for name, pixels in pictures.items():
             bundle.writestr(zipfile.ZipInfo(name, _FIXED_DATE), _webp(pixels))
-        bundle.writestr(zipfile.ZipInfo(META, _FIXED_DATE), json.dumps(meta))
+        bundle.writestr(zipfile.ZipInfo(SOG_META_NAME, _FIXED_DATE), json.dumps(meta))
     return len(means)
 
 

@@ -59,9 +59,9 @@ def splats_of_chunks(elements: dict[str, PlyElement]) -> Splats:
 
 
 def _word(vertices: PlyElement, name: str) -> np.ndarray:
-    if name not in vertices.names or vertices.rows.dtype[name] != np.dtype("<u4"):
+    if name not in vertices.names or (dtype := vertices.rows.dtype[name]).kind != "u" or dtype.itemsize != 4:
         raise DatasetError(f"{vertices.path}: property {name} of 32 bits is missing")
-    return np.asarray(vertices.rows[name])
+    return np.asarray(vertices.rows[name], np.uint32)
 
 
 def _unpack(words: np.ndarray, widths: tuple[int, ...]) -> np.ndarray:

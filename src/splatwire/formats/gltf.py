@@ -1,4 +1,4 @@
-"""Binary glTF with KHR_gaussian_splatting, read only; axes of the file are LUF.
+"""Binary glTF with KHR_gaussian_splatting; axes of the file are LUF.
 
 Attributes of a primitive of points: POSITION, and under the extension's name ROTATION (x, y, z, w), SCALE (standard
 deviations), OPACITY and SH_DEGREE_l_COEF_n. Integers are normalised.
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.formats._axes import GLTF_FLIPS, flip_axes
+from splatwire.formats._axes import GLTF_FLIPS, harmonic_signs
 from splatwire.formats._columns import build_splats, check_count
 from splatwire.formats._files import mapped_file
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
@@ -21,7 +21,7 @@ from splatwire.scene.splats import Splats
 MAGIC = b"glTF"
 EXTENSION = "KHR_gaussian_splatting"
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
-_MAX_JSON_BYTES = 16 << 20
+_MAX_JSON_BYTES = 4 << 20
 _STILL = {
     "matrix": np.eye(4).ravel().tolist(),
     "translation": [0, 0, 0],
@@ -92,15 +92,21 @@ class _Gltf:
         if any(there[functions:]) or functions not in (1, 4, 9, 16):
             raise DatasetError(f"{self._path}: {sum(there)} attributes SH_DEGREE_* are not those of a degree of 0 to 3")
         quats = self._accessor(attributes, f"{EXTENSION}:ROTATION", 4)
-        splats = build_splats(
+        sh = np.empty((len(means), functions, 3), np.float32)
+        signs = harmonic_signs(GLTF_FLIPS, int(functions**0.5) - 1)
+        for place, name in enumerate(names[:functions]):
+            rows = self._accessor(attributes, name, 3)
+            if len(rows) != len(means):
+                raise DatasetError(f"{self._path}: {len(rows)} Gaussians have {name}, {len(means)} a position")
+            sh[:, place] = rows * signs[place]
+        return build_splats(
             self._path,
-            means=means,
-            quats=np.roll(quats, 1, axis=1),
+            means=means * np.array(GLTF_FLIPS, np.float32),
+            quats=np.roll(quats, 1, axis=1) * np.array((1, *GLTF_FLIPS), np.float32),
             scales=self._accessor(attributes, f"{EXTENSION}:SCALE", 3),
             opacities=self._accessor(attributes, f"{EXTENSION}:OPACITY", 1)[:, 0],
-            sh=np.stack([self._accessor(attributes, name, 3) for name in names[:functions]], axis=1),
+            sh=sh,
         )
-        return flip_axes(splats, GLTF_FLIPS)
 
     def _attributes(self) -> dict[str, int]:
         found = [
@@ -123,11 +129,18 @@ class _Gltf:
 
     def _refuse_moved(self, mesh: int) -> None:
         nodes = self._document.get("nodes", [])
-        above = {index for index, node in enumerate(nodes) if node.get("mesh") == mesh}
-        if len(above) > 1:
-            raise DatasetError(f"{self._path}: {len(above)} nodes show the Gaussians, one is read")
-        while more := {i for i, node in enumerate(nodes) if set(node.get("children", [])) & above} - above:
-            above |= more
+        todo = [index for index, node in enumerate(nodes) if node.get("mesh") == mesh]
+        if len(todo) > 1:
+            raise DatasetError(f"{self._path}: {len(todo)} nodes show the Gaussians, one is read")
+        parents: dict[int, list[int]] = {}
+        for index, node in enumerate(nodes):
+            for child in node.get("children", []):
+                parents.setdefault(child, []).append(index)
+        above: set[int] = set()
+        while todo:
+            if (index := todo.pop()) not in above:
+                above.add(index)
+                todo += parents.get(index, [])
         for index in sorted(above):
             for name, value in _STILL.items():
                 if nodes[index].get(name, value) != value:

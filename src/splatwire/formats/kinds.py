@@ -15,13 +15,15 @@ from splatwire.files.kinds import (
     OTHER_PLY,
     SOG,
     SOG_FOLDER,
+    SOG_META,
     SPLAT,
     SPLATS_PLY,
     SPZ,
+    Kind,
     file_kind,
     is_not,
 )
-from splatwire.formats import sog
+from splatwire.formats._gltf_writer import write_gltf
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
 from splatwire.formats.gltf import read_gltf
@@ -31,13 +33,14 @@ from splatwire.formats.ply_file import read_ply_elements
 from splatwire.formats.sog import read_sog
 from splatwire.formats.splat import read_splat, write_splat
 from splatwire.formats.spz import read_spz, write_spz
+from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
 Writer = Callable[[Iterable[Splats], Path], int]
 KINDS = {
     "ply": (SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
     "spz": (SPZ,),
-    "sog": (SOG, SOG_FOLDER),
+    "sog": (SOG, SOG_FOLDER, SOG_META),
     "splat": (SPLAT,),
     "ksplat": (KSPLAT,),
     "glb": (GLB,),
@@ -51,14 +54,21 @@ READERS: dict[str, Callable[[Path], Splats]] = {
     "ksplat": read_ksplat,
     "glb": read_gltf,
 }
+"""Of all rows of a file; `read_rows` judges them."""
 WRITERS: dict[str, Writer] = {
     "ply": write_ply,
     "compressed.ply": write_compressed_ply,
     "spz": write_spz,
     "sog": write_sog,
     "splat": write_splat,
+    "glb": write_gltf,
 }
 """By the end of a file's name."""
+
+
+def format_of(kind: Kind) -> str | None:
+    """Name of the format of explicit Gaussians that a kind of file is, a key of `KINDS`; None if it is none."""
+    return next((name for name, kinds in KINDS.items() if kind in kinds), None)
 
 
 def splats_kind(path: Path) -> str | None:
@@ -68,24 +78,41 @@ def splats_kind(path: Path) -> str | None:
         `ply`, `spz`, `sog` (also for a folder with its `meta.json`, or that file), `splat`, `ksplat`, `glb`, or None
         for anything else, also for what is not a file.
     """
-    kind = file_kind(path.parent if path.name == sog.META else path)
-    return next((name for name, kinds in KINDS.items() if kind in kinds), None)
+    return format_of(file_kind(path))
 
 
 def read_splats(path: Path) -> Splats:
     """Reads explicit Gaussians of any format that is known, with axes as in a 3DGS PLY (RDF).
 
+    Rows that draw nothing or cannot be drawn are left out, which is logged (`splatwire.scene.rows`).
+
     Raises:
-        DatasetError: If the file is of none of them, or damaged; the message names what is wrong with which field.
+        DatasetError: If the file is of none of them, damaged, or has no Gaussian that can be drawn; the message names
+            what is wrong with which field.
+    """
+    splats, rows = read_rows(path)
+    rows.tell(path, "Gaussians")
+    if not bool(rows.kept.any()):
+        found = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
+        raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {found}")
+    return splats if rows.complete else splats.select(rows.kept)
+
+
+def read_rows(path: Path) -> tuple[Splats, Rows]:
+    """Reads all rows of a file of explicit Gaussians, and judges them.
+
+    Raises:
+        DatasetError: If the file is of no format that is known, or damaged.
     """
     kind = splats_kind(path)
     if kind is None:
         raise DatasetError(is_not(path, "a file of explicit Gaussians"))
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # numbers may lie; what comes out of them is checked
-            return READERS[kind](path)
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers may lie; what comes out of them is judged
+            splats = READERS[kind](path)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
+    return splats, rows_of_splats(splats)
 
 
 def _read_ply(path: Path) -> Splats:

@@ -13,7 +13,7 @@ from scipy.special import expit
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.whole import written_whole
-from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats._columns import build_splats, check_count, filled
 from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import degree_of
 from splatwire.scene.splats import Splats
@@ -72,18 +72,14 @@ def write_ply(parts: Iterable[Splats], path: Path) -> int:
         InvalidValueError: If there is none, a number is not finite, or degrees differ.
         OSError: If the file cannot be written.
     """
-    count, degree = 0, None
+    count, degree = 0, 0
     with written_whole(path) as unfinished, unfinished.open("wb") as file:
-        for part in parts:
-            if degree is None:
+        for part in filled(path, parts):
+            if not count:
                 degree = part.degree
                 file.write(_header(0, degree))
-            if part.degree != degree:
-                raise InvalidValueError(f"Gaussians of degree {part.degree} after those of degree {degree}")
             file.write(_rows(part).astype("<f4").tobytes())
             count += part.num_gaussians
-        if degree is None or not count:
-            raise InvalidValueError(f"{path}: there is no Gaussian to write")
         file.seek(0)
         file.write(_header(count, degree))
     return count

@@ -7,10 +7,7 @@ Harmonics are entries of a palette. Axes are RDF.
 
 import io
 import json
-import lzma
 import warnings
-import zipfile
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,19 +16,20 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from splatwire.errors import DatasetError
+from splatwire.files.archive import open_archive
+from splatwire.files.kinds import SOG_META_NAME
 from splatwire.formats._columns import build_splats, check_count
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
 from splatwire.scene.splats import Splats
 
-ZIP_MAGIC = b"PK\x03\x04"
-META = "meta.json"
 PALETTE_COLUMNS = 64
 CODES = 256
 _MAX_META_BYTES = 1 << 20
-_MAX_PICTURE_BYTES = 512 << 20
 _MAX_PALETTE = 1 << 16
 _SPARE_PIXELS = 1 << 16
-_ZIP_ERRORS = (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error, lzma.LZMAError)
+_PICTURE_BYTES, _SPARE_BYTES = 5, 1 << 16
+"""Most bytes of a picture: each pixel needs 4, and what cannot be packed becomes a little larger."""
+_ROWS = 1 << 16
 _MAX_LOG_POSITION = 40.0
 
 
@@ -42,22 +40,14 @@ def read_sog(path: Path) -> Splats:
         DatasetError: If something is missing, damaged, of another version, or of another size than it must be.
         OSError: If a file cannot be read.
     """
-    if path.is_dir() or path.name == META:
+    if path.is_dir() or path.name == SOG_META_NAME:
         folder = path if path.is_dir() else path.parent
         names = {entry.name: entry.stat().st_size for entry in folder.iterdir() if entry.is_file()}
         return _Sog(path, names, sum(names.values()), lambda name: (folder / name).read_bytes()).splats()
-    try:
-        with zipfile.ZipFile(path) as bundle:
-            sizes = {entry.filename: entry.file_size for entry in bundle.infolist()}
-            file_bytes = path.stat().st_size
-            return _Sog(path, sizes, file_bytes, lambda name: _member(bundle, name, sizes[name])).splats()
-    except _ZIP_ERRORS as error:
-        raise DatasetError(f"{path}: the zip is damaged: {error}") from error
-
-
-def _member(bundle: zipfile.ZipFile, name: str, size: int) -> bytes:
-    with bundle.open(name) as file:
-        return file.read(size)  # never more than the directory says, which was checked
+    with open_archive(path, DatasetError) as bundle:
+        return _Sog(
+            path, bundle.sizes, path.stat().st_size, lambda name: bundle.read(name, bundle.sizes[name])
+        ).splats()
 
 
 class _Sog:
@@ -71,16 +61,16 @@ class _Sog:
             raise DatasetError(f"{path}: SOG of version {version!r:.20}; version 2 is read")
         count = self._meta.get("count")
         if type(count) is not int:  # true is an int, too
-            raise DatasetError(f"{path}: {META}: count is {count!r:.40}, not a number of Gaussians")
+            raise DatasetError(f"{path}: {SOG_META_NAME}: count is {count!r:.40}, not a number of Gaussians")
         self._count = check_count(path, count, file_bytes)
 
     def _read_meta(self) -> dict[str, Any]:
         try:
-            meta = json.loads(self._bytes(META, _MAX_META_BYTES))
+            meta = json.loads(self._bytes(SOG_META_NAME, _MAX_META_BYTES))
         except (ValueError, RecursionError) as error:
-            raise DatasetError(f"{self._path}: {META} is no JSON: {error}") from error
+            raise DatasetError(f"{self._path}: {SOG_META_NAME} is no JSON: {error}") from error
         if not isinstance(meta, dict):
-            raise DatasetError(f"{self._path}: {META} is no JSON object")
+            raise DatasetError(f"{self._path}: {SOG_META_NAME} is no JSON object")
         return meta
 
     def _bytes(self, name: str, limit: int) -> bytes:
@@ -96,50 +86,50 @@ class _Sog:
         share = (low[:, :3] + np.float32(256) * high[:, :3]) / np.float32(65535)
         logs = bounds[0] + (bounds[1] - bounds[0]) * share
         colors = self._pixels("sh0")
-        harmonics = [self._codebook("sh0")[colors[:, None, :3]]]
-        if self._meta.get("shN") is not None:
-            harmonics.append(self._harmonics())
         return build_splats(
             self._path,
             means=np.sign(logs) * np.expm1(np.abs(logs)),
             quats=self._rotations(),
             log_scales=self._codebook("scales")[self._pixels("scales")[:, :3]],
             opacities=colors[:, 3] / np.float32(255),
-            sh=np.concatenate(harmonics, axis=1),
+            sh=self._harmonics(self._codebook("sh0")[colors[:, :3]]),
         )
 
     def _rotations(self) -> np.ndarray:
         pixels = self._pixels("quats")
         largest = pixels[:, 3].astype(np.int64) - 252
-        if (largest < 0).any():
-            row = int((largest < 0).argmax())
-            raise DatasetError(f"{self._path}: quats: Gaussian {row} has {pixels[row, 3]} as its largest component")
         others = (pixels[:, :3] / np.float32(255) * 2 - 1) / np.float32(2**0.5)
         rest = np.sqrt(np.maximum(0, 1 - (others**2).sum(axis=1, keepdims=True)))
         places = np.array([[3, 0, 1, 2], [0, 3, 1, 2], [0, 1, 3, 2], [0, 1, 2, 3]])
-        return np.take_along_axis(np.concatenate([others, rest], axis=1), places[largest], axis=1)
+        quats = np.take_along_axis(np.concatenate([others, rest], axis=1), places[np.maximum(largest, 0)], axis=1)
+        return np.where(largest[:, None] < 0, np.float32(np.nan), quats)
 
-    def _harmonics(self) -> np.ndarray:
+    def _harmonics(self, constant: np.ndarray) -> np.ndarray:
+        """Coefficients (N, D, 3), of which the constant ones are known."""
+        if self._meta.get("shN") is None:
+            return constant[:, None]
         bands, count = self._field("shN", "bands"), self._field("shN", "count")
         if type(bands) is not int or not 1 <= bands <= MAX_DEGREE:
-            raise DatasetError(f"{self._path}: {META}: shN.bands is {bands!r:.40}, not 1 to {MAX_DEGREE}")
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: shN.bands is {bands!r:.40}, not 1 to {MAX_DEGREE}")
         if type(count) is not int or not 0 < count <= _MAX_PALETTE:
-            raise DatasetError(f"{self._path}: {META}: shN.count is {count!r:.40}, not 1 to {_MAX_PALETTE}")
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: shN.count is {count!r:.40}, not 1 to {_MAX_PALETTE}")
         width = num_functions(bands) - 1
         rows = -(-count // PALETTE_COLUMNS)
         palette = self._picture("shN", 0, pixels=rows * PALETTE_COLUMNS * width, width=PALETTE_COLUMNS * width)
         labels = self._pixels("shN", 1).astype(np.int64)
         label = labels[:, 0] + 256 * labels[:, 1]
-        if (label >= count).any():
-            row = int((label >= count).argmax())
-            raise DatasetError(f"{self._path}: shN: Gaussian {row} has entry {label[row]} of a palette of {count}")
-        codes = palette[:, :3].reshape(-1, width, 3)
-        return self._codebook("shN")[codes[label]]
+        codes, codebook = palette[:, :3].reshape(-1, width, 3), self._codebook("shN")
+        whole = np.empty((self._count, 1 + width, 3), np.float32)
+        whole[:, 0] = constant
+        for start in range(0, self._count, _ROWS):  # a few rows at a time: entries are four times as large as codes
+            whole[start : start + _ROWS, 1:] = codebook[codes[np.minimum(label[start : start + _ROWS], count - 1)]]
+        whole[label >= count] = np.nan
+        return whole
 
     def _field(self, section: str, name: str) -> Any:
         content = self._meta.get(section)
         if not isinstance(content, dict) or name not in content:
-            raise DatasetError(f"{self._path}: {META}: {section}.{name} is missing")
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: {section}.{name} is missing")
         return content[name]
 
     def _numbers(self, section: str, name: str, count: int, limit: float) -> np.ndarray:
@@ -149,7 +139,9 @@ class _Sog:
         except (TypeError, ValueError, OverflowError):
             numbers = np.empty(0)
         if numbers.shape != (count,) or not (np.abs(numbers) <= limit).all():
-            raise DatasetError(f"{self._path}: {META}: {section}.{name} is not {count} numbers within {limit:g}")
+            raise DatasetError(
+                f"{self._path}: {SOG_META_NAME}: {section}.{name} is not {count} numbers within {limit:g}"
+            )
         return numbers
 
     def _codebook(self, section: str) -> np.ndarray:
@@ -162,18 +154,23 @@ class _Sog:
     def _picture(self, section: str, file: int, *, pixels: int, width: int | None = None) -> np.ndarray:
         names = self._field(section, "files")
         if not isinstance(names, list) or len(names) <= file or not isinstance(names[file], str):
-            raise DatasetError(f"{self._path}: {META}: {section}.files names no file {file}")
+            raise DatasetError(f"{self._path}: {SOG_META_NAME}: {section}.files names no file {file}")
         name = names[file]
         try:
-            data = io.BytesIO(self._bytes(name, _MAX_PICTURE_BYTES))
+            data = io.BytesIO(self._bytes(name, _PICTURE_BYTES * _most_pixels(pixels) + _SPARE_BYTES))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of large pictures: the size is checked before pixels are decoded
                 image = Image.open(data, formats=["WEBP"])
             with image:
                 has = image.width * image.height
-                if not pixels <= has <= 2 * pixels + _SPARE_PIXELS or width not in (None, image.width):
+                if not pixels <= has <= _most_pixels(pixels) or width not in (None, image.width):
                     size = f"{image.width} x {image.height}"
                     raise DatasetError(f"{self._path}: {name[:80]} is {size} pixels, {pixels} are needed")
                 return np.asarray(image.convert("RGBA")).reshape(-1, 4)
         except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
             raise DatasetError(f"{self._path}: {name[:80]} is no WebP picture: {error}") from error
+
+
+def _most_pixels(pixels: int) -> int:
+    """How many pixels a picture of so many may have: sides are rounded up as its writer likes."""
+    return 2 * pixels + _SPARE_PIXELS

@@ -7,7 +7,7 @@ import numpy as np
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.whole import written_whole
-from splatwire.formats._columns import build_splats, check_count
+from splatwire.formats._columns import build_splats, check_count, filled
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
@@ -43,23 +43,21 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
     128.
 
     Args:
-        parts: The Gaussians; may be a generator.
+        parts: The Gaussians, all of one degree; may be a generator.
         path: The file; it appears under its name when it is complete.
 
     Returns:
         How many Gaussians were written.
 
     Raises:
-        InvalidValueError: If there is none, or a number is not finite.
+        InvalidValueError: If there is none, a number is not finite, or degrees differ.
         OSError: If the file cannot be written.
     """
     count = 0
     with written_whole(path) as unfinished, unfinished.open("wb") as file:
-        for part in parts:
+        for part in filled(path, parts):
             file.write(_records(part).tobytes())
             count += part.num_gaussians
-        if not count:
-            raise InvalidValueError(f"{path}: there is no Gaussian to write")
     return count
 
 

@@ -16,7 +16,7 @@ import zstandard
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.whole import written_whole
-from splatwire.formats._axes import SPZ_FLIPS, flip_axes
+from splatwire.formats._axes import SPZ_FLIPS, flip_axes, harmonic_signs
 from splatwire.formats._columns import build_splats, check_count, join
 from splatwire.formats._files import mapped_file
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions
@@ -28,9 +28,12 @@ _HEADER = struct.Struct("<4sIIBBBB")
 _TABLE_OFFSET, _TABLE_ROW = struct.Struct("<I"), struct.Struct("<QQ")
 _PLAIN_HEADER_BYTES = 32
 _MAX_FRACTION_BITS, _FRACTION_BITS = 24, 12
-_MAX_RATIO, _FREE_BYTES = 256, 16 << 20
+_MIN_WINDOW, _MAX_WINDOW = 8 << 20, 128 << 20
+"""How far back a zstd stream may refer, bytes: its unpacker holds as many. No more than a column needs is allowed."""
 _COLOR_SCALE = 0.15
 _MAGNITUDE = 511
+FULL_BITS, FEWER_BITS = (8, 8), (5, 4)
+"""Bits of harmonics of degree 1, and of those beyond: all that there are, and as the format's own software writes."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,7 @@ def read_spz(path: Path) -> Splats:
         header, columns = _unzstd(path, data)
     else:
         raise DatasetError(f"{path}: not an SPZ file, it starts with {head!r}")
-    return flip_axes(_splats(path, header, columns), SPZ_FLIPS)
+    return _splats(path, header, columns)
 
 
 def _parse(path: Path, data: bytes | memoryview, file_bytes: int) -> _Header:
@@ -80,11 +83,7 @@ def _parse(path: Path, data: bytes | memoryview, file_bytes: int) -> _Header:
     if fraction_bits > _MAX_FRACTION_BITS:
         raise DatasetError(f"{path}: {fraction_bits} fractional bits of 24 in a position")
     check_count(path, count, file_bytes)
-    header = _Header(version, count, degree, fraction_bits, last)
-    needed = sum(header.columns.values())
-    if needed > max(_FREE_BYTES, _MAX_RATIO * file_bytes):
-        raise DatasetError(f"{path}: {file_bytes} bytes would unpack to {needed}, more than {_MAX_RATIO} times as many")
-    return header
+    return _Header(version, count, degree, fraction_bits, last)
 
 
 def _gunzip(path: Path, file_bytes: int) -> tuple[_Header, dict[str, np.ndarray]]:
@@ -123,8 +122,9 @@ def _unzstd(path: Path, data: memoryview) -> tuple[_Header, dict[str, np.ndarray
 
 
 def _unpack_stream(path: Path, name: str, data: memoryview, size: int) -> np.ndarray:
+    window = min(max(2 * size, _MIN_WINDOW), _MAX_WINDOW)
     try:
-        with zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(data) as reader:
+        with zstandard.ZstdDecompressor(max_window_size=window).stream_reader(data) as reader:
             content = reader.read(size + 1)
     except zstandard.ZstdError as error:
         raise DatasetError(f"{path}: stream {name} is damaged: {error}") from error
@@ -137,17 +137,21 @@ def _splats(path: Path, header: _Header, columns: dict[str, np.ndarray]) -> Spla
     low, middle, high = columns["positions"].astype(np.int32).reshape(-1, 3, 3).transpose(2, 0, 1)
     fixed = (low | middle << 8 | high << 16) - ((high & 128) << 17)
     color = (columns["colors"].astype(np.float32) / 255 - 0.5) / _COLOR_SCALE
-    parts = [color.reshape(-1, 1, 3)]
-    if "sh" in columns:
-        parts.append((columns["sh"].astype(np.float32).reshape(header.count, -1, 3) - 128) / 128)
+    sh = np.empty((header.count, num_functions(header.degree), 3), np.float32)
+    sh[:, 0] = color.reshape(-1, 3)
+    if "sh" in columns:  # in place, here and below: these are most of the memory
+        sh[:, 1:] = columns["sh"].reshape(header.count, -1, 3)
+        sh[:, 1:] -= 128
+        sh[:, 1:] /= 128
+    sh *= harmonic_signs(SPZ_FLIPS, header.degree)[:, None]
     unpack = _three_bytes if header.version == 2 else _smallest_three
     return build_splats(
         path,
-        means=fixed / np.float32(1 << header.fraction_bits),
-        quats=unpack(columns["rotations"]),
+        means=fixed / np.float32(1 << header.fraction_bits) * np.array(SPZ_FLIPS, np.float32),
+        quats=unpack(columns["rotations"]) * np.array((1, *SPZ_FLIPS), np.float32),
         log_scales=columns["scales"].astype(np.float32).reshape(-1, 3) / 16 - 10,
         opacities=columns["alphas"].astype(np.float32) / 255,
-        sh=np.concatenate(parts, axis=1),
+        sh=sh,
     )
 
 
@@ -173,24 +177,29 @@ def _smallest_three(data: np.ndarray) -> np.ndarray:
     return np.roll(xyzw, 1, axis=1)
 
 
-def write_spz(parts: Iterable[Splats], path: Path) -> int:
-    """Writes an SPZ file of version 3, which all viewers read, with harmonics in 8 bits; they are cut to their range.
+def write_spz(parts: Iterable[Splats], path: Path, harmonic_bits: tuple[int, int] = FULL_BITS) -> int:
+    """Writes an SPZ file of version 3, which all viewers read; harmonics are cut to their range.
 
     Args:
         parts: The Gaussians, all of one degree.
         path: The file; it appears under its name when it is complete.
+        harmonic_bits: Bits of harmonics of degree 1, and of those beyond, 1 to 8 each: they stay bytes, of which the
+            last bits are 0, so that they pack better.
 
     Returns:
         How many Gaussians were written.
 
     Raises:
-        InvalidValueError: If there is none, a number is not finite, degrees differ, or a position is beyond 2**23.
+        InvalidValueError: If there is none, a number is not finite, degrees differ, a position is beyond 2**23, or
+            there is no such number of bits.
         OSError: If the file cannot be written.
     """
+    if not all(1 <= number <= 8 for number in harmonic_bits):
+        raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
     splats = flip_axes(join(path, parts), SPZ_FLIPS)
     bits = _fraction_bits(float(splats.means.abs().max()))
     header = _HEADER.pack(MAGIC, 3, splats.num_gaussians, splats.degree, bits, 0, 0)
-    content = header + b"".join(column.tobytes() for column in _columns(splats, bits))
+    content = header + b"".join(column.tobytes() for column in _columns(splats, bits, harmonic_bits))
     with written_whole(path) as unfinished:
         unfinished.write_bytes(gzip.compress(content, mtime=0))
     return splats.num_gaussians
@@ -206,7 +215,7 @@ def _fraction_bits(farthest: float) -> int:
     return bits
 
 
-def _columns(splats: Splats, bits: int) -> list[np.ndarray]:
+def _columns(splats: Splats, bits: int, harmonic_bits: tuple[int, int]) -> list[np.ndarray]:
     fixed = np.rint(splats.means.double().numpy() * 2**bits).astype("<i4")
     sh = splats.sh.numpy()
     columns = [
@@ -215,9 +224,15 @@ def _columns(splats: Splats, bits: int) -> list[np.ndarray]:
         _byte((sh[:, 0] * _COLOR_SCALE + 0.5) * 255),
         _byte((np.log(splats.scales.numpy()) + 10) * 16),
         _pack_smallest_three(splats.quats.numpy()),
-        _byte(sh[:, 1:] * 128 + 128),
+        np.concatenate([_harmonic(sh[:, 1:4], harmonic_bits[0]), _harmonic(sh[:, 4:], harmonic_bits[1])], axis=1),
     ]
     return [np.ascontiguousarray(column) for column in columns if column.size]
+
+
+def _harmonic(values: np.ndarray, bits: int) -> np.ndarray:
+    """Bytes of harmonics, to the nearest multiple of their step."""
+    step = 1 << (8 - bits)
+    return _byte(np.floor((np.rint(values * 128 + 128) + step / 2) / step) * step)
 
 
 def _byte(values: np.ndarray) -> np.ndarray:

@@ -3,9 +3,8 @@
 import io
 import math
 import re
-import zipfile
-import zlib
 from pathlib import Path
+from pickletools import genops
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import MALFORMED, DatasetError
+from splatwire.files.archive import open_archive
 from splatwire.files.capped import read_capped, read_json
 from splatwire.files.kinds import is_not
 from splatwire.scene.background import BLACK, WHITE, Background
@@ -20,7 +20,10 @@ from splatwire.scene.background import BLACK, WHITE, Background
 _MAX_TENSOR_FILE_BYTES = 256 << 20
 _MAX_NUMBER_BYTES = 4096
 _MAX_ARGUMENTS_BYTES = 1 << 20
-_ZIP_ERRORS = (zlib.error, zipfile.BadZipFile)
+_MAX_DESCRIPTION_BYTES = 1 << 20
+_PLAIN = re.compile(r"collections OrderedDict|torch\._utils _rebuild_(tensor_v2|parameter)|torch \w{1,20}Storage")
+"""What `torch.save` names in the description of plain tensors. PyTorch itself lets a description also make byte arrays
+and sets of any size."""
 
 
 def newest_iteration(model_dir: Path) -> Path:
@@ -61,17 +64,26 @@ def load_torch_file(path: Path) -> Any:
     """
     if not path.is_file():
         raise DatasetError(f"{path}: missing")
+    if path.stat().st_size > _MAX_TENSOR_FILE_BYTES:
+        raise DatasetError(f"{path}: larger than {_MAX_TENSOR_FILE_BYTES >> 20} MiB")
     try:
-        with zipfile.ZipFile(path) as archive:
-            unpacked = sum(entry.file_size for entry in archive.infolist())
-        if max(unpacked, path.stat().st_size) > _MAX_TENSOR_FILE_BYTES:
-            raise DatasetError(f"{path}: larger than {_MAX_TENSOR_FILE_BYTES >> 20} MiB")
+        with open_archive(path, DatasetError) as archive:
+            archive.refuse_packed()
+            for name in archive.sizes:
+                if name.endswith("data.pkl"):
+                    _refuse_calls(archive.read(name, _MAX_DESCRIPTION_BYTES))
         return torch.load(path, map_location="cpu", weights_only=True)
-    except DatasetError:
-        raise
     except Exception as error:  # torch raises many kinds on a damaged file; all mean the same to the caller
         reason = str(error).strip().split("\n")[0][:200]
         raise DatasetError(f"{path}: not a readable file of plain tensors: {reason}") from error
+
+
+def _refuse_calls(description: bytes) -> None:
+    """Checks that a description names nothing but what plain tensors are made of."""
+    for code, argument, _ in genops(description):
+        odd = code.name == "GLOBAL" and not _PLAIN.fullmatch(str(argument))
+        if odd or code.name in ("STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4"):
+            raise ValueError(f"it asks for {str(argument or code.name)[:80]}")
 
 
 def is_plain(value: Any) -> bool:
@@ -125,7 +137,7 @@ def load_voxel_size(model_dir: Path) -> tuple[float, Path] | None:
             continue
         try:
             value = read(path)
-        except (OSError, EOFError, *MALFORMED, *_ZIP_ERRORS) as error:
+        except (DatasetError, OSError, EOFError, *MALFORMED) as error:
             raise DatasetError(f"{path}: no voxel size can be read from it: {error}") from error
         if value is not None and value != 0:
             if not (math.isfinite(value) and value > 0):
@@ -175,11 +187,10 @@ def infer_voxel_size(positions: np.ndarray) -> float:
 
 def _voxel_size_of_npz(path: Path) -> float | None:
     # Not through np.load: that allocates whatever shape the file claims.
-    with zipfile.ZipFile(path) as archive:
-        if "voxel_size.npy" not in archive.namelist():
+    with open_archive(path, DatasetError) as archive:
+        if "voxel_size.npy" not in archive.sizes:
             raise ValueError("it has no 'voxel_size'")
-        with archive.open("voxel_size.npy") as member:
-            content = io.BytesIO(member.read(_MAX_NUMBER_BYTES))
+        content = io.BytesIO(archive.read("voxel_size.npy", _MAX_NUMBER_BYTES))
     if np.lib.format.read_magic(content) != (1, 0):
         raise ValueError("'voxel_size' has an unknown numpy version")
     shape, _, dtype = np.lib.format.read_array_header_1_0(content)

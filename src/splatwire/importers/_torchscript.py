@@ -5,7 +5,6 @@ a file of their own. The description is a program for a stack machine; here its 
 few that describe tensors and names are followed. Whatever else a file asks for is refused.
 """
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from pickletools import genops
@@ -16,9 +15,13 @@ import torch
 from torch import Tensor
 
 from splatwire.errors import DatasetError
+from splatwire.files.archive import Archive, open_archive
 
 _MAX_BYTES = 64 << 20
+_MAX_DESCRIPTION_BYTES = 1 << 20
 _MAX_INSTRUCTIONS = 100_000
+_MAX_MEMBERS, _MAX_NAME = 10_000, 1000
+"""Of all modules, counted once for each way that leads to them; characters of such a way."""
 _TENSOR = "torch._utils _rebuild_tensor_v2"
 _FLOATS = "torch FloatStorage"
 _CONSTANTS = {"NONE": None, "NEWTRUE": True, "NEWFALSE": False}
@@ -38,9 +41,9 @@ class _Node:
 def is_torchscript(path: Path) -> bool:
     """Tells whether a file is a zip archive with TorchScript code in it."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            return any(name.endswith("/constants.pkl") or "/code/" in name for name in archive.namelist())
-    except (OSError, zipfile.BadZipFile):
+        with open_archive(path, DatasetError) as archive:
+            return any(name.endswith("/constants.pkl") or "/code/" in name for name in archive.sizes)
+    except DatasetError:
         return False
 
 
@@ -51,13 +54,13 @@ def read_torchscript_weights(path: Path) -> dict[str, Tensor]:
         DatasetError: If the archive is damaged or too large, or describes anything but modules with float32 tensors.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > _MAX_BYTES:
+        with open_archive(path, DatasetError) as archive:
+            if path.stat().st_size > _MAX_BYTES:
                 raise DatasetError(f"{path}: larger than {_MAX_BYTES >> 20} MiB")
-            description = next(name for name in archive.namelist() if name.endswith("/data.pkl"))
-            root = _follow(archive, description.removesuffix("data.pkl"), archive.read(description))
-        weights: dict[str, Tensor] = {}
-        _collect(root, "", weights)
+            description = next(name for name in archive.sizes if name.endswith("/data.pkl"))
+            tensors = _Tensors(archive, description.removesuffix("data.pkl"))
+            root = _follow(tensors, archive.read_stored(description, _MAX_DESCRIPTION_BYTES))
+        weights = _collect(root)
     except DatasetError:
         raise
     except StopIteration as error:
@@ -72,16 +75,25 @@ def read_torchscript_weights(path: Path) -> dict[str, Tensor]:
     return weights
 
 
-def _collect(value: Any, prefix: str, weights: dict[str, Tensor]) -> None:
-    if isinstance(value, _Node):
-        for name, member in value.members.items():
+def _collect(root: Any) -> dict[str, Tensor]:
+    """The tensors of a tree of modules by the way that leads to each."""
+    weights: dict[str, Tensor] = {}
+    todo, seen = [("", root)], 0
+    while todo:
+        prefix, value = todo.pop()
+        members = value.members.items() if isinstance(value, _Node) else ()
+        seen += len(members)
+        if seen > _MAX_MEMBERS or len(prefix) > _MAX_NAME:  # members of each other: endless, or twice as many a level
+            raise ValueError(f"more than {_MAX_MEMBERS} members of modules, or names longer than {_MAX_NAME}")
+        for name, member in members:
             if isinstance(member, Tensor):
-                weights[prefix + name] = member
+                weights[f"{prefix}{name}"] = member
             else:
-                _collect(member, f"{prefix}{name}.", weights)
+                todo.append((f"{prefix}{name}.", member))
+    return weights
 
 
-def _follow(archive: zipfile.ZipFile, folder: str, description: bytes) -> Any:
+def _follow(tensors: "_Tensors", description: bytes) -> Any:
     """Follows the instructions that build modules and tensors; any other is an error."""
     stack: list[Any] = []
     memory: dict[int, Any] = {}
@@ -102,9 +114,9 @@ def _follow(archive: zipfile.ZipFile, folder: str, description: bytes) -> Any:
         elif name in ("BINGET", "LONG_BINGET"):
             stack.append(memory[_key(argument)])
         elif name == "BINPERSID":
-            stack.append(_storage(archive, folder, stack.pop()))
+            stack.append(tensors.storage(stack.pop()))
         else:
-            _build(name, stack)
+            _build(name, stack, tensors)
     raise ValueError("the description does not end")
 
 
@@ -112,7 +124,7 @@ def _key(argument: Any) -> int:
     return int(argument)
 
 
-def _build(name: str, stack: list[Any]) -> None:
+def _build(name: str, stack: list[Any], tensors: "_Tensors") -> None:
     """The instructions that put parts together."""
     if name in ("MARK", "EMPTY_DICT", "EMPTY_LIST", "EMPTY_TUPLE"):
         stack.append({"MARK": _MARK, "EMPTY_DICT": {}, "EMPTY_LIST": [], "EMPTY_TUPLE": ()}[name])
@@ -139,35 +151,49 @@ def _build(name: str, stack: list[Any]) -> None:
         stack[-1].members.update(members)
     elif name == "REDUCE":
         arguments, function = stack.pop(), stack.pop()
-        stack.append(_call(str(function), arguments))
+        stack.append({} if _is_dictionary(str(function), arguments) else tensors.tensor(str(function), arguments))
     else:
         raise ValueError(f"instruction {name}")
 
 
-def _call(function: str, arguments: tuple[Any, ...]) -> Any:
-    """The two calls that descriptions of modules consist of; nothing is looked up by name."""
-    if function == "collections OrderedDict" and arguments == ():
-        return {}
-    if function != _TENSOR:
-        raise ValueError(f"it calls {function}")
-    numbers, offset, shape, stride = arguments[:4]
-    if not isinstance(numbers, np.ndarray):
-        raise ValueError("a tensor without numbers")
-    size = int(np.prod(shape, dtype=np.int64))
-    dense = tuple(int(np.prod(shape[axis + 1 :], dtype=np.int64)) for axis in range(len(shape)))
-    if tuple(stride) != dense or not 0 <= offset <= len(numbers) - size or min(shape, default=1) < 1:
-        raise ValueError(f"a tensor of shape {shape}, stride {stride} in {len(numbers)} numbers")
-    return torch.from_numpy(numbers[offset : offset + size].reshape(shape).copy())
+def _is_dictionary(function: str, arguments: tuple[Any, ...]) -> bool:
+    return function == "collections OrderedDict" and arguments == ()
 
 
-def _storage(archive: zipfile.ZipFile, folder: str, reference: tuple[Any, ...]) -> np.ndarray:
-    word, kind, key, _, count = reference
-    if word != "storage" or kind != _FLOATS or not str(key).isdigit():
-        raise ValueError(f"numbers of kind {kind}")
-    numbers = np.frombuffer(archive.read(f"{folder}data/{key}"), dtype="<f4")
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise ValueError(f"{len(numbers)} numbers where {count} finite ones were promised")
-    return numbers
+class _Tensors:
+    """The numbers in an archive: each storage is read once, and tensors share it."""
+
+    def __init__(self, archive: Archive, folder: str) -> None:
+        self._archive, self._folder = archive, folder
+        self._storages: dict[str, np.ndarray] = {}
+
+    def storage(self, reference: tuple[Any, ...]) -> np.ndarray:
+        """The numbers of a storage."""
+        word, kind, key, _, count = reference
+        if word != "storage" or kind != _FLOATS or not str(key).isdigit():
+            raise ValueError(f"numbers of kind {kind}")
+        if key not in self._storages:
+            data = self._archive.read_stored(f"{self._folder}data/{key}", _MAX_BYTES)
+            numbers = np.frombuffer(bytearray(data), "<f4")
+            if not np.isfinite(numbers).all():
+                raise ValueError(f"storage {key} has numbers that are not finite")
+            self._storages[key] = numbers
+        if len(self._storages[key]) != count:
+            raise ValueError(f"{len(self._storages[key])} numbers where {count} were promised")
+        return self._storages[key]
+
+    def tensor(self, function: str, arguments: tuple[Any, ...]) -> Tensor:
+        """What the only other call in descriptions of modules makes; nothing is looked up by name."""
+        if function != _TENSOR:
+            raise ValueError(f"it calls {function}")
+        numbers, offset, shape, stride = arguments[:4]
+        if not isinstance(numbers, np.ndarray):
+            raise ValueError("a tensor without numbers")
+        size = int(np.prod(shape, dtype=np.int64))
+        dense = tuple(int(np.prod(shape[axis + 1 :], dtype=np.int64)) for axis in range(len(shape)))
+        if tuple(stride) != dense or not 0 <= offset <= len(numbers) - size or min(shape, default=1) < 1:
+            raise ValueError(f"a tensor of shape {shape}, stride {stride} in {len(numbers)} numbers")
+        return torch.from_numpy(numbers[offset : offset + size].reshape(shape))
 
 
 def _since_mark(stack: list[Any]) -> list[Any]:

@@ -1,6 +1,7 @@
 """Imports what the official HAC++ code writes (HACPP_SPEC 1 to 4)."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from splatwire.importers._hacpp_files import (
     newest_iteration,
 )
 from splatwire.importers._hacpp_networks import channel_networks, hash_grid, two_layer_network
+from splatwire.importers._rows import drawable_anchors
 from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, Mlp, ModelConfig
 from splatwire.model.voxels import voxel_indices, voxel_positions
 from splatwire.scene import AnchorLayout, Anchors
@@ -38,8 +40,8 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
     HAC++ writes two kinds of PLY with the same header. After a decode the scalings are linear and the mask is 0 or 1;
     then the values are taken as they are. Before it the scalings are logarithms and the mask is a logit; then
     `scaling = exp(value)` and `mask = sigmoid(value) > 0.01`. A file counts as decoded when every mask is 0 or 1 and
-    no scaling is negative. In both kinds anchors without any offset are dropped, and offsets that are masked out
-    become zero. The order of anchors is that of the PLY.
+    no scaling is negative. In both kinds anchors without any offset, and those that cannot be drawn, are left out, and
+    offsets that are masked out become zero. The order of anchors is that of the PLY.
 
     Positions become the float32 nearest to `index * voxel_size`, at most one unit in the last place from the official
     float32 product.
@@ -54,7 +56,8 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
         The scene, on the CPU.
 
     Raises:
-        DatasetError: If a file is missing, damaged, of the wrong shape or not finite; the message names it.
+        DatasetError: If a file is missing, damaged or of the wrong shape, a network is not finite, or no anchor can
+            be drawn; the message names it.
     """
     iteration = newest_iteration(model_dir)
     checkpoint_path = iteration / "checkpoint.pth"
@@ -113,31 +116,28 @@ def _anchors(vertices: PlyElement, layout: AnchorLayout, model_dir: Path) -> tup
     scalings = vertices.columns("scale_", 6)
     # stored coordinate-major: all x, all y, all z
     offsets = vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
-    decoded = bool(((logits == 0) | (logits == 1)).all()) and bool((scalings >= 0).all())
+    plain = (logits == 0) | (logits == 1) | np.isnan(logits)
+    decoded = bool(plain.all()) and bool(((scalings >= 0) | np.isnan(scalings)).all())
     if decoded:
         mask = logits == 1
     else:
         mask = logits > np.log(_MASK_THRESHOLD / (1 - _MASK_THRESHOLD))
         with np.errstate(over="ignore"):
             scalings = np.exp(scalings)
-        if not np.isfinite(scalings).all():
-            raise DatasetError(f"{vertices.path}: logarithmic scalings overflow")
-    kept = mask.any(axis=1)
-    positions, voxel_size = _on_grid(torch.from_numpy(vertices.select(["x", "y", "z"])[kept]), vertices.path, model_dir)
     anchors = Anchors(
-        positions=positions,
-        features=torch.from_numpy(features[kept]),
-        scalings=torch.from_numpy(scalings[kept]),
-        offsets=torch.from_numpy(np.where(mask[:, :, None], offsets, np.float32(0))[kept]),
-        mask=torch.from_numpy(mask[kept]),
+        positions=torch.from_numpy(vertices.select(["x", "y", "z"])),
+        features=torch.from_numpy(features),
+        scalings=torch.from_numpy(scalings),
+        offsets=torch.from_numpy(np.where(mask[:, :, None], offsets, np.float32(0))),
+        mask=torch.from_numpy(mask),
     )
-    return anchors, voxel_size
+    anchors = drawable_anchors(anchors, vertices.path)
+    positions, voxel_size = _on_grid(anchors.positions, vertices.path, model_dir)
+    return replace(anchors, positions=positions), voxel_size
 
 
 def _on_grid(positions: Tensor, path: Path, model_dir: Path) -> tuple[Tensor, float]:
     """Finds the voxel size and puts the positions on exact multiples of it."""
-    if not len(positions):
-        raise DatasetError(f"{path}: no anchor has an offset left, the scene is empty")
     found = load_voxel_size(model_dir)
     voxel_size, source = found or (infer_voxel_size(positions.numpy()), None)
     try:

@@ -1,6 +1,7 @@
 """Imports what the official Scaffold-GS code writes: anchors in a PLY, three networks beside it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from splatwire.importers._hacpp_files import (
 )
 from splatwire.importers._hacpp_networks import two_layer_network
 from splatwire.importers._plain_context import plain_context
+from splatwire.importers._rows import drawable_anchors
 from splatwire.importers._torchscript import is_torchscript, read_torchscript_weights
 from splatwire.model import AnchorScene, GaussianHeads, HacppCoding, Linear, Mlp
 from splatwire.model.voxels import voxel_indices, voxel_positions
@@ -47,8 +49,8 @@ def import_scaffold(model_dir: Path, *, appearance: int | None = None) -> Anchor
         The scene, on the CPU.
 
     Raises:
-        DatasetError: If a file is missing, damaged, of the wrong shape or not finite, the model has an appearance
-            embedding and `appearance` does not choose from it, or uses the feature bank.
+        DatasetError: If a file is missing, damaged or of the wrong shape, no anchor can be drawn, the model has an
+            appearance embedding and `appearance` does not choose from it, or uses the feature bank.
     """
     iteration = newest_iteration(model_dir)
     vertices = read_ply(iteration / "point_cloud.ply")
@@ -136,24 +138,20 @@ def _head(
 def _anchors(vertices: PlyElement, feature_dim: int, num_offsets: int, model_dir: Path) -> tuple[Anchors, float]:
     with np.errstate(over="ignore"):
         scalings = np.exp(vertices.columns("scale_", 6))
-    if not np.isfinite(scalings).all():
-        raise DatasetError(f"{vertices.path}: logarithmic scalings overflow")
-    if not len(scalings):
-        raise DatasetError(f"{vertices.path}: has no anchors")
     # stored coordinate-major: all x, all y, all z
     offsets = vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
-    positions = torch.from_numpy(vertices.select(["x", "y", "z"]))
-    found = load_voxel_size(model_dir)
-    voxel_size, source = found or (infer_voxel_size(positions.numpy()), vertices.path)
-    try:
-        positions = voxel_positions(voxel_indices(positions, voxel_size), voxel_size)
-    except InvalidValueError as error:
-        raise DatasetError(f"{vertices.path}: {error} (the voxel size comes from {source})") from error
     anchors = Anchors(
-        positions=positions,
+        positions=torch.from_numpy(vertices.select(["x", "y", "z"])),
         features=torch.from_numpy(vertices.columns("f_anchor_feat_", feature_dim)),
         scalings=torch.from_numpy(scalings),
         offsets=torch.from_numpy(np.ascontiguousarray(offsets)),
-        mask=torch.ones(len(positions), num_offsets, dtype=torch.bool),
+        mask=torch.ones(len(scalings), num_offsets, dtype=torch.bool),
     )
-    return anchors, voxel_size
+    anchors = drawable_anchors(anchors, vertices.path)
+    found = load_voxel_size(model_dir)
+    voxel_size, source = found or (infer_voxel_size(anchors.positions.numpy()), vertices.path)
+    try:
+        positions = voxel_positions(voxel_indices(anchors.positions, voxel_size), voxel_size)
+    except InvalidValueError as error:
+        raise DatasetError(f"{vertices.path}: {error} (the voxel size comes from {source})") from error
+    return replace(anchors, positions=positions), voxel_size

@@ -6,14 +6,14 @@ from splatwire.model.anchor_scene import (
     GaussianHeads,
     HacppCoding,
     HashGrid,
-    PartialScene,
-    RenderHints,
 )
 from splatwire.model.causal import CausalCoding, CausalConfig
 from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.model.networks import Linear, Mlp
+from splatwire.model.partial import Copies, ExpectedPlaces, Partial, TierSizes
 from splatwire.model.prior import AttributePrior, Prior
-from splatwire.model.splat_scene import Copies, PartialSplats, SplatScene
+from splatwire.model.scene import Coverage, RenderHints, Scene
+from splatwire.model.splat_scene import SplatCoding, SplatScene
 
 __all__ = [
     "AnchorScene",
@@ -22,6 +22,8 @@ __all__ = [
     "CausalConfig",
     "ContextModel",
     "Copies",
+    "Coverage",
+    "ExpectedPlaces",
     "GaussianHeads",
     "HacppCoding",
     "HashGrid",
@@ -29,9 +31,11 @@ __all__ = [
     "Linear",
     "Mlp",
     "ModelConfig",
-    "PartialScene",
-    "PartialSplats",
+    "Partial",
     "Prior",
     "RenderHints",
+    "Scene",
+    "SplatCoding",
     "SplatScene",
+    "TierSizes",
 ]

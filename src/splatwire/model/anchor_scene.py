@@ -1,7 +1,6 @@
 """A whole scene: anchors, the networks that draw them, and the context model that codes them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from jaxtyping import Bool, Float, Int8
@@ -10,9 +9,10 @@ from torch import Tensor
 from splatwire.model.causal import CausalCoding
 from splatwire.model.config import ModelConfig
 from splatwire.model.networks import Mlp
-from splatwire.model.prior import Prior
-from splatwire.scene import Anchors, Erasures
+from splatwire.model.scene import Coverage, RenderHints
+from splatwire.scene import Anchors
 from splatwire.scene.background import BLACK, Background
+from splatwire.scene.rows import Rows, rows_of_anchors
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +81,6 @@ class HacppCoding:
 
 
 @dataclass(frozen=True, eq=False)
-class RenderHints:
-    """What helps the picture beside the attributes; never touches a decoded attribute.
-
-    Attributes:
-        size_gain: Factor on the size of the anchor's Gaussians, 1 for none.
-        left_out: True where the anchor is not drawn.
-        opacity_gain: Factor on the opacity of the anchor's Gaussians, which stays at most 1; None for none anywhere.
-    """
-
-    size_gain: Float[Tensor, "N"]
-    left_out: Bool[Tensor, "N"]
-    opacity_gain: Float[Tensor, "N"] | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class AnchorScene:
     """A scene that can be rendered and encoded.
 
@@ -109,6 +94,8 @@ class AnchorScene:
 
     ELEMENTS: ClassVar[str] = "anchors"
     """What its elements are called."""
+    COVERAGE: ClassVar[Coverage] = Coverage(size=1.0, opacity=0.0)
+    """Anchors cover surfaces: what is left grows until it covers them again."""
     anchors: Anchors
     heads: GaussianHeads
     coding: HacppCoding | CausalCoding
@@ -134,15 +121,32 @@ class AnchorScene:
         """The scene with the elements at `index` (integers or a boolean mask over N), hints left out."""
         return replace(self, anchors=self.anchors.select(index), hints=None)
 
+    def with_elements(self, elements: Anchors, hints: RenderHints | None = None) -> "AnchorScene":
+        """The scene with other anchors and hints."""
+        return replace(self, anchors=elements, hints=hints)
+
     @property
     def drawable(self) -> Bool[Tensor, "N"]:
         """Elements that any view can draw: those that are worth a packet."""
-        return self.anchors.mask.any(dim=1)
+        return self.rows().kept
+
+    def rows(self) -> Rows:
+        """What becomes of its elements where the scene is coded."""
+        return rows_of_anchors(self.anchors)
 
     @property
     def num_gaussians(self) -> int:
         """Gaussians that its elements can have in a view."""
         return int(self.anchors.mask.sum())
+
+    @property
+    def facts(self) -> dict[str, int | float]:
+        """Its sizes."""
+        layout = self.coding.config.layout
+        return {
+            "num_anchors": self.num_elements, "voxel_size": self.coding.voxel_size,
+            "feature_dim": layout.feature_dim, "num_offsets": layout.num_offsets,
+        }  # fmt: skip
 
     @property
     def hacpp(self) -> HacppCoding:
@@ -155,49 +159,3 @@ class AnchorScene:
         """What schema `causal` codes the scene with; only for a scene that has it."""
         assert isinstance(self.coding, CausalCoding)
         return self.coding
-
-
-@dataclass(frozen=True, eq=False)
-class PartialScene:
-    """What a decoder returns: a scene in which some anchors may lack attributes.
-
-    Attributes:
-        scene: The scene; attributes that were not received are zero (mask False).
-        erasures: What was received.
-        prior: The hash-grid prior of every anchor, received or not.
-        concealment: Named sections of the side information, content by name: what a sender left for concealers.
-        guessed: Where anchors are expected to be before their packets come, of a stream whose packets say where they
-            are; lost ones stand there. None where places are known from the start.
-        tier_sizes: How large the anchors of each one's tier are, relative to other tiers, above 0, received or not.
-            None where the side information does not say.
-    """
-
-    scene: AnchorScene
-    erasures: Erasures
-    prior: Prior
-    concealment: Mapping[str, bytes] = field(default_factory=dict)
-    guessed: Float[Tensor, "N 3"] | None = None
-    tier_sizes: Float[Tensor, "N"] | None = None
-
-    @property
-    def places(self) -> Float[Tensor, "N 3"]:
-        """Where anchors are as far as the side information says: alike for lost and received ones, whatever comes."""
-        return self.scene.anchors.positions if self.guessed is None else self.guessed
-
-    def without(self, known: Bool[Tensor, "N"]) -> "PartialScene":
-        """The same scene when only some anchors are there, as if the packets of the others had not come."""
-        there = self.scene.anchors.arrived(known, self.guessed)
-        return replace(self, scene=replace(self.scene, anchors=there), erasures=Erasures.of_anchors(known))
-
-    def fill(self, rows: Tensor | slice, source: "PartialScene | None") -> None:
-        """Copies rows of another state of the same scene into this one's tensors, in place; None takes them back."""
-        for name in DECODED_ATTRIBUTES:
-            getattr(self.scene.anchors, name)[rows] = 0 if source is None else getattr(source.scene.anchors, name)[rows]
-        if self.guessed is not None:
-            own = self.scene.anchors.positions
-            own[rows] = self.guessed[rows] if source is None else source.scene.anchors.positions[rows]
-        self.erasures.received[rows] = False if source is None else source.erasures.received[rows]
-
-
-DECODED_ATTRIBUTES = ("features", "scalings", "offsets", "mask")
-"""Fields of `Anchors` that packets bring; lost ones are zero. Of some streams packets bring places, too."""

@@ -24,7 +24,7 @@ def scene_digest(elements: Anchors | Splats) -> str:
     digest = hashlib.sha256(b"splatwire/scene-digest/1\0")
     for field in fields(elements):
         tensor = getattr(elements, field.name).detach().cpu()
-        plain = tensor.numpy().astype("u1" if tensor.dtype == torch.bool else "<f4", order="C")
+        plain = tensor.numpy().astype("u1" if tensor.dtype == torch.bool else "<f4", order="C", copy=False)
         digest.update(f"{field.name}{tuple(tensor.shape)}\0".encode())
         digest.update(plain.data)
     return digest.hexdigest()

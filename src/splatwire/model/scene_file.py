@@ -15,14 +15,11 @@ from torch import Tensor
 from splatwire.errors import BitstreamError
 from splatwire.model._coding_file import coding_header, coding_networks, coding_tensors, read_coding, read_config
 from splatwire.model._scene_reader import SceneReader, open_scene_file
-from splatwire.model.anchor_scene import (
-    AnchorScene,
-    GaussianHeads,
-    PartialScene,
-    RenderHints,
-)
+from splatwire.model.anchor_scene import AnchorScene, GaussianHeads
 from splatwire.model.networks import Mlp
+from splatwire.model.partial import ExpectedPlaces, Partial, TierSizes
 from splatwire.model.prior import AttributePrior, Prior
+from splatwire.model.scene import RenderHints
 from splatwire.model.tensor_file import write_tensors
 from splatwire.scene import AnchorLayout, Anchors, Attribute, Erasures
 from splatwire.scene.background import BLACK, Background
@@ -78,7 +75,7 @@ def load_scene(path: Path) -> AnchorScene:
     return scene.scene
 
 
-def load_scene_file(path: Path) -> tuple[AnchorScene | PartialScene, Erasures | None]:
+def load_scene_file(path: Path) -> tuple[AnchorScene | Partial[AnchorScene], Erasures | None]:
     """Reads a scene file of either kind.
 
     Args:
@@ -111,7 +108,7 @@ def load_background(path: Path) -> Background:
         return reader.background()
 
 
-def save_partial(partial: PartialScene, path: Path) -> None:
+def save_partial(partial: Partial[AnchorScene], path: Path) -> None:
     """Writes a decoded scene with its losses, prior and sections for concealers to `path`, as `save_scene` does.
 
     Raises:
@@ -119,24 +116,25 @@ def save_partial(partial: PartialScene, path: Path) -> None:
     """
     tensors = _scene_tensors(partial.scene)
     tensors["erasures.received"] = partial.erasures.received
-    tensors["prior.context"] = partial.prior.context
-    if partial.guessed is not None:
-        tensors["anchors.guessed"] = partial.guessed
+    prior, expected = partial[Prior], partial.find(ExpectedPlaces)
+    tensors["prior.context"] = prior.context
+    if expected is not None:
+        tensors["anchors.guessed"] = expected.positions
     if partial.tier_sizes is not None:
         tensors["anchors.tier_sizes"] = partial.tier_sizes
     for name in _ATTRIBUTES:
-        attribute: AttributePrior = getattr(partial.prior, name)
+        attribute: AttributePrior = getattr(prior, name)
         for part in ("mean", "scale", "step"):
             tensors[f"prior.{name}.{part}"] = getattr(attribute, part)
     header = _header(partial.scene, PARTIAL)
-    for name, content in partial.concealment.items():
+    for name, content in partial.sections.items():
         tensors[f"concealment.{name}"] = torch.from_numpy(np.frombuffer(content, dtype=np.uint8).copy())
-    if partial.concealment:
-        header["concealment"] = sorted(partial.concealment)
+    if partial.sections:
+        header["concealment"] = sorted(partial.sections)
     write_tensors(tensors, header, path)
 
 
-def load_partial(path: Path) -> PartialScene:
+def load_partial(path: Path) -> Partial[AnchorScene]:
     """Reads what `save_partial` wrote, bit for bit.
 
     Raises:
@@ -156,20 +154,22 @@ def load_partial(path: Path) -> PartialScene:
             )
         context = reader.tensor("prior.context", (count, scene.coding.config.context_dim))
         concealment = _read_concealment(reader)
-        guessed = reader.tensor("anchors.guessed", (count, 3)) if reader.has("anchors.guessed") else None
-        sizes = _read_tier_sizes(reader, count)
+        said: list[Any] = [Prior(**attributes, context=context), layout]
+        if reader.has("anchors.guessed"):
+            said.append(ExpectedPlaces(reader.tensor("anchors.guessed", (count, 3))))
+        said += _read_tier_sizes(reader, count)
         reader.finish()
-    return PartialScene(scene, Erasures(received), Prior(**attributes, context=context), concealment, guessed, sizes)
+    return Partial(scene, Erasures(received), concealment, tuple(said))
 
 
-def _read_tier_sizes(reader: SceneReader, count: int) -> Tensor | None:
+def _read_tier_sizes(reader: SceneReader, count: int) -> list[TierSizes]:
     name = "anchors.tier_sizes"
     if not reader.has(name):
-        return None
+        return []
     sizes = reader.tensor(name, (count,))
     if not bool((sizes > 0).all()):
         raise reader.error(f"tensor '{name}' has a size that is not above 0")
-    return sizes
+    return [TierSizes(sizes)]
 
 
 def _read_concealment(reader: SceneReader) -> dict[str, bytes]:

@@ -28,8 +28,7 @@ def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: P
     Raises:
         OSError: If the file cannot be written.
     """
-    # Cloned: safetensors refuses tensors that share memory, and views of a larger tensor are common here.
-    plain = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()}
+    plain = _apart(tensors)
     with written_whole(path) as unfinished:
         unfinished.touch()
         permissions = unfinished.stat().st_mode & 0o777
@@ -38,6 +37,19 @@ def write_tensors(tensors: Mapping[str, Tensor], header: dict[str, Any], path: P
         except SafetensorError as error:
             raise OSError(f"{path}: cannot be written: {error}") from error
         unfinished.chmod(permissions)
+
+
+def _apart(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Tensors in main memory of which no two share it, as safetensors insists: those that do are copied."""
+    plain, taken = {}, set[int]()
+    for name, value in tensors.items():
+        own = value.detach().cpu().contiguous()
+        memory = own.untyped_storage()
+        if memory.nbytes() != own.nbytes or memory.data_ptr() in taken:
+            own = own.clone()
+        taken.add(own.untyped_storage().data_ptr())
+        plain[name] = own
+    return plain
 
 
 def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -1,9 +1,10 @@
 """Packets: which anchors share one, what its bytes are, and streams on disk. numpy and the standard library only."""
 
-from splatwire.packets.arrangement import Arrangement, arrange, arrange_groups
-from splatwire.packets.container import stream_from_bytes, stream_to_bytes
+from splatwire.packets.arrangement import Arrangement, ArrivedBlock, arrange, arrived_blocks
+from splatwire.packets.container import file_head, file_record, stream_from_bytes, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
-from splatwire.packets.manifest import ANCHORS, CAUSAL, GAUSSIANS, Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.packets.limits import ANCHORS, CAUSAL, COLUMNS, GAUSSIANS
+from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet, packet_from_bytes
 from splatwire.packets.packet_id import PARTS, PacketId
 from splatwire.packets.packetization import (
@@ -23,12 +24,14 @@ from splatwire.packets.tiers import TierShape, shape_tiers, tier_order
 __all__ = [
     "ANCHORS",
     "CAUSAL",
+    "COLUMNS",
     "GAUSSIANS",
     "HEADER_BYTES",
     "PARTS",
     "PRESETS",
     "SEND_ORDERS",
     "Arrangement",
+    "ArrivedBlock",
     "Manifest",
     "Packet",
     "PacketGroups",
@@ -41,7 +44,9 @@ __all__ = [
     "StreamSizes",
     "TierShape",
     "arrange",
-    "arrange_groups",
+    "arrived_blocks",
+    "file_head",
+    "file_record",
     "is_stream",
     "make_packet",
     "make_stream",

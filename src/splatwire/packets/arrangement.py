@@ -1,6 +1,7 @@
 """Which anchors arrived: all anchors of a stream, packet by packet, with the gaps that missing packets leave."""
 
 from collections.abc import Iterable, Iterator
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -38,22 +39,80 @@ def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
     Raises:
         InvalidValueError: If a packet does not fit the plan, or two hold the same anchor.
     """
-    starts, groups = arrange_groups(plan, packets)
-    return Arrangement(PacketGroups(plan.groups().ranks, starts), groups)
+    arrived = _fitting(plan, packets)
+    if not plan.packetization.hashed:
+        return Arrangement(plan.groups(), tuple(arrived.get(packet_id) for packet_id in plan.ids))
+    pieces = list(_pieces(plan, arrived))
+    starts = np.cumsum([0, *(size for size, _ in pieces)]).astype(np.int64)
+    return Arrangement(PacketGroups(plan.groups().ranks, starts), tuple(packet for _, packet in pieces))
 
 
-def arrange_groups(plan: PacketPlan, packets: Iterable[Packet]) -> tuple[np.ndarray, tuple[Packet | None, ...]]:
-    """As `arrange` without the ranks, which `PacketPlan.block_ranks` gives a block at a time: `starts` and packets."""
+class ArrivedBlock(NamedTuple):
+    """What arrived of a block.
+
+    Attributes:
+        number: The block.
+        ranks: All of its ranks, as `PacketPlan.block_ranks` gives them.
+        packets: Its packets that are there, ascending by id.
+        runs: For each of them, where in `ranks` its own are.
+    """
+
+    number: int
+    ranks: np.ndarray
+    packets: tuple[Packet, ...]
+    runs: tuple[slice, ...]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Anchors of each packet, int64."""
+        return np.array([packet.num_anchors for packet in self.packets], dtype=np.int64)
+
+    @property
+    def payloads(self) -> list[bytes]:
+        """Payload of each packet."""
+        return [packet.payload for packet in self.packets]
+
+    @property
+    def received(self) -> np.ndarray:
+        """Which of `ranks` a packet holds, bool."""
+        there = np.zeros(len(self.ranks), dtype=np.bool_)
+        for run in self.runs:
+            there[run] = True
+        return there
+
+
+def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[ArrivedBlock]:
+    """Finds the anchors of packets, a block at a time, ascending.
+
+    Args:
+        plan: The stream's plan.
+        packets: What arrived, in any order.
+        gaps: Whether blocks of which nothing arrived are listed, too; else they take neither time nor memory.
+
+    Raises:
+        InvalidValueError: If a packet does not fit the plan, or two hold the same anchor.
+    """
+    arrived, after = _fitting(plan, packets), 0
+    for block, names in groupby(sorted(arrived), key=lambda packet_id: packet_id.block):
+        if gaps:
+            yield from (ArrivedBlock(gap, plan.block_ranks(gap), (), ()) for gap in range(after, block))
+        after = block + 1
+        here = tuple(arrived[packet_id] for packet_id in names)
+        runs = tuple(plan.run(packet.id, packet.num_anchors) for packet in here)
+        for packet, run, following in zip(here[1:], runs, runs[1:], strict=False):
+            if plan.packetization.hashed and following.start < run.stop:
+                raise InvalidValueError(f"{packet.id.filename} holds anchors of the packet before it")
+        yield ArrivedBlock(block, plan.block_ranks(block), here, runs)
+    if gaps:
+        yield from (ArrivedBlock(gap, plan.block_ranks(gap), (), ()) for gap in range(after, plan.num_blocks))
+
+
+def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Packet]:
     arrived = {packet.id: packet for packet in packets}
     for packet in arrived.values():
         if not plan.fits(packet.id, packet.num_anchors):
             raise InvalidValueError(f"the plan has no packet {packet.id.filename} with {packet.num_anchors} anchors")
-    if not plan.packetization.hashed:
-        starts = np.concatenate([[0], np.cumsum(plan.group_counts())])
-        return starts, tuple(arrived.get(packet_id) for packet_id in plan.ids)
-    pieces = list(_pieces(plan, arrived))
-    starts = np.cumsum([0, *(size for size, _ in pieces)]).astype(np.int64)
-    return starts, tuple(packet for _, packet in pieces)
+    return arrived
 
 
 def _pieces(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:

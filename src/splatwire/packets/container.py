@@ -17,8 +17,9 @@ import io
 
 from splatwire.errors import BitstreamError, MissingSideInfoError, TruncatedStreamError, UnsupportedVersionError
 from splatwire.packets.intake import PacketIntake, ReadReport
-from splatwire.packets.manifest import MAX_MANIFEST_BYTES, Manifest, manifest_from_bytes, manifest_to_bytes
-from splatwire.packets.packet import HEADER_BYTES, MAX_PACKET_BYTES, packet_mark
+from splatwire.packets.limits import MAX_MANIFEST_BYTES, MAX_PACKET_BYTES
+from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.packets.packet import HEADER_BYTES, packet_mark
 from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION, RECORD_PREFIX, SceneStream
 
 RESYNC_EFFORT = 4
@@ -29,11 +30,19 @@ SEARCH_BYTES = 1 << 20
 
 def stream_to_bytes(stream: SceneStream) -> bytes:
     """Writes a stream as one file's bytes; `SceneStream.num_bytes` of them."""
-    manifest = manifest_to_bytes(stream.manifest)
-    pieces = [FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(manifest)), manifest, stream.side_info]
-    for packet in stream.packets:
-        pieces += [RECORD_PREFIX.pack(packet.num_bytes), packet.data]
-    return b"".join(pieces)
+    head = file_head(stream.manifest, stream.side_info)
+    return b"".join([head, *(file_record(packet.data) for packet in stream.packets)])
+
+
+def file_head(manifest: Manifest, side_info: bytes) -> bytes:
+    """What a file begins with; records of packets follow, in any order."""
+    text = manifest_to_bytes(manifest)
+    return FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(text)) + text + side_info
+
+
+def file_record(packet: bytes) -> bytes:
+    """A packet as it stands in a file."""
+    return RECORD_PREFIX.pack(len(packet)) + packet
 
 
 def stream_from_bytes(data: bytes, name: str = "stream") -> tuple[SceneStream, ReadReport]:

@@ -7,27 +7,28 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
+from splatwire.packets.limits import (
+    ANCHORS,
+    FORMAT_VERSION,
+    FREE_ELEMENTS,
+    MAX_ELEMENTS,
+    MAX_FEATURE_DIM,
+    MAX_GROUPS,
+    MAX_MANIFEST_BYTES,
+    MAX_OFFSETS,
+    MAX_SIDE_INFO_BYTES,
+    MAX_TIERS,
+    MAX_WRITER_LENGTH,
+    SCHEMA,
+    SCHEMAS,
+    StreamSchema,
+)
 from splatwire.packets.packet_id import PARTS
-from splatwire.packets.packetization import MAX_ANCHORS, MAX_BLOCK_SIZE, MAX_GROUPS, Packetization
+from splatwire.packets.packetization import Packetization
 from splatwire.packets.plan import PacketPlan
-from splatwire.packets.tiers import MAX_TIERS, TierShape
+from splatwire.packets.tiers import TierShape
 
-SCHEMA = "splatwire/stream"
-FORMAT_VERSION = 2
-"""Newest version of the stream format that this release reads."""
-ANCHORS, CAUSAL, GAUSSIANS = "hacpp", "causal", "gaussians"
-"""Codec schemas: anchors of HAC++ (format 1), anchors of the causal model, explicit Gaussians (format 2)."""
-_FORMATS = {ANCHORS: 1, CAUSAL: 2, GAUSSIANS: 2}
-_ANCHOR_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
-MAX_MANIFEST_BYTES = 1 << 16
-MAX_FEATURE_DIM = 4096
-MAX_OFFSETS = 1024
-MAX_SIDE_INFO_BYTES = (1 << 32) - 1
-MAX_WRITER_LENGTH = 80
-FREE_ANCHORS = 1 << 16
-ELEMENTS_PER_BYTE = {ANCHORS: 1024, CAUSAL: 1024, GAUSSIANS: MAX_BLOCK_SIZE // 7}
-"""More elements than `FREE_ANCHORS` need a byte of side information for every so many of them: far less than positions
-of anchors cost, and than the box of a block of Gaussians, yet enough that few lying bytes cannot announce gigabytes."""
+_LAYOUT_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +45,7 @@ class Manifest:
         symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal; what they are and in which
             order is for the codec to say.
         writer: Program that wrote the stream.
-        codec: Schema of the elements, `ANCHORS`, `CAUSAL` or `GAUSSIANS`.
+        codec: Schema of the elements, a name in `splatwire.packets.limits.SCHEMAS`.
         feature_dim: Channels of the anchor feature, F; 0 where the side information says it, as the next one.
         num_offsets: Offsets per anchor, K.
         feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
@@ -70,11 +71,11 @@ class Manifest:
     tiers: tuple[TierShape, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.codec not in _FORMATS:
-            raise UnknownNameError("codec of a stream", self.codec, _FORMATS)
-        least, most = (1, MAX_FEATURE_DIM) if self.codec == ANCHORS else (0, 0)
+        if self.codec not in SCHEMAS:
+            raise UnknownNameError("codec of a stream", self.codec, SCHEMAS)
+        least, most = (1, MAX_FEATURE_DIM) if self.schema.layout else (0, 0)
         for name, low, high in (
-            ("num_anchors", 0, MAX_ANCHORS),
+            ("num_anchors", 0, MAX_ELEMENTS),
             ("feature_dim", least, most),
             ("num_offsets", least, min(most, MAX_OFFSETS)),
             ("num_packets", 0, len(PARTS) * MAX_GROUPS),
@@ -82,16 +83,14 @@ class Manifest:
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
         ):
             _check_integer(name, getattr(self, name), low, high)
-        if self.num_anchors > FREE_ANCHORS + ELEMENTS_PER_BYTE[self.codec] * self.side_info_bytes:
-            raise InvalidValueError(
-                f"{self.side_info_bytes} bytes of side information cannot place {self.num_anchors} anchors"
-            )
+        if self.num_anchors > FREE_ELEMENTS + self.schema.elements_per_byte * self.side_info_bytes:
+            what = f"{self.side_info_bytes} bytes of side information cannot place {self.num_anchors} anchors"
+            raise InvalidValueError(what)
         for size in self.feature_groups:
             _check_integer("a size in feature_groups", size, 1, self.feature_dim)
         if sum(self.feature_groups) != self.feature_dim:
-            raise InvalidValueError(
-                f"feature_groups {list(self.feature_groups)} do not add up to feature_dim {self.feature_dim}"
-            )
+            what = f"feature_groups {list(self.feature_groups)} do not add up to feature_dim {self.feature_dim}"
+            raise InvalidValueError(what)
         for name in ("side_info_digest", "symbols_digest"):
             if not _SHA256.fullmatch(getattr(self, name)):
                 raise InvalidValueError(f"{name} is not a SHA-256 in lower-case hexadecimal")
@@ -100,14 +99,19 @@ class Manifest:
         self._check_num_packets()
 
     @property
+    def schema(self) -> StreamSchema:
+        """What manifests say of such elements."""
+        return SCHEMAS[self.codec]
+
+    @property
     def format_version(self) -> int:
         """Version of the whole stream format."""
-        return _FORMATS[self.codec]
+        return self.schema.format_version
 
     @property
     def elements(self) -> str:
         """What the elements are called."""
-        return "Gaussians" if self.codec == GAUSSIANS else "anchors"
+        return self.schema.elements
 
     @property
     def plan(self) -> PacketPlan:
@@ -179,12 +183,13 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     if not all(type(size) is int for size in content.get("feature_groups", [])):
         raise BitstreamError(f"{name}: feature_groups does not hold integers only")
     tiers = content.get("tiers", [])
-    if len(tiers) > MAX_TIERS or not all(_is_pair(tier) for tier in tiers):
-        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, at most {MAX_TIERS}")
+    if ("tiers" in content and not 2 <= len(tiers) <= MAX_TIERS) or not all(_is_pair(tier) for tier in tiers):
+        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, 2 to {MAX_TIERS} of them")
     # The content is flat from here on: a digest of arbitrarily nested lists could exhaust the stack.
     if digest != _digest({**content, "schema": SCHEMA}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
-    if _FORMATS.get(content.get("codec", ANCHORS)) != content.pop("format_version"):
+    schema = SCHEMAS.get(content.get("codec", ANCHORS))
+    if content.pop("format_version") != (schema.format_version if schema else None):
         raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
     try:
         return Manifest(
@@ -215,7 +220,7 @@ def _packetization_content(packetization: Packetization) -> dict[str, Any]:
 
 def _expected_fields(version: object, tiers: bool) -> dict[str, type]:
     """Fields of a version: the first one has only anchors, whose sizes the codec of others says itself."""
-    absent = {"codec"} if version == 1 else set(_ANCHOR_FIELDS)
+    absent = {"codec"} if version == 1 else set(_LAYOUT_FIELDS)
     return {k: kind for k, kind in _JSON_TYPES.items() if k not in absent and (tiers or k != "tiers")}
 
 

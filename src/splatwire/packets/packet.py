@@ -26,13 +26,11 @@ from splatwire.errors import (
     TruncatedStreamError,
     UnsupportedVersionError,
 )
+from splatwire.packets.limits import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_HASHED_BLOCK, MAX_LANES, MAX_PACKET_BYTES
 from splatwire.packets.packet_id import PARTS, PacketId
-from splatwire.packets.packetization import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_HASHED_BLOCK, MAX_LANES
 
 PACKET_VERSION = 1
 HEADER_BYTES = 16
-MAX_PACKET_BYTES = 1 << 26
-"""No packet is larger: more than 1000 bytes for each of the most anchors a block may hold."""
 
 _FIELDS = struct.Struct("<BIBBHBH")
 _CHECKSUM = struct.Struct("<I")

@@ -4,8 +4,8 @@ import re
 from dataclasses import dataclass
 
 from splatwire.errors import InvalidValueError
+from splatwire.packets.limits import MAX_FEATURE_GROUPS
 
-MAX_FEATURE_GROUPS = 64
 PARTS = ("anchor", "scaling", "offset", *(f"feature{group}" for group in range(MAX_FEATURE_GROUPS)))
 """What a packet carries of its anchors, by `PacketId.part`; `anchor` is everything. The others are the files of HAC++:
 with separated packaging, each is a packet of its own, and a feature group can be read after all groups before it."""

@@ -3,22 +3,19 @@
 from dataclasses import dataclass
 
 from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.packets.limits import (
+    GROUPINGS,
+    MAX_BLOCK_SIZE,
+    MAX_DATAGRAM_BYTES,
+    MAX_HASHED_BLOCK,
+    MAX_LANES,
+    MIN_PACKET_BYTES,
+    ORDERS,
+    PACKAGINGS,
+)
 
-ORDERS = ("morton", "raster")
-GROUPINGS = ("stratified", "contiguous", "hashed")
-PACKAGINGS = ("atomic", "separated")
-
-MAX_ANCHORS = 1 << 28
-MAX_BLOCK_SIZE = (1 << 16) - 1
-MAX_BLOCKS = 1 << 24
-MAX_LANES = 1 << 8
-MAX_HASHED_BLOCK = 1 << 14
-"""With hashed grouping `PacketId.lane` is a position within the block, and the header has 14 bits for it."""
-MIN_PACKET_BYTES = 128
-MAX_DATAGRAM_BYTES = 65_507
 DATAGRAM_BYTES = 1150
 """A datagram of 1200 bytes passes every path (RFC 9000, 14); up to 50 of them are for the layers around a packet."""
-MAX_GROUPS = (1 << 31) - 1
 
 
 def check_range(what: str, value: int, low: int, high: int) -> None:

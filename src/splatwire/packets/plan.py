@@ -8,8 +8,9 @@ import numpy as np
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets.grouping import CHUNK, contiguous_bounds, contiguous_lanes, hash_order, stratified_lanes
-from splatwire.packets.packet_id import FIRST_FEATURE, MAX_FEATURE_GROUPS, OFFSET, SCALING, PacketId
-from splatwire.packets.packetization import MAX_ANCHORS, MAX_BLOCKS, MAX_GROUPS, Packetization, check_range
+from splatwire.packets.limits import MAX_BLOCKS, MAX_ELEMENTS, MAX_FEATURE_GROUPS, MAX_GROUPS
+from splatwire.packets.packet_id import FIRST_FEATURE, OFFSET, SCALING, PacketId
+from splatwire.packets.packetization import Packetization, check_range
 from splatwire.packets.tiers import Span, TierShape, check_tiers, spans_of
 
 
@@ -56,7 +57,7 @@ class PacketPlan:
             least,
             most,
         )
-        check_range("number of anchors", self.num_anchors, 0, MAX_ANCHORS)
+        check_range("number of anchors", self.num_anchors, 0, MAX_ELEMENTS)
         check_tiers(self.tiers, self.num_anchors, self.packetization)
         check_range("number of blocks", self.num_blocks, 0, MAX_BLOCKS)
         check_range("number of packets", self.num_blocks * self.packetization.lanes, 0, MAX_GROUPS)
@@ -150,6 +151,13 @@ class PacketPlan:
         if not self.packetization.hashed:
             return self.members(packet_id)
         return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_anchors]
+
+    def run(self, packet_id: PacketId, num_anchors: int) -> slice:
+        """Where the anchors of a packet that fits are in `block_ranks` of its block."""
+        if self.packetization.hashed:
+            return slice(packet_id.lane, packet_id.lane + num_anchors)
+        first = int(_lane_counts(self, packet_id.block)[: packet_id.lane].sum())
+        return slice(first, first + num_anchors)
 
     def count(self, packet_id: PacketId) -> int:
         """Anchors of one packet; 0 if the plan has no such packet. Cheap: at most one block is hashed.

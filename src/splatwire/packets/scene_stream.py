@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets.manifest import ANCHORS, Manifest, manifest_to_bytes, packetization_to_json
+from splatwire.packets.limits import ANCHORS
+from splatwire.packets.manifest import Manifest, manifest_to_bytes, packetization_to_json
 from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet
 from splatwire.packets.packet_id import PacketId
 from splatwire.packets.packetization import Packetization

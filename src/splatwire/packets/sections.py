@@ -7,21 +7,10 @@ from dataclasses import replace
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets.manifest import ANCHORS, CAUSAL, GAUSSIANS
+from splatwire.packets.limits import MAX_SECTION_BYTES, MAX_SECTION_NAME, MAX_SECTIONS, RESERVED_SECTIONS, SCHEMAS
 from splatwire.packets.scene_stream import SceneStream
 
-FIXED_SECTIONS = (
-    "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
-)  # fmt: skip
-"""Sections that every stream of anchors has, in this order; they have no name in the bytes."""
-CAUSAL_SECTIONS = ("header", "positions", "networks", "render_networks")
-"""The same of a stream of the causal model's anchors."""
-GAUSSIAN_SECTIONS = ("header", "blocks", "contexts")
-"""The same of a stream of explicit Gaussians."""
-_FIXED = {ANCHORS: FIXED_SECTIONS, CAUSAL: CAUSAL_SECTIONS, GAUSSIANS: GAUSSIAN_SECTIONS}
-MAX_SECTIONS = 16
-MAX_SECTION_BYTES = 1 << 26
-_NAME = re.compile("[a-z][a-z0-9_]{0,31}", re.ASCII)
+_NAME = re.compile(f"[a-z][a-z0-9_]{{0,{MAX_SECTION_NAME - 1}}}", re.ASCII)
 
 
 def write_sections(sections: Mapping[str, bytes]) -> bytes:
@@ -66,7 +55,7 @@ def _problem(sections: Mapping[str, bytes]) -> str | None:
     if len(sections) > MAX_SECTIONS:
         return f"{len(sections)} named sections, at most {MAX_SECTIONS} are possible"
     for name, data in sections.items():
-        if not _NAME.fullmatch(name) or name in FIXED_SECTIONS:
+        if not _NAME.fullmatch(name) or name in RESERVED_SECTIONS:
             return f"a section cannot be called {ascii(name)[:40]}"
         if len(data) > MAX_SECTION_BYTES:
             return f"section '{name}' has {len(data):,} bytes, at most {MAX_SECTION_BYTES:,} are possible"
@@ -80,7 +69,7 @@ def split_sections(side_info: bytes, codec: str) -> tuple[bytes, dict[str, bytes
         BitstreamError: If the bytes are not side information.
     """
     reader = ByteReader(side_info, "side information")
-    for _ in _FIXED[codec]:
+    for _ in SCHEMAS[codec].sections:
         reader.blob()
     rest = reader.rest()
     return side_info[: len(side_info) - len(rest)], read_sections(rest)
@@ -103,7 +92,7 @@ def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
     """
     fixed, sections = split_sections(data, codec)
     reader, sizes = ByteReader(fixed, "side information"), dict[str, int]()
-    for name in _FIXED[codec]:
+    for name in SCHEMAS[codec].sections:
         before = reader.left
         reader.blob()
         sizes[name] = before - reader.left

@@ -17,12 +17,12 @@ from pathlib import Path
 
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
 from splatwire.files.capped import open_regular, read_at_most, read_capped
-from splatwire.files.kinds import NOTHING, STREAM, file_kind, is_not
+from splatwire.files.kinds import NOTHING, STREAM, STREAMS, file_kind, is_not
 from splatwire.files.whole import written_whole
 from splatwire.packets.container import check_side_info, stream_from_file, stream_to_bytes
 from splatwire.packets.intake import PacketIntake, ReadReport
-from splatwire.packets.manifest import MAX_MANIFEST_BYTES, manifest_from_bytes, manifest_to_bytes
-from splatwire.packets.packet import MAX_PACKET_BYTES
+from splatwire.packets.limits import MAX_MANIFEST_BYTES, MAX_PACKET_BYTES
+from splatwire.packets.manifest import manifest_from_bytes, manifest_to_bytes
 from splatwire.packets.packet_id import PacketId
 from splatwire.packets.scene_stream import FILE_MAGIC, SceneStream
 
@@ -56,7 +56,7 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
 
 
 def is_stream(path: Path) -> bool:
-    """Tells streams from scene files by looking: a folder, or a file that begins with a stream's magic bytes.
+    """Tells whether a path is a stream, by looking: a folder with parts of one, or a file with a stream's magic bytes.
 
     Raises:
         BitstreamError: If nothing is there.
@@ -64,7 +64,7 @@ def is_stream(path: Path) -> bool:
     kind = file_kind(path)
     if kind == NOTHING:
         raise BitstreamError(is_not(path, "a stream"))
-    return kind == STREAM or path.is_dir()
+    return kind in STREAMS
 
 
 def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:

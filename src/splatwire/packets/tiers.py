@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets.packetization import MAX_ANCHORS, Packetization, check_range
+from splatwire.packets.limits import MAX_ELEMENTS, MAX_TIERS
+from splatwire.packets.packetization import Packetization, check_range
 
-MAX_TIERS = 8
 LANE_ANCHORS = 64
 """A tier has fewer lanes than the packetization says rather than packets of fewer anchors than this."""
 
@@ -109,7 +109,7 @@ def check_tiers(tiers: tuple[TierShape, ...], num_anchors: int, packetization: P
         return
     check_range("number of tiers", len(tiers), 2, MAX_TIERS)
     for tier in tiers:
-        check_range("number of anchors of a tier", tier.num_anchors, 1, MAX_ANCHORS)
+        check_range("number of anchors of a tier", tier.num_anchors, 1, MAX_ELEMENTS)
         check_range("number of lanes of a tier", tier.lanes, 1, packetization.lanes)
     if sum(tier.num_anchors for tier in tiers) != num_anchors:
         raise InvalidValueError(f"the tiers' anchors do not add up to {num_anchors}")

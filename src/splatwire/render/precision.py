@@ -5,6 +5,8 @@ differs by orders of magnitude, mostly by how much of each is seen, and alike fo
 is taken into account; so each gets one class, an octave of step sizes.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from jaxtyping import Float64
@@ -18,6 +20,9 @@ from splatwire.scene.splats import Splats
 
 FINEST_SHARE = 0.98
 """Classes count down from this quantile."""
+BRIGHTEST = 4.0
+"""Colours count as no brighter than this, which is the most that a view of five real files has: one absurd colour would
+else decide how precise all Gaussians are that it shines through."""
 _UNSEEN = 1e-30
 _SLOPES = {
     "position": (-0.33, -0.2, 0.0, 0.0),
@@ -40,15 +45,20 @@ _WEIGHTS = {
 """Numbers that each attribute has; colour has 3, and about 12 with harmonics."""
 
 
-def classes_of(scene: Scene, cameras: Cameras | None = None) -> np.ndarray | None:
-    """Classes of precision of a scene's elements; None for anchors, whose steps the scene was trained with.
+def classes_of(scene: Scene, cameras: Cameras | None = None, *, anew: bool = False) -> np.ndarray | None:
+    """Classes of precision of a scene's elements; None where it has steps: as trained anchors and decoded Gaussians do.
 
     Args:
         scene: The scene.
         cameras: Where it is looked at from; None for views around it.
+        anew: Whether steps that the Gaussians have do not count.
     """
     splats = explicit_gaussians(scene)
-    return None if splats is None else precision_classes(splats, cameras)
+    return (
+        None
+        if splats is None or (getattr(scene, "coding", None) is not None and not anew)
+        else precision_classes(splats, cameras)
+    )
 
 
 def precision_classes(
@@ -94,6 +104,7 @@ def _sensitivities(
     primary = torch.where(logs[:, 1] - logs[:, 2] >= logs[:, 0] - logs[:, 1], 2, 0)[:, None]
     for view in range(cameras.num_views):
         seen = splats.seen_from(cameras.centers[view].to(splats.means))
+        seen = replace(seen, colors=seen.colors.clamp(max=BRIGHTEST))
         inputs = [t.detach().clone().requires_grad_() for t in (*vars(seen).values(),)]
         picture = draw(Gaussians(*inputs), cameras.select([view]), background=torch.zeros(3))[0]
         for probe in range(probes):

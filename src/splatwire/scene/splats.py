@@ -4,10 +4,12 @@ import dataclasses
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.ops.spherical_harmonics import degree_of, sh_basis
+from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
+from splatwire.scene.anchors import MIN_SIZE
+from splatwire.scene.erasures import Erasures
 from splatwire.scene.gaussians import Gaussians
 
 
@@ -46,6 +48,38 @@ class Splats:
     def select(self, index: Tensor) -> "Splats":
         """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""
         return Splats(**{f.name: getattr(self, f.name)[index] for f in dataclasses.fields(self)})
+
+    def at_most_degree(self, degree: int) -> "Splats":
+        """Returns the Gaussians without the spherical harmonics above a degree.
+
+        Raises:
+            InvalidValueError: If there is no such degree.
+        """
+        return dataclasses.replace(self, sh=self.sh[:, : num_functions(degree)])
+
+    @property
+    def log_axes(self) -> Float[Tensor, "G 3"]:
+        """Logarithms of the standard deviations along the axes, largest first."""
+        return self.scales.clamp(min=MIN_SIZE).log().sort(dim=1, descending=True).values
+
+    @property
+    def log_sizes(self) -> Float[Tensor, "G"]:
+        """Logarithm of the size of each, the geometric mean of its axes."""
+        return self.log_axes.mean(dim=1)
+
+    def arrived(self, known: Bool[Tensor, "G"], places: Float[Tensor, "G 3"]) -> "Splats":
+        """Returns what a receiver has when only some of them came; lost ones look as they did, and have no opacity."""
+        opacities = torch.where(known, self.opacities, torch.zeros_like(self.opacities))
+        return dataclasses.replace(self, means=torch.where(known[:, None], self.means, places), opacities=opacities)
+
+    def kept(self, erasures: Erasures, proposed: "Splats") -> "Splats":
+        """Returns those of these that were received, and the rest of `proposed`."""
+        if proposed is self:
+            return self
+        known, merged = erasures.known.to(self.means.device), {}
+        for name, own in vars(self).items():
+            merged[name] = torch.where(known.view(-1, *[1] * (own.dim() - 1)), own, getattr(proposed, name))
+        return Splats(**merged)
 
     def seen_from(self, camera_center: Float[Tensor, "3"]) -> Gaussians:
         """Returns the Gaussians with the colours that a camera at `camera_center` sees.

@@ -16,11 +16,11 @@ from splatwire.channel.transmit import draw_in_order
 from splatwire.codec.geometry import anchor_order
 from splatwire.codec.tier_sizes import relative_sizes
 from splatwire.conceal import Grow
-from splatwire.conceal.context import mean_log_size
 from splatwire.conceal.grow import lost_share_among
 from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.packets import HEADER_BYTES, Packetization, PacketPlan, packetization_named
 from splatwire.scene import Cameras
+from splatwire.scene.anchors import mean_log_size
 from splatwire.train.config import TrainConfig
 from splatwire.train.context import AnchorCache, SampleRate, Seen
 from splatwire.train.importance import importance_of, order_anchors

@@ -1,7 +1,9 @@
 """What a run tells on its way, and whom."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from statistics import median
 
 import torch
 
@@ -14,6 +16,8 @@ from splatwire.train.step import StepReport
 
 _MEMORY = 0.98
 """Share of the past in the running means that are shown."""
+_RECENT, _FEWEST = 50, 10
+"""Iterations whose median is the speed, and how many there must be."""
 _POSITION_BITS = 11
 _WEIGHT_BITS = 6
 """About what the codec needs for an anchor's position and for a weight; only for the estimate on the way."""
@@ -31,7 +35,8 @@ class Progress:
         num_anchors: Anchors.
         estimated_bytes: Estimated size of the encoded scene; None before the context phase.
         seconds: Since this part of the run began.
-        iterations_per_second: Over the last iterations.
+        iterations_per_second: By the median of the last iterations, so that one in which kernels were compiled does not
+            count; None before there are enough.
     """
 
     iteration: int
@@ -41,7 +46,7 @@ class Progress:
     num_anchors: int
     estimated_bytes: int | None
     seconds: float
-    iterations_per_second: float
+    iterations_per_second: float | None
 
 
 _NETWORKS = ("heads", "prior", "channel", "causal")
@@ -70,13 +75,16 @@ class RunningMeans:
 
     config: TrainConfig
     means: dict[str, float] = field(default_factory=dict)
+    recent: deque[float] = field(default_factory=lambda: deque(maxlen=_RECENT))
 
     def after(self, state: TrainState, report: StepReport, elapsed: float, seconds: float) -> Progress:
         """Returns how a run is doing, whose last iteration took `elapsed` and all that were its part `seconds`."""
         bits, means = report.bits_per_anchor, self.means
-        for name, value in (("loss", report.loss), ("l1", report.l1), ("seconds", elapsed), ("bits", bits)):
+        for name, value in (("loss", report.loss), ("l1", report.l1), ("bits", bits)):
             if value is not None:
                 means[name] = _MEMORY * means.get(name, value) + (1 - _MEMORY) * value
+        self.recent.append(elapsed)
+        told = len(self.recent) >= _FEWEST
         return Progress(
             iteration=state.iteration,
             iterations=self.config.marks.iterations,
@@ -85,7 +93,7 @@ class RunningMeans:
             num_anchors=state.num_anchors,
             estimated_bytes=None if bits is None else estimate_bytes(state, means["bits"], self.config.mask_threshold),
             seconds=seconds,
-            iterations_per_second=1 / max(means["seconds"], 1e-9),
+            iterations_per_second=1 / max(median(self.recent), 1e-9) if told else None,
         )
 
 

@@ -2,13 +2,15 @@
 
 import datetime
 import ipaddress
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from splatwire.errors import BackendUnavailableError, InvalidValueError
 
 DAYS = 13
 """Browsers take a certificate by its hash only if it is valid for less than 14 days."""
+RENEWED_DAYS = DAYS - 1
+"""Another one takes its place a day before it ends: clocks differ."""
 INSTALL = "pip install 'splatwire[transport]'"
 
 
@@ -31,12 +33,52 @@ class Identity(NamedTuple):
         return fingerprint(self.certificate)
 
 
-def self_signed(hosts: Sequence[str] = ("localhost", "127.0.0.1", "::1"), days: int = DAYS) -> Identity:
+HOSTS = ("localhost", "127.0.0.1", "::1")
+
+
+def utc_now() -> datetime.datetime:
+    """The time."""
+    return datetime.datetime.now(datetime.UTC)
+
+
+class RenewedIdentity:
+    """A certificate of our own for as long as a server runs: who asks for it after `RENEWED_DAYS` gets a new one.
+
+    Args:
+        hosts: Names and numbers by which clients call the server.
+        clock: Gives the time.
+        told: Called with each that takes another's place.
+
+    Raises:
+        BackendUnavailableError: If the package `cryptography` is not installed.
+    """
+
+    def __init__(
+        self,
+        hosts: Sequence[str] = HOSTS,
+        clock: Callable[[], datetime.datetime] = utc_now,
+        told: Callable[[Identity], None] = lambda identity: None,
+    ) -> None:
+        self._hosts, self._clock, self._told = tuple(hosts), clock, told
+        self._made_at = clock()
+        self._identity = self_signed(self._hosts, now=self._made_at)
+
+    def __call__(self) -> Identity:
+        """What is shown now."""
+        now = self._clock()
+        if now - self._made_at >= datetime.timedelta(days=RENEWED_DAYS):
+            self._made_at, self._identity = now, self_signed(self._hosts, now=now)
+            self._told(self._identity)
+        return self._identity
+
+
+def self_signed(hosts: Sequence[str] = HOSTS, days: int = DAYS, now: datetime.datetime | None = None) -> Identity:
     """Makes a certificate of its own for some hosts: an ECDSA key on P-256, as browsers want it.
 
     Args:
         hosts: Names and numbers by which clients call the server.
-        days: How long it is valid from now on.
+        days: How long it is valid.
+        now: From when on; None for now.
 
     Raises:
         BackendUnavailableError: If the package `cryptography` is not installed.
@@ -49,7 +91,7 @@ def self_signed(hosts: Sequence[str] = ("localhost", "127.0.0.1", "::1"), days: 
         raise BackendUnavailableError("cryptography", INSTALL) from error
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, "splatwire")])
-    now = datetime.datetime.now(datetime.UTC)
+    now = now or utc_now()
     names: list[x509.GeneralName] = []
     for host in dict.fromkeys(hosts):
         try:

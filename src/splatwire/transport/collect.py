@@ -1,7 +1,7 @@
 """What a receiver keeps: the head object's symbols, packets, and parity. Bounded by what was declared and checked."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from splatwire.errors import BitstreamError
@@ -208,11 +208,10 @@ class PacketCollector:
 
     def add_parity(self, frame: Parity) -> list[Packet]:
         """Takes a repair symbol; gives the packets that it brings back."""
-        groups = self._finder.groups
-        if frame.group >= len(groups) or len(frame.payload) != self._symbol_bytes:
+        if frame.group >= self._finder.num_groups or len(frame.payload) != self._symbol_bytes:
             self.num_bad += 1
             return []
-        group = groups[frame.group]
+        group = self._finder.group(frame.group)
         if frame.symbol >= group.repair:
             self.num_bad += 1
             return []
@@ -223,13 +222,12 @@ class PacketCollector:
             repair[group.size + frame.symbol] = frame.payload
         return self._solve(frame.group)
 
-    def missing(self, start: int, stop: int) -> list[int]:
-        """Indices of the packets from `start` to `stop` that are not there."""
-        found, at = [], self._have.find(0, start, stop)
+    def missing(self, start: int, stop: int) -> Iterator[int]:
+        """Indices of the packets from `start` to `stop` that are not there, ascending."""
+        at = self._have.find(0, start, stop)
         while at >= 0:
-            found.append(at)
+            yield at
             at = self._have.find(0, at + 1, stop)
-        return found
 
     def _take(self, index: int, data: bytes) -> Packet | None:
         """Believes a packet if its checksum and stream hold, and the manifest's plan has it."""
@@ -265,7 +263,7 @@ class PacketCollector:
 
     def _solve(self, number: int) -> list[Packet]:
         """Rebuilds a group's lost packets as soon as enough of it is there."""
-        group, repair = self._finder.groups[number], self._repair.get(number, {})
+        group, repair = self._finder.group(number), self._repair.get(number, {})
         members = self._members.setdefault(number, {})
         if not repair or len(members) == group.size or len(members) + len(repair) < group.size:
             return []

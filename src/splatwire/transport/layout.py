@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from splatwire.errors import BitstreamError
-from splatwire.packets.manifest import MAX_MANIFEST_BYTES, Manifest, manifest_from_bytes, manifest_to_bytes
+from splatwire.packets.limits import MAX_MANIFEST_BYTES
+from splatwire.packets.manifest import Manifest, manifest_from_bytes, manifest_to_bytes
 from splatwire.transport.fec import MAX_SYMBOLS, num_symbols
 from splatwire.transport.frames import TierHead
 
@@ -117,24 +118,31 @@ class Group(NamedTuple):
 
 def parity_groups(tiers: Sequence[TierHead]) -> list[Group]:
     """All groups of all tiers, in order."""
-    groups, first = [], 0
-    for tier in tiers:
-        for g in range(tier.groups):
-            groups.append(Group(first + g, tier.groups, -(-(tier.num_packets - g) // tier.groups), tier.repair))
-        first += tier.num_packets
-    return groups
+    finder = GroupFinder(tiers)
+    return [finder.group(number) for number in range(finder.num_groups)]
 
 
 class GroupFinder:
-    """Finds the group of a packet.
+    """Finds the group of a packet; a declaration of millions of groups takes no memory.
 
     Args:
         tiers: Protection of all packets.
     """
 
     def __init__(self, tiers: Sequence[TierHead]) -> None:
-        self.groups = parity_groups(tiers)
         self._tiers = tuple(tiers)
+        self.num_groups = sum(tier.groups for tier in self._tiers)
+
+    def group(self, number: int) -> Group:
+        """One of the `num_groups` groups."""
+        first = 0
+        for tier in self._tiers:
+            if number < tier.groups:
+                break
+            first, number = first + tier.num_packets, number - tier.groups
+        else:
+            raise IndexError("there is no such parity group")
+        return Group(first + number, tier.groups, -(-(tier.num_packets - number) // tier.groups), tier.repair)
 
     def find(self, index: int) -> tuple[int, int] | None:
         """Group and source symbol of a packet; None if it has no parity."""

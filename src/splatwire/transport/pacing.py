@@ -1,20 +1,33 @@
-"""How fast to send: a rate control that yields to queues, not to random loss."""
+"""How fast to send: a rate control that yields to queues and to who shares them, not to random loss."""
 
-from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from splatwire.transport.cubic import INITIAL, LEAST, CubicWindow
+from splatwire.transport.path import SLACK, LossMeter, QueueMeter, Tally
 
 START_RATE = 1.0e6
-"""Bytes per second before the first feedback: 8 Mbit/s."""
-MIN_RATE = 2.0e4
+"""Most bytes per second before the first feedback: 8 Mbit/s."""
 MAX_RATE = 1.25e8
-QUEUE_S = 0.025
-"""Standing queue that is tolerated, seconds."""
-LOSS_STEP = 0.12
-"""Loss this far above the path's usual loss is taken for a full link."""
-GROW_START, GROW = 1.5, 1.03
-DRAIN_SHARE, FULL_SHARE = 0.75, 0.97
+ASSUMED_ROUND_TRIP_S = 0.1
+"""Where nothing has been measured."""
+QUEUE_S, DRAINED_S = 0.025, 0.008
+"""Standing queue that is tolerated where nobody else fills it, and what is left of it after draining, seconds."""
+START_QUEUE_S = 0.01
+"""A queue at which slow start ends (RFC 9406)."""
+DRAIN_SHARE, FULL_SHARE = 0.75, 0.9
 """Of what the path carries: sent while its queue drains, and once it has."""
-DRAINED_S = 0.008
+PROBE_SHARE = 0.5
+"""Sent while a competing sender looks whether it is alone."""
+TEST_SHARE = 0.6
+"""Sent while it is found out whether loss depends on the rate."""
+PROBE_EVERY_S, PROBE_EVERY_MOST_S = 10.0, 80.0
+ROUND_S = 0.02
+"""Receivers report no more often."""
+SILENCE_S, SILENT_ROUNDS = 0.2, 4.0
+"""A time without news after which the rate is halved, and again."""
+DATAGRAM = 1200
+SLOWEST = 2.4e3
+"""Bytes per second where no news comes."""
 
 
 @dataclass
@@ -39,88 +52,217 @@ class Pacer:
         self._free_at = max(self._free_at, now - self.burst_s) + num_bytes / self.rate
 
 
+@dataclass
+class _Round:
+    """What was reported within about a round trip."""
+
+    began: float
+    seen: Tally = field(default_factory=Tally)
+    arrived_bytes: float = 0.0
+    seconds: float = 0.0
+    least_queue: float = float("inf")
+    most_queue: float = 0.0
+
+
+@dataclass
+class _Pause:
+    """A time at a smaller rate, after which something is known.
+
+    Attributes:
+        kind: "drain" (the queue is too long), "probe" (is anybody else here?), "test" (does loss depend on the rate?).
+        until: When it ends.
+        window: The window before it.
+        rate: Bytes per second within.
+        before: Of a test: what was lost before it.
+        seen: What was lost within.
+    """
+
+    kind: str
+    until: float
+    window: float
+    rate: float
+    before: Tally = field(default_factory=Tally)
+    seen: Tally = field(default_factory=Tally)
+
+
 class RateControl:
     """Chooses the rate from feedback.
 
-    A path that loses datagrams at random loses them at any rate; a full path delays them (its queue grows) or, without
-    a queue, loses more than it used to. So the rate grows until the round trip grows by `QUEUE_S`, or until loss rises
-    by `LOSS_STEP` above its usual level; loss alone never stops it (a Reno or Cubic sender would stop at some percent).
+    The window is CUBIC's (RFC 9438), sent evenly over the round trip. Which losses are congestion is decided by
+    `LossMeter`: those beyond the path's usual loss while the queue is long. Loss with a short queue is put to a test:
+    it is congestion if it goes away at a smaller rate. While nobody else fills the queue, one of `QUEUE_S` is drained.
+    A queue that does not drain belongs to somebody who competes, and only loss counts then, until a probe finds the
+    queue empty again. Without news the rate halves again and again.
 
     Args:
-        start: First rate, bytes per second.
+        start: Largest rate before the first feedback, bytes per second.
         most: Largest rate, bytes per second.
+        bounded: Whether something else bounds what is under way before the first feedback (QUIC).
     """
 
-    def __init__(self, start: float = START_RATE, most: float = MAX_RATE) -> None:
-        self.rate = min(start, most)
+    def __init__(self, start: float = START_RATE, most: float = MAX_RATE, *, bounded: bool = False) -> None:
         self.round_trip: float | None = None
-        self.loss = 0.0
-        self._most = most
-        self._usual_loss = 0.0
-        self._least: deque[tuple[float, float]] = deque()
-        self._starting = True
-        self._draining = False
-        self._num_sent = 0
-        self._capacity = self.rate
-        self._arrived_rates: deque[float] = deque(maxlen=8)
-        self._held_until = 0.0
+        self.window = CubicWindow()
+        self.competing = False
+        self.queue, self.loss = QueueMeter(), LossMeter()
+        self._start, self._most = min(start, most), most
+        self._quiet_since, self._quiet = 0.0, False
+        self._round: _Round | None = None
+        self._pause: _Pause | None = None
+        self._carried = 0.0
+        self._probe_at, self._probe_every = 0.0, PROBE_EVERY_S
+        self._left: tuple[float, float] | None = None
+        self._hold_until = 0.0
+        self._bounded = bounded
+        self.rate = self._start if bounded else min(self._start, INITIAL / ASSUMED_ROUND_TRIP_S)
+
+    def greeted(self, round_trip: float) -> None:
+        """Takes the time from the answer to a request to the first report."""
+        if self.round_trip is None and not self._bounded:
+            self.rate = min(self._start, INITIAL / max(round_trip, ROUND_S / 2))
+
+    def expect(self, now: float) -> None:
+        """Notes that something is under way from now on."""
+        self._quiet_since = now
+
+    def silent(self, now: float) -> None:
+        """Halves the rate where it is time that news of what is under way came (RFC 8085, section 3.1.1)."""
+        wait = max(SILENT_ROUNDS * (self.round_trip or ASSUMED_ROUND_TRIP_S), SILENCE_S)
+        if now - self._quiet_since > wait:
+            self._quiet_since, self._quiet = now, True
+            self.rate = max(self.rate / 2, SLOWEST)
 
     def on_feedback(
-        self, now: float, round_trip: float, num_sent: int, num_arrived: int, bytes_arrived: float, seconds: float
+        self,
+        now: float,
+        round_trip: float,
+        transit: float,
+        num_sent: int,
+        num_arrived: int,
+        bytes_arrived: float,
+        seconds: float,
     ) -> None:
         """Takes one feedback.
 
         Args:
             now: Time, seconds.
             round_trip: Of the latest datagram that arrived, seconds.
+            transit: Of the same, by the receiver's clock and ours: seconds, with any offset.
             num_sent: Datagrams sent between those that the last and this feedback name.
             num_arrived: How many of them arrived.
             bytes_arrived: About how many bytes that was.
             seconds: Time between the arrivals.
         """
-        while self._least and self._least[-1][1] >= round_trip:
-            self._least.pop()
-        self._least.append((now, round_trip))
-        while self._least[0][0] < now - 10.0:
-            self._least.popleft()
-        least = self._least[0][1]
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip
-        if num_sent < 16:
-            return
-        loss = max(0.0, 1.0 - num_arrived / num_sent)
-        self.loss += (0.15 if self._num_sent else 1.0) * (loss - self.loss)
-        self._num_sent += num_sent
-        if self._num_sent < 400:  # what is lost at a modest rate is what this path loses
-            self._usual_loss = self.loss
-        full = self.loss > self._usual_loss + LOSS_STEP
-        if not full:
-            self._usual_loss += 0.03 * (self.loss - self._usual_loss)
-        self._arrived_rates.append(bytes_arrived / max(seconds, 1e-3))
-        queue = round_trip - least
-        if self._draining:
-            self._drain(queue)
-        elif now >= self._held_until:
-            self._adjust(now, queue > QUEUE_S, full)
+        if self._quiet:
+            self.window.restart()
+            self._pause = self._round = None
+        self._quiet_since, self._quiet = now, False
+        queue = self.queue.add(now, transit)
+        current = self._round = self._round or _Round(now)
+        lost = max(num_sent - num_arrived, 0)
+        current.seen.add(Tally(num_sent, lost))
+        current.arrived_bytes += bytes_arrived
+        current.seconds += seconds
+        current.least_queue, current.most_queue = min(current.least_queue, queue), max(current.most_queue, queue)
+        if current.least_queue > START_QUEUE_S and current.seen.sent >= 8:
+            self.window.stop_starting()
+        if now - current.began >= max(self.round_trip, ROUND_S) and current.seen.sent >= 2:
+            self._round = _Round(now)
+            current.seen.events = int(current.seen.lost > 0)
+            self._close(current, now)
+        self._set_rate()
 
-    def _drain(self, queue: float) -> None:
-        """Sends less than the path carries until its queue is gone, then as much as it carries."""
-        if queue < DRAINED_S:
-            self._draining = False
-            self.rate = max(FULL_SHARE * self._capacity, MIN_RATE)
-
-    def _adjust(self, now: float, queued: bool, full: bool) -> None:
-        """Grows, or finds that the path is full."""
-        wait = max(self.round_trip or 0.0, 0.02)
-        if queued or full:
-            carried = (
-                max(self._arrived_rates) if self._starting else sum(self._arrived_rates) / len(self._arrived_rates)
-            )
-            self._capacity = min(carried / max(1.0 - self._usual_loss, 0.3), self.rate)
-            self._draining, self._starting = queued, False
-            self.rate = max(DRAIN_SHARE * self._capacity, MIN_RATE)
-            self._held_until = now + wait
-            if full:  # should it not go away, it is what this path loses now
-                self._usual_loss += 0.2 * (self.loss - self._usual_loss)
+    def _set_rate(self) -> None:
+        assert self.round_trip is not None
+        least = LEAST / max(self.round_trip, ROUND_S)
+        if self._pause:
+            wanted = max(self._pause.rate, least / 4)
         else:
-            self.rate = min(self.rate * (GROW_START if self._starting else GROW), self._most)
-            self._held_until = now + wait
+            wanted = max(self.window.bytes / max(self.round_trip, ROUND_S / 2), least)
+        self.rate = min(wanted, self._most)
+
+    def _close(self, done: _Round, now: float) -> None:
+        """Decides after a round."""
+        assert self.round_trip is not None
+        length = max(now - done.began, 1e-3)
+        arrived = done.arrived_bytes / max(done.seconds, 1e-3)
+        self._carried = arrived if self._carried == 0.0 else 0.5 * (self._carried + arrived)
+        high, low = self.queue.high(done.most_queue), self.queue.low(done.most_queue)
+        hopeless = self.loss.hopeless(done.seen)
+        congested = hopeless or (high and self.loss.congested(done.seen))
+        risen = self.loss.risen(done.seen) if low and not self._testing else None
+        if congested:
+            self._reduce(done, now)
+        elif self._pause:
+            self._within_pause(self._pause, done, now)
+        elif risen is not None:
+            self._begin("test", now, 3 * self.round_trip, TEST_SHARE * self.rate, risen)
+        elif self.competing and now >= self._probe_at and not self.window.starting:
+            self._begin("probe", now, self._time_to_drain(PROBE_SHARE), PROBE_SHARE * self._capacity)
+        elif not self.competing and done.least_queue > QUEUE_S:
+            self._begin("drain", now, 2 * self._time_to_drain(DRAIN_SHARE), DRAIN_SHARE * self._capacity)
+        elif self._may_grow(done.seen, length):
+            self.window.grow(now, length, max(self.round_trip, ROUND_S))
+
+    def _may_grow(self, seen: Tally, length: float) -> bool:
+        """Whether about as much was sent as was allowed (RFC 7661), and, in slow start, no more lost than is usual."""
+        usual = SLACK * self.loss.usual * seen.sent + self.loss.chance(seen.sent)
+        return seen.sent * DATAGRAM > 0.5 * self.rate * length and (not self.window.starting or seen.lost <= usual)
+
+    @property
+    def _testing(self) -> bool:
+        return self._pause is not None and self._pause.kind == "test"
+
+    @property
+    def _capacity(self) -> float:
+        """Bytes per second to send so that what gets through is what did."""
+        return min(self._carried / (1.0 - self.loss.usual), self.rate)
+
+    def _time_to_drain(self, share: float) -> float:
+        return (self.round_trip or 0.0) + 1.2 * self.queue.queue / (1.0 - share)
+
+    def _begin(self, kind: str, now: float, seconds: float, rate: float, before: Tally | None = None) -> None:
+        self._pause = _Pause(kind, now + seconds, self.window.bytes, rate, before or Tally())
+
+    def _reduce(self, done: _Round, now: float) -> None:
+        """Answers a loss that is congestion, once a round trip: what was lost before the answer came counts with it."""
+        if done.began < self._hold_until:
+            return
+        self.window.reduce()
+        self._hold_until = now + (self.round_trip or 0.0)
+        if self._pause:
+            self._pause.window = self.window.bytes
+
+    def _within_pause(self, pause: _Pause, done: _Round, now: float) -> None:
+        pause.seen.add(done.seen)
+        drained = done.least_queue < max(DRAINED_S, 0.1 * self.queue.top)
+        if pause.kind == "test":
+            if now >= pause.until and self.loss.test_done(pause.before, pause.seen):
+                self._pause = None
+                if self.loss.judge(pause.before, pause.seen, TEST_SHARE):
+                    self.window.reduce()
+                else:
+                    self.window.undo()
+        elif drained:
+            self._pause = None
+            if pause.kind == "drain":
+                self.window.reduce(1.0)
+                self.window.set(FULL_SHARE / DRAIN_SHARE * pause.rate * max(self.round_trip or 0.0, ROUND_S))
+            else:
+                self.competing, self._left = False, (now, pause.window)
+        elif now >= pause.until:
+            self._pause = None
+            self._compete(now, pause)
+
+    def _compete(self, now: float, pause: _Pause) -> None:
+        """Somebody else fills the queue: from now on only loss counts."""
+        window = pause.window
+        if pause.kind == "drain":
+            again = self._left is not None and now - self._left[0] < PROBE_EVERY_S
+            if again and self._left is not None:
+                window = max(window, self._left[1])
+            self._probe_every = min(2 * self._probe_every, PROBE_EVERY_MOST_S) if again else PROBE_EVERY_S
+        self.competing, self._left = True, None
+        self._probe_at = now + self._probe_every
+        self.window.set(window)

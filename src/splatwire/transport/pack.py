@@ -6,7 +6,7 @@ import html
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream, stream_to_bytes
-from splatwire.packets.manifest import ANCHORS
+from splatwire.packets.limits import ANCHORS
 from splatwire.transport.page_content import DRAWING, SCRIPT, STYLE, web_file
 
 _PAGE = """\

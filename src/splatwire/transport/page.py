@@ -1,16 +1,45 @@
 """The page of the receiver in a browser, served over plain HTTP: a few files and the streams, nothing else."""
 
 import asyncio
+import socket
+from collections import Counter
+from collections.abc import Hashable
+from dataclasses import dataclass
 from types import TracebackType
 
 from splatwire.transport.address import cannot_listen
+from splatwire.transport.admission import network_of
+from splatwire.transport.http_messages import Answer, make_answer
 from splatwire.transport.page_content import PageContent
 
 MOST_HEAD_BYTES = 8192
-MOST_AT_ONCE = 256
-PATIENCE_S = 5.0
-SLOWEST_BYTES_S = 4096
-"""A client that takes fewer bytes a second is not waited for."""
+CHUNK_BYTES = 1 << 16
+"""Of a body, what is handed to the system at once: all that is kept for a client that reads slowly."""
+
+
+@dataclass(frozen=True)
+class PageLimits:
+    """What is spent on clients of the page.
+
+    Attributes:
+        places: Answers that are sent at once.
+        per_network: The same of one network (`admission.network_of`).
+        waiting: Connections at once whose request is not there yet; at one more, the network with most of them loses
+            its oldest.
+        request_s: Longest time from a connection to the end of its request's head.
+        chunk_s: Longest time until the system takes the next part of an answer.
+        slowest_bytes_s: An answer may take this many bytes a second, and `grace_s` more: below what a stream needs
+            that anybody waits for.
+        grace_s: See there.
+    """
+
+    places: int = 256
+    per_network: int = 32
+    waiting: int = 256
+    request_s: float = 5.0
+    chunk_s: float = 10.0
+    slowest_bytes_s: float = 16_384.0
+    grace_s: float = 30.0
 
 
 class PageServer:
@@ -22,21 +51,25 @@ class PageServer:
     Args:
         content: What is served.
         port: TCP port; 0 lets the system choose.
+        limits: What is spent on clients.
 
     Raises:
         InvalidValueError: If it is taken.
     """
 
-    def __init__(self, content: PageContent, port: int = 0) -> None:
+    def __init__(self, content: PageContent, port: int = 0, limits: PageLimits | None = None) -> None:
         self._content = content
         self._wanted = port
+        self._limits = limits or PageLimits()
         self._server: asyncio.Server | None = None
-        self._at_once = 0
+        self._clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
+        self._waiting: dict[Hashable, list[asyncio.StreamWriter]] = {}
+        self._places: Counter[Hashable] = Counter()
 
     async def __aenter__(self) -> "PageServer":
         host = self._content.host
         try:
-            self._server = await asyncio.start_server(self._serve, host, self._wanted, limit=MOST_HEAD_BYTES)
+            self._server = await asyncio.start_server(self._begin, host, self._wanted, limit=MOST_HEAD_BYTES)
         except OSError as error:
             raise cannot_listen("TCP", host, self._wanted, error) from error
         return self
@@ -46,6 +79,10 @@ class PageServer:
     ) -> None:
         if self._server is not None:
             self._server.close()
+        clients = list(self._clients)
+        for client in clients:
+            client.cancel()
+        await asyncio.gather(*clients, return_exceptions=True)
 
     @property
     def port(self) -> int:
@@ -59,16 +96,73 @@ class PageServer:
         host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self._content.host, self._content.host)
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
+    def _begin(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Takes a connection. Its task is ours, not asyncio's, which would print that it was cancelled."""
+        client = asyncio.get_running_loop().create_task(self._serve(reader, writer))
+        self._clients[client] = writer
+        client.add_done_callback(self._end)
+
+    def _end(self, client: asyncio.Task[None]) -> None:
+        writer = self._clients.pop(client)
+        if not writer.is_closing():
+            writer.transport.abort()  # closing would keep what was not read, for as long as nobody reads it
+
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._at_once += 1
+        network, limits = network_of(writer.get_extra_info("peername")), self._limits
         try:
-            head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), PATIENCE_S)
-            if self._at_once <= MOST_AT_ONCE:
-                answer = await asyncio.to_thread(self._content.answer, head)  # a picture takes its time
-                writer.write(answer)
-                await asyncio.wait_for(writer.drain(), PATIENCE_S + len(answer) / SLOWEST_BYTES_S)
+            head = await self._head(reader, writer, network)
+            if self._places.total() >= limits.places or self._places[network] >= limits.per_network:
+                await self._send(make_answer("503 Service Unavailable", headers="Retry-After: 1\r\n"), writer)
+                return
+            self._places[network] += 1
+            try:
+                await self._send(self._content.answer(head), writer)
+            finally:
+                self._places -= Counter([network])
         except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, OSError):
             pass  # whoever it was wanted no page
+
+    async def _head(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, network: Hashable) -> bytes:
+        """Waits for a request's head, as long as there is room for those who wait."""
+        self._waiting.setdefault(network, []).append(writer)
+        if sum(map(len, self._waiting.values())) > self._limits.waiting:
+            most = max(self._waiting, key=lambda other: len(self._waiting[other]))
+            self._waiting[most][0].transport.abort()
+            self._waits_no_more(most, self._waiting[most][0])
+        try:
+            async with asyncio.timeout(self._limits.request_s):
+                return await reader.readuntil(b"\r\n\r\n")
         finally:
-            self._at_once -= 1
-            writer.close()
+            self._waits_no_more(network, writer)
+
+    def _waits_no_more(self, network: Hashable, writer: asyncio.StreamWriter) -> None:
+        left = [other for other in self._waiting.pop(network, []) if other is not writer]
+        if left:
+            self._waiting[network] = left
+
+    async def _send(self, answer: Answer, writer: asyncio.StreamWriter) -> None:
+        """Hands an answer to the system as fast as it is read there.
+
+        Raises:
+            TimeoutError: If it is read too slowly.
+        """
+        limits, transport = self._limits, writer.transport
+        transport.set_write_buffer_limits(high=0)  # so that `drain` waits until the system has taken everything
+        connection = transport.get_extra_info("socket")
+        if connection is not None and hasattr(socket, "TCP_NOTSENT_LOWAT"):  # else it buffers megabytes of its own
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, CHUNK_BYTES)
+        await self._write(answer.head, writer)
+        if isinstance(answer.body, bytes):
+            async with asyncio.timeout(limits.grace_s + len(answer.body) / limits.slowest_bytes_s):
+                await self._write(answer.body, writer)
+        else:
+            async for piece in answer.body.pieces():
+                await self._write(piece, writer)
+        writer.close()
+
+    async def _write(self, data: bytes, writer: asyncio.StreamWriter) -> None:
+        body = memoryview(data)
+        for at in range(0, len(body), CHUNK_BYTES):
+            async with asyncio.timeout(self._limits.chunk_s):
+                writer.write(body[at : at + CHUNK_BYTES])
+                await writer.drain()

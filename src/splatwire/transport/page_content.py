@@ -1,7 +1,6 @@
 """What the page server answers: bytes in, bytes out, no socket."""
 
 import base64
-import gzip
 import html
 import ipaddress
 import json
@@ -10,24 +9,22 @@ import socket
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 from urllib.parse import quote, unquote
 
-from splatwire.errors import SplatwireError
-from splatwire.packets.manifest import Manifest, manifest_to_bytes
-from splatwire.packets.scene_stream import FILE_MAGIC, FILE_PREFIX, FILE_VERSION, RECORD_PREFIX
+from splatwire.errors import BitstreamError
+from splatwire.packets.container import file_head, file_record
+from splatwire.packets.manifest import Manifest
 from splatwire.packets.sections import split_sections
+from splatwire.transport.http_messages import Answer, Growing, make_answer, read_request
 from splatwire.transport.layout import Segments, split_head_object
 from splatwire.transport.program import Program
 
 SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
 """What receives, what it loads to draw with, and what the page looks like."""
 FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
-STREAMS, PICTURE = "/streams/", "/picture"
-ASKED_BY_PAGE = "splatwire-page"
-"""A header that pictures are asked for with: other sites' pages cannot send it, so they cannot have any drawn."""
+STREAMS = "/streams/"
 _SHARED = "Access-Control-Allow-Origin: *\r\n"
 """Scripts and streams may be used by pages of other sites, into which the scene is embedded."""
 
@@ -51,53 +48,46 @@ class PageContent:
     """Everything that is served.
 
     Attributes:
-        programs: Streams by name, or the bytes of their files; the page shows the first one, or that of its query
-            `stream`.
-        link: Where datagrams are to be had; None where there are none.
+        programs: Streams by name, or the bytes of their files, or files that still grow; the page shows the first
+            one, or that of its query `stream`.
+        link: Where datagrams are to be had, or what says so at the moment (certificates are renewed); None where there
+            are none.
         host: The address that the server was told to listen on, by which it may be called.
         origins: Web pages that may use the streams; None lets all.
         attributes: More of what the page's element is told (docs/browser.md).
-        pictures: Draws what the page asks for where the browser does not: a query in, a JPEG and figures out.
     """
 
-    programs: Mapping[str, Program | bytes]
-    link: Link | None = None
+    programs: Mapping[str, Program | bytes | Growing]
+    link: Link | Callable[[], Link] | None = None
     host: str = "127.0.0.1"
     origins: tuple[str, ...] | None = None
     attributes: Mapping[str, str] = field(default_factory=dict)
-    pictures: Callable[[str], tuple[bytes, str]] | None = None
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
 
-    def answer(self, head: bytes) -> bytes:
+    def answer(self, head: bytes) -> Answer:
         """What a request gets.
 
         Args:
             head: The request up to the empty line.
         """
-        lines = head.decode("latin-1").split("\r\n")
-        words = lines[0].split(" ")
-        if len(words) != 3 or not words[2].startswith("HTTP/1."):
-            return _response("400 Bad Request")
-        if words[0] not in ("GET", "HEAD"):
-            return _response("405 Method Not Allowed")
-        headers = {
-            name.strip().lower(): value.strip() for name, _, value in (line.partition(":") for line in lines[1:])
-        }
-        called = _hostname(headers.get("host", ""))
-        if not self._is_ours(called):
-            return _response(
-                "403 Forbidden", body=b"open this page by the IP address of its server, or start it with --host NAME\n"
-            )
-        target, _, query = words[1].partition("?")
-        if target == PICTURE and self.pictures is not None:
-            return self._picture(query) if ASKED_BY_PAGE in headers else _response("403 Forbidden")
-        found = self._find(target, query, called, headers.get("origin"))
+        try:
+            request = read_request(head)
+        except BitstreamError:
+            return make_answer("400 Bad Request")
+        if request.method not in ("GET", "HEAD"):
+            return make_answer("405 Method Not Allowed", headers="Allow: GET, HEAD\r\n")
+        if not self._is_ours(request.host):
+            words_of_help = b"open this page by the IP address of its server, or start it with --host NAME\n"
+            return make_answer("403 Forbidden", body=words_of_help)
+        found = self._find(request.target, request.query, request.host, request.headers.get("origin"))
         if found is None:
-            return _response("404 Not Found")
-        packed = target[1:] in FILES and "gzip" in headers.get("accept-encoding", "")
-        return _response(*found, bodiless=words[0] == "HEAD", packed=packed)
+            return make_answer("404 Not Found")
+        packed = request.target[1:] in FILES and "gzip" in request.headers.get("accept-encoding", "")
+        return make_answer(*found, bodiless=request.method == "HEAD", packed=packed)
 
-    def _find(self, target: str, query: str, called: str, origin: str | None) -> tuple[str, str, bytes, str] | None:
+    def _find(
+        self, target: str, query: str, called: str, origin: str | None
+    ) -> tuple[str, str, bytes | Growing, str] | None:
         """Status, kind, body and further headers of a target."""
         if target == "/":
             return "200 OK", "text/html; charset=utf-8", self._page(query, called).encode(), self._policy(called)
@@ -111,21 +101,13 @@ class PageContent:
             return "200 OK", "application/octet-stream", self._file(name), shared
         return None
 
-    def _picture(self, query: str) -> bytes:
-        assert self.pictures is not None
-        try:
-            body, told = self.pictures(query)
-        except SplatwireError as error:
-            return _response("400 Bad Request", body=f"{error}\n".encode())
-        return _response("200 OK", "image/jpeg", body, f"Splatwire-Picture: {told}\r\n")
-
     def _page(self, query: str, called: str) -> str:
         wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
         name = unquote(wanted[1]) if wanted else next(iter(self.programs), "")
         attributes = {"src": stream_path(name), **self.attributes} if name else dict(self.attributes)
-        if self.link:
-            attributes["session"] = f"https://{called}:{self.link.port}{self.link.path}"
-            attributes["fingerprint"] = self.link.fingerprint or ""
+        if link := self._link():
+            attributes["session"] = f"https://{called}:{link.port}{link.path}"
+            attributes["fingerprint"] = link.fingerprint or ""
         program = self.programs.get(name)
         if isinstance(program, Program) and program.preview:
             attributes["preview"] = base64.b64encode(program.preview).decode()
@@ -134,23 +116,29 @@ class PageContent:
         return web_file("index.html").replace("$attributes", words)
 
     def _policy(self, called: str) -> str:
-        session = f" https://{called}:{self.link.port}" if self.link else ""
+        link = self._link()
+        session = f" https://{called}:{link.port}" if link else ""
         return (
             "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; "
             f"worker-src blob:; connect-src 'self'{session}; base-uri 'none'; form-action 'none'; frame-ancestors *\r\n"
         )
 
     def _described(self) -> dict[str, object]:
-        link = self.link._asdict() if self.link else {}
-        return {"streams": [stream_path(name) for name in self.programs], **link}
+        link = self._link()
+        return {"streams": [stream_path(name) for name in self.programs], **(link._asdict() if link else {})}
+
+    def _link(self) -> Link | None:
+        return self.link() if callable(self.link) else self.link
 
     def _shared(self, origin: str | None) -> str:
         return f"Access-Control-Allow-Origin: {origin}\r\nVary: Origin\r\n" if origin in (self.origins or ()) else ""
 
-    def _file(self, name: str) -> bytes:
+    def _file(self, name: str) -> bytes | Growing:
+        program = self.programs[name]
+        if not isinstance(program, Program):
+            return program
         if name not in self._files:
-            program = self.programs[name]
-            self._files[name] = program if isinstance(program, bytes) else program_file(program)
+            self._files[name] = program_file(program)
         return self._files[name]
 
     def _is_ours(self, name: str) -> bool:
@@ -175,11 +163,7 @@ def stream_path(name: str) -> str:
 def program_file(program: Program) -> bytes:
     """A stream as one file (docs/format.md), its packets in the order in which they are sent."""
     manifest, side_info = _head(program)
-    text = manifest_to_bytes(manifest)
-    pieces = [FILE_PREFIX.pack(FILE_MAGIC, FILE_VERSION, len(text)), text, side_info]
-    for packet in program.packets:
-        pieces += [RECORD_PREFIX.pack(len(packet)), packet]
-    return b"".join(pieces)
+    return b"".join([file_head(manifest, side_info), *map(file_record, program.packets)])
 
 
 def _head(program: Program) -> tuple[Manifest, bytes]:
@@ -200,33 +184,3 @@ def _viewpoint(program: Program) -> dict[str, str]:
 def viewpoint_words(section: bytes) -> str:
     """Where a page begins, as its element is told: the numbers of a stream's section `viewpoint`."""
     return " ".join(f"{value:.6g}" for (value,) in struct.iter_unpack("<f", section))
-
-
-def _hostname(asked: str) -> str:
-    """The host of `HOST[:PORT]`; an IPv6 address keeps its brackets."""
-    return asked.partition("]")[0] + "]" if asked.startswith("[") else asked.partition(":")[0]
-
-
-@lru_cache(maxsize=len(FILES))
-def _packed(body: bytes) -> bytes:
-    return gzip.compress(body, mtime=0)
-
-
-def _response(
-    status: str,
-    kind: str = "text/plain; charset=utf-8",
-    body: bytes = b"",
-    headers: str = "",
-    *,
-    bodiless: bool = False,
-    packed: bool = False,
-) -> bytes:
-    body = body or f"{status}\n".encode()
-    if packed:
-        body, headers = _packed(body), f"{headers}Content-Encoding: gzip\r\n"
-    head = (
-        f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n{headers}"
-        "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n"
-        "Connection: close\r\n\r\n"
-    )
-    return head.encode("latin-1") + (b"" if bodiless else body)

@@ -8,6 +8,7 @@ from typing import Any
 
 from splatwire.errors import BackendUnavailableError, BitstreamError
 from splatwire.transport.certificate import INSTALL
+from splatwire.transport.delivered import DeliveredWindow
 from splatwire.transport.wire import MAX_DATAGRAM, ON_STREAM, kind_of
 
 ALPN = "splatwire/1"
@@ -20,6 +21,16 @@ MAX_UDP_BYTES = 1232
 MAX_DATAGRAM_FRAME = 1 << 16
 WINDOW_BYTES = 4 << 20
 """Most bytes in flight of one session, and most that a peer may send on streams ahead of their reading."""
+UNREAD_BYTES = 1 << 16
+"""Most bytes of a client's streams that may wait for a gap before them to be filled, all streams together."""
+OUTSIDE_BYTES = 1 << 13
+"""Most bytes that a client of HTTP/3 may say outside the stream of its session, as long as the connection lasts:
+settings, requests, compression of headers. aioquic keeps a frame until it is whole and reads it again with every
+piece."""
+LEAST_BYTES = 16
+"""What is counted for a piece, however small."""
+STREAMS = 16
+"""Streams of each direction that a client may have open."""
 RATE_CONTROL = "splatwire"
 
 REFUSED, MALFORMED, FULL = 1, 2, 3
@@ -77,6 +88,18 @@ def on_stream(data: bytes) -> bool:
     return kind_of(data) in ON_STREAM
 
 
+def send_on_stream(quic: Any, stream: int, data: bytes) -> bool:
+    """Writes to a stream; tells whether QUIC took it.
+
+    It does not where the peer has given up the stream: that is so before the event that says it has its turn.
+    """
+    try:
+        quic.send_stream_data(stream, data)
+    except (RuntimeError, ValueError):
+        return False
+    return True
+
+
 def need_aioquic() -> Any:
     """The package `aioquic`.
 
@@ -114,17 +137,21 @@ def _register_rate_control() -> None:
     """Lets the transfer's own rate control govern: QUIC's usual ones take every random loss for a full path.
 
     Everything that a session sends, symbols of the reliable stream too, leaves when the transfer's pacer says so, and
-    that follows the receiver's reports (`pacing.RateControl`). What is under way has to be bounded here, no more.
+    that follows the receiver's reports (`pacing.RateControl`). These tell nothing of the stream, nor of what QUIC sends
+    again: what is under way is bounded here by what is delivered.
     """
     from aioquic.quic.congestion.base import QuicCongestionControl, register_congestion_control
 
     class Bounded(QuicCongestionControl):
         def __init__(self, *, max_datagram_size: int) -> None:
             super().__init__(max_datagram_size=max_datagram_size)
-            self.congestion_window = WINDOW_BYTES
+            self._window = DeliveredWindow()
+            self.congestion_window = int(self._window.bytes)
 
         def on_packet_acked(self, *, now: float, packet: Any) -> None:
             self.bytes_in_flight -= packet.sent_bytes
+            self._window.arrived(now, float(packet.sent_bytes), now - packet.sent_time)
+            self.congestion_window = min(int(self._window.bytes), WINDOW_BYTES)
 
         def on_packet_sent(self, *, packet: Any) -> None:
             self.bytes_in_flight += packet.sent_bytes

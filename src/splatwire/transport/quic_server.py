@@ -17,7 +17,16 @@ from aioquic.quic.retry import QuicRetryTokenHandler
 from splatwire.transport.admission import network_of
 from splatwire.transport.certificate import Identity
 from splatwire.transport.program import Program
-from splatwire.transport.quic import ALPN, ALPN_HTTP, FULL, MALFORMED, QuicLimits, configuration
+from splatwire.transport.quic import (
+    ALPN,
+    ALPN_HTTP,
+    FULL,
+    MALFORMED,
+    STREAMS,
+    UNREAD_BYTES,
+    QuicLimits,
+    configuration,
+)
 from splatwire.transport.quic_sessions import NativeSession, Session, WebTransportSessions
 from splatwire.transport.sender import Server
 from splatwire.transport.transfer import ServerLimits
@@ -44,7 +53,7 @@ class QuicServer:
         programs: Streams by name.
         host: Address to listen on.
         port: Port; 0 lets the system choose.
-        identity: Certificate and key.
+        identity: Certificate and key, or what gives those of the moment to each connection that begins.
         limits: What is spent on clients.
         quic_limits: What is spent on connections.
 
@@ -53,7 +62,7 @@ class QuicServer:
     """
 
     def __init__(
-        self, programs: Mapping[str, Program], host: str, port: int, *, identity: Identity,
+        self, programs: Mapping[str, Program], host: str, port: int, *, identity: Identity | Callable[[], Identity],
         limits: ServerLimits | None = None, quic_limits: QuicLimits | None = None,
     ) -> None:  # fmt: skip
         limits = limits or ServerLimits()
@@ -69,8 +78,8 @@ class QuicServer:
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._configuration = configuration(is_client=False, alpn=[ALPN, ALPN_HTTP], idle_s=limits.silence_s)
-        self._configuration.certificate, chain, self._configuration.private_key = identity
-        self._configuration.certificate_chain = list(chain)
+        self._identity = identity if callable(identity) else lambda: identity
+        self.show_identity()
         self._endpoint: _Endpoint | None = None
 
     async def start(self) -> "QuicServer":
@@ -79,6 +88,11 @@ class QuicServer:
             lambda: _Endpoint(self, self._configuration), sock=self._socket
         )
         return self
+
+    def show_identity(self) -> None:
+        """Has connections that begin from here on shown the certificate of the moment."""
+        self._configuration.certificate, chain, self._configuration.private_key = self._identity()
+        self._configuration.certificate_chain = list(chain)
 
     @property
     def port(self) -> int:
@@ -99,7 +113,9 @@ class QuicServer:
         self.bytes_sent += num_bytes
 
     def hear(self, session: Session, data: bytes) -> None:
-        """Takes a frame of a session."""
+        """Takes a frame of a session, unless its connection was ended because of what came before."""
+        if session.connection not in self.connections:
+            return
         network = session.connection.network
         answer = self.core.receive(session, data, self._loop.time(), reliable=True, network=network)
         if answer is not None:
@@ -160,6 +176,8 @@ class _Endpoint(AioquicServer):
 
     def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
         connection = _Connection(quic, self._owner, self._network)
+        for limit in (quic._local_max_streams_bidi, quic._local_max_streams_uni):  # aioquic has no option for it
+            limit.value = limit.sent = STREAMS
         self._owner.accept(connection)
         return connection
 
@@ -174,6 +192,7 @@ class _Endpoint(AioquicServer):
             if self._owner.crowded(self._network, begins=True):
                 self._owner.num_refused += 1
                 return
+            self._owner.show_identity()
             self._retry = self._retries if len(self._owner.greeting) >= GREETINGS or _has_token(data) else None
         super().datagram_received(data, addr)
 
@@ -213,10 +232,19 @@ class _Connection(QuicConnectionProtocol):
         self.owner = owner
         self._sessions: NativeSession | WebTransportSessions | None = None
         self._over = False
+        self._read = 0
         self._patience = self._loop.call_later(GREETING_S, self._impatient)
+
+    def datagram_received(self, data: bytes | str, addr: Any) -> None:
+        """Takes a UDP datagram. aioquic widens its windows with what comes, whether or not it can be read."""
+        super().datagram_received(data, addr)
+        if not self._over and self.quic._local_max_data.used - self._read > UNREAD_BYTES:
+            self.malformed("too much waits for what is missing before it")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
         """Takes an event of QUIC; whatever is wrong with it ends this connection and nothing else."""
+        if isinstance(event, events.StreamDataReceived):
+            self._read += len(event.data)
         match event:
             case events.ProtocolNegotiated():
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)

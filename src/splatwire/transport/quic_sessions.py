@@ -3,12 +3,21 @@
 from typing import Any
 
 from aioquic.buffer import encode_uint_var
-from aioquic.h3.connection import H3Connection
+from aioquic.h3.connection import H3Connection, ProtocolError
 from aioquic.h3.events import DatagramReceived, H3Event, HeadersReceived, WebTransportStreamDataReceived
 from aioquic.quic import events
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.quic import STREAM, WEBTRANSPORT_PATH, FrameReader, on_stream, stream_frame
+from splatwire.transport.quic import (
+    LEAST_BYTES,
+    OUTSIDE_BYTES,
+    STREAM,
+    WEBTRANSPORT_PATH,
+    FrameReader,
+    on_stream,
+    send_on_stream,
+    stream_frame,
+)
 from splatwire.transport.wire import MAX_DATAGRAM
 
 COPIED = 8
@@ -47,7 +56,8 @@ class Session:
 
     def _on_stream(self, frame: bytes) -> None:
         if self.stream is not None:
-            self.connection.quic.send_stream_data(self.stream, frame)
+            if not send_on_stream(self.connection.quic, self.stream, frame):
+                self.connection.malformed("the stream was given up")
         elif len(self._held) < HELD:
             self._held.append(frame)
         else:
@@ -121,11 +131,27 @@ class WebTransportSessions:
         self._http = H3Connection(connection.quic, enable_webtransport=True)
         self._id: int | None = None
         self._session: Session | None = None
+        self._answered: set[int] = set()
+        self._outside = 0
         self.asked = False
 
     def event(self, event: events.QuicEvent) -> None:
         """Takes an event of QUIC."""
-        for told in self._http.handle_event(event):
+        if isinstance(event, (events.StreamDataReceived, events.StreamReset, events.StopSendingReceived)):
+            inside = self._session is not None and event.stream_id == self._session.stream
+            if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
+                self._connection.malformed("the stream was given up")
+                return
+            self._outside += 0 if inside else max(LEAST_BYTES, len(getattr(event, "data", b"")))
+            if self._outside > OUTSIDE_BYTES:
+                self._connection.malformed("more than any session says outside its stream")
+                return
+        try:
+            heard = self._http.handle_event(event)
+        except (RuntimeError, ValueError):  # aioquic answers on a stream that the client has given up
+            self._connection.malformed("a stream was given up")
+            return
+        for told in heard:
             self._told(told)
         if isinstance(event, (events.StreamDataReceived, events.StreamReset)) and event.stream_id == self._id:
             ended = isinstance(event, events.StreamReset) or event.end_stream
@@ -139,7 +165,7 @@ class WebTransportSessions:
 
     def _told(self, event: H3Event) -> None:
         match event:
-            case HeadersReceived():
+            case HeadersReceived() if event.stream_id not in self._answered:  # else they are trailers
                 self._answer(event.stream_id, self._status(dict(event.headers)))
             case WebTransportStreamDataReceived():
                 self._stream_data(event)
@@ -167,7 +193,11 @@ class WebTransportSessions:
         if status == 200:
             self._id, self._session = stream_id, Session(self._connection, None, encode_uint_var(stream_id // 4))
             headers.append((b"sec-webtransport-http3-draft", b"draft02"))
-        self._http.send_headers(stream_id, headers, end_stream=status != 200)
+        self._answered.add(stream_id)
+        try:
+            self._http.send_headers(stream_id, headers, end_stream=status != 200)
+        except (RuntimeError, ValueError, ProtocolError):  # the client has given up its request
+            self._connection.malformed("a request was given up")
 
     def _stream_data(self, event: WebTransportStreamDataReceived) -> None:
         if self._session is None or event.session_id != self._id or event.stream_id % 4:

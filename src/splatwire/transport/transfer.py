@@ -66,7 +66,7 @@ class ServerTransfer:
         self.session = session
         self.heard_at = now
         self.bytes_sent = 0
-        self.control = RateControl(limits.start_rate, limits.rate)
+        self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_head)
         self._limits = limits
         self._reliable_head = reliable_head
         self._schedule = program.reliable_schedule if reliable_head else program.schedule
@@ -85,6 +85,7 @@ class ServerTransfer:
         self._head_left_at: float | None = None
         self._again_bytes = 0
         self._end_at = 0.0
+        self._clock = 0
         self._welcomed_at, self._welcomes = -WELCOME_S, 0
         self._most_bytes = int(limits.passes * sum(program.sizes().values())) + 100_000
 
@@ -120,6 +121,7 @@ class ServerTransfer:
         if now > self.heard_at + QUIET_S:
             self._heard = False
             return None
+        self._slow_down(now)
         if self._again:
             item = self._again.popleft()
             self._left_again(item, now)
@@ -139,10 +141,18 @@ class ServerTransfer:
         believable = frame.received <= frame.largest + 1 and frame.largest < max(self._sequence, 1)
         if last is not None:
             believable = believable and frame.largest >= last.largest and frame.received >= last.received
+        if not self._reported and self._welcomes:
+            self.control.greeted(now - self._welcomed_at)
         self.heard_at, self._heard, self._reported = now, True, True
         if believable:
             self._measure(frame, now)
         self._ask_again(frame, now)
+
+    def _slow_down(self, now: float) -> None:
+        """Sends less and less while nothing is heard of what is under way, or nothing of it arrives."""
+        if self._limits.fixed_rate is None and self._sequence - 1 > (self._last.largest if self._last else -1):
+            self.control.silent(now)
+            self._pacer.rate = self.control.rate
 
     def _left_again(self, item: tuple[int, int, int], now: float) -> None:
         """Notes when something leaves again: what waits to leave is not asked for once more."""
@@ -161,6 +171,8 @@ class ServerTransfer:
 
     def _leave(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
         if counted:
+            if self._sequence - 1 <= (self._last.largest if self._last else -1):
+                self.control.expect(now)
             self._sent_times.append((self._sequence, now))
             self._sequence += 1
             self._counted_bytes += len(data)
@@ -183,10 +195,16 @@ class ServerTransfer:
             sent, arrived = frame.largest - last.largest, frame.received - last.received
             seconds = ((frame.time_us - last.time_us) & 0xFFFFFFFF) / 1e6
             mean = self._counted_bytes / max(self._sequence, 1)
-            self.control.on_feedback(now, round_trip, sent, min(arrived, sent), arrived * mean, seconds)
+            transit = self._unwrapped(frame.time_us) - times[0][1]
+            self.control.on_feedback(now, round_trip, transit, sent, min(arrived, sent), arrived * mean, seconds)
         self._last = frame
         if self._limits.fixed_rate is None:
             self._pacer.rate = self.control.rate
+
+    def _unwrapped(self, time_us: int) -> float:
+        """The receiver's clock in seconds, which does not begin again every 71 minutes."""
+        self._clock += ((time_us - self._clock + (1 << 31)) & 0xFFFFFFFF) - (1 << 31)
+        return self._clock / 1e6
 
     def _ask_again(self, frame: Feedback, now: float) -> None:
         """Queues what the client misses, unless it was sent again a moment ago, as far as the program's limit goes.

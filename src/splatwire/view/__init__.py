@@ -1,11 +1,7 @@
-"""The viewer: a scene while it arrives, what it has lost, and how that is hidden, in a browser."""
+"""What the local page needs of streams that browsers do not decode, and of transfers from other servers."""
 
-from splatwire.view.progressive_scene import ProgressiveScene
-from splatwire.view.transfer import Playback, PlayedPacket, plan_transfer
+from splatwire.view.columns import columns_of
+from splatwire.view.page import page_of_relay, page_of_stream
+from splatwire.view.relay import Relay
 
-__all__ = [
-    "Playback",
-    "PlayedPacket",
-    "ProgressiveScene",
-    "plan_transfer",
-]
+__all__ = ["Relay", "columns_of", "page_of_relay", "page_of_stream"]

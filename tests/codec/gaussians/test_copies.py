@@ -14,9 +14,10 @@ from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
 from splatwire.codec.schemas.gaussians.decoder import open_side_info
 from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.conceal import conceal, concealer_names, create_concealer
-from splatwire.conceal.context import elements_of
+from splatwire.conceal import conceal, concealer_names
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
+from splatwire.model import Copies
+from splatwire.scene.splats import Splats
 
 GROWTH = (0.25, 0.75, 0.5)
 PLACES = np.array([3, 499, 17, 255, 256, 0, 42])
@@ -62,10 +63,10 @@ def test_lost_ones_are_drawn_from_copies_and_what_arrived_stays(stream, section)
     assert torch.equal(drawn.hints.left_out, ~(known | copied))
     for name, values in vars(partial.scene.splats).items():
         assert torch.equal(getattr(drawn.splats, name)[known], values[known])
-    copies, lost = partial.copies, ~known[partial.copies.places]
+    copies, lost = partial[Copies], ~known[partial[Copies].places]
     assert torch.equal(drawn.splats.means[copies.places[lost]], copies.splats.means[lost])
     assert float(drawn.hints.size_gain[known].max()) > 1
-    assert "sketch" in concealer_names(partial.concealment, "Gaussians")
+    assert "sketch" in concealer_names(partial.sections, {Splats})
     arriving = progressive_decoder(lossy.manifest, lossy.side_info)
     arriving.add(lossy.packets)
     again = conceal(arriving.snapshot(), "sketch")
@@ -74,11 +75,9 @@ def test_lost_ones_are_drawn_from_copies_and_what_arrived_stays(stream, section)
 
 def test_without_copies_there_is_no_sketch(stream) -> None:
     partial = decode_stream(stream.with_packets(stream.packets[1:]))
-    assert "sketch" not in concealer_names(partial.concealment, "Gaussians")
+    assert "sketch" not in concealer_names(partial.sections, {Splats})
     with pytest.raises(InvalidValueError, match="calibrate sketch"):
         conceal(partial, "sketch")
-    with pytest.raises(InvalidValueError, match="calibrate sketch"):
-        create_concealer("sketch").hints(elements_of(partial))
 
 
 def test_lies_are_named(stream, section) -> None:

@@ -8,7 +8,7 @@ import torch
 
 from splatwire.codec import decode_stream, encode_scene, progressive_decoder
 from splatwire.errors import BitstreamError, DesyncError
-from splatwire.model import PartialSplats, SplatScene
+from splatwire.model import Partial, SplatScene
 from splatwire.packets import PRESETS, SceneStream
 from splatwire.scene.splats import Splats
 
@@ -27,13 +27,13 @@ def stream(request) -> SceneStream:
     return encode_scene(SplatScene(splats), packetization)
 
 
-def of(stream: SceneStream, packets) -> PartialSplats:
+def of(stream: SceneStream, packets) -> Partial:
     partial = decode_stream(SceneStream(stream.manifest, stream.side_info, tuple(sorted(packets, key=lambda p: p.id))))
-    assert isinstance(partial, PartialSplats)
+    assert isinstance(partial, Partial)
     return partial
 
 
-def assert_same(one: PartialSplats, other: PartialSplats) -> None:
+def assert_same(one: Partial, other: Partial) -> None:
     assert torch.equal(one.erasures.received, other.erasures.received)
     for name, values in vars(one.scene.splats).items():
         assert torch.equal(values, getattr(other.scene.splats, name)), name

@@ -60,7 +60,7 @@ def test_another_version_of_the_code_reuses_nothing(done, monkeypatch):
 @pytest.mark.parametrize("how", ["shipped", "option"])
 def test_another_network_of_the_scene_free_concealer_is_another_unit(tiny_folder, tmp_path, monkeypatch, how):
     """Also where the file keeps its name."""
-    from splatwire.conceal import base
+    from splatwire.conceal import registry
     from splatwire.conceal.scene_free import default_weights, save_gain_network
 
     file = tmp_path / "network.safetensors"
@@ -69,7 +69,8 @@ def test_another_network_of_the_scene_free_concealer_is_another_unit(tiny_folder
         "shipped": {"conceal": "scene_free"},
         "option": {"conceal": "scene_free", "options": {"weights": str(file)}},
     }[how]
-    monkeypatch.setitem(base._SHIPPED, "scene_free", {"anchors": file})
+    known = dataclasses.replace(registry._KNOWN["scene_free"], shipped=(file,))
+    monkeypatch.setitem(registry._KNOWN, "scene_free", known)
     row = Row("network", "network", Packetization(block_size=60), **settings)
     study = dataclasses.replace(
         load_study(tiny_folder / "protocol.toml"), rows=(row,), baseline=None, published=(), seeds=(0,), views=1

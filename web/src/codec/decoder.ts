@@ -4,6 +4,7 @@ import { BitstreamError, ByteReader } from "../bytes.ts";
 import type { Head } from "../packets/container.ts";
 import { Intake, Plan } from "../packets/plan.ts";
 import { CausalSchema } from "./causal/schema.ts";
+import { ColumnsSchema } from "./columns/schema.ts";
 import { GaussianSchema } from "./gaussians/schema.ts";
 import type { Part, Schema } from "./schema.ts";
 
@@ -19,8 +20,12 @@ export interface Viewpoint {
 }
 
 function schemaOf({ manifest, sideInfo }: Head, plan: Plan): Schema {
+  const { order, packaging } = manifest.packetization;
+  if (manifest.codec !== "hacpp" && packaging !== "atomic") throw new BitstreamError("the stream's packets do not hold whole elements");
+  if (manifest.codec === "causal" && order !== "morton") throw new BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise");
   if (manifest.codec === "gaussians") return new GaussianSchema(sideInfo, plan);
   if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
+  if (manifest.codec === "columns") return new ColumnsSchema(sideInfo, plan);
   throw new BitstreamError(FORMAT_1);
 }
 

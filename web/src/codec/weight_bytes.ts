@@ -2,11 +2,12 @@
 
 import { BitstreamError, type ByteReader } from "../bytes.ts";
 import { RangeDecoder } from "../entropy/decoder.ts";
-import { MAX_SYMBOL, readIntegers } from "../entropy/integers.ts";
+import { readIntegers } from "../entropy/integers.ts";
 import { centred } from "../entropy/mixture.ts";
 import { NUM_SCALES } from "../entropy/tables.ts";
+import { MAX_SHIFT, MAX_STEP, MAX_SYMBOL, MAX_WEIGHTS, MAX_WIDTH } from "./network_limits.ts";
 
-const MAX_WIDTH = 4096, MAX_WEIGHTS = 2 ** 20, LEAKY = 1, WITH_COLUMN_SCALES = 2, MAX_SHIFT = 12, MAX_STEP = 65535;
+const LEAKY = 1, WITH_COLUMN_SCALES = 2;
 
 /** An affine layer: weight (row o, column i) is `symbols[o inputs + i] * rowSteps[o] << columnShifts[i]`, out of 2^16; biases out of 2^12. */
 export interface QuantisedLinear {
@@ -25,15 +26,26 @@ export interface QuantisedMlp {
   readonly leaky: boolean;
 }
 
-/** Reads a network that must have so many inputs and outputs; `what` names it in errors. */
-export function readMlp(reader: ByteReader, what: string, inputs: number, outputs: number): QuantisedMlp {
+/** Reads networks that must have so many inputs and outputs; their names are for errors. */
+export function readNetworks(reader: ByteReader, shapes: readonly (readonly [string, number, number])[]): QuantisedMlp[] {
+  let left = MAX_WEIGHTS;
+  const found = shapes.map(([what, inputs, outputs]) => {
+    const network = readMlp(reader, what, inputs, outputs, left);
+    left -= (inputs + outputs) * network.hidden.outputs;
+    return network;
+  });
+  reader.finish();
+  return found;
+}
+
+function readMlp(reader: ByteReader, what: string, inputs: number, outputs: number, most: number): QuantisedMlp {
   const shape = [reader.unsigned(), reader.unsigned(), reader.unsigned()], flags = reader.u8(), hidden = shape[1];
   const fail = (text: string): never => {
     throw new BitstreamError(`${what} network: ${text}`);
   };
   if (flags > (LEAKY | WITH_COLUMN_SCALES)) fail(`flags ${flags} that this page does not know`);
   if (shape[0] !== inputs || shape[2] !== outputs || hidden < 1 || hidden > MAX_WIDTH) fail(`shape ${shape} where ${inputs} inputs and ${outputs} outputs are needed`);
-  if (Math.max(inputs, outputs) * hidden > MAX_WEIGHTS) fail(`${shape} is too large`);
+  if ((inputs + outputs) * hidden > most) fail(`${shape} is too large`);
   const columns = (flags & WITH_COLUMN_SCALES) !== 0, first = readLinear(reader, fail, inputs, hidden, columns);
   return { hidden: first, output: readLinear(reader, fail, hidden, outputs, columns), leaky: (flags & LEAKY) !== 0 };
 }

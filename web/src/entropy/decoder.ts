@@ -24,7 +24,9 @@ export class RangeDecoder {
   /** Removes `[start, start + size)` out of `total`. */
   advance(start: number, size: number, total: number): void {
     const unit = Math.floor(this.#span / total);
-    let code = this.#code - unit * start, span = unit * size;
+    let span = unit * size;
+    // Bytes that no encoder wrote may point beyond the last interval: the code stays within its span all the same.
+    let code = Math.min(this.#code - unit * start, span - 1);
     while (span < BOTTOM) {
       code = code * 256 + (this.#at < this.#end ? this.data[this.#at] : 0);
       this.#at++;

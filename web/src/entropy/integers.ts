@@ -3,9 +3,8 @@
 import { BitstreamError, type ByteReader } from "../bytes.ts";
 import { RangeDecoder } from "./decoder.ts";
 import { Mixture } from "./mixture.ts";
+import { MAX_SYMBOL } from "../codec/network_limits.ts";
 import { MEAN_BITS, NUM_SCALES } from "./tables.ts";
-
-export const MAX_SYMBOL = 2 ** 24;
 
 export function readIntegers(reader: ByteReader, count: number): Float64Array {
   const mean = reader.signed(), scale = reader.unsigned();

@@ -3,9 +3,10 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { BitstreamError, hex } from "../bytes.ts";
-import { MAX_MANIFEST_BYTES, readManifest, type Manifest } from "./manifest.ts";
+import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";
+import { readManifest, type Manifest } from "./manifest.ts";
 
-const MAX_PACKET = 1 << 26, PREFIX = 9;
+const PREFIX = 9;
 
 export interface Head {
   readonly manifest: Manifest;
@@ -37,7 +38,7 @@ export class ContainerReader {
     let at = this.head ? 0 : this.#readHead(bytes, view);
     while (this.head && !this.broken && bytes.length - at >= 4) {
       const size = view.getUint32(at, true);
-      if (size < 16 || size > MAX_PACKET) this.broken = true;
+      if (size < 16 || size > MAX_PACKET_BYTES) this.broken = true;
       if (this.broken || bytes.length - at < 4 + size) break;
       packets.push(bytes.slice(at + 4, at + 4 + size));
       at += 4 + size;

@@ -5,8 +5,6 @@ import type { Manifest } from "./manifest.ts";
 import { readPacket, type Packet } from "./packet.ts";
 import { splitmix, splitmixModulo } from "./splitmix64.ts";
 
-const MAX_BLOCKS = 1 << 24;
-
 interface Span {
   readonly first: number;
   readonly count: number;
@@ -35,7 +33,6 @@ export class Plan {
       firstBlock += numBlocks;
     }
     this.numBlocks = firstBlock;
-    if (firstBlock > MAX_BLOCKS) throw new BitstreamError("the stream has too many blocks");
   }
 
   blockCount(block: number): number {

@@ -1,16 +1,17 @@
 // Named sections behind the fixed part of side information.
 
 import { BitstreamError, ByteReader } from "../bytes.ts";
+import { MAX_SECTION_BYTES, MAX_SECTION_NAME, MAX_SECTIONS, RESERVED_SECTIONS } from "./limits.ts";
 
-const MAX_SECTIONS = 16, MAX_SECTION_BYTES = 1 << 26;
+const NAME = new RegExp(`^[a-z][a-z0-9_]{0,${MAX_SECTION_NAME - 1}}$`);
 
 /** Content by name; sections that nobody here knows are kept. */
 export function readSections(bytes: Uint8Array): Map<string, Uint8Array> {
   const reader = new ByteReader(bytes, "side information sections"), sections = new Map<string, Uint8Array>();
   let last = "";
   while (reader.left) {
-    const name = String.fromCharCode(...reader.take(Math.min(reader.unsigned(), 33)));
-    if (!/^[a-z][a-z0-9_]{0,31}$/.test(name) || name <= last) throw new BitstreamError("side information: a section's name is impossible");
+    const name = String.fromCharCode(...reader.take(Math.min(reader.unsigned(), MAX_SECTION_NAME + 1)));
+    if (!NAME.test(name) || name <= last || RESERVED_SECTIONS.includes(name)) throw new BitstreamError("side information: a section's name is impossible");
     const content = reader.blob();
     sections.set(name, content);
     last = name;

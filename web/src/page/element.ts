@@ -11,7 +11,6 @@ import { resolveSource } from "./address.ts";
 import { Comparison } from "./difference.ts";
 import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
 import { Panel } from "./panel.ts";
-import { Pictures, tellPicture, type PictureStatus } from "./pictures.ts";
 import { Stage, type Shown } from "./stage.ts";
 import { STYLE } from "./style.ts";
 
@@ -48,21 +47,18 @@ export class SplatWire extends HTMLElement {
 
   connectedCallback(): void {
     if (this.shadowRoot) return;
-    if (!this.hasAttribute("pictures")) this.#start(); // first of all: a thread takes a while to begin
+    this.#start(); // first of all: a thread takes a while to begin
     const root = this.attachShadow({ mode: "open" }), style = new CSSStyleSheet();
     style.replaceSync(STYLE);
     root.adoptedStyleSheets = [style];
     const link = (): string => writeLink(this.#panel.settings, this.#stage.orbit.turned), src = this.getAttribute("src");
     const copies = { "copy link": link, ...(src ? { "copy embed code": () => embedCode(src) } : {}) };
-    const concealers = this.getAttribute("concealers")?.split(" ") ?? ["grow"];
-    this.#panel = new Panel(concealers, this.hasAttribute("live"), () => this.#settingsChanged(), () => this.#flip(), copies);
+    this.#panel = new Panel(() => this.#settingsChanged(), () => this.#flip(), copies);
     this.#comparison = new Comparison(this.#stage, () => this.#panel.settings.show, (psnr) => this.#panel.tell("PSNR", psnr));
     root.append(this.#stage.canvas, this.#stage.first, this.#comparison.canvas, this.#panel.element);
     if (this.getAttribute("panel") === "none") this.#panel.element.hidden = true;
     this.#panel.element.open = this.clientWidth > 560;
     const fail = (error: unknown): void => this.#fail((error as Error).message);
-    const pictures = this.getAttribute("pictures");
-    if (pictures) return this.#drawnElsewhere(pictures);
     // First of all packets come, in a thread of their own: making ready to draw takes longer than the first of them.
     this.#open().catch(fail);
     this.#begin();
@@ -126,19 +122,6 @@ export class SplatWire extends HTMLElement {
     this.addEventListener("keydown", (event) => this.#key(event));
     canvas.addEventListener("pointermove", () => this.#comparison.moved());
     canvas.addEventListener("wheel", () => this.#comparison.moved(), { passive: true });
-  }
-
-  /** The server draws: the page asks it for pictures. */
-  #drawnElsewhere(url: string): void {
-    const { orbit, first } = this.#stage, panel = this.#panel, { status } = this;
-    const told = (picture: PictureStatus, sharp: boolean): void => {
-      tellPicture(panel, picture, sharp);
-      [status.packets, status.gaussians, status.way] = [picture.packets, picture.known, "pictures"];
-      if (sharp && !picture.pending) [status.finished, status.complete] = [picture.note || "drawn", picture.packets === picture.expected];
-    };
-    this.#stage.pictures = new Pictures(url, first, orbit, () => panel.settings, told, (text) => this.#fail(text));
-    this.#begin();
-    this.#stage.touch();
   }
 
   #start(): void {
@@ -253,7 +236,6 @@ export class SplatWire extends HTMLElement {
   }
 
   #settingsChanged(): void {
-    if (this.#stage.pictures) return this.#stage.touch();
     if (this.#stage.view) this.#conceal(); // what is painted before has no gains
   }
 

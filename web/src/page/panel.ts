@@ -32,12 +32,9 @@ export class Panel {
   readonly #sliders = new Map<Slider, { slider: HTMLInputElement; told: HTMLElement }>();
   #playing = 0;
 
-  /**
-   * `live` says that losses are real, so that none can be chosen; `changed` is called with every change of the settings;
-   * `copies` gives texts for the clipboard by the words on their button.
-   */
-  constructor(concealers: string[], live: boolean, readonly changed: () => void, readonly flip: () => void, readonly copies: Record<string, () => string>) {
-    this.#list(concealers);
+  /** `changed` is called with every change of the settings; `copies` gives texts for the clipboard by the words on their button. */
+  constructor(readonly changed: () => void, readonly flip: () => void, readonly copies: Record<string, () => string>) {
+    this.#list(["grow"]);
     this.#choice.addEventListener("change", () => this.set({ concealer: this.#choice.value }));
     const again = make("button", { type: "button", title: "loses other packets" }, "others");
     again.addEventListener("click", () => this.set({ seed: this.settings.seed + 1 }));
@@ -52,7 +49,7 @@ export class Panel {
     this.element.append(
       make("summary", {}, "splatwire"), this.#state, this.#bar, this.#facts,
       make("label", {}, "Concealer ", this.#choice),
-      ...(live ? [] : losses), turn,
+      ...losses, turn,
       ...Object.entries(copies).map(([words, text]) => this.#copier(words, text)),
       make("p", { class: "help" }, HELP),
     );

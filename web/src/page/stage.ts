@@ -10,7 +10,6 @@ import { cameraOf, Orbit } from "../render/orbit.ts";
 import type { Packed } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
 import type { View } from "../render/view.ts";
-import type { Pictures } from "./pictures.ts";
 
 /** Setting up WebGL holds up the page, for a second where the processor does it: not before so much has come, or so long has passed. */
 const ENOUGH_GAUSSIANS = 50_000, ENOUGH_MS = 3000;
@@ -31,8 +30,6 @@ export class Stage {
   view: View | null = null;
   /** Told of the camera of each picture. */
   watcher: ((camera: Camera) => void) | null = null;
-  /** Where the server draws. */
-  pictures: Pictures | null = null;
   #parts: Packed[] = [];
   #size = 1;
   #count = 0;
@@ -157,8 +154,7 @@ export class Stage {
 
   touch(): void {
     this.#stale = true;
-    if (this.pictures) this.pictures.change();
-    else if (this.view) this.view.touch();
+    if (this.view) this.view.touch();
     else if (this.#count) this.#painting ??= this.#paint();
   }
 

@@ -16,6 +16,20 @@ export interface Session {
   readonly fingerprint?: string;
 }
 
+/** Where a server says beside a stream's file that it takes sessions; none where it is no such server. */
+export async function askServer(file: URL): Promise<Session | null> {
+  if (!file.pathname.includes("/streams/")) return null;
+  try {
+    const answer = await fetch(new URL("../streams.json", file));
+    const { port, path, fingerprint } = (await answer.json()) as Record<string, unknown>;
+    if (!answer.ok || typeof port !== "number" || typeof path !== "string") return null;
+    const url = `https://${file.hostname}:${port}${path}`;
+    return typeof fingerprint === "string" ? { url, fingerprint } : { url };
+  } catch {
+    return null;
+  }
+}
+
 /** Receives a stream until it is complete; gives the words for how it ended. Throws where no session comes about. */
 export async function receiveDatagrams(session: Session, name: string, listener: Listener): Promise<string> {
   if (typeof WebTransport === "undefined") throw new Error("this browser or page has no WebTransport");

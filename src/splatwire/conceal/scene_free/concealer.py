@@ -5,10 +5,9 @@ from pathlib import Path
 
 import torch
 
-from splatwire.conceal.base import Concealed, check_at_least, register_concealer
-from splatwire.conceal.context import AnchorContext, ElementContext
-from splatwire.conceal.drop import Drop
-from splatwire.conceal.scene_free.elements import ElementNetwork, element_inputs, grown_gaussians
+from splatwire.conceal.base import Concealed, check_at_least
+from splatwire.conceal.registry import register_concealer
+from splatwire.conceal.scene_free.elements import ElementNetwork, element_inputs, grown
 from splatwire.conceal.scene_free.network import GainNetwork, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.conceal.scene_free.weights import (
@@ -18,10 +17,11 @@ from splatwire.conceal.scene_free.weights import (
     load_element_network,
     load_gain_network,
 )
-from splatwire.model import RenderHints
+from splatwire.model import Partial, Prior
+from splatwire.scene.splats import Splats
 
 
-@register_concealer("scene_free", shipped=SHIPPED)
+@register_concealer("scene_free", needs=[(Prior, Splats)], shipped=SHIPPED)
 @dataclass(frozen=True)
 class SceneFree:
     """Leaves lost anchors out; grows and brightens received ones by what a network learned on the pictures of scenes.
@@ -56,15 +56,12 @@ class SceneFree:
         return "scene_free"
 
     @torch.no_grad()
-    def __call__(self, context: AnchorContext) -> Concealed:
+    def __call__(self, partial: Partial) -> Concealed:
         """See `Concealer`."""
-        dropped, rows = Drop()(context), context.erasures.known.nonzero()[:, 0]
-        size = opacity = torch.ones_like(dropped.size_gain)
-        if len(rows):
-            gains = self._network(gain_inputs(context, surroundings_of(context, rows)), self.trust)
-            size, opacity = (size.index_put((rows,), gain) for gain in gains)
-        return Concealed(dropped.anchors, size, dropped.left_out, opacity)
-
-    def hints(self, elements: ElementContext) -> RenderHints:
-        """See `ElementConcealer`; for explicit Gaussians."""
-        return grown_gaussians(elements, element_inputs(elements), self._elements)
+        rows = partial.known.nonzero()[:, 0]
+        if not len(rows):
+            ones = torch.ones_like(partial.log_sizes)
+            return Concealed(ones, ~partial.known, ones)
+        if partial.expectation is None:
+            return grown(partial, rows, self._elements(element_inputs(partial)))
+        return grown(partial, rows, self._network(gain_inputs(partial, surroundings_of(partial, rows)), self.trust))

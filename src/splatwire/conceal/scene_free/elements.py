@@ -12,10 +12,11 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from splatwire.conceal.context import MIN_SIZE, ElementContext
+from splatwire.conceal.base import Concealed
 from splatwire.conceal.scene_free.network import HIDDEN, Perceptron
-from splatwire.model import RenderHints
+from splatwire.model import Partial, SplatScene
 from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.scene.anchors import MIN_SIZE
 
 ELEMENT_SIGNATURE = 12
 """Entries of what the network sees."""
@@ -45,38 +46,38 @@ class ElementInputs:
     opacity: Float[Tensor, "M"]
 
 
-def element_inputs(elements: ElementContext) -> ElementInputs:
-    """Looks at the surroundings of every received Gaussian; `elements` are explicit Gaussians."""
-    assert elements.opacities is not None
-    assert elements.log_scales is not None
-    rows = elements.known.nonzero()[:, 0]
-    near, distance = nearest_others(NeighborTree(elements.positions), elements.positions[rows], rows, _NEIGHBORS)
-    gone = (~elements.known).to(distance.dtype)
-    size, area = elements.log_sizes.exp(), (2 * elements.log_sizes).exp()
+def element_inputs(partial: Partial[SplatScene]) -> ElementInputs:
+    """Looks at the surroundings of every received Gaussian."""
+    splats, known = partial.scene.splats, partial.known
+    rows, opacities, log_axes = known.nonzero()[:, 0], splats.opacities, splats.log_axes
+    log_sizes = log_axes.mean(dim=1)
+    near, distance = nearest_others(NeighborTree(splats.means), splats.means[rows], rows, _NEIGHBORS)
+    gone = (~known).to(distance.dtype)
+    size, area = log_sizes.exp(), (2 * log_sizes).exp()
     tiny = torch.finfo(size.dtype).tiny
     lost = _gain_for((gone * size)[near].sum(dim=1) / size[near].sum(dim=1).clamp(min=tiny))
     close, far = near[:, :_CLOSE], distance[:, :_CLOSE]
     there = 1 - gone[close]
     reach = (far / area[close].add(area[rows, None]).sqrt().clamp(min=MIN_SIZE)) ** 2
-    logit = torch.logit(elements.opacities.clamp(*_OPACITIES)).clamp(-6, 6)
-    own, count = elements.log_sizes[rows], there.sum(dim=1).clamp(min=1)
-    cover = there * elements.opacities[close] * torch.exp(-reach / 2)
+    logit = torch.logit(opacities.clamp(*_OPACITIES)).clamp(-6, 6)
+    own, count = log_sizes[rows], there.sum(dim=1).clamp(min=1)
+    cover = there * opacities[close] * torch.exp(-reach / 2)
     weight = area[close] * torch.exp(-reach / 4)
     columns = [
         lost,
         _gain_for(gone[near[:, :12]].mean(dim=1) if near.shape[1] else gone[rows]),
         _gain_for(gone.mean()).expand_as(own),
         own - _spacing(far, there, own),
-        own - elements.log_sizes[elements.known].median(),
-        own - (there * elements.log_sizes[close]).sum(dim=1) / count,
-        (elements.log_scales[rows, 0] - elements.log_scales[rows, 1]).clamp(max=6),
-        (elements.log_scales[rows, 1] - elements.log_scales[rows, 2]).clamp(max=6),
+        own - log_sizes[known].median(),
+        own - (there * log_sizes[close]).sum(dim=1) / count,
+        (log_axes[rows, 0] - log_axes[rows, 1]).clamp(max=6),
+        (log_axes[rows, 1] - log_axes[rows, 2]).clamp(max=6),
         logit[rows],
         (there * logit[close]).sum(dim=1) / count,
         torch.log1p(cover.sum(dim=1)),
         _gain_for((weight * (1 - there)).sum(dim=1) / (weight.sum(dim=1) + area[rows]).clamp(min=tiny)),
     ]
-    return ElementInputs(rows, torch.stack(columns, dim=1), lost, elements.opacities[rows])
+    return ElementInputs(rows, torch.stack(columns, dim=1), lost, opacities[rows])
 
 
 def _gain_for(share: Tensor) -> Tensor:
@@ -114,25 +115,16 @@ class ElementNetwork(Perceptron):
         return size, -torch.expm1(power * torch.log1p(-opacity)) / opacity
 
 
-@torch.no_grad()
-def grown_gaussians(
-    elements: ElementContext,
-    inputs: ElementInputs,
-    network: ElementNetwork,
-    trust: float = 1.0,
-    base: tuple[float, float] = BASE,
-) -> RenderHints:
-    """How to draw what arrived: received Gaussians larger and more opaque, lost ones left out.
+def grown(
+    partial: Partial, rows: Int64[Tensor, "M"], gains: tuple[Float[Tensor, "M"], Float[Tensor, "M"]]
+) -> Concealed:
+    """Draws what arrived with some gains, and leaves the rest out.
 
     Args:
-        elements: What arrived.
-        inputs: Its surroundings.
-        network: What changes the exponents.
-        trust: See `ElementNetwork.forward`.
-        base: See there.
+        partial: What arrived.
+        rows: The received elements.
+        gains: Of their sizes and of their opacities.
     """
-    size = opacity = torch.ones_like(elements.log_sizes)
-    if len(inputs.rows):
-        gains = network(inputs, trust, base)
-        size, opacity = (size.index_put((inputs.rows,), gain) for gain in gains)
-    return RenderHints(size, ~elements.known, opacity)
+    ones = torch.ones_like(partial.log_sizes)
+    size, opacity = (ones.index_put((rows,), gain) for gain in gains)
+    return Concealed(size, ~partial.known, opacity)

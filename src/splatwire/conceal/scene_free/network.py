@@ -7,10 +7,10 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
-from splatwire.conceal.context import AnchorContext
 from splatwire.conceal.grow import Grow
 from splatwire.conceal.scene_free.signature import SIGNATURE, near_losses, signatures
 from splatwire.conceal.scene_free.surroundings import Surroundings
+from splatwire.model import Partial
 
 HIDDEN = 24
 _MOST_UNUSUAL = 3.0
@@ -34,15 +34,15 @@ class GainInputs:
     grown: Float[Tensor, "M"]
 
 
-def gain_inputs(context: AnchorContext, around: Surroundings) -> GainInputs:
+def gain_inputs(partial: Partial, around: Surroundings) -> GainInputs:
     """Computes the inputs.
 
     Args:
-        context: What arrived, in main memory.
+        partial: What arrived, in main memory.
         around: Surroundings of the received anchors.
     """
-    grown = Grow().gain(1 - near_losses(context, around), context.erasures.known, context.tier_sizes)
-    return GainInputs(around.rows, signatures(context, around), grown)
+    grown = Grow().gain(1 - near_losses(partial, around), partial.known, partial.tier_sizes)
+    return GainInputs(around.rows, signatures(partial, around), grown)
 
 
 class Perceptron(nn.Module):

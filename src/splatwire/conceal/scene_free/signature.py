@@ -4,8 +4,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.conceal.context import MIN_SIZE, AnchorContext
 from splatwire.conceal.scene_free.surroundings import CLOSE, Neighborhood, Surroundings
+from splatwire.model import AnchorScene, Partial, Prior
+from splatwire.scene.anchors import MIN_SIZE
 
 SIGNATURE = 26
 """Entries of a signature."""
@@ -17,7 +18,7 @@ _SPACING_RANK = 5
 _MOST_LOST = 0.97
 
 
-def signatures(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M signature"]:
+def signatures(partial: Partial[AnchorScene], around: Surroundings) -> Float[Tensor, "M signature"]:
     """Describes received anchors by what a receiver knows.
 
     The entries: losses of the whole scene, of the nearest 4, 12 and 32, of the area that neighbours of three reaches
@@ -25,13 +26,13 @@ def signatures(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M
     Shares `rho` are given as `-log(1 - rho)`, the logarithm of the area gain that would make up for them.
 
     Args:
-        context: What arrived.
+        partial: What arrived.
         around: Surroundings of the anchors to describe, all of them received.
     """
-    lost = (~context.erasures.known).to(around.log_size.dtype)
+    lost = (~partial.known).to(around.log_size.dtype)
     area = (2 * around.log_size).exp()
     floor = float(around.log_size.min().exp()) if len(lost) else MIN_SIZE
-    sizes = context.anchors.scalings[around.rows].clamp(min=floor).log()
+    sizes = partial.scene.anchors.scalings[around.rows].clamp(min=floor).log()
     own = sizes[:, 3:].mean(dim=1)
     overall = lost.mean() if len(lost) else lost.sum()
     columns = [_gain_for(overall).expand_as(own)]
@@ -39,14 +40,14 @@ def signatures(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M
     for members in around.classes:
         columns += _losses_in_class(lost, area, own, around.rows, members)
     columns += _sizes(sizes, own, around)
-    columns += _shape(context, around, own, lost)
+    columns += _shape(partial, around, own, lost)
     return torch.stack(columns, dim=1)
 
 
-def near_losses(context: AnchorContext, around: Surroundings) -> Float[Tensor, "M"]:
+def near_losses(partial: Partial[AnchorScene], around: Surroundings) -> Float[Tensor, "M"]:
     """Share of what is lost among all the neighbours, weighted as in `Grow`; 0 for an anchor without any."""
     near, weight = around.near.index, around.weights
-    lost = (weight * ~context.erasures.known)[near].sum(dim=1)
+    lost = (weight * ~partial.known)[near].sum(dim=1)
     tiny = torch.finfo(weight.dtype).tiny
     return (lost / weight[near].sum(dim=1).clamp(min=tiny)).to(around.log_size.dtype)
 
@@ -107,12 +108,12 @@ def _sizes(sizes: Float[Tensor, "M 6"], own: Tensor, around: Surroundings) -> li
     ]
 
 
-def _shape(context: AnchorContext, around: Surroundings, own: Tensor, lost: Tensor) -> list[Float[Tensor, "M"]]:
+def _shape(partial: Partial[AnchorScene], around: Surroundings, own: Tensor, lost: Tensor) -> list[Float[Tensor, "M"]]:
     """Active offsets, here and around; how far the size is from its prediction; how unsure the prior is."""
-    anchors, prior, rows, near = context.anchors, context.prior, around.rows, around.near.first(CLOSE).index
+    anchors, prior, rows, near = partial.scene.anchors, partial[Prior], around.rows, around.near.first(CLOSE).index
     active = anchors.mask.sum(dim=1).to(own.dtype) * (1 - lost)
     typical = active[near].sum(dim=1) / (1 - lost)[near].sum(dim=1).clamp(min=1)
-    arrived = anchors.features[context.erasures.known]
+    arrived = anchors.features[partial.known]
     spread = arrived.std(dim=0, correction=0) if len(arrived) else torch.ones(anchors.features.shape[1])
     scaling = prior.scaling
     unsure = scaling.scale[rows].mean(dim=1) / scaling.mean[rows].abs().mean(dim=1).clamp(min=MIN_SIZE)

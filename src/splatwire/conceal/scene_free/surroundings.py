@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
-from splatwire.conceal.context import AnchorContext, predicted_log_size
+from splatwire.model import Partial
 from splatwire.ops.knn import NeighborTree, nearest_others
 
 NEIGHBORS = 64
@@ -43,7 +43,7 @@ class Surroundings:
     Attributes:
         log_size: Logarithm of the size that the prior predicts, of all anchors. Lost and received anchors are measured
             alike, so that the difference between prediction and truth does not look like a loss.
-        weights: What each anchor counts for in the growth that the network corrects (`ElementContext.sizes`).
+        weights: What each anchor counts for in the growth that the network corrects (`Partial.sizes`).
         rows: The anchors whose surroundings these are.
         near: Their nearest other anchors.
         classes: The nearest members of each size class.
@@ -64,9 +64,9 @@ class Surroundings:
         return replace(self, rows=self.rows[wanted], near=of(self.near), classes=tuple(map(of, self.classes)))
 
 
-def surroundings_of(context: AnchorContext, rows: Int64[Tensor, "M"]) -> Surroundings:
+def surroundings_of(partial: Partial, rows: Int64[Tensor, "M"]) -> Surroundings:
     """Finds the neighbours of some anchors."""
-    positions, log_size = context.places, predicted_log_size(context)
+    positions, log_size = partial.places, partial.log_sizes
     near = Neighborhood(*nearest_others(NeighborTree(positions), positions[rows], rows, NEIGHBORS))
     by_size = log_size.argsort(descending=True, stable=True)
     classes = []
@@ -74,4 +74,4 @@ def surroundings_of(context: AnchorContext, rows: Int64[Tensor, "M"]) -> Surroun
         members = by_size[: max(len(by_size) // share, _MIN_CLASS)].sort().values
         index, distance = NeighborTree(positions[members]).query(positions[rows], CLASS_NEIGHBORS)
         classes.append(Neighborhood(members[index], distance))
-    return Surroundings(log_size, context.elements.sizes, rows, near, tuple(classes))
+    return Surroundings(log_size, partial.sizes, rows, near, tuple(classes))

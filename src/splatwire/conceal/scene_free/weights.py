@@ -8,7 +8,6 @@ from typing import TypeVar
 from splatwire.conceal.scene_free.elements import ElementNetwork
 from splatwire.conceal.scene_free.network import GainNetwork, Perceptron
 from splatwire.errors import BitstreamError
-from splatwire.model import AnchorScene, SplatScene
 from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
 
 VERSION = 1
@@ -16,11 +15,8 @@ _FORMATS: dict[type[Perceptron], str] = {
     GainNetwork: "splatwire-scene-free", ElementNetwork: "splatwire-scene-free-gaussians"
 }  # fmt: skip
 _ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
-SHIPPED = {
-    AnchorScene.ELEMENTS: _ASSETS / "scene_free.safetensors",
-    SplatScene.ELEMENTS: _ASSETS / "scene_free_gaussians.safetensors",
-}
-"""The package's file for each kind of elements."""
+SHIPPED = (_ASSETS / "scene_free.safetensors", _ASSETS / "scene_free_gaussians.safetensors")
+"""The package's files, for anchors and for explicit Gaussians."""
 _MAX_HIDDEN = 1024
 Network = TypeVar("Network", GainNetwork, ElementNetwork)
 
@@ -70,10 +66,10 @@ def _load(path: Path, kind: type[Network]) -> Network:
 @cache
 def default_weights() -> GainNetwork:
     """The network for anchors that ships with the package."""
-    return load_gain_network(SHIPPED[AnchorScene.ELEMENTS])
+    return load_gain_network(SHIPPED[0])
 
 
 @cache
 def default_element_weights() -> ElementNetwork:
     """The network for explicit Gaussians that ships with the package."""
-    return load_element_network(SHIPPED[SplatScene.ELEMENTS])
+    return load_element_network(SHIPPED[1])

@@ -7,11 +7,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.conceal.base import Concealed, register_concealer
-from splatwire.conceal.context import AnchorContext, ElementContext
-from splatwire.conceal.drop import Drop
+from splatwire.conceal.base import Concealed
 from splatwire.conceal.grow import Grow
-from splatwire.conceal.scene_free.elements import element_inputs, grown_gaussians
+from splatwire.conceal.registry import register_concealer
+from splatwire.conceal.scene_free.elements import ElementInputs, element_inputs, grown
 from splatwire.conceal.scene_free.network import GainInputs, gain_inputs
 from splatwire.conceal.scene_free.signature import near_losses
 from splatwire.conceal.scene_free.surroundings import surroundings_of
@@ -25,8 +24,9 @@ from splatwire.conceal.sketch.section import (
     size_buckets,
 )
 from splatwire.errors import InvalidValueError
-from splatwire.model import PartialSplats, Prior, RenderHints
-from splatwire.scene import Attribute, Erasures
+from splatwire.model import AnchorScene, Copies, Partial, Prior, SplatScene
+from splatwire.scene import AnchorLayout, Attribute, Erasures
+from splatwire.scene.splats import Splats
 
 MAX_LOG_SIZE = 6.0
 """Scalings are kept within a factor of `exp(6)` of the expected ones, whatever a section says."""
@@ -49,39 +49,20 @@ class Sketch:
         """`sketch`."""
         return "sketch"
 
-    def __call__(self, context: AnchorContext) -> Concealed:
+    def __call__(self, partial: Partial) -> Concealed:
         """See `Concealer`.
 
         Raises:
             InvalidValueError: If the stream has no such section.
             BitstreamError: If the section is damaged or of another scene.
         """
-        if SECTION not in context.concealment:
+        copies = partial.find(Copies)
+        if copies is not None:
+            return conceal_with_copies(partial, copies)
+        if SECTION not in partial.sections:
             raise _missing()
-        section = read_sketch(context.concealment[SECTION], sizes_of(context), buckets_of(context))
-        return conceal_with(context, section)
-
-    def filled(self, partial: PartialSplats) -> PartialSplats:
-        """See `CopyConcealer`.
-
-        Raises:
-            InvalidValueError: If the stream has no copies.
-        """
-        if partial.copies is None:
-            raise _missing()
-        return partial.with_copies()
-
-    def hints(self, elements: ElementContext) -> RenderHints:
-        """See `ElementConcealer`; for explicit Gaussians.
-
-        Raises:
-            InvalidValueError: If the sender left nothing.
-        """
-        if elements.growth is None:
-            raise _missing()
-        size, opacity, trust = elements.growth
-        network = default_element_weights()
-        return grown_gaussians(elements, element_inputs(elements), network, trust, (size, opacity))
+        section = read_sketch(partial.sections[SECTION], sizes_of(partial), buckets_of(partial))
+        return conceal_with(partial, section)
 
 
 def _missing() -> InvalidValueError:
@@ -91,12 +72,44 @@ def _missing() -> InvalidValueError:
     )
 
 
-def conceal_with(context: AnchorContext, section: SketchSection) -> Concealed:
-    """Conceals with a sketch that was read already."""
-    filled = with_sketch(context, section)
-    if section.trust and bool(filled.erasures.known.any()):
+def conceal_with(partial: Partial[AnchorScene], section: SketchSection) -> Concealed:
+    """Conceals anchors with a sketch that was read already."""
+    filled = with_sketch(partial, section)
+    if section.trust and bool(filled.known.any()):
         return SketchedLoss.of(filled).proposal(section)
-    return Grow(exponent=section.exponent, max_excess=section.max_excess)(filled)
+    grow = Grow(exponent=section.exponent, max_excess=section.max_excess)
+    return replace(grow(filled), elements=filled.filled)
+
+
+def conceal_with_copies(partial: Partial[SplatScene], copies: Copies) -> Concealed:
+    """Conceals explicit Gaussians with copies, and grows what is there as their sender found best."""
+    filled = with_copies(partial, copies)
+    return grown_with_copies(filled, element_inputs(filled), copies.growth)
+
+
+@torch.no_grad()
+def grown_with_copies(
+    filled: Partial[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
+) -> Concealed:
+    """What to draw of explicit Gaussians with their copies in place, with a growth.
+
+    Args:
+        filled: What `with_copies` returned.
+        inputs: Its surroundings.
+        growth: See `Copies`.
+    """
+    size, opacity, trust = growth
+    gains = default_element_weights()(inputs, trust, (size, opacity))
+    return replace(grown(filled, inputs.rows, gains), elements=filled.elements)
+
+
+def with_copies(partial: Partial[SplatScene], copies: Copies) -> Partial[SplatScene]:
+    """The same scene when lost Gaussians of which there are copies count as received; all others stay."""
+    lost = ~partial.known[copies.places]
+    places, chosen = copies.places[lost], copies.splats.select(lost)
+    splats = {n: t.index_put((places,), getattr(chosen, n)) for n, t in vars(partial.scene.splats).items()}
+    received = partial.erasures.received.index_put((places,), torch.tensor(True))
+    return replace(partial, scene=partial.scene.with_elements(Splats(**splats)), erasures=Erasures(received))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,34 +122,31 @@ class SketchedLoss:
         inputs: What the network sees of them.
     """
 
-    filled: AnchorContext
+    filled: Partial[AnchorScene]
     left: Float[Tensor, "M"]
     inputs: GainInputs
 
     @staticmethod
-    def of(filled: AnchorContext) -> "SketchedLoss":
+    def of(filled: Partial[AnchorScene]) -> "SketchedLoss":
         """Looks at the surroundings, which takes the time."""
-        around = surroundings_of(filled, filled.erasures.known.nonzero()[:, 0])
+        around = surroundings_of(filled, filled.known.nonzero()[:, 0])
         return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
 
     @torch.no_grad()
     def proposal(self, section: SketchSection) -> Concealed:
         """What to draw with the growth of a section; its copies are not looked at again."""
-        dropped, known = Drop()(self.filled), self.filled.erasures.known
         rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
-        grown = rule.gain(self.left, known, self.filled.tier_sizes)
-        gains = default_weights()(replace(self.inputs, grown=grown), section.trust)
-        ones = torch.ones_like(dropped.size_gain)
-        size, opacity = (ones.index_put((self.inputs.rows,), gain) for gain in gains)
-        return Concealed(dropped.anchors, size, dropped.left_out, opacity)
+        gain = rule.gain(self.left, self.filled.known, self.filled.tier_sizes)
+        gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
+        return replace(grown(self.filled, self.inputs.rows, gains), elements=self.filled.filled)
 
 
-def with_sketch(context: AnchorContext, section: SketchSection) -> AnchorContext:
-    """The context in which sketched anchors are known as well; what was received stays."""
-    anchors, received = context.anchors, context.erasures.received
+def with_sketch(partial: Partial[AnchorScene], section: SketchSection) -> Partial[AnchorScene]:
+    """The same scene when sketched anchors are known as well; what was received stays."""
+    anchors, received = partial.scene.anchors, partial.erasures.received
     drawn = torch.from_numpy(section.levels > 0)
     rows = drawn.nonzero()[:, 0]
-    features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(context.prior)[rows])
+    features, scalings, offsets, mask = sketched_attributes(section, expected_scalings(partial[Prior])[rows])
 
     def fill(attribute: Attribute, decoded: Tensor, sketched: Tensor) -> Tensor:
         column = received[rows, int(attribute)].view(-1, *[1] * (decoded.dim() - 1))
@@ -149,7 +159,8 @@ def with_sketch(context: AnchorContext, section: SketchSection) -> AnchorContext
         offsets=fill(Attribute.OFFSET, anchors.offsets, offsets),
         mask=fill(Attribute.MASK, anchors.mask, mask),
     )
-    return replace(context, anchors=filled, erasures=Erasures(received | drawn[:, None]))
+    erasures = Erasures(received | drawn[:, None])
+    return replace(partial, scene=partial.scene.with_elements(filled), erasures=erasures)
 
 
 def expected_scalings(prior: Prior) -> Float[Tensor, "N 6"]:
@@ -177,12 +188,12 @@ def sketched_attributes(
     return features, scalings, offsets.view(*section.masks.shape, 3), torch.from_numpy(section.masks.astype(np.bool_))
 
 
-def sizes_of(context: AnchorContext) -> SketchSizes:
+def sizes_of(partial: Partial[AnchorScene]) -> SketchSizes:
     """Sizes of the scene."""
-    return SketchSizes(context.anchors.num_anchors, context.layout.feature_dim, context.layout.num_offsets)
+    return SketchSizes(partial.scene.num_elements, partial[AnchorLayout].feature_dim, partial[AnchorLayout].num_offsets)
 
 
-def buckets_of(context: AnchorContext) -> np.ndarray:
+def buckets_of(partial: Partial) -> np.ndarray:
     """Anchors by the size that the prior expects, int64 (N): integers on both ends, from numbers that are alike."""
-    size = context.prior.scaling.mean[:, 3:6].double().clamp(min=0).numpy()
+    size = partial[Prior].scaling.mean[:, 3:6].double().clamp(min=0).numpy()
     return size_buckets(size[:, 0] * size[:, 1] * size[:, 2])

@@ -9,19 +9,19 @@ from functools import cached_property
 from pathlib import Path
 
 from splatwire.channel import LossMask, draw_mask
-from splatwire.codec import codec_of, decode_stream, encode_scene
+from splatwire.codec import codec_of, decode_stream, encode_scene, repack, repackable
 from splatwire.codec.background import SECTION as BACKGROUND
-from splatwire.conceal.gnn.weights import load_weights
+from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
+from splatwire.conceal import create_concealer
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
-from splatwire.evaluate.scenes import background_of_file, complete_scene, drawable_scene, open_scene
 from splatwire.evaluate.study.definition import AS_IT_IS, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
 from splatwire.evaluate.study.masks import anchor_bytes
 from splatwire.evaluate.study.parts import needed_stream, stream_parts, without_sections
 from splatwire.evaluate.study.records import CODE
 from splatwire.evaluate.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluate.study.store import Store, read_json
-from splatwire.formats import splats_kind
+from splatwire.formats import format_of
 from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 from splatwire.model.appearance import Scene, scene_of
@@ -30,6 +30,7 @@ from splatwire.packets import ANCHORS, Packetization, SceneStream, read_stream, 
 from splatwire.packets.sections import sections_of
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
+from splatwire.scene_io import background_of_file, drawable_scene, open_scene, read_scene_file
 
 AROUND_VIEWS, AROUND_SIZE = 12, 400
 """Views of a scene that nobody has photos or cameras of, and their width and height in pixels."""
@@ -108,13 +109,15 @@ class Source:
 
     @cached_property
     def scene(self) -> Scene:
-        """The complete scene.
+        """The complete scene; where it comes with a stream, what that decodes to, so that all rows have its integers.
 
         Raises:
             BitstreamError: If it is not complete.
         """
         entry = self.entry
-        return import_hacpp(entry.source) if entry.kind == "model" else complete_scene(entry.source)
+        if entry.sections is not None:
+            return open_scene(entry.sections)
+        return import_hacpp(entry.source) if entry.kind == "model" else open_scene(entry.source)
 
     @property
     def sections(self) -> Mapping[str, bytes]:
@@ -148,14 +151,16 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
     source = Source(entry)
     streams = prepare_streams(study, source, store, progress)
     if entry.weights is not None:
-        load_weights(entry.weights)
+        for row in study.rows:
+            if row.needs_weights:
+                create_concealer(row.conceal.replace(WEIGHTS, str(entry.weights)), **row.options)
     variant, first = next(iter(streams.items()))
 
     @functools.cache
     def drawn() -> Scene:
         if entry.reference is not None:
             return drawable_scene(entry.reference, "drop")[0]
-        return source.scene if variant == AS_IT_IS else complete_scene(store.root / first.path)
+        return source.scene if variant == AS_IT_IS else open_scene(store.root / first.path)
 
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
     own = background_of_file(store.root / first.path)
@@ -205,8 +210,9 @@ def _as_it_is(source: Source, digest: str) -> PreparedStream:
         return PreparedStream(
             path, digest, stream_parts(stream), manifest.num_packets, manifest.num_anchors, elements=manifest.elements
         )
-    scene, kind = scene_of(open_scene(entry.source)[0]), splats_kind(entry.source)
-    parts = tensor_bytes(entry.source) if kind is None else {kind: _num_bytes(entry.source)}
+    found = read_scene_file(entry.source)
+    scene, form = scene_of(found.loaded), format_of(found.kind)
+    parts = tensor_bytes(entry.source) if form is None else {form: _num_bytes(entry.source)}
     return PreparedStream(path, digest, parts, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS)
 
 
@@ -220,15 +226,18 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
     path, about = f"{folder}/{row.variant}.swz", store.root / folder / f"{row.variant}.json"
     if (known := read_json(about)) is not None:
         return PreparedStream(**known)
-    started, seconds = time.perf_counter(), None
-    if row.sections:
-        stream = _with_sections(source.stream, row)
+    what = f"{source.entry.name}: encoding {row.variant}"
+    if (whole := source.stream) is not None and not whole.manifest.tiers and repackable(whole):
+        started = time.perf_counter()
+        stream = _repacked(whole, row, lambda share: progress(what, share))
+    elif row.sections:
+        raise InvalidValueError(f"row '{row.key}' needs sections of a stream without tiers: encode without --tiers")
     else:
-        scene, what = source.scene, f"{source.entry.name}: encoding {row.variant}"
+        scene = source.scene
         started = time.perf_counter()
         classes = classes_of(scene)
         stream = encode_scene(scene, row.packetization, classes=classes, progress=lambda share: progress(what, share))
-        seconds = time.perf_counter() - started
+    seconds = time.perf_counter() - started
     ordered = decode_stream(stream).scene
     store.write(path, stream_to_bytes(stream))
     prepared = PreparedStream(
@@ -246,19 +255,14 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
     return prepared
 
 
-def _with_sections(calibrated: SceneStream | None, row: Row) -> SceneStream:
-    """The calibrated stream itself; of what was added for concealers, with the row's sections only.
+def _repacked(whole: SceneStream, row: Row, progress: Callable[[float], None]) -> SceneStream:
+    """The stream in the row's packets; of what was added for concealers, with the row's sections only.
 
-    A section is coded against the quantised networks of its own stream: in another encoding it could not be read.
-
-    Raises:
-        InvalidValueError: If that stream has other packets than the row.
+    All rows have the integers and the networks of one stream, so that they differ by nothing but packets and sections.
     """
-    if calibrated is None or calibrated.manifest.tiers or calibrated.manifest.packetization != row.packetization:
-        raise InvalidValueError(
-            f"row '{row.key}' needs sections made for its own packets ({row.variant}): encode with that preset first"
-        )
-    return without_sections(calibrated, set(sections_of(calibrated)) - {*row.sections, BACKGROUND})
+    assert row.packetization is not None
+    kept = without_sections(whole, set(sections_of(whole)) - {*row.sections, BACKGROUND, MASKS})
+    return repack(kept, row.packetization, progress=progress)
 
 
 def _parts(row: Row, source: Source, prepared: PreparedStream) -> dict[str, int]:

@@ -1,7 +1,7 @@
 """What of a stream a row needs, and its bytes by part: what a concealer does not read is not counted against it."""
 
 from splatwire.codec import side_info_parts
-from splatwire.conceal.base import concealer_sections
+from splatwire.conceal.registry import concealer_sections
 from splatwire.packets import SceneStream
 from splatwire.packets.sections import sections_of, without_concealment
 

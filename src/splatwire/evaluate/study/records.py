@@ -8,7 +8,7 @@ from typing import Any
 from splatwire.errors import BackendUnavailableError, BitstreamError
 from splatwire.version import __version__
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 """Raised when the same inputs come to give other records: what another version left in a store is not used."""
 CODE = f"{__version__}/{PROTOCOL_VERSION}"
 

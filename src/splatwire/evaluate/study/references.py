@@ -95,6 +95,7 @@ def prepare_references(
         dataset = dataset.select(chosen)
         masks = dataset.mask_paths or (None,) * len(chosen)
         masked = any(masks)
+        content += [str(dataset.undistortions)] if dataset.undistortions else []
         files = [digest_of_files(path) if path else "" for path in (*dataset.image_paths, *masks)]
         source, folder, digest = photo_source(masked=masked), "", digest_of(*content, *files)
     else:

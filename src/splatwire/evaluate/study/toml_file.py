@@ -42,16 +42,15 @@ _LOSS = {"model": str, "unit": str, "send_order": str}
 _TYPES = {str: "text", int: "an integer", list: "a list", dict: "a table", bool: "true or false", float: "a number"}
 
 
-def load_study(path: Path, *, data_root: Path | None = None, replaced: SceneEntry | None = None) -> Study:
+def load_study(path: Path, *, replaced: SceneEntry | None = None) -> Study:
     """Reads and checks a protocol file; nothing is computed.
 
     Args:
         path: The file.
-        data_root: Value of the variable `SPLATWIRE_DATA` in its paths, before the environment's.
         replaced: A scene to take instead of the file's.
 
     Returns:
-        The protocol. Relative paths are taken from the folder of the file.
+        The protocol. Relative paths are taken from the folder of the file, ${NAME} from the environment.
 
     Raises:
         InvalidValueError: If the file is not TOML, a key is unknown, missing or of the wrong type, or a value makes no
@@ -63,7 +62,7 @@ def load_study(path: Path, *, data_root: Path | None = None, replaced: SceneEntr
         _check_keys("the file", content, {"protocol": dict, **dict.fromkeys(_ARRAYS, list)})
         header = dict(content.get("protocol", {}))
         _check_keys("[protocol]", header, _STUDY)
-        expand = _Expander(path.parent, data_root)
+        expand = _Expander(path.parent)
         scenes = (
             (replaced,)
             if replaced
@@ -159,21 +158,17 @@ class _Expander:
     """Turns the text of a path into a path that is there."""
 
     folder: Path
-    data_root: Path | None
 
     def __call__(self, place: str, text: str) -> Path:
         def value(match: re.Match[str]) -> str:
             name = match[1] or match[2]
-            if name == "SPLATWIRE_DATA" and self.data_root is not None:
-                return str(self.data_root.resolve())
             if name not in os.environ:
-                raise InvalidValueError(
-                    f"{place}: the variable {name} in '{text}' is not set (for SPLATWIRE_DATA, --data-root sets it)"
-                )
+                raise InvalidValueError(f"{place}: the environment variable {name} in '{text}' is not set")
             return os.environ[name]
 
+        meant = _VARIABLE.sub(value, text)
         try:
-            path = self.folder / Path(_VARIABLE.sub(value, text)).expanduser()
+            path = self.folder / Path(meant).expanduser()
             there = path.exists()
         except (OSError, RuntimeError, ValueError) as error:  # too long; no such user; a null character
             reason = getattr(error, "strerror", None) or error

@@ -4,11 +4,10 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from splatwire.channel import LossMask
-from splatwire.conceal.base import concealer_file
+from splatwire.conceal.registry import concealer_files, concealer_package
 from splatwire.evaluate.study.definition import WEIGHTS, Loss, Row, Study, canonical
 from splatwire.evaluate.study.inputs import PreparedScene, PreparedStream
 from splatwire.evaluate.study.records import CODE
@@ -31,7 +30,8 @@ class Unit:
         conceal: The concealer.
         options: Its options.
         weights: File of the scene's weights; empty if it takes none.
-        file_digest: Digest of the file of weights that the concealer reads; empty if it reads none.
+        file_digest: Digests of the files of weights that the concealer reads, and the version of the package that
+            brings it if that is not this one; empty without either.
         erode: The one attribute that lost anchors lose; None for all.
         metrics: What is measured.
         lpips_digest: Digest of the metric's weights; empty if they are absent or not asked for.
@@ -139,7 +139,8 @@ def list_cells(study: Study, scenes: Mapping[str, PreparedScene], *, lpips_diges
 def _cell(study: Study, scene: PreparedScene, row: Row, loss: Loss | None, seed: int | None, lpips_digest: str) -> Cell:
     weights = str(scene.entry.weights or "") if row.needs_weights else ""
     stream = scene.streams[row.variant]
-    file = concealer_file(row.conceal.replace(WEIGHTS, weights), row.options, stream.elements)
+    files = concealer_files(row.conceal.replace(WEIGHTS, weights), row.options)
+    read = [digest_of_files(file) for file in files]
     unit = Unit(
         scene=scene.entry.name,
         label=row.label,
@@ -151,7 +152,7 @@ def _cell(study: Study, scene: PreparedScene, row: Row, loss: Loss | None, seed:
         conceal=row.conceal,
         options=row.options,
         weights=weights,
-        file_digest="" if file is None else digest_of_files(Path(file)),
+        file_digest=" ".join([*read, *concealer_package(row.conceal)]),
         erode=row.erode,
         metrics=study.metrics,
         lpips_digest=lpips_digest if "lpips" in study.metrics else "",

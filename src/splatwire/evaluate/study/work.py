@@ -20,17 +20,16 @@ from splatwire.conceal import concealed, create_concealer
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluate.lossmap import draw_loss_map
 from splatwire.evaluate.pixels import png_bytes, to_pixels
-from splatwire.evaluate.scenes import open_scene
 from splatwire.evaluate.study.definition import canonical
 from splatwire.evaluate.study.records import CODE, Record, hardest
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
 from splatwire.evaluate.views import Compared, ReferenceViews, spread, views_of
 from splatwire.metrics import Lpips, find_lpips
-from splatwire.model import PartialScene
 from splatwire.model.appearance import Partial, Scene, scene_of
 from splatwire.packets import SceneStream, read_stream
-from splatwire.scene import Attribute, Erasures
+from splatwire.scene import Anchors, Attribute, Erasures
+from splatwire.scene_io import read_scene_file
 
 _MAX_FEATURE_BYTES = 1 << 30
 """LPIPS features of references that a worker keeps; those of one 800x600 picture take a quarter of this."""
@@ -164,7 +163,7 @@ class Workshop:
         arrived = self._decoded(unit, unit.mask_digest, sent)
         if unit.erode is not None and unit.mask is not None and arrived.erasures is not None:
             whole = self._decoded(unit, "", stream).scene
-            if not isinstance(whole, PartialScene):
+            if not isinstance(whole, Partial) or Anchors not in whole.offers:
                 raise InvalidValueError("only anchors lose one attribute alone: explicit Gaussians do not")
             eroded = erode(whole, ~arrived.erasures.known, Attribute[unit.erode.upper()])
             arrived = dataclasses.replace(arrived, scene=eroded, erasures=eroded.erasures)
@@ -180,8 +179,8 @@ class Workshop:
     def _decoded(self, unit: Unit, mask: str, sent: SceneStream | None) -> Arrived:
         def decode() -> Arrived:
             if sent is None:
-                scene, erasures = open_scene(self.store.root / unit.stream.path)
-                return Arrived(scene, erasures, 0, sum(unit.stream.parts.values()), 0.0)
+                found = read_scene_file(self.store.root / unit.stream.path)
+                return Arrived(found.loaded, found.erasures, 0, sum(unit.stream.parts.values()), 0.0)
             started = time.perf_counter()
             partial = self.decode(sent)
             seconds = time.perf_counter() - started
@@ -253,7 +252,7 @@ class Workshop:
         return cache[key]
 
 
-def erode(whole: PartialScene, anchors: Bool[Tensor, "N"], attribute: Attribute) -> PartialScene:
+def erode(whole: Partial, anchors: Bool[Tensor, "N"], attribute: Attribute) -> Partial:
     """Attribute erosion (paper 3.2.1, "partial loss"): some anchors lose one attribute and keep the others.
 
     Args:
@@ -270,9 +269,7 @@ def erode(whole: PartialScene, anchors: Bool[Tensor, "N"], attribute: Attribute)
     lost = getattr(whole.scene.anchors, field).clone()
     lost[anchors] = 0
     eroded = dataclasses.replace(whole.scene.anchors, **{field: lost})
-    return dataclasses.replace(
-        whole, scene=dataclasses.replace(whole.scene, anchors=eroded), erasures=Erasures(received)
-    )
+    return dataclasses.replace(whole, scene=whole.scene.with_elements(eroded), erasures=Erasures(received))
 
 
 _FIELDS = {

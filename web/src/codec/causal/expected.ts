@@ -2,6 +2,7 @@
 
 import type { AnchorFacts, Elements, Pause } from "../../conceal/conceal.ts";
 import type { Anchors } from "../../model/anchors.ts";
+import { givenFirst } from "../anchor_part.ts";
 import { exponential, featureSteps, worldPlaces } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";
 import { expectedPlace } from "./positions.ts";
@@ -47,10 +48,7 @@ export class Expected {
   async elements(received: readonly Arrived[], pause: Pause): Promise<Elements | null> {
     const sizes = await this.#expectedSizes(pause);
     if (!sizes) return null;
-    const known = new Uint8Array(this.count), ranks = new Int32Array(this.count);
-    const end = received.reduce((at, part) => (ranks.set(part.ranks, at), at + part.ranks.length), 0);
-    for (const rank of ranks.subarray(0, end)) known[rank] = 1;
-    known.reduce((at, there, rank) => (there ? at : ((ranks[at] = rank), at + 1)), end);
+    const { ranks, end } = givenFirst(received, this.count);
     let facts: AnchorFacts | null = null;
     const { tierSizes } = this;
     return {

@@ -6,37 +6,26 @@ import { hex } from "../../bytes.ts";
 import { ANCHOR_CONCEALERS, grown, type Concealer, type Elements, type Pause } from "../../conceal/conceal.ts";
 import { grow } from "../../conceal/grow.ts";
 import { sceneFreeAnchors } from "../../conceal/scene_free_anchors.ts";
-import type { Anchors } from "../../model/anchors.ts";
-import type { Camera } from "../../model/camera.ts";
 import { Heads } from "../../model/heads.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
-import type { Copies, Part, Schema, Seen } from "../schema.ts";
+import { AnchorPart, chosen, type Known } from "../anchor_part.ts";
+import type { Copies, Schema } from "../schema.ts";
 import { tierFacts } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
 import { Expected, type Arrived } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
-import { chosen, readSketch, type Sketch } from "./sketch.ts";
+import { readSketch, type Sketch } from "./sketch.ts";
 
-/** Anchors and their features, one anchor's after another's. */
-interface Known {
-  readonly anchors: Anchors;
-  readonly features: Float32Array;
-}
-
-export class AnchorPart implements Part, Arrived {
-  readonly anchors: Anchors;
+/** Anchors of a packet, and what is to be known of the spread of their features. */
+class CausalPart extends AnchorPart implements Arrived {
   readonly sums: Float64Array;
   readonly squares: Float64Array;
-  /** Features, until somebody looks; then what they say to the heads. */
-  features: Float32Array | null;
-  #hidden: Float32Array = new Float32Array();
 
-  constructor(readonly packet: Packet | null, readonly ranks: Int32Array, { anchors, features }: Known, readonly heads: Heads) {
-    const size = features.length / Math.max(anchors.count, 1);
-    this.anchors = anchors;
-    this.features = features;
+  constructor(packet: Packet | null, ranks: Int32Array, known: Known, heads: Heads) {
+    super(packet, ranks, known, heads);
+    const { features } = known, size = features.length / Math.max(known.anchors.count, 1);
     this.sums = new Float64Array(size);
     this.squares = new Float64Array(size);
     for (let n = 0; n < features.length; n++) {
@@ -44,23 +33,9 @@ export class AnchorPart implements Part, Arrived {
       this.squares[n % size] += features[n] ** 2;
     }
   }
-
-  get count(): number {
-    return this.ranks.length;
-  }
-
-  get places(): Int32Array {
-    return this.ranks;
-  }
-
-  seen(camera: Camera): Seen {
-    if (this.features) this.#hidden = this.heads.prepared(this.features);
-    this.features = null;
-    return this.heads.spawn(this.anchors, this.#hidden, camera);
-  }
 }
 
-export class CausalSchema implements Schema<AnchorPart> {
+export class CausalSchema implements Schema<CausalPart> {
   readonly viewDependent = true;
   readonly degree = 0;
   readonly info: SideInfo;
@@ -102,9 +77,9 @@ export class CausalSchema implements Schema<AnchorPart> {
     return this.info.sections;
   }
 
-  read(packet: Packet): AnchorPart {
+  read(packet: Packet): CausalPart {
     const ranks = this.#ranks(packet);
-    return new AnchorPart(packet, ranks, toAnchors(this.#packets.decode(packet.payload, ranks), this.info), this.heads);
+    return new CausalPart(packet, ranks, toAnchors(this.#packets.decode(packet.payload, ranks), this.info), this.heads);
   }
 
   /** Places, masks and numbers as 32-bit integers, anchor by anchor. */
@@ -122,16 +97,16 @@ export class CausalSchema implements Schema<AnchorPart> {
     return hex(digest.digest());
   }
 
-  async copies(pause: Pause): Promise<Copies<AnchorPart> | null> {
+  async copies(pause: Pause): Promise<Copies<CausalPart> | null> {
     const { features, offsets } = this.info, lengths = await this.#expected.lengths(pause), { count } = this.plan.manifest;
     if (!lengths) return null;
     const positions = (ranks: Int32Array): Float32Array => this.#expected.positions(ranks);
     const sketch = (this.#sketch ??= readSketch(this.info.sections.get("sketch")!, { count, features, offsets, lengths, positions }));
-    const part = (which: Int32Array): AnchorPart => new AnchorPart(null, which.map((n) => sketch.ranks[n]), chosen(sketch, which), this.heads);
+    const part = (which: Int32Array): CausalPart => new CausalPart(null, which.map((n) => sketch.ranks[n]), chosen(sketch, which), this.heads);
     return { part: part(sketch.ranks.map((_, n) => n)), chosen: part };
   }
 
-  elements(parts: readonly AnchorPart[], pause: Pause): Promise<Elements | null> {
+  elements(parts: readonly CausalPart[], pause: Pause): Promise<Elements | null> {
     return this.#expected.elements(parts, pause);
   }
 

@@ -2,14 +2,13 @@
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { readSections } from "../../packets/sections.ts";
-import { readMlp, type QuantisedMlp } from "../weight_bytes.ts";
+import { readNetworks, type QuantisedMlp } from "../weight_bytes.ts";
 import { readPositions, type Positions } from "./positions.ts";
 
 export const LOG_BITS = 24, OCTAVES = 4, FORM = 4;
 const VERSION = 2, MAX_GROUPS = 32, MAX_FEATURES = 256, MAX_OFFSETS = 64, MAX_CONTEXT = 256;
 const MAX_LOG_STEP = 4 * 2 ** LOG_BITS, MAX_CENTRE = 32 * 2 ** LOG_BITS, MAX_PLACE = 2 ** 40;
-/** Weights of all networks together: what a page decodes of a head before it says no. */
-const MAX_WEIGHTS = 2 ** 21;
+const HEADS = ["opacity", "covariance", "color"];
 
 /** Sizes of an anchor and what stands for its numbers. */
 export interface Header {
@@ -54,18 +53,11 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
   const header = readHeader(reader.blob()), positions = readPositions(reader.blob(), count), networks = new ByteReader(reader.blob(), "networks");
   const render = new ByteReader(reader.blob(), "render networks"), sections = readSections(reader.rest());
   const { features, offsets, context } = header, stages = stagesOf(header);
-  let weights = 0;
-  const read = (from: ByteReader, what: string, inputs: number, outputs: number): QuantisedMlp => {
-    const network = readMlp(from, what, inputs, outputs);
-    weights += network.hidden.outputs * (inputs + outputs);
-    if (weights > MAX_WEIGHTS) throw new BitstreamError("side information: its networks are too large");
-    return network;
-  };
-  const position = read(networks, "position", 3 * (1 + OCTAVES), context);
-  const found = stages.map(({ name, first, size, masks }) => read(networks, name, context + first, masks + 2 * size));
-  networks.finish();
-  const heads = [["opacity", 1], ["covariance", 7], ["color", 3]].map(([name, each]) => read(render, name as string, features + 4, offsets * (each as number)));
-  render.finish();
+  const [position, ...found] = readNetworks(networks, [
+    ["position", 3 * (1 + OCTAVES), context],
+    ...stages.map(({ name, first, size, masks }) => [name, context + first, masks + 2 * size] as const),
+  ]);
+  const heads = readNetworks(render, [1, 7, 3].map((each, n) => [HEADS[n], features + 4, offsets * each] as const));
   checkFar(header, positions);
   return { ...header, positions, position, stages, networks: found, heads, sections };
 }

@@ -64,20 +64,6 @@ export function readSketch(bytes: Uint8Array, known: Known): Sketch {
   return { ranks, ...toAnchors(basis, chosen, rows, known, ranks), rule: { exponent, maxExcess }, trust };
 }
 
-/** Some of the sketched anchors. */
-export function chosen({ anchors, features }: Pick<Sketch, "anchors" | "features">, which: Int32Array): { anchors: Anchors; features: Float32Array } {
-  const some = <A extends Float32Array | Uint8Array>(values: A): A => {
-    const width = values.length / Math.max(anchors.count, 1), found = new (values.constructor as new (size: number) => A)(width * which.length);
-    which.forEach((from, to) => found.set(values.subarray(width * from, width * (from + 1)), width * to));
-    return found;
-  };
-  const { positions, scales, sizes, masks, offsets, numOffsets } = anchors;
-  return {
-    anchors: { count: which.length, numOffsets, positions: some(positions), scales: some(scales), sizes: some(sizes), masks: some(masks), offsets: some(offsets) },
-    features: some(features),
-  };
-}
-
 function readBasis(reader: ByteReader, { levels, columns, offsetStep }: Pick<Basis, "levels" | "columns" | "offsetStep">, channels: number): Basis {
   const numbers = Float64Array.from({ length: channels + columns }, () => reader.f16());
   if (!numbers.every(Number.isFinite)) throw new BitstreamError(`${WHAT}: its tables are impossible`);

@@ -28,7 +28,12 @@ const clip = (value: number, low: number, high: number): number => Math.min(Math
 
 /** Decodes packets of one stream, one after another. */
 export class PacketDecoder {
-  readonly #mixtures: Mixture[];
+  /** Of each context, those of means between two steps, in eighths from -4; made when they are needed. */
+  readonly #mixtures: Mixture[][];
+  /** Whether values are multiples of their steps, and not whole steps from what neighbours make expect. */
+  readonly #absolute: boolean;
+  /** log2 of the step of the value that was decoded last. */
+  #shift = 0;
   /** Of each step and class, with what rounds. */
   readonly #bases: Int32Array;
   /** What the neighbours' mean axis is made of: the mean of each coordinate, and their mean deviation. */
@@ -42,9 +47,10 @@ export class PacketDecoder {
   #running = 16;
 
   constructor(readonly info: SideInfo) {
-    const byScale = new Map<number, Mixture>();
+    this.#absolute = info.coarsest >= 0;
+    const byScale = new Map<number, Mixture[]>();
     this.#mixtures = Array.from(info.scales, (scale) => {
-      const known = byScale.get(scale) ?? new Mixture(0, scale, Math.min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT);
+      const known = byScale.get(scale) ?? [];
       byScale.set(scale, known);
       return known;
     });
@@ -77,17 +83,18 @@ export class PacketDecoder {
     const rows = this.#rows, { unit } = this.info, level = (rows[row + CLASS] = this.#class());
     const opacity = clip(this.#value(0, S_OPACITY, OPACITY, defaults[0], level, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
     rows[row + OPACITY] = opacity;
-    const mean = this.#near.predict(rows, COLUMNS, SCALE0, defaults[1]);
-    const s0 = clip(this.#value(1, S_SCALE0, SCALE0, defaults[1], level, 2 * mean - (2 << BITS), 0, opacity, BITS - 1), -MAX_LOG, MAX_LOG);
+    const expected = this.#absolute ? 0 : 2 * this.#near.predict(rows, COLUMNS, SCALE0, defaults[1]) - (2 << BITS);
+    const s0 = clip(this.#value(1, S_SCALE0, SCALE0, defaults[1], level, expected, 0, opacity, BITS - 1), -MAX_LOG, MAX_LOG);
     rows[row + SCALE0] = s0;
     const long = clip(this.#value(2, S_SCALE1, SCALE1, defaults[2], level, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1), 0, MAX_LOG);
     rows[row + SCALE1] = long;
     const area = 2 * s0 - long;
-    const companded = clip(this.#value(3, S_SCALE2, SCALE2, defaults[3], level, area, long, opacity, BITS - 1), 0, MAX_THIN);
+    const ratio = this.#value(3, S_SCALE2, SCALE2, defaults[3], level, area, long, opacity, BITS - 1);
+    const companded = clip(ratio, 0, this.#absolute ? (MAX_THIN >> this.#shift) << this.#shift : MAX_THIN);
     rows[row + SCALE2] = companded;
     const thin = THINNESS[companded];
     const finest = Math.max(this.#exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS));
-    this.#place(row, cells, cell, at, Math.min(Math.max(unit - finest, 0), boxBits));
+    this.#place(row, cells, cell, at, Math.min(Math.max(unit - finest, 0), this.#absolute ? this.info.coarsest : boxBits));
     const primary = (rows[row + PRIMARY] = thin >= long ? 2 : 0);
     const shift = clip(DIRECTION_BITS - this.#exponent(S_DIRECTION, level, area, long, thin, opacity), 0, DIRECTION_BITS - 2);
     this.#axis(row, primary, shift);
@@ -113,13 +120,23 @@ export class PacketDecoder {
   #value(stream: number, step: number, column: number, otherwise: number, level: number, area: number, long: number, opacity: number, most: number): number {
     const near = this.#near, mean = near.predict(this.#rows, COLUMNS, column, otherwise);
     const shift = clip(BITS - this.#exponent(step, level, area, long, 0, opacity), 0, most);
-    return mean + this.#residual(stream, spreadContext(near.count, near.deviation, shift), shift) * POWER[shift];
+    return this.#coded(stream, spreadContext(near.count, near.deviation, shift), mean, shift);
   }
 
-  /** A residual in steps; a context of all but the first two streams is how large those before were. */
-  #residual(stream: number, spread: number, shift: number): number {
-    const second = stream < 2 ? shift : Math.min(32 - Math.clz32(this.#running), SECONDS - 1);
-    const q = clip(this.#mixtures[(stream * SPREADS + spread) * SECONDS + second].decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
+  /** A value that is expected to be `mean`: a multiple of the step, or whole steps from the mean. */
+  #coded(stream: number, spread: number, mean: number, shift: number): number {
+    const step = POWER[(this.#shift = shift)];
+    if (!this.#absolute) return mean + this.#residual(stream, spread, shift, 0) * step;
+    const eighths = Math.floor((8 * mean + Math.floor(step / 2)) / step), near = Math.floor((eighths + 4) / 8);
+    return (near + this.#residual(stream, spread, shift, eighths - 8 * near)) * step;
+  }
+
+  /** A residual in steps, of a mean in eighths; a context of all but the first two streams is how large those before were. */
+  #residual(stream: number, spread: number, shift: number, mean: number): number {
+    const second = stream < 2 ? shift : Math.min(32 - Math.clz32(this.#running), SECONDS - 1), context = (stream * SPREADS + spread) * SECONDS + second;
+    const scale = this.info.scales[context], kinds = this.#mixtures[context];
+    const mixture = (kinds[mean + 4] ??= new Mixture(mean * 512, scale, Math.min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT));
+    const q = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
     this.#running = (this.#running + 16 * Math.min(Math.abs(q), 1 << 14)) >> 1;
     return q;
   }
@@ -132,27 +149,37 @@ export class PacketDecoder {
 
   /** The bits of a place between cell and step; coordinates are in half lattice units. */
   #place(row: number, cells: Int32Array, cell: number, at: number, shift: number): void {
-    const low = Math.min(at, shift), fine = at - low, unit = POWER[low + 1], half = POWER[low];
+    const low = Math.min(at, shift), fine = at - low, size = this.#absolute ? shift : low;
+    const wider = POWER[size - low], unit = POWER[size + 1], half = POWER[size];
     for (let a = 0; a < 3; a++) {
       const place = fine ? cells[cell + a] * POWER[fine] + this.#coder.raw(fine) : cells[cell + a];
-      this.#rows[row + LATTICE + a] = place * unit + half;
+      this.#rows[row + LATTICE + a] = Math.floor(place / wider) * unit + half;
     }
   }
 
-  /** The primary axis, on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis. */
+  /** The primary axis, as seen from the coordinate axis nearest to the neighbours' mean axis: two coordinates, or a place on an octahedral square. */
   #axis(row: number, primary: number, shift: number): void {
     const rows = this.#rows, mean = this.#mean, same = this.#meanAxis(primary);
     let pole = 0;
     for (let a = 1; a < 3; a++) if (Math.abs(mean[a]) > Math.abs(mean[pole])) pole = a;
     const side = mean[pole] < 0 ? -1 : 1, first = (pole + 1) % 3, second = (pole + 2) % 3;
     const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]), p = side * mean[first], q = side * mean[second];
-    const spread = spreadContext(same, this.#deviation, shift), step = POWER[shift];
-    const e0 = clip(Math.floor(((p + q) * ONE) / norm) + this.#residual(4, spread, shift) * step, -ONE, ONE);
-    const e1 = clip(Math.floor(((p - q) * ONE) / norm) + this.#residual(4, spread, shift) * step, -ONE, ONE);
-    const x = (e0 + e1) >> 1, y = (e0 - e1) >> 1;
+    const spread = spreadContext(same, this.#deviation, shift), square = this.#absolute ? 0 : 1;
+    const e0 = clip(this.#coded(4, spread, Math.floor(((p + square * q) * ONE) / norm), shift), -ONE, ONE), most = square ? ONE : ONE - Math.abs(e0);
+    const e1 = clip(this.#coded(4, spread, Math.floor(((square * p - q) * (square ? 1 : -1) * ONE) / norm), shift), -most, most);
+    const x = square ? (e0 + e1) >> 1 : e0, y = square ? (e0 - e1) >> 1 : e1;
     rows[row + AXIS + first] = x;
-    rows[row + AXIS + second] = y;
+    rows[row + AXIS + second] = y + 0; // no negative zero
     rows[row + AXIS + pole] = Math.max(ONE - Math.abs(x) - Math.abs(y), 0);
+    if (!square) this.#turn(row + AXIS);
+  }
+
+  /** Its largest coordinate, the first of them, becomes positive: then the axis is the same in every packet. */
+  #turn(u: number): void {
+    const rows = this.#rows;
+    let pole = 0;
+    for (let a = 1; a < 3; a++) if (Math.abs(rows[u + a]) > Math.abs(rows[u + pole])) pole = a;
+    if (rows[u + pole] < 0) for (let a = 0; a < 3; a++) rows[u + a] = 0 - rows[u + a];
   }
 
   /** Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; gives how many, sets their mean deviation. */
@@ -194,8 +221,8 @@ export class PacketDecoder {
     const near = this.#near, shift = clip(BITS - this.#exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
       const mean = near.predict(this.#rows, COLUMNS, LUMA + c, defaults[4 + c]);
-      const q = this.#residual(5 + c, spreadContext(near.count, near.deviation, shift), shift);
-      this.#rows[row + LUMA + c] = clip(mean + q * POWER[shift], -MAX_COLOUR, MAX_COLOUR);
+      const value = this.#coded(5 + c, spreadContext(near.count, near.deviation, shift), mean, shift);
+      this.#rows[row + LUMA + c] = clip(value, -MAX_COLOUR, MAX_COLOUR);
     }
   }
 }

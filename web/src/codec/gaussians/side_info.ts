@@ -9,7 +9,9 @@ import {
   BITS, BOX_BITS, FIRST_HARMONIC, MAX_LATTICE_BITS, NUM_CONTEXTS, SCALE_UNIT, SECONDS, SPREADS, STEPS, STEP_BITS, STREAMS,
 } from "./layout.ts";
 
-const VERSION = 2, DEFAULTS = 7;
+const VERSION = 3, DEFAULTS = 7;
+/** Version whose integers are whole steps from what neighbours in the same packet make expect. */
+const RELATIVE = 2;
 
 export interface SideInfo {
   readonly degree: number;
@@ -18,6 +20,8 @@ export interface SideInfo {
   readonly sizeLog: number;
   readonly unit: number;
   readonly bases: Int32Array;
+  /** log2 of the largest cell of a place, in lattice units: integers are multiples of their own steps; -1 in streams of version 2, whose integers depend on packets. */
+  readonly coarsest: number;
   /** K x K, out of `TRANSFORM_UNIT`: row k says what the k-th number of a channel adds to its K harmonics. */
   readonly transform: Int8Array;
   readonly boxes: Boxes;
@@ -46,23 +50,24 @@ export function readSideInfo(bytes: Uint8Array, numBlocks: number): SideInfo {
   const reader = new ByteReader(bytes, "side information");
   const header = reader.blob(), blocks = reader.blob(), contexts = reader.blob();
   const sections = readSections(reader.rest());
-  const { degree, sizeLog, unit, bases, transform } = readHeader(header);
+  const fields = readHeader(header), { degree } = fields;
   const { boxes, defaults } = readBlocks(blocks, numBlocks);
   const numHarmonics = 3 * ((degree + 1) ** 2 - 1);
-  return { degree, numHarmonics, sizeLog, unit, bases, transform, boxes, defaults, ...readContexts(contexts, degree), sections };
+  return { ...fields, numHarmonics, boxes, defaults, ...readContexts(contexts, degree), sections };
 }
 
-function readHeader(bytes: Uint8Array): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases" | "transform"> {
+function readHeader(bytes: Uint8Array): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases" | "coarsest" | "transform"> {
   const reader = new ByteReader(bytes, "side information header"), version = reader.u8();
-  if (version !== VERSION) throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
+  if (version !== RELATIVE && version !== VERSION) throw new BitstreamError(`side information has version ${version}, this page reads ${RELATIVE} and ${VERSION}`);
   const degree = reader.u8(), sizeLog = reader.signed(), unit = reader.signed();
   const bases = Array.from({ length: STEPS }, () => reader.signed());
+  const coarsest = version === RELATIVE ? -1 : reader.u8();
   const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24), side = (degree + 1) ** 2 - 1;
-  if (degree > 3 || Math.abs(sizeLog) > 32 || unit < 0 || unit > MAX_LATTICE_BITS || bases.some((base) => Math.abs(base) > 64 << STEP_BITS)) {
+  if (degree > 3 || Math.abs(sizeLog) > 32 || unit < 0 || unit > MAX_LATTICE_BITS || coarsest > MAX_LATTICE_BITS || bases.some((base) => Math.abs(base) > 64 << STEP_BITS)) {
     throw new BitstreamError("side information: its header is impossible");
   }
   if (transform.length !== side * side) throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
-  return { degree, sizeLog, unit, bases: Int32Array.from(bases), transform };
+  return { degree, sizeLog, unit, bases: Int32Array.from(bases), coarsest, transform };
 }
 
 /** Boxes and means of blocks. */

@@ -183,7 +183,8 @@ def decode_stage(data, ends, starts, states, scales, coded, inverses, widths, ta
             for c in range(scales.shape[1]):
                 symbols[n, c] = 0
                 if coded[n, c // 3]:
-                    symbols[n, c] = decode_symbol(
+                    symbol = decode_symbol(
                         data, ends[p + 1], states[p], ZERO, np.int64(scales[n, c]), ZERO, ZERO, NORMAL,
                         inverses, widths, table,
                     )  # fmt: skip
+                    symbols[n, c] = min(max(symbol, -LARGEST_SYMBOL), LARGEST_SYMBOL)  # hostile ones have 33 bits

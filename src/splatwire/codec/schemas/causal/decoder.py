@@ -9,6 +9,7 @@ import torch
 from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.heads import network_of
+from splatwire.codec.memory import check_memory
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schemas.causal.context import (
     NUMBER_BITS,
@@ -18,14 +19,30 @@ from splatwire.codec.schemas.causal.context import (
     linear_values,
 )
 from splatwire.codec.schemas.causal.packet_coder import anchor_rows, decode_packets, expected
-from splatwire.codec.schemas.causal.side_info import LOG_BITS, read_side_info
+from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info
 from splatwire.errors import BitstreamError, MissingSideInfoError
-from splatwire.model import AnchorScene, AttributePrior, CausalCoding, GaussianHeads, PartialScene, Prior
+from splatwire.model import AnchorScene, AttributePrior, CausalCoding, ExpectedPlaces, GaussianHeads, Partial, Prior
+from splatwire.model.causal import CausalConfig
 from splatwire.packets import Manifest
 from splatwire.scene import Anchors, Attribute, Erasures
 
 _SCALINGS = [0, 0, 0, 1, 2, 3]
 """Which of an anchor's four logarithms each of the six scalings is."""
+PLACE_BYTES = 32
+"""Memory that the place of an anchor takes as it is in the side information; spelt out it takes four times that."""
+
+
+def _width(config: CausalConfig) -> int:
+    """Numbers of an anchor's attributes."""
+    return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
+
+
+def _row_bytes(info: SideInfo) -> int:
+    """Memory of an anchor that is being decoded: what its largest network reads, hides and says, and its numbers."""
+    hidden = max(len(network.hidden.symbols) for network in info.networks.values())
+    outputs = max(len(network.output.symbols) for network in info.networks.values())
+    inputs = 2 * info.config.context_dim + info.config.layout.feature_dim + 4
+    return 8 * (inputs + hidden + outputs) + 8 * (outputs + _width(info.config)) + 128
 
 
 class CausalDecoder:
@@ -34,22 +51,32 @@ class CausalDecoder:
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
+        num_bytes: Bytes of the stream that are there (`splatwire.codec.memory`).
 
     Raises:
         MissingSideInfoError: If there is no side information.
-        BitstreamError: If it is damaged.
+        BitstreamError: If it is damaged, or has more anchors than so many bytes may take memory for.
     """
 
-    def __init__(self, manifest: Manifest, side_info: bytes) -> None:
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         if not side_info:
             raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
         if manifest.packetization.order != "morton":
             raise BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise")
-        info = read_side_info(side_info, manifest.num_anchors)
-        layout, num = info.config.layout, manifest.num_anchors
+        self._num = manifest.num_anchors
+        check_memory(self._num * PLACE_BYTES, num_bytes, f"reading the places of {self._num:,} anchors")
+        info = read_side_info(side_info, self._num)
+        layout = info.config.layout
         self._info, self._context, self.sections = info, CodingContext.of(info), info.sections
         self._features, self._offsets = layout.feature_dim, layout.num_offsets
         self._step = np.repeat(info.steps[:-1], layout.feature_groups)
+        self.num_symbols = 3 + 4 * self._offsets + self._features + 4
+        self.scene_bytes = self._num * (4 * PLACE_BYTES + 4 * (3 * _width(info.config) + info.config.context_dim))
+        self.row_bytes = _row_bytes(info)
+
+    def make_room(self) -> None:
+        """See `AnchorDecoder.make_room`."""
+        num, info = self._num, self._info
         self._received = np.zeros((num, len(Attribute)), dtype=np.bool_)
         self._mask = np.zeros((num, self._offsets), dtype=np.bool_)
         widths = {"feature": self._features, "scaling": 6, "offset": 3 * self._offsets}
@@ -59,7 +86,6 @@ class CausalDecoder:
         self._place = np.zeros((num, info.config.context_dim), dtype=np.float32)
         self._guessed = self._positions_of(info.places.known.voxels)
         self._positions = self._guessed.copy()
-        self.num_symbols = 3 + 4 * self._offsets + self._features + 4
 
     def predict(self, ranks: np.ndarray) -> None:
         """See `AnchorDecoder.predict`."""
@@ -99,7 +125,7 @@ class CausalDecoder:
             "offset": linear_values(offset, self._info.steps[-1]),
         }
 
-    def scene(self) -> PartialScene:
+    def scene(self) -> Partial[AnchorScene]:
         """See `AnchorDecoder.scene`."""
         info, values = self._info, {name: torch.from_numpy(array) for name, array in self._values.items()}
         offsets = values["offset"].view(len(self._positions), self._offsets, 3)
@@ -108,8 +134,9 @@ class CausalDecoder:
         heads = GaussianHeads(*(network_of(head) for head in info.heads))
         scene = AnchorScene(anchors, heads, self._coding(), background=read_background(info.sections))
         left = concealer_sections(info.sections)
-        erasures, guessed = Erasures(torch.from_numpy(self._received)), torch.from_numpy(self._guessed)
-        return PartialScene(scene, erasures, self._prior(), left, guessed)
+        guessed = ExpectedPlaces(torch.from_numpy(self._guessed))
+        said = (self._prior(), info.config.layout, guessed)
+        return Partial(scene, Erasures(torch.from_numpy(self._received)), left, said)
 
     def _coding(self) -> CausalCoding:
         info, unit = self._info, math.log(2) * 2.0**-LOG_BITS

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatwire.codec.heads import SAMPLE_SEED
 from splatwire.codec.schema import CodedPackets
@@ -43,11 +42,8 @@ def causal_encoder(
     Raises:
         InvalidValueError: If attributes would be packets of their own, or the scene is not one for the format.
     """
-    if not packetization.common:
-        raise InvalidValueError(
-            "anchors of the causal model are coded whole and in Morton order: preset 'hacpp' is for those of HAC++"
-        )
-    _check_finite(scene.anchors)
+    _check_common(packetization)
+    scene = replace(scene, anchors=_with_sizes(scene.anchors))
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
     info = fit_side_info(scene, voxels, noise=noise)
     places = _balanced(info, voxels, CausalEncoder(scene, info, voxels).expected_bytes())
@@ -55,6 +51,27 @@ def causal_encoder(
     # Predict from what a decoder will read, not from what was meant.
     info = read_side_info(side_info, scene.anchors.num_anchors)
     return CausalEncoder(scene, info, voxels), side_info
+
+
+def causal_encoder_again(
+    scene: AnchorScene, packetization: Packetization, side_info: bytes
+) -> tuple["CausalEncoder", bytes]:
+    """What codes the anchors of a decoded scene with the side information that it was decoded with, and that.
+
+    Raises:
+        InvalidValueError: If attributes would be packets of their own.
+        BitstreamError: If the side information is damaged.
+    """
+    _check_common(packetization)
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    return CausalEncoder(scene, read_side_info(side_info, scene.anchors.num_anchors), voxels), side_info
+
+
+def _check_common(packetization: Packetization) -> None:
+    if not packetization.common:
+        raise InvalidValueError(
+            "anchors of the causal model are coded whole and in Morton order: preset 'hacpp' is for those of HAC++"
+        )
 
 
 def _balanced(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> SharedPlaces:
@@ -74,12 +91,14 @@ def _balanced(info: SideInfo, voxels: np.ndarray, packet_bytes: float) -> Shared
     return places
 
 
-def _check_finite(anchors: Anchors) -> None:
-    for name in ("features", "scalings", "offsets"):
-        if not bool(torch.isfinite(getattr(anchors, name)).all()):
-            raise InvalidValueError(f"the scene's {name} are not all finite")
-    if not bool((anchors.scalings > 0).all()):
-        raise InvalidValueError("the scene's scalings are not all positive")
+def _with_sizes(anchors: Anchors) -> Anchors:
+    """The anchors, scalings of 0, which have no logarithm, as small as the smallest of the others."""
+    there = anchors.scalings > 0
+    if bool(there.all()):
+        return anchors
+    if not bool(there.any()):
+        raise InvalidValueError("no scaling of the scene's anchors is positive")
+    return replace(anchors, scalings=anchors.scalings.clamp(min=float(anchors.scalings[there].min())))
 
 
 class CausalEncoder:
@@ -101,7 +120,7 @@ class CausalEncoder:
         self._octaves = float(info.log_steps[0]) * 2.0**-LOG_BITS
         self._masks = anchors.mask.numpy().astype(np.uint8)
         logs = np.log2(anchors.scalings.double().numpy()[:, _LOGS]) * 2.0**LOG_BITS - info.centres
-        offsets = (anchors.offsets * anchors.mask[:, :, None]).flatten(1).double().numpy()
+        offsets = anchors.present_offsets.flatten(1).double().numpy()
         parts = (
             anchors.features.double().numpy() / np.repeat(info.steps[:-1], groups),
             logs / info.log_steps[[0, 1, 1, 1]],

@@ -11,7 +11,8 @@ from splatwire.codec.weight_bytes import framed, read_heads, read_networks, writ
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model.causal import FORM, CausalConfig
-from splatwire.packets.sections import CAUSAL_SECTIONS, read_sections, write_sections
+from splatwire.packets.limits import CAUSAL, SCHEMAS
+from splatwire.packets.sections import read_sections, write_sections
 from splatwire.scene import AnchorLayout
 
 VERSION = 2
@@ -71,7 +72,7 @@ def write_side_info(info: SideInfo) -> bytes:
         "networks": write_networks(info.networks.values()),
         "render_networks": write_networks(info.heads),
     }
-    return b"".join(framed(parts[name]) for name in CAUSAL_SECTIONS) + write_sections(info.sections)
+    return b"".join(framed(parts[name]) for name in SCHEMAS[CAUSAL].sections) + write_sections(info.sections)
 
 
 def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
@@ -86,7 +87,7 @@ def read_side_info(data: bytes, num_anchors: int) -> SideInfo:
         BitstreamError: If the bytes are damaged or something else.
     """
     reader = ByteReader(data, "side information")
-    header, positions, networks, render = (reader.blob() for _ in CAUSAL_SECTIONS)
+    header, positions, networks, render = (reader.blob() for _ in SCHEMAS[CAUSAL].sections)
     sections = read_sections(reader.rest())
     info = _read_header(header, read_places(positions, num_anchors))
     config = info.config

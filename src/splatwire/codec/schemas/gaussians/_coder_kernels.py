@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians.layout import MAX_RESIDUAL, NARROW_WEIGHT, WIDE
+from splatwire.codec.schemas.gaussians.layout import EIGHTHS, MAX_RESIDUAL, NARROW_WEIGHT, WIDE
 from splatwire.entropy.normal_kernels import decode_escape, decode_symbol, encode_escape, encode_symbol
 from splatwire.entropy.range_kernels import (
     ONE,
@@ -22,7 +22,7 @@ from splatwire.entropy.range_kernels import (
     encode_bits,
     encode_raw,
 )
-from splatwire.entropy.tables import NUM_SCALES
+from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
 from splatwire.ops.compiled import njit
 
 WEIGHT = np.int64(NARROW_WEIGHT)
@@ -123,20 +123,44 @@ def code_escape(coder, excess):
 @no_type_check
 def code_residual(coder, stream, spread, second, residual, shift):
     """Codes a residual in steps of `1 << shift` as a mixture of two normals of mean 0; returns the decoded residual."""
+    return _code_steps(coder, stream, spread, second, (residual + ((1 << shift) >> 1)) >> shift, ZERO) << shift
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def code_value(coder, stream, spread, second, mean, value, shift, absolute):
+    """Codes a value that is expected to be `mean`, in steps of `1 << shift`; returns it, and its residual in steps.
+
+    It becomes a multiple of the step, whatever the mean is, if `absolute`; otherwise it is whole steps from the mean.
+    """
+    if not absolute:
+        residual = code_residual(coder, stream, spread, second, value - mean, shift)
+        return mean + residual, residual >> shift
+    half = (1 << shift) >> 1
+    eighths = ((mean << EIGHTHS) + half) >> shift
+    near = (eighths + (1 << (EIGHTHS - 1))) >> EIGHTHS
+    rest = (eighths - (near << EIGHTHS)) << (MEAN_BITS - EIGHTHS)
+    steps = _code_steps(coder, stream, spread, second, ((value + half) >> shift) - near, rest)
+    return (near + steps) << shift, steps
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _code_steps(coder, stream, spread, second, q, mean):
+    """Codes an integer as a mixture of two normals of this mean, `MEAN_BITS` fractional bits."""
     scale = coder.scales[stream, spread, second]
     wide = min(scale + WIDE, NUM_SCALES - 1)
     if coder.decoding:
         q = decode_symbol(
-            coder.data, coder.end, coder.state, ZERO, scale, ZERO, wide, WEIGHT,
+            coder.data, coder.end, coder.state, mean, scale, mean, wide, WEIGHT,
             coder.inverses, coder.widths, coder.normal,
         )  # fmt: skip
         q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
     else:
-        q = (residual + ((1 << shift) >> 1)) >> shift
         q = min(max(q, -MAX_RESIDUAL), MAX_RESIDUAL)
         encode_symbol(
-            coder.data, coder.state, q, ZERO, scale, ZERO, wide, WEIGHT, coder.inverses, coder.widths, coder.normal
+            coder.data, coder.state, q, mean, scale, mean, wide, WEIGHT, coder.inverses, coder.widths, coder.normal
         )
         coder.residuals[stream, spread, second, 0] += 1
         coder.residuals[stream, spread, second, 1] += abs(q)
-    return q << shift
+    return q

@@ -4,13 +4,11 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_residual
+from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_value
 from splatwire.codec.schemas.gaussians.layout import (
-    AXIS,
     BITS,
     CLASS,
     COEFFICIENTS,
-    DIRECTION_BITS,
     FAR,
     FIRST_CLASS,
     LUMA,
@@ -22,8 +20,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     MIN_OPACITY,
     NUM_NEIGHBOURS,
     OPACITY,
-    PRIMARY,
-    R_DIRECTION,
     R_LUMA,
     R_OPACITY,
     R_SCALE0,
@@ -31,6 +27,7 @@ from splatwire.codec.schemas.gaussians.layout import (
     R_SCALE2,
     S_COLOUR,
     S_OPACITY,
+    S_POSITION,
     S_SCALE0,
     S_SCALE1,
     S_SCALE2,
@@ -44,8 +41,6 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.entropy.range_kernels import ZERO
 from splatwire.ops.compiled import njit
-
-UNIT = 1 << DIRECTION_BITS
 
 
 @njit(borrows=True, error_model="numpy")
@@ -103,9 +98,9 @@ def spread_context(count, deviation, shift):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def follow(running, residual, shift):
+def follow(running, steps):
     """Running magnitude of a Gaussian's residuals in sixteenths of a step, after one more."""
-    return (running + (min(abs(residual) >> shift, 1 << 14) << 4)) >> 1
+    return (running + (min(abs(steps), 1 << 14) << 4)) >> 1
 
 
 @njit(borrows=True, error_model="numpy")
@@ -146,118 +141,104 @@ def code_class(coder, rows, value, near):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def code_logs(coder, rows, i, source, bases, defaults, level, near, thinness):
+def shift_of(bases, which, level, area, long, thin, opacity, most):
+    """log2 of a step in units of the fixed point, from 0 to `most`."""
+    return min(max(BITS - exponent(bases, which, level, area, long, thin, opacity), 0), most)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def thinness_of(ratio, thinness):
+    """The companded value whose logarithm is nearest to this one: exactly the inverse of the table."""
+    low, high = 0, len(thinness) - 1
+    while low < high:
+        middle = (low + high) >> 1
+        if thinness[middle] < ratio:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1 if low and ratio - thinness[low - 1] < thinness[low] - ratio else low
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def code_logs(coder, rows, i, source, bases, defaults, level, near, thinness, absolute):
     """Codes opacity and scales, each from the neighbours' and with a step from what is known already."""
+    count = len(near[0])
     mean, deviation = predict(rows, OPACITY, defaults[0], near)
-    shift = min(max(BITS - exponent(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO), 0), BITS)
-    spread = spread_context(len(near[0]), deviation, shift)
-    residual = code_residual(coder, R_OPACITY, spread, shift, source[0] - mean, shift)
-    running, opacity = follow(np.int64(16), residual, shift), mean + residual
-    opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
+    shift = shift_of(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+    spread = spread_context(count, deviation, shift)
+    opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
+    opacity, steps = code_value(coder, R_OPACITY, spread, shift, mean, opacity, shift, absolute)
+    running, opacity = follow(np.int64(16), steps), min(max(opacity, MIN_OPACITY), MAX_OPACITY)
     mean, deviation = predict(rows, SCALE0, defaults[1], near)
-    area = 2 * mean - (2 << BITS)
-    shift = min(max(BITS - exponent(bases, S_SCALE0, level, area, ZERO, ZERO, opacity), 0), BITS - 1)
-    spread = spread_context(len(near[0]), deviation, shift)
-    residual = code_residual(coder, R_SCALE0, spread, shift, source[1] - mean, shift)
-    running, s0 = follow(running, residual, shift), mean + residual
-    s0 = min(max(s0, -MAX_LOG), MAX_LOG)
+    area = ZERO if absolute else 2 * mean - (2 << BITS)
+    shift = shift_of(bases, S_SCALE0, level, area, ZERO, ZERO, opacity, BITS - 1)
+    spread = spread_context(count, deviation, shift)
+    s0, steps = code_value(coder, R_SCALE0, spread, shift, mean, source[1], shift, absolute)
+    running, s0 = follow(running, steps), min(max(s0, -MAX_LOG), MAX_LOG)
     mean, deviation = predict(rows, SCALE1, defaults[2], near)
-    area = 2 * s0 - (2 << BITS)
-    shift = min(max(BITS - exponent(bases, S_SCALE1, level, area, ZERO, ZERO, opacity), 0), BITS - 1)
-    spread = spread_context(len(near[0]), deviation, shift)
-    residual = code_residual(coder, R_SCALE1, spread, octave_of(running), s0 - source[2] - mean, shift)
-    running, long = follow(running, residual, shift), mean + residual
-    long = min(max(long, 0), MAX_LOG)
+    shift = shift_of(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+    spread = spread_context(count, deviation, shift)
+    long, steps = code_value(coder, R_SCALE1, spread, octave_of(running), mean, s0 - source[2], shift, absolute)
+    running, long = follow(running, steps), min(max(long, 0), MAX_LOG)
     mean, deviation = predict(rows, SCALE2, defaults[3], near)
-    shift = min(max(BITS - exponent(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity), 0), BITS - 1)
-    spread = spread_context(len(near[0]), deviation, shift)
+    shift = shift_of(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity, BITS - 1)
+    spread = spread_context(count, deviation, shift)
     target = np.int64(0)
     if not coder.decoding:
-        ratio = max(s0 - long - source[3], 0) / (1 << BITS)
-        target = np.int64(np.rint((1 - 2.0**-ratio) / np.log(2.0) * (1 << BITS)))
-    residual = code_residual(coder, R_SCALE2, spread, octave_of(running), target - mean, shift)
-    running, thin = follow(running, residual, shift), mean + residual
-    thin = min(max(thin, 0), MAX_THIN)
+        target = thinness_of(max(s0 - long - source[3], 0), thinness)
+    thin, steps = code_value(coder, R_SCALE2, spread, octave_of(running), mean, target, shift, absolute)
+    most = (MAX_THIN >> shift) << shift if absolute else MAX_THIN
+    running, thin = follow(running, steps), min(max(thin, 0), most)
     rows[i, OPACITY], rows[i, SCALE0], rows[i, SCALE1], rows[i, SCALE2] = opacity, s0, long, thin
     return s0, long, thinness[thin], opacity, running
 
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def predict_axis(rows, primary, near, axis):
-    """Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; and their mean deviation."""
-    who, weight = near
-    total, nearest = np.int64(0), -1
-    axis[0] = axis[1] = axis[2] = 0
-    for m in range(len(who)):
-        j = who[m]
-        if rows[j, PRIMARY] == primary:
-            nearest = j if nearest < 0 else nearest
-            side = np.int64(0)
-            for a in range(3):
-                side += rows[j, AXIS + a] * rows[nearest, AXIS + a]
-            w = weight[m] if side >= 0 else -weight[m]
-            for a in range(3):
-                axis[a] += w * rows[j, AXIS + a]
-            total += weight[m]
-    if nearest < 0 or abs(axis[0]) + abs(axis[1]) + abs(axis[2]) == 0:
-        axis[2] = UNIT
-        return np.int64(0), 0
-    deviation, same = np.int64(0), 0
-    for m in range(len(who)):
-        j = who[m]
-        if rows[j, PRIMARY] == primary:
-            near, opposite = np.int64(0), np.int64(0)
-            for a in range(3):
-                mean = axis[a] // total
-                near += abs(rows[j, AXIS + a] - mean)
-                opposite += abs(rows[j, AXIS + a] + mean)
-            deviation += weight[m] * min(near, opposite)
-            same += 1
-    return deviation // total, same
-
-
-@njit(borrows=True, error_model="numpy")
-@no_type_check
-def code_axis(coder, rows, i, primary, source, shift, near, running, axis):
-    """Codes an axis on an octahedral square whose pole is the coordinate axis nearest to the neighbours' mean axis."""
-    deviation, same = predict_axis(rows, primary, near, axis)
-    pole = 0
-    for a in range(1, 3):
-        if abs(axis[a]) > abs(axis[pole]):
-            pole = a
-    if axis[pole] < 0:
-        for a in range(3):
-            axis[a] = -axis[a]
-    first, second = (pole + 1) % 3, (pole + 2) % 3
-    norm = abs(axis[0]) + abs(axis[1]) + abs(axis[2])
-    mean0 = ((axis[first] + axis[second]) << DIRECTION_BITS) // norm
-    mean1 = ((axis[first] - axis[second]) << DIRECTION_BITS) // norm
-    target0, target1 = np.int64(0), np.int64(0)
-    if not coder.decoding:
-        length = abs(source[0]) + abs(source[1]) + abs(source[2])
-        sign = UNIT / length if source[pole] >= 0 else -UNIT / length
-        target0 = np.int64(np.rint((source[first] + source[second]) * sign))
-        target1 = np.int64(np.rint((source[first] - source[second]) * sign))
-    spread = spread_context(same, deviation, shift)
-    residual = code_residual(coder, R_DIRECTION, spread, octave_of(running), target0 - mean0, shift)
-    running, e0 = follow(running, residual, shift), min(max(mean0 + residual, -UNIT), UNIT)
-    residual = code_residual(coder, R_DIRECTION, spread, octave_of(running), target1 - mean1, shift)
-    running, e1 = follow(running, residual, shift), min(max(mean1 + residual, -UNIT), UNIT)
-    x, y = (e0 + e1) >> 1, (e0 - e1) >> 1
-    rows[i, AXIS + first], rows[i, AXIS + second] = x, y
-    rows[i, AXIS + pole] = max(UNIT - abs(x) - abs(y), 0)
-    return running
-
-
-@njit(borrows=True, error_model="numpy")
-@no_type_check
-def code_colour(coder, rows, i, source, bases, defaults, level, near, running):
+def code_colour(coder, rows, i, source, bases, defaults, level, near, running, absolute):
     """Codes luma and chroma; the magnitude of the component before is a context."""
-    shift = min(max(BITS - exponent(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO), 0), BITS - 2)
+    shift = shift_of(bases, S_COLOUR, level, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):
         mean, deviation = predict(rows, LUMA + c, defaults[4 + c], near)
         spread = spread_context(len(near[0]), deviation, shift)
-        residual = code_residual(coder, R_LUMA + c, spread, octave_of(running), source[c] - mean, shift)
-        rows[i, LUMA + c] = min(max(mean + residual, -MAX_COLOUR), MAX_COLOUR)
-        running = follow(running, residual, shift)
+        value, steps = code_value(coder, R_LUMA + c, spread, octave_of(running), mean, source[c], shift, absolute)
+        rows[i, LUMA + c] = min(max(value, -MAX_COLOUR), MAX_COLOUR)
+        running = follow(running, steps)
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def place_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
+    """log2 of the cell of each Gaussian's place, in lattice units: from its own logarithms, rounded as they are coded.
+
+    `logs`, int64 (n, 4), are as in `Sources`, `levels`, int64 (n), classes; the result goes to `shifts`, int64 (n).
+    """
+    for i in range(len(logs)):
+        level, source = levels[i], logs[i]
+        shift = shift_of(bases, S_OPACITY, level, ZERO, ZERO, ZERO, ZERO, BITS)
+        opacity = source[0] + 1 if source[0] == MAX_OPACITY else source[0]
+        opacity = min(max(_rounded(opacity, shift), MIN_OPACITY), MAX_OPACITY)
+        shift = shift_of(bases, S_SCALE0, level, ZERO, ZERO, ZERO, opacity, BITS - 1)
+        s0 = min(max(_rounded(source[1], shift), -MAX_LOG), MAX_LOG)
+        shift = shift_of(bases, S_SCALE1, level, 2 * s0 - (2 << BITS), ZERO, ZERO, opacity, BITS - 1)
+        long = min(max(_rounded(s0 - source[2], shift), 0), MAX_LOG)
+        shift = shift_of(bases, S_SCALE2, level, 2 * s0 - long, long, ZERO, opacity, BITS - 1)
+        thin = _rounded(thinness_of(max(s0 - long - source[3], 0), thinness), shift)
+        thin = min(max(thin, 0), (MAX_THIN >> shift) << shift)
+        shifts[i] = place_shift(bases, level, s0, long, thinness[thin], opacity, unit, coarsest)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _rounded(value, shift):
+    return ((value + ((1 << shift) >> 1)) >> shift) << shift
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def place_shift(bases, level, s0, long, thin, opacity, unit, most):
+    """log2 of the cell of a place, in lattice units, from 0 to `most`."""
+    e = max(exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))
+    return min(max(unit - e, 0), most)

@@ -4,20 +4,20 @@ from typing import no_type_check
 
 import numpy as np
 
+from splatwire.codec.schemas.gaussians._axis_kernels import code_axis
 from splatwire.codec.schemas.gaussians._cell_kernels import code_cells
 from splatwire.codec.schemas.gaussians._coder_kernels import DECODING, ENCODING, code_below, code_raw, new_coder
 from splatwire.codec.schemas.gaussians._gaussian_kernels import (
-    code_axis,
     code_class,
     code_colour,
     code_logs,
     exponent,
     find_neighbours,
+    place_shift,
 )
 from splatwire.codec.schemas.gaussians._harmonic_kernels import code_harmonics
 from splatwire.codec.schemas.gaussians.layout import (
     AXIS,
-    BITS,
     CLASS,
     DIRECTION_BITS,
     LATTICE,
@@ -25,7 +25,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     NUM_NEIGHBOURS,
     PRIMARY,
     S_DIRECTION,
-    S_POSITION,
     S_SPIN,
     SLOT_BITS,
     SPIN,
@@ -87,12 +86,16 @@ def _code_codes(coder, codes, bits, spread, slots, stack):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_place(coder, row, cell, place, cells_at, shift):
+def _code_place(coder, row, cell, place, cells_at, shift, absolute):
     """Codes the bits of a place between the first grid and the Gaussian's own step."""
     low = min(cells_at, shift)
     for a in range(3):
-        fine = code_raw(coder, place[a] >> low, cells_at - low)
-        row[LATTICE + a] = (((cell[a] << (cells_at - low)) | fine) << (low + 1)) | (1 << low)
+        fine = (cell[a] << (cells_at - low)) | code_raw(coder, place[a] >> low, cells_at - low)
+        if absolute:
+            fine, row[LATTICE + a] = fine >> (shift - low), 1 << shift
+            row[LATTICE + a] |= fine << (shift + 1)
+        else:
+            row[LATTICE + a] = (fine << (low + 1)) | (1 << low)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -133,9 +136,10 @@ def _turn(row, axes, primary):
 @no_type_check
 def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scratch):
     """Codes one packet; `source` is (codes, places, classes, logs, axes, colours, harmonics) of an encoder."""
-    bases, unit, thinness = stream
+    bases, unit, coarsest, thinness = stream
+    absolute = coarsest >= 0
     cells_at, spread, codes, places, classes, logs, axes, colours, levels = source
-    cells, packed, stack, who, weight, axis = scratch
+    cells, packed, stack, who, weight, axis, other = scratch
     n = len(rows)
     at = code_raw(coder, cells_at, CELLS_AT_BITS)
     at = min(max(at, box_bits - MAX_CELL_BITS), box_bits)
@@ -149,17 +153,20 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
         count = find_neighbours(cells, i, who, weight)
         near = who[:count], weight[:count]
         rows[i, CLASS] = level = code_class(coder, rows, classes[j], near)
-        s0, long, thin, opacity, running = code_logs(coder, rows, i, logs[j], bases, defaults, level, near, thinness)
+        s0, long, thin, opacity, running = code_logs(
+            coder, rows, i, logs[j], bases, defaults, level, near, thinness, absolute
+        )  # fmt: skip
         area = 2 * s0 - long
-        e = max(exponent(bases, S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS))
-        _code_place(coder, rows[i], cells[i], places[j], at, min(max(unit - e, 0), box_bits))
+        shift = place_shift(bases, level, s0, long, thin, opacity, unit, coarsest if absolute else box_bits)
+        _code_place(coder, rows[i], cells[i], places[j], at, shift, absolute)
         rows[i, PRIMARY] = primary = 2 if thin >= long else 0
         e = exponent(bases, S_DIRECTION, level, area, long, thin, opacity)
         shift = min(max(DIRECTION_BITS - e, 0), DIRECTION_BITS - 2)
-        running = code_axis(coder, rows, i, primary, axes[j, :, primary], shift, near, running, axis)
+        exact = axes[j, :, primary]
+        running = code_axis(coder, rows, i, primary, exact, shift, near, running, axis, other, absolute)
         e = exponent(bases, S_SPIN, level, area, long, thin, opacity)
         _code_spin(coder, rows[i], axes[j], primary, min(max(e, 0), DIRECTION_BITS))
-        code_colour(coder, rows, i, colours[j], bases, defaults, level, near, running)
+        code_colour(coder, rows, i, colours[j], bases, defaults, level, near, running, absolute)
         if harmonics.shape[1]:
             code_harmonics(coder, harmonics, i, levels, bases, level)
 
@@ -167,13 +174,14 @@ def _code_packet(coder, stream, box_bits, defaults, source, rows, harmonics, scr
 @njit(error_model="numpy")
 @no_type_check
 def new_scratch(n):
-    """Room to code a packet of n: cells, their codes, the stack of `code_cells`, neighbours, weights, a mean axis."""
+    """Room to code a packet of n: cells, their codes, the stack of `code_cells`, neighbours, weights, two axes."""
     return (
         np.empty((n, 3), np.int64),
         np.zeros(n, np.int64),
         np.empty((66, 5), np.int64),
         np.empty(NUM_NEIGHBOURS, np.int64),
         np.empty(NUM_NEIGHBOURS, np.int64),
+        np.empty(3, np.int64),
         np.empty(3, np.int64),
     )
 

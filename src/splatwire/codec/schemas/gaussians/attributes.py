@@ -30,7 +30,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     TRANSFORM_UNIT,
 )
 from splatwire.codec.schemas.gaussians.tables import power_of_two, thinness_table
-from splatwire.errors import InvalidValueError
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
@@ -47,7 +46,7 @@ class Sources:
         logs: int64 (N, 4), opacity and the three scales, logarithms to base 2; scales are relative to the scene's.
         axes: float64 (N, 3, 3), the axes in columns.
         colours: int64 (N, 3), Y Co Cg.
-        harmonics: int64 (N, K, 3), Y Co Cg of each.
+        harmonics: float64 (N, K, 3), Y Co Cg of each, in units of the fixed point, not rounded.
     """
 
     logs: np.ndarray
@@ -56,27 +55,16 @@ class Sources:
     harmonics: np.ndarray
 
 
-def check_finite(splats: Splats) -> None:
-    """Refuses what cannot be coded.
-
-    Raises:
-        InvalidValueError: If there is no Gaussian, or a number is not finite or not possible.
-    """
-    if not splats.num_gaussians:
-        raise InvalidValueError("there is no Gaussian: there is nothing to encode")
-    for name, values in vars(splats).items():
-        if not all(np.isfinite(some).all() for some in runs(values.numpy())):
-            raise InvalidValueError(f"the Gaussians' {name} are not all finite")
-    if not all((some > 0).all() for values in (splats.scales, splats.opacities) for some in runs(values.numpy())):
-        raise InvalidValueError("scales and opacities of Gaussians must be above 0")
-    if not all(some.any(axis=1).all() for some in runs(splats.quats.numpy())):
-        raise InvalidValueError("a Gaussian's quaternion is 0")
+def scene_middle(splats: Splats) -> np.ndarray:
+    """Middle of a scene: the median of its Gaussians on each axis, float64 (3)."""
+    ranks = middle_ranks(splats.num_gaussians)
+    columns = splats.means.numpy().T
+    return np.array([order_statistics(functools.partial(runs, column), ranks).mean() for column in columns])
 
 
 def scene_log(splats: Splats) -> int:
-    """Size of a scene: log2 of the median distance of the Gaussians from their median, rounded down."""
-    means, ranks = splats.means.numpy(), middle_ranks(splats.num_gaussians)
-    middle = [order_statistics(functools.partial(runs, column), ranks).mean() for column in means.T]
+    """Size of a scene: log2 of the median distance of the Gaussians from its middle, rounded down."""
+    means, ranks, middle = splats.means.numpy(), middle_ranks(splats.num_gaussians), scene_middle(splats)
 
     def squares(some: np.ndarray) -> np.ndarray:
         x, y, z = (column.astype(np.float64) - m for column, m in zip(some.T, middle, strict=True))
@@ -112,9 +100,12 @@ def to_colours(splats: Splats) -> np.ndarray:
 
 
 def to_harmonics(splats: Splats) -> np.ndarray:
-    """Y Co Cg of each harmonic in fixed point, int64 (N, K, 3)."""
-    flat = splats.sh[:, 1:].numpy().astype(np.float64).reshape(-1, 3) @ _LUMA_CHROMA.T
-    return _fixed(flat, -MAX_COLOUR, MAX_COLOUR).reshape(splats.num_gaussians, -1, 3)
+    """Y Co Cg of each harmonic in units of the fixed point, float64 (N, K, 3).
+
+    Not rounded: what the transform of whole numbers gives is none, and its inverse has to find them again.
+    """
+    flat = splats.sh[:, 1:].numpy().astype(np.float64).reshape(-1, 3) @ _LUMA_CHROMA.T * (1 << BITS)
+    return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
 
 
 def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -141,11 +132,11 @@ def transformed(harmonics: np.ndarray, transform: np.ndarray) -> np.ndarray:
     """Numbers that packets hold of harmonics, int64 (n, 3 K), Y Co Cg of the first axis, then of the next.
 
     Args:
-        harmonics: int64 (n, K, 3).
+        harmonics: float64 (n, K, 3).
         transform: See `fit_transform`.
     """
     inverse = np.linalg.inv(transform / TRANSFORM_UNIT)
-    numbers = harmonics.reshape(len(harmonics), -1).astype(np.float64) @ np.kron(inverse, np.eye(3))
+    numbers = harmonics.reshape(len(harmonics), -1) @ np.kron(inverse, np.eye(3))
     return np.rint(numbers, out=numbers).astype(np.int64)
 
 

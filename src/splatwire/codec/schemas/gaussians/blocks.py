@@ -14,6 +14,10 @@ from splatwire.ops.order_statistics import quantiles
 from splatwire.packets import PacketPlan
 
 ROWS = 1 << 16
+_OUTSIDE, _MARGIN = 50, 2
+"""Cells are for what lies between the outermost 2 % at either end of each axis, and for twice as much at most."""
+TYPICAL_BLOCK, TYPICAL_SAMPLE = 3000, 1 << 14
+"""Gaussians of a usual block, and of the sample that shows how large such blocks are."""
 BOX_BITS = 8
 """A box is so many bits large in its own unit."""
 
@@ -89,13 +93,21 @@ def block_sizes(plan: PacketPlan) -> np.ndarray:
 def cell_shift(places: np.ndarray, bits: int) -> int:
     """How large cells are, as log2 in lattice units: some sixteen to a side for each Gaussian on a surface.
 
+    A few that lie far outside do not make the cells of all others large.
+
     Args:
         places: int64 (n, 3), within the block's box.
         bits: Bits of the box.
     """
-    extent = int(np.ptp(places, axis=0).max()).bit_length()
     depth = 4 + (len(places).bit_length() + 1) // 2
-    return max(extent - depth, bits - MAX_CELL_BITS, 0)
+    return max(_extent_bits(places) - depth, bits - MAX_CELL_BITS, 0)
+
+
+def _extent_bits(places: np.ndarray) -> int:
+    """Bits of the extent of what does not lie far outside."""
+    ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
+    low, high = np.partition(places, ends, axis=0)[ends]
+    return int(np.minimum(np.ptp(places, axis=0), _MARGIN * (high - low)).max()).bit_length()
 
 
 def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
@@ -114,9 +126,14 @@ def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
     return np.lexsort((codes, slots))
 
 
-def make_boxes(low: np.ndarray, high: np.ndarray) -> Boxes:
-    """Boxes around what lies from `low` to `high`, int64 (B, 3) each, in lattice coordinates."""
-    shifts = np.array([max(int(e).bit_length() - BOX_BITS + 1, 0) for e in (high - low).max(axis=1)], dtype=np.int64)
+def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:
+    """Boxes around what lies from `low` to `high`, int64 (B, 3) each, in lattice coordinates.
+
+    Their corners are multiples of `1 << coarsest`, so that cells of places are the same in every box.
+    """
+    shifts = np.array(
+        [max(int(e).bit_length() - BOX_BITS + 1, coarsest) for e in (high - low).max(axis=1)], dtype=np.int64
+    )
     origins = low >> shifts[:, None]
     return Boxes(shifts, origins, (high >> shifts[:, None]) - origins)
 
@@ -124,6 +141,23 @@ def make_boxes(low: np.ndarray, high: np.ndarray) -> Boxes:
 def block_codes(places: np.ndarray, bits: int) -> np.ndarray:
     """Morton codes of places within a box of so many bits, of at most `MAX_CELL_BITS` bits to an axis."""
     return morton_encode(places >> max(bits - MAX_CELL_BITS, 0))
+
+
+def typical_cell(means: np.ndarray, unit: int, size_log: int) -> int:
+    """About as large as `cell_shift` makes cells in most blocks, whatever blocks there will be.
+
+    Args:
+        means: (N, 3).
+        unit: `-log2` of the lattice's unit, relative to the scene's size.
+        size_log: log2 of the scene's size.
+    """
+    some = means[:: -(-len(means) // TYPICAL_SAMPLE)]
+    order = gaussian_order(some, None)
+    parts = np.array_split(order, max(1, len(means) // TYPICAL_BLOCK))
+    places = [to_lattice(some.take(part, axis=0).astype(np.float64), unit, size_log) for part in parts]
+    depth = 4 + (min(len(means), TYPICAL_BLOCK).bit_length() + 1) // 2
+    bits = [_extent_bits(place) for place in places if len(place)]
+    return int(np.clip(np.median(bits) - depth, 0, MAX_LATTICE_BITS - BOX_BITS))
 
 
 def to_lattice(means: np.ndarray, unit: int, size_log: int) -> np.ndarray:

@@ -78,6 +78,21 @@ def read_copies(info: SideInfo, num_gaussians: int) -> Copies | None:
     return Copies(torch.from_numpy(places), splats, (size, opacity, trust))
 
 
+def moved_copies(section: bytes, place_at: np.ndarray) -> bytes:
+    """The section for a stream of the same tables in which Gaussians have other places.
+
+    Args:
+        section: The section.
+        place_at: int64 (N), where each Gaussian of the stream is in the other one.
+    """
+    reader = ByteReader(section, f"section '{SECTION}'")
+    head, count, blocks = reader.take(4), reader.unsigned(), reader.blob()
+    places, writer = _read_places(reader, count, len(place_at)), ByteWriter()
+    writer.unsigned(count)
+    writer.blob(blocks)
+    return bytes(head) + writer.bytes() + write_places(place_at[places], len(place_at)) + bytes(reader.rest())
+
+
 def _decode(info: SideInfo, count: int, payload: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Decodes the only packet of the only block; any bytes decode to something."""
     from splatwire.codec.schemas.gaussians import _packet_kernels as kernels

@@ -9,7 +9,6 @@ import numpy as np
 
 from splatwire.codec.background import background_sections
 from splatwire.codec.schemas.gaussians.attributes import (
-    check_finite,
     empty_rows,
     fit_transform,
     to_harmonics,
@@ -29,6 +28,7 @@ from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers
 from splatwire.errors import InvalidValueError
+from splatwire.model import SplatCoding
 from splatwire.packets import (
     GAUSSIANS,
     HEADER_BYTES,
@@ -60,6 +60,8 @@ def encode_splats(
     classes: np.ndarray | None = None,
     quality: Quality = QUALITIES["default"],
     tiers: np.ndarray | None = None,
+    coding: SplatCoding | None = None,
+    like: SideInfo | None = None,
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> SceneStream:
@@ -68,13 +70,16 @@ def encode_splats(
     Which Gaussian is at which place of the stream is the encoder's choice: places travel in packets.
 
     Args:
-        splats: The Gaussians.
+        splats: The Gaussians, all of which can be drawn (`splatwire.scene.rows`; `encode_scene` sees to it).
         packetization: How they are split.
         background: RGB behind them.
         classes: Class of precision of each, 0 for the finest and an octave of steps coarser for each below
             (`precision_classes`); None for the finest everywhere.
         quality: How finely they are quantised.
         tiers: Tier of each, 0 for the most important; None for one tier.
+        coding: Steps that the Gaussians have been rounded to before, instead of `classes` and `quality`: then they
+            become the same integers again.
+        like: Side information whose tables and named sections are taken, of the stream that the Gaussians come from.
         threads: Threads to use, which changes no bit; None for one for each processor.
         progress: Called with the share of the work that is done, 0 to 1.
 
@@ -82,19 +87,23 @@ def encode_splats(
         The complete stream.
 
     Raises:
-        InvalidValueError: If there is nothing to encode, values are not finite, or the packetization is not for this.
+        InvalidValueError: If there is nothing to encode, or the packetization is not for this.
     """
-    check_finite(splats)
+    if not splats.num_gaussians:
+        raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     if not packetization.common:
         raise InvalidValueError("Gaussians travel whole and in Morton order: no separated packaging, no raster order")
     shapes = shape_tiers(tiers, packetization) if tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
-    scene = SourceScene.of(splats, plan, classes, tiers if shapes else None, quality)
-    sections = dict(background_sections(background))
+    scene = SourceScene.of(splats, plan, classes, tiers if shapes else None, quality, coding)
+    sections = {**({} if like is None else like.sections), **background_sections(background)}
+    sections.pop(TIERS, None)
     if shapes:
         tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_anchors for shape in shapes])
         sections[TIERS] = encode_tiers(tier_of, len(shapes))
-    side_info = write_side_info(_fit(scene, sections, threads))
+    side_info = write_side_info(
+        _fit(scene, sections, None if coding is None else coding.transform.numpy(), like, threads)
+    )
     # Predict from what a decoder will read, not from what was meant.
     info = read_side_info(side_info, plan.num_blocks)
     packets, digest = _encode_packets(scene, plan, info, threads, progress)
@@ -104,14 +113,32 @@ def encode_splats(
     )  # fmt: skip
 
 
-def _fit(scene: SourceScene, sections: Mapping[str, bytes], threads: int | None) -> SideInfo:
-    """Side information: boxes and means of blocks, and tables fitted to a part of the scene."""
+def _fit(
+    scene: SourceScene, sections: Mapping[str, bytes], known: np.ndarray | None, like: SideInfo | None,
+    threads: int | None,
+) -> SideInfo:  # fmt: skip
+    """Side information: boxes and means of blocks, and tables fitted to a part of the scene, or those of `like`.
+
+    So is the transform of harmonics, unless one is `known`.
+    """
     ends = np.array([[p.min(axis=0), p.max(axis=0)] for p in map(scene.places, range(scene.num_blocks))])
-    boxes = make_boxes(ends[:, 0], ends[:, 1])
+    boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
     means = list(ordered_map(scene.means, range(scene.num_blocks), threads))
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
-    transform = _transform(scene)
-    fields = (scene.splats.degree, scene.size_log, scene.unit, scene.bases, transform, boxes, np.clip(means, -511, 511))
+    side = (scene.splats.degree + 1) ** 2 - 1
+    transform = _transform(scene) if known is None or len(known) != side else known
+    fields = (
+        scene.splats.degree,
+        scene.size_log,
+        scene.unit,
+        scene.bases,
+        scene.coarsest,
+        transform,
+        boxes,
+        np.clip(means, -511, 511),
+    )
+    if like is not None:
+        return SideInfo(*fields, like.bit_zero, like.scales, sections)
     first, (bits, residuals) = SideInfo(*fields, zero, first_scales()), empty_statistics()
 
     blocks = scene.some_blocks()

@@ -79,6 +79,9 @@ NARROW_WEIGHT = 45875
 SCALE_UNIT = 4
 """Scales are sent in units of so many entries of the scale table."""
 
+EIGHTHS = np.int64(3)
+"""A mean between two multiples of a step counts in so many fractional bits."""
+
 SLOT_BITS = 8
 """Lowest bits of a cell's Morton code: Gaussians whose codes agree in them are evenly spread over a block."""
 MAX_LATTICE_BITS = 40

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.codec.schemas.gaussians.bits_reference import ReferenceBits
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     COEFFICIENTS,
@@ -43,8 +44,8 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.side_info import SideInfo
 from splatwire.codec.schemas.gaussians.tables import thinness_table
-from splatwire.entropy.reference import ReferenceDecoder, ReferenceMixture, decode_mixture
-from splatwire.entropy.tables import NUM_SCALES
+from splatwire.entropy.reference import ReferenceMixture, decode_mixture
+from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
 
 ONE = 1 << DIRECTION_BITS
 RUNNING = (2, 6, 13, 24, 42, 74, 135)
@@ -68,7 +69,7 @@ class Gaussian:
         return [*self.place, self.level, *self.logs, *self.axis, self.primary, *self.spin, *self.colour]
 
 
-class ReferencePacket:
+class ReferencePacket(ReferenceBits):
     """Decodes one packet.
 
     Args:
@@ -79,9 +80,10 @@ class ReferencePacket:
     """
 
     def __init__(self, info: SideInfo, block: int, payload: bytes, count: int) -> None:
-        self.coder, self.info, self.count = ReferenceDecoder(payload), info, count
-        self.models = [[int(z) << 8] * 2 for z in info.bit_zero]
-        self.running = 0
+        super().__init__(payload, [int(z) << 8 for z in info.bit_zero])
+        self.info, self.count = info, count
+        self.running = self.shift = 0
+        self.absolute = info.coarsest >= 0
         self.box_bits = int(info.boxes.bits[block])
         self.defaults = [int(v) for v in info.block_defaults[block]]
         self.thinness = thinness_table().tolist()
@@ -121,7 +123,7 @@ class ReferencePacket:
         opacity = self.value(0, S_OPACITY, near, g.level, lambda n: n.logs[0], (0, 0, 0, 0), 0, BITS)
         opacity = min(max(opacity, MIN_OPACITY), MAX_OPACITY)
         mean = self.mean(near, lambda n: n.logs[1], self.defaults[1])[0]
-        shape = (2 * mean - (2 << BITS), 0, 0, opacity)
+        shape = (0 if self.absolute else 2 * mean - (2 << BITS), 0, 0, opacity)
         s0 = self.value(1, S_SCALE0, near, g.level, lambda n: n.logs[1], shape, 1, BITS - 1)
         s0 = min(max(s0, -MAX_LOG), MAX_LOG)
         shape = (2 * s0 - (2 << BITS), 0, 0, opacity)
@@ -129,12 +131,15 @@ class ReferencePacket:
         long = min(max(long, 0), MAX_LOG)
         shape = (2 * s0 - long, long, 0, opacity)
         t = self.value(3, S_SCALE2, near, g.level, lambda n: n.logs[3], shape, 3, BITS - 1)
-        t = min(max(t, 0), MAX_THIN)
+        t = min(max(t, 0), (MAX_THIN >> self.shift) << self.shift if self.absolute else MAX_THIN)
         g.logs, thin = [opacity, s0, long, t], self.thinness[t]
         shape = (2 * s0 - long, long, thin, opacity)
         finest = max(self.exponent(S_POSITION, g.level, shape), 1 - ((s0 - long) >> BITS))
-        low = min(at, min(max(self.info.unit - finest, 0), self.box_bits))
-        x, y, z = (((c << (at - low)) | self.raw(at - low)) * 2 ** (low + 1) + 2**low for c in cell)
+        size = min(max(self.info.unit - finest, 0), self.info.coarsest if self.absolute else self.box_bits)
+        low = min(at, size)
+        fine = [(c << (at - low)) | self.raw(at - low) for c in cell]
+        size = size if self.absolute else low
+        x, y, z = ((c >> (size - low)) * 2 ** (size + 1) + 2**size for c in fine)
         g.place, g.primary = (x, y, z), 2 if thin >= long else 0
         shift = min(max(DIRECTION_BITS - self.exponent(S_DIRECTION, g.level, shape), 0), DIRECTION_BITS - 2)
         g.axis = self.axis(near, g.primary, shift)
@@ -152,7 +157,16 @@ class ReferencePacket:
         """A value that is predicted by the neighbours' mean."""
         mean, deviation = self.mean(near, of, self.defaults[default])
         shift = min(max(BITS - self.exponent(step, level, shape), 0), most)
-        return mean + (self.residual(stream, spread(len(near), deviation, shift), shift) << shift)
+        return self.coded(stream, spread(len(near), deviation, shift), mean, shift)
+
+    def coded(self, stream: int, context: int, mean: int, shift: int) -> int:
+        """A value that is expected to be `mean`: a multiple of the step, or whole steps from the mean."""
+        self.shift = shift
+        if not self.absolute:
+            return mean + (self.residual(stream, context, shift, 0) << shift)
+        eighths = (8 * mean + ((1 << shift) >> 1)) >> shift
+        near = (eighths + 4) >> 3
+        return (near + self.residual(stream, context, shift, eighths - 8 * near)) << shift
 
     def axis(self, near: list[tuple[Gaussian, int]], primary: int, shift: int) -> list[int]:
         """The primary axis."""
@@ -174,11 +188,18 @@ class ReferencePacket:
         mean = [-m for m in mean] if mean[pole] < 0 else mean
         first, second, norm = (pole + 1) % 3, (pole + 2) % 3, sum(map(abs, mean))
         context = spread(len(same), deviation, shift)
-        square = []
+        axis, square = [0, 0, 0], []
+        if self.absolute:
+            for a, expected in ((first, mean[first]), (second, mean[second])):
+                most = ONE - sum(map(abs, axis))
+                value = self.coded(4, context, (expected << DIRECTION_BITS) // norm, shift)
+                axis[a] = min(max(value, -most), most)
+            axis[pole] = ONE - sum(map(abs, axis))
+            largest = max(axis, key=abs)
+            return [-a for a in axis] if largest < 0 else axis
         for sign in (1, -1):
             expected = ((mean[first] + sign * mean[second]) << DIRECTION_BITS) // norm
-            square.append(min(max(expected + (self.residual(4, context, shift) << shift), -ONE), ONE))
-        axis = [0, 0, 0]
+            square.append(min(max(self.coded(4, context, expected, shift), -ONE), ONE))
         axis[first], axis[second] = (square[0] + square[1]) >> 1, (square[0] - square[1]) >> 1
         axis[pole] = max(ONE - abs(axis[first]) - abs(axis[second]), 0)
         return axis
@@ -188,8 +209,8 @@ class ReferencePacket:
         shift = min(max(BITS - self.exponent(S_COLOUR, g.level, (0, 0, 0, 0)), 0), BITS - 2)
         for c in range(3):
             mean, deviation = self.mean(near, lambda n, c=c: n.colour[c], self.defaults[4 + c])  # type: ignore[misc]
-            q = self.residual(5 + c, spread(len(near), deviation, shift), shift)
-            g.colour.append(min(max(mean + (q << shift), -MAX_COLOUR), MAX_COLOUR))
+            value = self.coded(5 + c, spread(len(near), deviation, shift), mean, shift)
+            g.colour.append(min(max(value, -MAX_COLOUR), MAX_COLOUR))
 
     def harmonics(self, g: Gaussian) -> None:
         """Harmonics, the three channels of one after another."""
@@ -247,52 +268,15 @@ class ReferencePacket:
         sums += (int(self.info.bases[which]) + level * 2**STEP_BITS) * 2**BITS
         return (sums + 2 ** (BITS + STEP_BITS - 1)) >> (BITS + STEP_BITS)
 
-    def residual(self, stream: int, context: int, shift: int) -> int:
+    def residual(self, stream: int, context: int, shift: int, eighths: int) -> int:
         """A residual in steps; a context of all but the first two is how large those before were."""
         second = shift if stream < 2 else min(self.running.bit_length(), SECONDS - 1)
         scale = int(self.info.scales[stream, context, second]) * SCALE_UNIT
-        mixture = ReferenceMixture(0, scale, 0, min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT)
+        mean = eighths << (MEAN_BITS - 3)
+        mixture = ReferenceMixture(mean, scale, mean, min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT)
         q = min(max(decode_mixture(self.coder, mixture), -MAX_RESIDUAL), MAX_RESIDUAL)
         self.running = (self.running + 16 * min(abs(q), 1 << 14)) >> 1
         return q
-
-    def bit(self, context: int) -> int:
-        """A bit of an adaptive model."""
-        model = self.models[context]
-        zero = min(max((model[0] + model[1]) >> 1, 32), 65536 - 32)
-        one = int(self.coder.target(16) >= zero)
-        self.coder.advance(zero if one else 0, 65536 - zero if one else zero, 16)
-        for estimate, rate in ((0, 7), (1, 4)):
-            p = model[estimate]
-            model[estimate] = p - (p >> rate) if one else p + ((65536 - p) >> rate)
-        return one
-
-    def raw(self, bits: int) -> int:
-        """Equiprobable bits, at most 16 at a time."""
-        value = 0
-        while bits > 0:
-            some = min(bits, 16)
-            found, bits = self.coder.target(some), bits - some
-            self.coder.advance(found, 1, some)
-            value = value << some | found
-        return value
-
-    def below(self, count: int) -> int:
-        """A number below `count`, all alike probable."""
-        value = ((self.coder.target(16) + 1) * count - 1) >> 16
-        start = (value << 16) // count
-        self.coder.advance(start, ((value + 1 << 16) // count) - start, 16)
-        return value
-
-    def gamma(self) -> int:
-        """A number from 0 on in Elias gamma, of at most 32 bits."""
-        length = 0
-        while length < 32 and self.raw(1):
-            length += 1
-        value = 1
-        for _ in range(length):
-            value = value << 1 | self.raw(1)
-        return min(value - 1, MAX_RESIDUAL)
 
 
 def spread(count: int, deviation: int, shift: int) -> int:

@@ -7,8 +7,8 @@ import numpy as np
 from splatwire.codec.schemas.gaussians.layout import MAX_CLASSES, STEP_BITS, STEPS
 from splatwire.errors import InvalidValueError, UnknownNameError
 
-_FLAT = (-3.5, 1.0, 0.7, 0.7, 0.66, -0.8, -1.55, -2.1, -2.1)
-_SHADED = (-3.9, 0.2, -0.1, -0.1, -1.16, -2.8, -2.85, -1.0, -2.1)
+_FLAT = (-3.5, 1.0, 0.7, 0.7, 0.66, -0.3, -1.55, -1.1, -2.1)
+_SHADED = (-3.9, 1.2, -0.1, 0.9, -1.16, -2.3, -2.85, -1.0, -2.1)
 """Octaves by which the steps of `STEPS` are finer than the level says, without and with harmonics; measured on
 luigi_lgm, tiger_4d and an export of snowmiku_small. Moving a centre costs more than its first order says, because
 Gaussians in nearly equal depth change places."""

@@ -25,9 +25,12 @@ from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tabl
 from splatwire.entropy.integers import read_integers, write_integers
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.packets.sections import GAUSSIAN_SECTIONS, read_sections, write_sections
+from splatwire.packets.limits import GAUSSIANS, SCHEMAS
+from splatwire.packets.sections import read_sections, write_sections
 
-VERSION = 2
+VERSION = 3
+RELATIVE = 2
+"""Version whose integers are whole steps from what neighbours in the same packet make expect."""
 NUM_DEFAULTS = 7
 DEFAULT_SHIFT = BITS - 4
 """Means of a block are in sixteenths."""
@@ -45,6 +48,8 @@ class SideInfo:
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice's unit, relative to the scene's size.
         bases: int64, by `STEPS`: `-log2` of steps of class 0, out of 2**STEP_BITS.
+        coarsest: log2 of the largest cell of a place, in lattice units: all integers are multiples of their Gaussian's
+            own steps, whatever packet it is in. -1 in streams of version 2, whose integers depend on their packets.
         transform: int64 (K, K), out of `TRANSFORM_UNIT`: row k says what the k-th number of a channel that a packet
             holds adds to its K harmonics.
         boxes: Boxes of the B blocks.
@@ -58,6 +63,7 @@ class SideInfo:
     size_log: int
     unit: int
     bases: np.ndarray
+    coarsest: int
     transform: np.ndarray
     boxes: Boxes
     defaults: np.ndarray
@@ -74,9 +80,9 @@ class SideInfo:
         """Scales of residuals and tables of the range coder, as the kernels take them."""
         return (self.scales * SCALE_UNIT, *tables())
 
-    def kernel_stream(self) -> tuple[np.ndarray, int, np.ndarray]:
+    def kernel_stream(self) -> tuple[np.ndarray, int, int, np.ndarray]:
         """What else is the same for all packets, as the kernels take it."""
-        return self.bases, self.unit, thinness_table()
+        return self.bases, self.unit, self.coarsest, thinness_table()
 
     def models(self) -> np.ndarray:
         """Initial adaptive models of every packet, int64 (contexts, 2)."""
@@ -108,41 +114,54 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
         BitstreamError: If the bytes are damaged or something else.
     """
     reader = ByteReader(data, "side information")
-    header, blocks, contexts = (reader.blob() for _ in GAUSSIAN_SECTIONS)
+    header, blocks, contexts = (reader.blob() for _ in SCHEMAS[GAUSSIANS].sections)
     sections = read_sections(reader.rest())
-    degree, size_log, unit, bases, transform = _read_header(header)
+    fields = _read_header(header)
     boxes, defaults = read_blocks(blocks, num_blocks)
-    return SideInfo(
-        degree, size_log, unit, bases, transform, boxes, defaults, *_read_contexts(contexts, degree), sections
-    )
+    return SideInfo(*fields, boxes, defaults, *_read_contexts(contexts, fields[0]), sections)
 
 
 def _header(info: SideInfo) -> bytes:
     writer = ByteWriter()
-    writer.u8(VERSION)
+    writer.u8(RELATIVE if info.coarsest < 0 else VERSION)
     writer.u8(info.degree)
     writer.signed(info.size_log)
     writer.signed(info.unit)
     for base in info.bases.tolist():
         writer.signed(base)
+    if info.coarsest >= 0:
+        writer.u8(info.coarsest)
     return writer.bytes() + info.transform.astype(np.int8).tobytes()
 
 
-def _read_header(data: bytes) -> tuple[int, int, int, np.ndarray, np.ndarray]:
+def _read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray]:
     reader = ByteReader(data, "side information header")
     version = reader.u8()
-    if version != VERSION:
-        raise UnsupportedVersionError(f"side information has version {version}, this release reads version {VERSION}")
+    if version not in (RELATIVE, VERSION):
+        raise UnsupportedVersionError(
+            f"side information has version {version}, this release reads versions {RELATIVE} and {VERSION}"
+        )
     degree, size_log, unit = reader.u8(), reader.signed(), reader.signed()
-    bases, transform = np.array([reader.signed() for _ in STEPS], dtype=np.int64), reader.rest()
+    bases = np.array([reader.signed() for _ in STEPS], dtype=np.int64)
+    coarsest = -1 if version == RELATIVE else reader.u8()
+    transform = reader.rest()
     if degree > MAX_DEGREE or abs(size_log) > MAX_SIZE_LOG or not 0 <= unit <= MAX_LATTICE_BITS:
         raise BitstreamError(f"side information: degree {degree}, size {size_log} or unit {unit} are impossible")
+    if coarsest > MAX_LATTICE_BITS:
+        raise BitstreamError(f"side information: cells of places of 2**{coarsest} units are impossible")
     if np.abs(bases).max() > 64 << STEP_BITS:
         raise BitstreamError(f"side information: impossible steps {bases.tolist()}")
     side = (degree + 1) ** 2 - 1
     if len(transform) != side * side:
         raise BitstreamError(f"side information: a transform of {len(transform)} entries, not {side * side}")
-    return degree, size_log, unit, bases, np.frombuffer(transform, np.int8).astype(np.int64).reshape(side, side)
+    return (
+        degree,
+        size_log,
+        unit,
+        bases,
+        coarsest,
+        np.frombuffer(transform, np.int8).astype(np.int64).reshape(side, side),
+    )
 
 
 def write_blocks(boxes: Boxes, defaults: np.ndarray) -> bytes:

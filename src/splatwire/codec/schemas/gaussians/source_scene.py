@@ -22,18 +22,22 @@ from splatwire.codec.schemas.gaussians.blocks import (
     pieces,
     runs,
     to_lattice,
+    typical_cell,
 )
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     COEFFICIENTS,
     MAX_CELL_BITS,
-    MAX_LATTICE_BITS,
     S_POSITION,
+    S_SCALE0,
     STEP_BITS,
 )
+from splatwire.codec.schemas.gaussians.outliers import ROOM, tell_cut_colours, within_reach
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.gaussians.side_info import DEFAULT_SHIFT, SideInfo
+from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.errors import InvalidValueError
+from splatwire.model import SplatCoding
 from splatwire.packets import PacketPlan
 from splatwire.scene.splats import Splats
 
@@ -73,42 +77,62 @@ class SourceScene:
 
     Attributes:
         splats: The Gaussians as they came.
+        centres: float32 (N, 3), their places as a decoder will have them.
         order: Integers (N), the Gaussians block by block.
         edges: int64 (B + 1), where blocks begin in `order`.
         classes: uint8 (N), classes of precision as Gaussians came, 0 for the least.
         size_log: log2 of the scene's size.
         unit: `-log2` of the lattice's unit, relative to it.
         bases: int64, by `STEPS`, see `SideInfo`.
+        coarsest: See `SideInfo`.
         contiguous: Whether packets hold Gaussians that lie together.
     """
 
     splats: Splats
+    centres: np.ndarray
     order: np.ndarray
     edges: np.ndarray
     classes: np.ndarray
     size_log: int
     unit: int
     bases: np.ndarray
+    coarsest: int
     contiguous: bool
 
     @staticmethod
     def of(
-        splats: Splats, plan: PacketPlan, classes: np.ndarray | None, tiers: np.ndarray | None, quality: Quality
+        splats: Splats,
+        plan: PacketPlan,
+        classes: np.ndarray | None,
+        tiers: np.ndarray | None,
+        quality: Quality,
+        coding: SplatCoding | None = None,
     ) -> "SourceScene":
-        """Sorts Gaussians into the blocks of a plan; `classes` and `tiers` as in `encode_splats`."""
-        size_log, bases = scene_log(splats), quality.bases(splats.degree)
-        order = gaussian_order(splats.means.numpy(), tiers)
-        levels = _levels(classes, len(order), quality.classes_of(splats.degree) - 1)
-        unit = _lattice_unit(splats, levels, bases, size_log)
+        """Sorts Gaussians into the blocks of a plan; `classes`, `tiers` and `coding` as in `encode_splats`."""
+        if coding is not None:
+            size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
+            bases, levels = np.array(coding.bases), coding.classes.numpy()
+        else:
+            size_log = scene_log(splats)
+            splats = within_reach(splats, size_log)
+            tell_cut_colours(splats)
+            bases = _bases(splats, quality, size_log)
+            levels = _levels(classes, splats.num_gaussians, quality.classes_of(splats.degree) - 1)
+            unit = _lattice_unit(splats, levels, bases, size_log)
+            coarsest = typical_cell(splats.means.numpy(), unit, size_log)
+        centres = _centres(splats, levels, bases, size_log, unit, coarsest)
+        order = gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
             splats,
+            centres,
             order,
             edges,
             levels,
             size_log,
             unit,
             bases,
+            coarsest,
             plan.packetization.grouping == "contiguous",
         )
 
@@ -137,7 +161,7 @@ class SourceScene:
 
     def places(self, block: int) -> np.ndarray:
         """Lattice coordinates of a block's Gaussians, int64 (n, 3), as they come in `order`."""
-        means = self.splats.means.numpy().take(self.order[self.members(block)], axis=0)
+        means = self.centres.take(self.order[self.members(block)], axis=0)
         return to_lattice(means.astype(np.float64), self.unit, self.size_log)
 
     def means(self, block: int) -> np.ndarray:
@@ -183,6 +207,44 @@ def _levels(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
     return levels
 
 
+def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
+    """Exponents of steps; that of the largest scale is as fine as its mean over the scene asks for."""
+    bases, total = quality.bases(splats.degree), 0.0
+    for scales in pieces(splats.scales.numpy()):
+        total += float(np.log2(scales.max(axis=1)).sum())
+    mean = total / splats.num_gaussians - size_log
+    bases[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
+    return bases
+
+
+def _centres(
+    splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int, unit: int, coarsest: int
+) -> np.ndarray:
+    """Where a decoder will have the Gaussians, float32 (N, 3): in the middle of cells that are as large as their steps.
+
+    Raises:
+        InvalidValueError: If one is too far away for the lattice.
+    """
+    from splatwire.codec.schemas.gaussians import _gaussian_kernels as kernels
+
+    centres, begin = np.empty((splats.num_gaussians, 3), np.float32), 0
+    for some in runs(centres):
+        part = Splats(**{name: values[begin : begin + len(some)] for name, values in vars(splats).items()})
+        shifts = np.empty(len(some), np.int64)
+        kernels.place_shifts(
+            to_logs(part, size_log), levels[begin : begin + len(some)].astype(np.int64), bases, unit, coarsest,
+            thinness_table(), shifts,
+        )  # fmt: skip
+        some[:] = part.means.numpy()
+        # Twice: the middle of a cell as small as what a float32 tells apart is rounded, perhaps into the cell beside.
+        for _ in range(2):
+            cells = to_lattice(some.astype(np.float64), unit, size_log) >> shifts[:, None]
+            half_units = ((2 * cells + 1) << shifts[:, None]).astype(np.float64)
+            some[:] = np.ldexp(half_units, size_log - unit - 1)
+        begin += len(some)
+    return centres
+
+
 def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
     """A lattice as fine as the finest step of a place."""
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
@@ -192,4 +254,4 @@ def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_lo
         steps = octaves + level + c[0] * (logs[:, 2] + logs[:, 1]) + c[1] * (logs[:, 2] - logs[:, 1])
         finest = max(finest, float(np.maximum(steps, 1 - logs[:, 1]).max()))
     far = np.log2(float(splats.means.abs().max()) + 1e-30) - size_log
-    return int(np.clip(np.ceil(finest), 0, max(min(MAX_LATTICE_BITS - 2 - np.ceil(far), 38), 0)))
+    return int(np.clip(np.ceil(finest), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))

@@ -14,7 +14,8 @@ from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, wr
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.model.voxels import voxel_indices
-from splatwire.packets import Packetization
+from splatwire.packets import ANCHORS, Packetization
+from splatwire.packets.sections import split_sections, write_sections
 
 MAX_SYMBOL = (1 << 31) - 1
 
@@ -38,6 +39,25 @@ def hacpp_encoder(
     # Predict from what a decoder will read, not from what was meant.
     read = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
     return HacppEncoder(source, read, packetization.separated), side_info
+
+
+def hacpp_encoder_again(
+    scene: AnchorScene, packetization: Packetization, side_info: bytes
+) -> tuple["HacppEncoder", bytes]:
+    """What codes the anchors of a decoded scene with the side information that it was decoded with.
+
+    Returns:
+        The encoder, and the side information, in which masks are where these packets need them.
+
+    Raises:
+        BitstreamError: If the side information is damaged.
+    """
+    info = read_side_info(side_info, scene.anchors.num_anchors, packetization.order)
+    fixed, sections = split_sections(side_info, ANCHORS)
+    sections.pop(MASKS, None)
+    if packetization.separated:
+        sections[MASKS] = encode_masks(scene.anchors.mask.numpy(), info.mask_models())
+    return HacppEncoder(SymbolSource(scene), info, packetization.separated), fixed + write_sections(sections)
 
 
 class HacppEncoder:
@@ -82,11 +102,8 @@ class SymbolSource:
         self._values = (
             anchors.features.numpy(),
             anchors.scalings.numpy(),
-            (anchors.offsets * anchors.mask[:, :, None]).flatten(1).numpy(),
+            anchors.present_offsets.flatten(1).numpy(),
         )
-        for name, values in zip(("features", "scalings", "offsets"), self._values, strict=True):
-            if not np.isfinite(values).all():
-                raise InvalidValueError(f"the scene's {name} are not all finite")
 
     def symbols(self, ranks: np.ndarray, factors: np.ndarray, context: CodingContext) -> Symbols:
         """Symbols of the anchors at `ranks` under step factors int64 (n, 3)."""

@@ -17,7 +17,8 @@ from splatwire.codec.weight_bytes import framed, read_heads, read_networks, writ
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model import HashGridConfig, ModelConfig
-from splatwire.packets.sections import FIXED_SECTIONS, read_sections, write_sections
+from splatwire.packets.limits import ANCHORS, SCHEMAS
+from splatwire.packets.sections import read_sections, write_sections
 from splatwire.scene import AnchorLayout
 
 VERSION = 1
@@ -94,7 +95,7 @@ def write_side_info(info: SideInfo) -> bytes:
         "render_networks": write_networks(info.heads),
         "mask_models": bytes(info.mask_zero.astype(np.uint8)),
     }
-    return b"".join(framed(parts[name]) for name in FIXED_SECTIONS) + write_sections(info.sections)
+    return b"".join(framed(parts[name]) for name in SCHEMAS[ANCHORS].sections) + write_sections(info.sections)
 
 
 def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
@@ -113,7 +114,7 @@ def read_side_info(data: bytes, num_anchors: int, order: str) -> SideInfo:
         BitstreamError: If the bytes are damaged or something else.
     """
     reader = ByteReader(data, "side information")
-    blobs = [reader.blob() for _ in FIXED_SECTIONS]
+    blobs = [reader.blob() for _ in SCHEMAS[ANCHORS].sections]
     sections = read_sections(reader.rest())
     config, voxel_size, bounds = _read_header(blobs[0])
     voxels = decode_positions(blobs[1], num_anchors, order)

@@ -1,0 +1,79 @@
+"""What a file of explicit Gaussians holds: where, how large, how opaque, and what looks wrong."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splatwire.ops.spherical_harmonics import DC
+
+if TYPE_CHECKING:
+    from splatwire.scene.splats import Splats
+
+_FAINT = 1 / 255
+"""Less opaque Gaussians change no pixel of 8 bits."""
+_CORE_PERCENT = 1.0
+"""Share that is left out at each end of each axis: the rest is the core."""
+_FAR, _THIN = 100.0, 1e4
+"""A Gaussian so many times the core away is far; one so many times longer than thick is a needle."""
+_COLOURS = (-1.0, 2.0)
+"""Colours seen from anywhere; 0 to 1 is what a picture can show."""
+
+
+def describe_gaussians(splats: "Splats") -> dict[str, Any]:
+    """Collects the facts about explicit Gaussians.
+
+    Args:
+        splats: At least one.
+
+    Returns:
+        `num_gaussians`, `degree`, `bounds` and `core` (the middle 98 % on each axis; world units), quantiles of `sizes`
+        (largest standard deviation of each, world units) and `opacities`, and `problems`: sentences, of which an
+        ordinary file has none.
+    """
+    means, scales = splats.means.double().numpy(), splats.scales.double().numpy()
+    opacities = splats.opacities.double().numpy()
+    low, high = np.percentile(means, [_CORE_PERCENT, 100 - _CORE_PERCENT], axis=0)
+    return {
+        "num_gaussians": splats.num_gaussians,
+        "degree": splats.degree,
+        "bounds": _box(means.min(axis=0), means.max(axis=0)),
+        "core": _box(low, high),
+        "sizes": _quantiles(scales.max(axis=1)),
+        "opacities": _quantiles(opacities),
+        "problems": _problems(splats, means, scales, opacities, float(np.linalg.norm(high - low))),
+    }
+
+
+def _problems(
+    splats: "Splats", means: np.ndarray, scales: np.ndarray, opacities: np.ndarray, core: float
+) -> list[str]:  # fmt: skip
+    middle = np.median(means, axis=0)
+    constant = splats.sh[:, 0].double().numpy() * DC + 0.5
+    found = {
+        f"farther from the middle than {_FAR:g} times the core": np.linalg.norm(means - middle, axis=1) > _FAR * core,
+        "larger than the core": scales.max(axis=1) > core,
+        f"more than {_THIN:g} times as long as thick": scales.max(axis=1) > _THIN * scales.min(axis=1),
+        "too transparent to be seen (opacity below 1/255)": opacities < _FAINT,
+        f"of a colour outside {_COLOURS[0]:g} to {_COLOURS[1]:g}": (
+            (constant < _COLOURS[0]) | (constant > _COLOURS[1])
+        ).any(axis=1),
+    }
+    told = [
+        f"{what}: {int(rows.sum()):,} of {len(rows):,}, first row {int(rows.argmax())}"
+        for what, rows in found.items()
+        if rows.any()
+    ]
+    if len(means) > 1 and core == 0:
+        told.append("nearly all Gaussians are at one place")
+    if splats.degree and not bool(splats.sh[:, 1:].any()):
+        told.append(f"the harmonics of degree {splats.degree} are all 0: they cost bytes for nothing")
+    return told
+
+
+def _box(low: np.ndarray, high: np.ndarray) -> dict[str, list[float]]:
+    return {axis: [float(a), float(b)] for axis, a, b in zip("xyz", low, high, strict=True)}
+
+
+def _quantiles(values: np.ndarray) -> dict[str, float]:
+    named = {"least": 0, "1 %": 1, "median": 50, "99 %": 99, "most": 100}
+    return dict(zip(named, map(float, np.percentile(values, list(named.values()))), strict=True))

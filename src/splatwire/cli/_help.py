@@ -1,0 +1,45 @@
+"""What `--help` says of an option: its docstring, as one paragraph."""
+
+import dataclasses
+import functools
+import inspect
+import typing
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+import docstring_parser
+import tyro
+
+
+@functools.cache
+def tell(settings: type) -> None:
+    """Gives the fields of a verb their help texts.
+
+    By itself tyro keeps the line breaks of docstrings, which wrap at another width than a terminal does, and tells that
+    nothing is the default where nothing is.
+
+    Args:
+        settings: A dataclass with a docstring for each field; those of its base classes and nested ones count.
+    """
+    for owner in settings.__mro__[:-1]:
+        texts = {entry.arg_name: entry.description for entry in docstring_parser.parse_from_object(owner).params}
+        own, kinds = inspect.get_annotations(owner), typing.get_type_hints(owner, include_extras=True)
+        for name in own:
+            nested = list(_dataclasses_in(kinds[name]))
+            for part in nested:
+                tell(part)
+            if not nested and (text := texts.get(name)):
+                helped = tyro.conf.arg(help=" ".join(text.split()), help_behavior_hint=_default)
+                owner.__annotations__[name] = Annotated[kinds[name], helped]
+
+
+def _dataclasses_in(kind: Any) -> Iterator[type]:
+    if isinstance(kind, type):
+        yield from (kind,) if dataclasses.is_dataclass(kind) else ()
+    else:
+        for part in typing.get_args(kind):
+            yield from _dataclasses_in(part)
+
+
+def _default(value: str) -> str:
+    return "" if value in ("None", "") else f"(default: {value})"

@@ -1,0 +1,123 @@
+"""The rows of PLY elements: binary of either byte order, or text."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError
+from splatwire.formats._ply_header import PlyHeader
+
+_BLOCK_NUMBERS = 1 << 16
+_MAX_WORD = 64
+
+
+def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[str, np.ndarray]:
+    """Reads binary rows; memory grows with the bytes that are really there.
+
+    Raises:
+        DatasetError: If there are fewer or more bytes than the rows have.
+    """
+    expected, data = header.num_bytes, bytearray()
+    while len(data) <= expected and (piece := next(source, b"")):
+        data += piece
+    if len(data) < expected or (len(data) > expected and header.lists is None):
+        raise _wrong_length(path, header, len(data) < expected)
+    elements, at = {}, 0
+    for name, (count, dtype) in header.elements.items():
+        elements[name] = np.frombuffer(data, dtype=dtype, count=count, offset=at)
+        at += count * dtype.itemsize
+    return elements
+
+
+def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[str, np.ndarray]:
+    """Reads rows of text: numbers with white space between them.
+
+    Raises:
+        DatasetError: If there are fewer or more numbers than the rows have, or something is no number.
+    """
+    numbers, elements = _Numbers(path, header, source), {}
+    for name, (count, dtype) in header.elements.items():
+        names = dtype.names or ()
+        rows, block = np.empty(count, dtype), max(1, _BLOCK_NUMBERS // len(names))
+        for start in range(0, count, block):
+            stop = min(start + block, count)
+            values = numbers.take((stop - start) * len(names)).reshape(-1, len(names))
+            for place, field in enumerate(names):
+                rows[field][start:stop] = _as_type(path, values[:, place], dtype[field], field)
+        elements[name] = rows
+    if header.lists is None and not numbers.at_end():
+        raise _wrong_length(path, header, early=False)
+    return elements
+
+
+class _Numbers:
+    """The numbers of a text, one after another."""
+
+    def __init__(self, path: Path, header: PlyHeader, source: Iterator[bytes]) -> None:
+        self._path, self._header, self._source = path, header, source
+        self._words: list[bytes] = []
+        self._at = 0
+        self._rest = b""
+
+    def take(self, count: int) -> np.ndarray:
+        """The next numbers, float64."""
+        values = np.empty(count)
+        done = 0
+        while done < count:
+            if self._at == len(self._words) and not self._more():
+                raise _wrong_length(self._path, self._header, early=True)
+            part = self._words[self._at : self._at + count - done]
+            values[done : done + len(part)] = [self._number(word) for word in part]
+            self._at += len(part)
+            done += len(part)
+        return values
+
+    def at_end(self) -> bool:
+        """Whether there is nothing left but white space."""
+        return self._at == len(self._words) and not self._more()
+
+    def _more(self) -> bool:
+        """Reads on until there is a word that ends; False at the end of the file."""
+        while True:
+            piece = next(self._source, b"")
+            data = self._rest + piece
+            words = data.split()
+            self._rest = words.pop() if piece and words and not data[-1:].isspace() else b""
+            if len(self._rest) > _MAX_WORD:
+                raise self._no_number(self._rest)
+            self._words, self._at = words, 0
+            if words or not piece:
+                return bool(words)
+
+    def _number(self, word: bytes) -> float:
+        try:
+            if len(word) <= _MAX_WORD:
+                return float(word)
+        except ValueError:
+            pass
+        raise self._no_number(word)
+
+    def _no_number(self, word: bytes) -> DatasetError:
+        return DatasetError(f"{self._path}: {word[:40].decode('ascii', 'replace')!r} stands where a number should be")
+
+
+def _as_type(path: Path, values: np.ndarray, dtype: np.dtype, name: str) -> np.ndarray:
+    if dtype.kind == "f":
+        with np.errstate(over="ignore"):
+            return values.astype(dtype)
+    limits = np.iinfo(dtype)
+    odd = ~((values >= limits.min) & (values <= limits.max) & (values == np.floor(values)))
+    if odd.any():
+        raise DatasetError(f"{path}: {values[odd][0]} as {name} is no {dtype.name}")
+    return values.astype(dtype)
+
+
+def _wrong_length(path: Path, header: PlyHeader, early: bool) -> DatasetError:
+    what = "ends early" if early else "goes on after the last row"
+    elements = header.elements.items()
+    sizes = {
+        name: f"{d.itemsize} bytes" if header.order else f"{len(d.names or ())} numbers" for name, (_, d) in elements
+    }
+    rows = ", ".join(f"{count} {name} rows of {sizes[name]}" for name, (count, _) in elements)
+    return DatasetError(f"{path}: {what}: {rows} were promised")

@@ -1,0 +1,82 @@
+"""What a stream may be: every name and limit on which this reader and the page's must agree.
+
+`web/scripts/make_tables.py` writes the same for the page, `web/src/packets/limits.ts`.
+"""
+
+from dataclasses import dataclass
+
+SCHEMA = "splatwire/stream"
+FORMAT_VERSION = 2
+"""Newest version of the stream format that this release reads."""
+
+MAX_BLOCK_SIZE = (1 << 16) - 1
+MAX_HASHED_BLOCK = 1 << 14
+"""With hashed grouping `PacketId.lane` is a position within the block, and the header has 14 bits for it."""
+MAX_BLOCKS = 1 << 24
+MAX_LANES = 1 << 8
+MAX_GROUPS = (1 << 31) - 1
+MIN_PACKET_BYTES = 128
+MAX_DATAGRAM_BYTES = 65_507
+MAX_PACKET_BYTES = 1 << 26
+"""No packet is larger: more than 1000 bytes for each of the most anchors a block may hold."""
+MAX_TIERS = 8
+MAX_FEATURE_GROUPS = 64
+ORDERS = ("morton", "raster")
+GROUPINGS = ("stratified", "contiguous", "hashed")
+PACKAGINGS = ("atomic", "separated")
+
+MAX_MANIFEST_BYTES = 1 << 16
+MAX_SIDE_INFO_BYTES = (1 << 32) - 1
+MAX_WRITER_LENGTH = 80
+MAX_FEATURE_DIM = 4096
+MAX_OFFSETS = 1024
+
+MAX_SECTIONS = 16
+MAX_SECTION_BYTES = 1 << 26
+MAX_SECTION_NAME = 32
+
+MAX_ELEMENTS = 1 << 28
+FREE_ELEMENTS = 1 << 16
+"""More elements than these need a byte of side information for every so many of them: see `StreamSchema`."""
+
+
+@dataclass(frozen=True)
+class StreamSchema:
+    """What a manifest and its sections say of elements of one kind.
+
+    Attributes:
+        name: Name in the manifest.
+        format_version: Version of the stream format that has it.
+        elements: What the elements are called.
+        sections: Sections of side information that every such stream has, in this order; they have no name in the
+            bytes.
+        elements_per_byte: Most elements to a byte of side information: far more than places of anchors, or the box of
+            a block of Gaussians, allow, yet few enough that no small manifest announces billions.
+        layout: Whether the manifest says how large an anchor is.
+    """
+
+    name: str
+    format_version: int
+    elements: str
+    sections: tuple[str, ...]
+    elements_per_byte: int
+    layout: bool = False
+
+
+ANCHORS, CAUSAL, GAUSSIANS, COLUMNS = "hacpp", "causal", "gaussians", "columns"
+"""Codec schemas: anchors of HAC++ (format 1), anchors of the causal model, explicit Gaussians (format 2); decoded
+anchors on their way to the page of `splatwire view`."""
+FORMAT_1_SECTIONS = (
+    "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
+)  # fmt: skip
+SCHEMAS = {
+    schema.name: schema
+    for schema in (
+        StreamSchema(ANCHORS, 1, "anchors", FORMAT_1_SECTIONS, 1024, layout=True),
+        StreamSchema(CAUSAL, 2, "anchors", ("header", "positions", "networks", "render_networks"), 1024),
+        StreamSchema(GAUSSIANS, 2, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7),
+        StreamSchema(COLUMNS, 2, "anchors", ("header", "render_networks", "expected"), 1),
+    )
+}
+RESERVED_SECTIONS = FORMAT_1_SECTIONS
+"""Names that no named section may have, whatever the schema."""

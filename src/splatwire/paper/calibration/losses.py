@@ -1,0 +1,180 @@
+"""The hybrid loss that calibrates the inpainting network (paper, Section 3.4, "Self-supervised ... Training Strategy").
+
+The paper sums over the queries of a mini-batch; here every sum over queries is divided by their number, so that the
+weights do not depend on the size of the batch. Sums over channels are as in the paper.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int64
+from torch import Tensor
+from torch.nn import functional
+
+from splatwire.errors import InvalidValueError
+from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.paper.gnn.fusion import EPSILON, Branches
+from splatwire.scene import Anchors
+
+CHARBONNIER_EPSILON = 1e-3
+"""Where the Charbonnier penalty turns from a square into an absolute value; the paper names no value."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the loss terms; the defaults are the paper's feature-focused configuration.
+
+    Attributes:
+        feature: w_f. It also selects the attribute in the other terms, as do the two below.
+        scaling: w_s.
+        offset: w_o.
+        mask: w_m.
+        active_offset: Factor on the offset term where the true mask has an offset, relative to where it has none.
+        distill: lambda of the pull towards the interpolation.
+        smooth: lambda of the smoothness among the queries of a batch.
+        prior: lambda of the deviation from the prior in standard deviations.
+        render: lambda of the difference of pictures; 0 draws none.
+        smooth_neighbors: Queries that each query is compared with, k_lap.
+        smooth_bandwidth: Width of the Gaussian distance weight in units of the mean neighbour distance; 0 for weight 1.
+    """
+
+    feature: float = 1.0
+    scaling: float = 0.0
+    offset: float = 0.0
+    mask: float = 0.0
+    active_offset: float = 1.0
+    distill: float = 0.25
+    smooth: float = 0.05
+    prior: float = 0.1
+    render: float = 0.0
+    smooth_neighbors: int = 8
+    smooth_bandwidth: float = 0.0
+
+    def __post_init__(self) -> None:
+        bad = [name for name, value in vars(self).items() if not 0 <= value < float("inf")]
+        if bad or not (self.feature or self.scaling or self.offset or self.mask):
+            raise InvalidValueError(f"weights of the GNN loss must not be negative, and not all 0: {bad or 'all 0'}")
+
+    def trains(self, attribute: str) -> bool:
+        """Whether a continuous attribute is trained."""
+        return bool(getattr(self, attribute) > 0)
+
+
+LOSS_PRESETS = {"feature": LossWeights(), "full": LossWeights(scaling=1.0, offset=1.0, mask=1.0)}
+"""`feature`: what the paper reports. `full`: every attribute is supervised."""
+
+
+def weighted_sum(terms: dict[str, Float[Tensor, ""]], weights: LossWeights) -> Float[Tensor, ""]:
+    """The loss that `parameter_losses` add up to."""
+    total = sum(getattr(weights, name) * value for name, value in terms.items())
+    assert isinstance(total, Tensor)
+    return total
+
+
+def charbonnier(x: Tensor) -> Tensor:
+    """`sqrt(x ** 2 + epsilon ** 2)`."""
+    return torch.sqrt(x * x + CHARBONNIER_EPSILON**2)
+
+
+def parameter_losses(
+    parts: Branches, truth: Anchors, positions: Float[Tensor, "B 3"], weights: LossWeights
+) -> dict[str, Float[Tensor, ""]]:
+    """Computes the terms in the domain of the attributes that are switched on, before they are weighted.
+
+    Args:
+        parts: What the network says about the queries of a batch.
+        truth: Their true attributes.
+        positions: Where they are.
+        weights: Which terms and attributes are switched on.
+    """
+    trained = [(name, branch) for name, branch in parts.continuous() if weights.trains(name)]
+    terms: dict[str, Tensor] = {}
+    if weights.feature:
+        terms["feature"] = _l1(parts.feature.predicted - truth.features)
+    if weights.scaling:
+        terms["scaling"] = _l1(parts.scaling.predicted - truth.scalings)
+    if weights.offset:
+        active = truth.mask.repeat_interleave(3, dim=1)
+        factor = torch.where(active, weights.active_offset, 1.0)
+        wrong = charbonnier(parts.offset.predicted - truth.offsets.flatten(1))
+        terms["offset"] = (factor * wrong).sum(dim=1).mean()
+    if weights.mask:
+        target = truth.mask.to(parts.mask_logit.dtype)
+        wrong = functional.binary_cross_entropy_with_logits(parts.mask_logit, target, reduction="none")
+        terms["mask"] = wrong.sum(dim=1).mean()
+    if trained and weights.distill:
+        terms["distill"] = torch.stack([_l1(b.predicted - b.interpolated) for _, b in trained]).sum()
+    if trained and weights.smooth:
+        terms["smooth"] = _smoothness([b.predicted for _, b in trained], positions, weights)
+    if trained and weights.prior:
+        z = [((b.predicted - b.prior.mean) / (b.prior.scale + EPSILON)).abs().mean(dim=1).mean() for _, b in trained]
+        terms["prior"] = torch.stack(z).sum()
+    return terms
+
+
+def query_edges(positions: Float[Tensor, "B 3"], neighbors: int) -> tuple[Int64[Tensor, "B k"], Float[Tensor, "B k"]]:
+    """The nearest other queries of each query of a batch, and their distances."""
+    return nearest_others(NeighborTree(positions), positions, torch.arange(len(positions)), neighbors)
+
+
+def _smoothness(values: list[Tensor], positions: Float[Tensor, "B 3"], weights: LossWeights) -> Float[Tensor, ""]:
+    index, distance = query_edges(positions, weights.smooth_neighbors)
+    if index.numel() == 0:
+        return positions.new_zeros(())
+    omega = torch.ones_like(distance)
+    if weights.smooth_bandwidth > 0:
+        width = weights.smooth_bandwidth * distance.mean().clamp(min=1e-12)
+        omega = torch.exp(-0.5 * (distance / width) ** 2)
+    rough = sum((value[:, None] - value.detach()[index]).abs().sum(dim=2) for value in values)
+    return (omega * rough).mean()
+
+
+def _l1(difference: Float[Tensor, "B D"]) -> Float[Tensor, ""]:
+    return difference.abs().sum(dim=1).mean()
+
+
+def normalized_errors(
+    estimate: Anchors, truth: Anchors, spread: dict[str, Tensor], rows: Int64[Tensor, "Q"]
+) -> dict[str, float]:
+    """Measures concealed anchors by attribute.
+
+    Args:
+        estimate: Concealed anchors.
+        truth: The complete scene.
+        spread: Standard deviations per channel of `features`, `scalings` and `offsets` over the complete scene.
+        rows: Which anchors of `truth` were concealed.
+
+    Returns:
+        RMSE over the channels' standard deviation, mean over channels; of the mask the share of wrong entries.
+    """
+    real = truth.select(rows)
+    exists = real.mask.repeat_interleave(3, dim=1)
+
+    def rmse(wrong: Tensor, counts: Bool[Tensor, "Q D"] | None, scale: Tensor) -> float:
+        weight = torch.ones_like(wrong) if counts is None else counts.to(wrong.dtype)
+        mean = (wrong**2 * weight).sum(dim=0) / weight.sum(dim=0).clamp(min=1)
+        return float((mean.sqrt() / scale).mean())
+
+    return {
+        "feature": rmse(estimate.features - real.features, None, spread["features"]),
+        "scaling": rmse(estimate.scalings - real.scalings, None, spread["scalings"]),
+        "offset": rmse((estimate.offsets - real.offsets).flatten(1), exists, spread["offsets"]),
+        "mask": float((estimate.mask != real.mask).double().mean()),
+    }
+
+
+def channel_spread(anchors: Anchors) -> dict[str, Tensor]:
+    """Standard deviations per channel over a scene; 1 where there is none."""
+
+    def positive(scale: Tensor) -> Tensor:
+        return torch.where(scale > 0, scale, 1.0)
+
+    exists = anchors.mask.repeat_interleave(3, dim=1).to(anchors.features.dtype)
+    count = exists.sum(dim=0).clamp(min=1)
+    offsets = anchors.offsets.flatten(1)
+    mean = (offsets * exists).sum(dim=0) / count
+    return {
+        "features": positive(anchors.features.std(dim=0, correction=0)),
+        "scalings": positive(anchors.scalings.std(dim=0, correction=0)),
+        "offsets": positive((((offsets - mean) ** 2 * exists).sum(dim=0) / count).sqrt()),
+    }

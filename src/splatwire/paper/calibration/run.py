@@ -1,0 +1,283 @@
+"""One calibration run: network, optimiser, random state, the best weights so far, and its checkpoint."""
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor
+
+from splatwire.calibrate.pseudo_loss import CalibrationData
+from splatwire.errors import MALFORMED, BitstreamError, DivergedError, InvalidValueError
+from splatwire.model import Partial, Prior
+from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.tensor_file import load_tensors, read_tensors, write_tensors
+from splatwire.paper.calibration.config import CalibrationConfig
+from splatwire.paper.calibration.losses import channel_spread, normalized_errors, parameter_losses, weighted_sum
+from splatwire.paper.gnn.concealer import repair
+from splatwire.paper.gnn.fusion import Branches, branches, fuse
+from splatwire.paper.gnn.graph import RepairGraph, build_graph, prior_rows, query_inputs, source_inputs
+from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
+from splatwire.paper.gnn.quantise import rounded_constants, rounded_parameters
+from splatwire.paper.gnn.section import rounded_weights
+from splatwire.paper.gnn.weights import GnnWeights, scene_fingerprint
+from splatwire.render import create_renderer
+from splatwire.scene import AnchorLayout, Anchors
+from splatwire.train.schedule import half_cosine
+
+CHECKPOINT_FORMAT = "splatwire-gnn-checkpoint"
+CHECKPOINT_VERSION = 2
+_NEVER = 1.01
+"""A threshold that no confidence reaches."""
+_RUN = 64
+"""Queries of a batch that lie next to each other: they share neighbours, and the smoothness term needs company."""
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """What came out.
+
+    Attributes:
+        weights: The best network of the run, with thresholds that never trust an attribute which did not get better
+            on held-out losses.
+        errors: Its errors on the held-out losses (`normalized_errors`), by attribute.
+        reference: The interpolation's errors on the same losses.
+        iterations: Steps taken.
+        seconds: Time taken.
+    """
+
+    weights: GnnWeights
+    errors: dict[str, float]
+    reference: dict[str, float]
+    iterations: int
+    seconds: float
+
+
+def pseudo_graphs(data: CalibrationData, config: CalibrationConfig) -> Iterator[RepairGraph]:
+    """Graphs of the pseudo-losses of a run: first those that are trained on, then those that are held out."""
+    rates = [config.drop_rate] * (config.train_masks + config.validation_masks)
+    for known in data.pseudo_losses(rates, config.seed):
+        yield build_graph(data.complete.without(known), config.settings)
+
+
+class CalibrationRun:
+    """A run's state: network, optimiser, generator, best weights so far.
+
+    Args:
+        data: The scene.
+        config: The run.
+        graphs: `pseudo_graphs` of it, if they are there already.
+    """
+
+    def __init__(
+        self, data: CalibrationData, config: CalibrationConfig, graphs: Sequence[RepairGraph] | None = None
+    ) -> None:
+        self.data, self.config = data, config
+        context = data.complete
+        graphs = list(pseudo_graphs(data, config)) if graphs is None else graphs
+        self.train, self.held_out = graphs[: config.train_masks], graphs[config.train_masks :]
+        self.network = InpaintingNetwork(
+            InputSizes(context[AnchorLayout], context[Prior].context.shape[1]), config.settings, config.seed
+        )
+        _standardise(self.network, context, self.train[0])
+        self.optimiser = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate)
+        self.rng = torch.Generator().manual_seed(config.seed)
+        self.spread = channel_spread(context.scene.anchors)
+        self.reference = self._mean_errors([graph.interpolated for graph in self.held_out])
+        self.iteration, self.stale = 0, 0
+        self.best_errors = self.validate()
+        self.best = self._copy()
+        self._pictures: dict[int, Tensor] = {}
+
+    @property
+    def rounding(self) -> bool:
+        """Whether the run has come to its rounded steps."""
+        return self.config.bits > 0 and self.iteration >= self.config.rounded_from
+
+    def _as_sent(self) -> AbstractContextManager[None]:
+        return rounded_parameters(self.network, self.config.bits) if self.rounding else nullcontext()
+
+    def score(self, errors: dict[str, float]) -> float:
+        """Mean error of the trained attributes."""
+        trained = [errors[name] for name in errors if getattr(self.config.losses, name) > 0]
+        return sum(trained) / len(trained)
+
+    def step(self) -> float:
+        """One step of Adam on one batch of one pseudo-loss."""
+        self.iteration += 1
+        config = self.config
+        share = (self.iteration - 1) / config.iterations
+        for group in self.optimiser.param_groups:
+            group["lr"] = config.learning_rate * half_cosine(share)
+        graph = self.train[int(torch.randint(len(self.train), (), generator=self.rng))]
+        part = graph.select(_batch(len(graph.queries), config.batch, self.rng))
+        self.optimiser.zero_grad()
+        with self._as_sent():
+            loss = self._loss(part)
+            if not bool(torch.isfinite(loss)):
+                raise DivergedError(self.iteration)
+            loss.backward()
+        self.optimiser.step()
+        if self.iteration == config.rounded_from:
+            self.best_errors = self.validate()  # the best so far was better than it can be when it is rounded
+            self.best, self.stale = self._copy(), 0
+        return float(loss.detach())
+
+    def _loss(self, part: RepairGraph) -> Float[Tensor, ""]:
+        config, context = self.config, self.data.complete
+        used, place = part.index.unique(return_inverse=True)
+        sources = self.network.encode_sources(source_inputs(context, used))
+        raw = self.network(query_inputs(context, part), sources, place)
+        parts = branches(raw, prior_rows(context[Prior], part.queries), part.interpolated, config.settings)
+        truth = context.scene.anchors.select(part.queries)
+        loss = weighted_sum(parameter_losses(parts, truth, truth.positions, config.losses), config.losses)
+        return loss + config.losses.render * self._render_loss(parts, part) if config.losses.render else loss
+
+    def _copy(self) -> dict[str, Tensor]:
+        return {name: value.clone() for name, value in self.network.state_dict().items()}
+
+    def _render_loss(self, parts: Branches, part: RepairGraph) -> Float[Tensor, ""]:
+        """Mean absolute difference of one view's pictures: the batch concealed, nothing lost."""
+        cameras, scene = self.data.cameras, self.data.scene
+        if cameras is None:
+            raise InvalidValueError("a rendering loss needs cameras")
+        view = int(torch.randint(cameras.num_views, (), generator=self.rng))
+        draw, behind = create_renderer("cpu"), torch.tensor(scene.background)
+        if view not in self._pictures:
+            with torch.no_grad():
+                complete = generate_gaussians(scene, cameras, view)
+                self._pictures[view] = draw(complete, cameras.select([view]), background=behind)[0]
+        concealed, a = fuse(parts, part.interpolated, self.config.settings), scene.anchors
+        rows = (part.queries,)
+        anchors = replace(
+            a,
+            features=a.features.index_put(rows, concealed.features),
+            scalings=a.scalings.index_put(rows, concealed.scalings.clamp(min=float(a.scalings.min()))),
+            offsets=a.offsets.index_put(rows, concealed.offsets * concealed.mask[:, :, None]),
+            mask=a.mask.index_put(rows, concealed.mask),
+        )
+        gaussians = generate_gaussians(replace(scene, anchors=anchors), cameras, view)
+        picture = draw(gaussians, cameras.select([view]), background=behind)[0]
+        return (picture - self._pictures[view]).abs().mean()
+
+    def validate(self) -> dict[str, float]:
+        """Errors on the held-out losses, exactly as a receiver would conceal them."""
+        with self._as_sent():
+            return self._mean_errors([repair(self.data.complete, graph, self.network) for graph in self.held_out])
+
+    def _mean_errors(self, repaired: list[Anchors]) -> dict[str, float]:
+        truth = self.data.complete.scene.anchors
+        pairs = zip(repaired, self.held_out, strict=True)
+        each = [normalized_errors(anchors, truth, self.spread, graph.queries) for anchors, graph in pairs]
+        return {name: sum(errors[name] for errors in each) / len(each) for name in each[0]}
+
+    def improve(self) -> None:
+        """Validates, and keeps the network if it is the best so far."""
+        errors = self.validate()
+        if self.score(errors) < self.score(self.best_errors):
+            self.best, self.best_errors, self.stale = self._copy(), errors, 0
+        else:
+            self.stale += 1
+
+    def finished(self) -> bool:
+        """Whether there is nothing left to do; a stale run goes straight to its rounded steps, if it has some."""
+        if self.stale >= self.config.patience and self.config.bits and not self.rounding:
+            self.network.load_state_dict(self.best)
+            self.iteration, self.stale = self.config.rounded_from - 1, 0
+        return self.iteration >= self.config.iterations or self.stale >= self.config.patience
+
+    def result(self, seconds: float) -> CalibrationResult:
+        """The best network; attributes that it does not improve are left to the interpolation."""
+        self.network.load_state_dict(self.best)
+        settings, kept = self.network.settings, {}
+        for name in ("feature", "scaling", "offset"):
+            untrained = not self.config.losses.trains(name)
+            if untrained or self.best_errors[name] >= self.reference[name]:
+                kept[f"{name}_threshold"] = max(_NEVER, getattr(settings, f"{name}_threshold"))
+        self.network.settings = replace(settings, **kept)
+        self.network = self.network.eval().requires_grad_(False)
+        weights = GnnWeights(self.network, scene_fingerprint(self.data.complete), {})
+        if self.config.bits and weights.improves:
+            weights = rounded_weights(weights, self.data.complete, self.config.bits)
+            self.network = weights.network
+        repaired = [repair(self.data.complete, graph, self.network) for graph in self.held_out]
+        errors = self._mean_errors(repaired)
+        record = {f"{name}_error": value for name, value in errors.items()}
+        record |= {f"{name}_reference": value for name, value in self.reference.items()}
+        return CalibrationResult(replace(weights, validation=record), errors, self.reference, self.iteration, seconds)
+
+
+def _standardise(network: InpaintingNetwork, context: Partial, graph: RepairGraph) -> None:
+    """Fixes the constants that bring inputs to mean 0 and spread 1."""
+    known = graph.index.unique()
+    for name, inputs in (("source", source_inputs(context, known)), ("query", query_inputs(context, graph))):
+        spread = inputs.std(dim=0, correction=0)
+        mean, spread = rounded_constants(inputs.mean(dim=0), torch.where(spread > 1e-9, spread, 1.0))
+        network.get_buffer(f"{name}_mean").copy_(mean)
+        network.get_buffer(f"{name}_spread").copy_(spread)
+
+
+def _batch(count: int, size: int, rng: torch.Generator) -> Int64[Tensor, "B"]:
+    """Rows of a batch: runs of neighbouring queries (they are in the order of the stream)."""
+    if count <= size:
+        return torch.arange(count)
+    run = min(_RUN, size)
+    starts = torch.randint(count - run + 1, (max(1, size // run),), generator=rng)
+    return (starts[:, None] + torch.arange(run)).flatten().unique()
+
+
+def save_checkpoint(run: CalibrationRun, path: Path) -> None:
+    """Writes everything that a run needs to go on.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    tensors = {f"network.{name}": value for name, value in run.network.state_dict().items()}
+    tensors |= {f"best.{name}": value for name, value in run.best.items()}
+    for place, state in run.optimiser.state_dict()["state"].items():
+        tensors |= {f"adam.{place}.{name}": torch.as_tensor(value) for name, value in state.items()}
+    tensors["generator"] = run.rng.get_state()
+    header = {
+        "format": CHECKPOINT_FORMAT,
+        "version": CHECKPOINT_VERSION,
+        "config": dataclasses.asdict(run.config),
+        "fingerprint": scene_fingerprint(run.data.complete),
+        "iteration": run.iteration,
+        "stale": run.stale,
+        "best_errors": run.best_errors,
+    }
+    write_tensors({name: value.detach().clone().contiguous() for name, value in tensors.items()}, header, path)
+
+
+def restore_checkpoint(run: CalibrationRun, path: Path) -> None:
+    """Brings a run to where a checkpoint was written.
+
+    Raises:
+        InvalidValueError: If the checkpoint is of another scene or of other settings.
+        BitstreamError: If it is absent or damaged.
+    """
+    tensors, header = read_tensors(path, CHECKPOINT_FORMAT, CHECKPOINT_VERSION)
+    wanted = (dataclasses.asdict(run.config), scene_fingerprint(run.data.complete))
+    if (header.get("config"), header.get("fingerprint")) != wanted:
+        raise InvalidValueError(f"{path}: the checkpoint is of another scene or of other settings")
+
+    def part(prefix: str) -> dict[str, Tensor]:
+        return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
+
+    load_tensors(run.network, part("best."), f"{path}: ")
+    run.best = {name: value.clone() for name, value in run.network.state_dict().items()}
+    load_tensors(run.network, part("network."), f"{path}: ")
+    try:
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in part("adam.").items():
+            place, key = name.split(".", 1)
+            state.setdefault(int(place), {})[key] = value
+        run.optimiser.load_state_dict({**run.optimiser.state_dict(), "state": state})
+        run.rng.set_state(tensors["generator"])
+        run.iteration, run.stale = int(header["iteration"]), int(header["stale"])
+        run.best_errors = {str(name): float(value) for name, value in header["best_errors"].items()}
+    except MALFORMED as error:
+        raise BitstreamError(f"{path}: the checkpoint is damaged: {error}") from error

@@ -1,0 +1,265 @@
+"""Simple kriging: the conditional mean of a lost anchor given its received neighbours, under a fitted covariance."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import torch
+from jaxtyping import Bool, Float, Float64, Int64
+from torch import Tensor
+
+from splatwire.conceal.base import Concealed, check_at_least
+from splatwire.conceal.registry import register_concealer
+from splatwire.errors import InvalidValueError
+from splatwire.model import Partial, Prior
+from splatwire.model.prior import plausible_scalings
+from splatwire.ops.knn import NeighborTree, nearest_others
+from splatwire.paper.fill import MaskVote, attributes_by_gap
+from splatwire.scene import Anchors, Attribute
+
+_CHUNK = 1 << 12
+_CORRELATIONS = (0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
+_RANGES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+TARGETS = ("residual", "absolute", "regression")
+_RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+"""Strengths of the regression's ridge, relative to the number of anchors; generalised cross-validation chooses."""
+
+
+@dataclass(frozen=True)
+class Correlogram:
+    """Correlation of two anchors at distance d: `correlation * exp(-d / range)`, and 1 of an anchor with itself.
+
+    The gap between `correlation` and 1 is the nugget: what neighbours, however close, do not share.
+
+    Attributes:
+        correlation: Limit at distance 0, from 0 (neighbours say nothing) to less than 1.
+        range: In units of the query's distance to its farthest neighbour, positive. Scenes are dense where the camera
+            was near and thin in the background; one length in world units would fit neither.
+    """
+
+    correlation: float
+    range: float
+
+
+@register_concealer("kriging", needs=[Prior])
+@dataclass(frozen=True)
+class Kriging:
+    """Fills a gap with the conditional mean of a random field, given the nearest received anchors.
+
+    `v_q = m + r^T R^-1 (v_k - m)` with correlations R among the neighbours and r between them and the query. All
+    channels of an attribute share one correlogram; it is the one of a small grid that best predicts a sample of
+    received anchors from their received neighbours (mean squared error over the channels' variances). If none is
+    better than the mean alone, the mean is left. An offset that a neighbour does not have counts as its
+    mean. The mask is kriged as an indicator and then voted on.
+
+    Attributes:
+        neighbors: Received neighbours of a query.
+        target: What is expected of an anchor before its neighbours are seen. `residual`: its prior's mean.
+            `absolute`: the mean of all received anchors. `regression`: a linear function of its prior means of all
+            attributes, fitted to the received anchors; the least error in every attribute, but not the best picture
+            (docs/concealment.md). Masks are always `absolute`.
+        sample: Received anchors on which the correlograms are compared.
+        seed: Seed of the sample.
+        vote: How the mask is chosen.
+    """
+
+    neighbors: int = 16
+    target: str = "residual"
+    sample: int = 1024
+    seed: int = 0
+    vote: MaskVote = field(default_factory=MaskVote)
+
+    def __post_init__(self) -> None:
+        check_at_least("number of neighbours", self.neighbors, 1)
+        check_at_least("sample of anchors", self.sample, 1)
+        if self.target not in TARGETS:
+            raise InvalidValueError(f"target of kriging must be one of {', '.join(TARGETS)}, not {self.target!r}")
+
+    @property
+    def name(self) -> str:
+        """`kriging`."""
+        return "kriging"
+
+    def __call__(self, context: Partial) -> Concealed:
+        """See `Concealer`. Where no anchor has an attribute, the prior's mean is left."""
+        filled = context.filled
+        inputs = regression_inputs(context) if self.target == "regression" else None
+        for received, attributes in attributes_by_gap(context):
+            if bool(received.any()):
+                fields = [_field(context, attribute, self.target, inputs) for attribute in attributes]
+                fits = self._fit(context, received, fields)
+                for queries, index, distance in _neighborhoods(context, received, self.neighbors):
+                    for values, fit in zip(fields, fits, strict=True):
+                        weight = kriging_weights(context.places, index, distance, fit)
+                        self._write(filled, values, queries, values.mean[queries] + _combine(values, index, weight))
+        return Concealed.filled(replace(filled, scalings=_with_floor(context, filled.scalings)))
+
+    def _fit(self, context: Partial, received: Bool[Tensor, "N"], fields: list["_Field"]) -> list[Correlogram]:
+        """Chooses a correlogram per field by leaving received anchors out one at a time."""
+        support = received.nonzero()[:, 0]
+        if len(support) < 2:
+            return [Correlogram(0.0, 1.0)] * len(fields)
+        rng = torch.Generator().manual_seed(self.seed)
+        chosen = torch.randperm(len(support), generator=rng)[: self.sample].sort().values
+        positions = context.places
+        index, distance = nearest_others(
+            NeighborTree(positions[support]), positions[support[chosen]], chosen, self.neighbors
+        )
+        own, index = support[chosen], support[index]
+        best = [(values.error(own, torch.zeros_like(values.residual[own])), Correlogram(0.0, 1.0)) for values in fields]
+        for candidate in (Correlogram(c, r) for c in _CORRELATIONS for r in _RANGES):
+            weight = kriging_weights(positions, index, distance, candidate)
+            for place, values in enumerate(fields):
+                error = values.error(own, _combine(values, index, weight))
+                if error < best[place][0]:
+                    best[place] = error, candidate
+        return [fit for _, fit in best]
+
+    def _write(self, filled: Anchors, values: "_Field", queries: Int64[Tensor, "Q"], estimate: Tensor) -> None:
+        if values.attribute is Attribute.MASK:
+            filled.mask[queries] = self.vote(estimate.clamp(0, 1), torch.ones(len(queries), dtype=torch.bool))
+            return
+        target = {
+            Attribute.FEATURE: filled.features, Attribute.SCALING: filled.scalings, Attribute.OFFSET: filled.offsets
+        }[values.attribute]  # fmt: skip
+        target[queries] = estimate.view(len(queries), *target.shape[1:])
+
+
+def kriging_weights(
+    positions: Float[Tensor, "N 3"],
+    index: Int64[Tensor, "Q k"],
+    distance: Float[Tensor, "Q k"],
+    fit: Correlogram,
+) -> Float[Tensor, "Q k"]:
+    """Weights of the neighbours in the conditional mean, `R^-1 r`.
+
+    Args:
+        positions: All anchors.
+        index: Neighbours of each query.
+        distance: Their distances from the query, farthest last.
+        fit: The correlogram. A correlation below 1 keeps R regular even where two neighbours are at one place.
+    """
+    if fit.correlation == 0 or index.shape[1] == 0:
+        return torch.zeros_like(distance)
+    unit = fit.range * distance[:, -1:].clamp(min=torch.finfo(distance.dtype).tiny)
+    near = positions[index]
+    # Differences first, not the product formula: that loses the small distances far from the origin.
+    between = torch.linalg.vector_norm(near[:, :, None] - near[:, None], dim=3) / unit[:, :, None]
+    matrix = fit.correlation * torch.exp(-between)
+    matrix.diagonal(dim1=1, dim2=2).fill_(1.0)
+    return torch.linalg.solve(matrix, fit.correlation * torch.exp(-distance / unit))
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """One attribute as a random field.
+
+    Attributes:
+        attribute: Which one.
+        mean: What is expected of every anchor before its neighbours are seen.
+        residual: What received anchors differ by from it; 0 where an offset does not exist or nothing was received.
+        exists: Entries that count in errors.
+        spread: Variance of the residual per channel.
+    """
+
+    attribute: Attribute
+    mean: Float[Tensor, "N D"]
+    residual: Float[Tensor, "N D"]
+    exists: Bool[Tensor, "N D"]
+    spread: Float[Tensor, "D"]
+
+    def error(self, rows: Int64[Tensor, "S"], estimate: Float[Tensor, "S D"]) -> float:
+        """Squared error of estimated residuals over the channels' variances."""
+        wrong = (self.residual[rows] - estimate) ** 2 * self.exists[rows]
+        return float((wrong / self.spread).sum())
+
+
+def regression_inputs(context: Partial) -> Float64[Tensor, "N P"]:
+    """What an anchor's expectation is regressed on: its prior means, mean 0 and spread 1 over the scene."""
+    prior = context[Prior]
+    means = torch.cat([prior.feature.mean, prior.scaling.mean, prior.offset.mean], dim=1).double()
+    spread = means.std(dim=0, correction=0)
+    return (means - means.mean(dim=0)) / torch.where(spread > 1e-9, spread, 1.0)
+
+
+def regress(
+    inputs: Float64[Tensor, "N P"], values: Float[Tensor, "N D"], exists: Bool[Tensor, "N D"]
+) -> Float[Tensor, "N D"]:
+    """Fits `values = B inputs` where they exist, by ridge regression; by nothing where that predicts no better.
+
+    Args:
+        inputs: `regression_inputs`.
+        values: Deviations from the mean, 0 where they do not exist.
+        exists: Where they are known; columns that exist in the same rows share one factorisation.
+
+    Returns:
+        The fit, for all anchors.
+    """
+    result = torch.zeros_like(values)
+    patterns, group = exists.unique(dim=1, return_inverse=True)
+    for number in range(patterns.shape[1]):
+        columns, rows = (group == number).nonzero()[:, 0], patterns[:, number]
+        weights = _ridge(inputs[rows], values[rows][:, columns].double())
+        result[:, columns] = (inputs @ weights).to(values.dtype)
+    return result
+
+
+def _ridge(inputs: Float64[Tensor, "n P"], values: Float64[Tensor, "n D"]) -> Float64[Tensor, "P D"]:
+    """Coefficients under the ridge of least generalised cross-validation error; zero is one of the choices."""
+    count = len(inputs)
+    power, axes = torch.linalg.eigh(inputs.T @ inputs)
+    power, seen, total = power.clamp(min=0), axes.T @ (inputs.T @ values), float((values**2).sum())
+    best, least = torch.zeros_like(seen), total / max(count, 1) ** 2
+    for ridge in _RIDGES:
+        shrunk = seen / (power + ridge * count + 1e-12)[:, None]
+        wrong = total - 2 * float((seen * shrunk).sum()) + float((power[:, None] * shrunk**2).sum())
+        free = count - float((power / (power + ridge * count + 1e-12)).sum())
+        if free > 1 and wrong / free**2 < least:
+            best, least = shrunk, wrong / free**2
+    return axes @ best
+
+
+def _field(context: Partial, attribute: Attribute, target: str, inputs: Float64[Tensor, "N P"] | None) -> _Field:
+    anchors, prior = context.scene.anchors, context[Prior]
+    received = context.erasures.column(attribute)
+    values, mean = {
+        Attribute.FEATURE: (anchors.features, prior.feature.mean),
+        Attribute.SCALING: (anchors.scalings, prior.scaling.mean),
+        Attribute.OFFSET: (anchors.offsets.flatten(1), prior.offset.mean),
+        Attribute.MASK: (anchors.mask.to(anchors.positions.dtype), None),
+    }[attribute]
+    exists = received[:, None].expand_as(values)
+    if attribute is Attribute.OFFSET:
+        usable = anchors.mask & context.erasures.column(Attribute.MASK)[:, None]
+        exists = exists & usable.repeat_interleave(3, dim=1)
+    count = exists.sum(dim=0).clamp(min=1)
+    if target != "residual" or mean is None:  # the prior says nothing about masks
+        mean = ((values * exists).sum(dim=0) / count).expand_as(values)
+        if inputs is not None and attribute is not Attribute.MASK:
+            mean = mean + regress(inputs, (values - mean) * exists, exists)
+    residual = (values - mean) * exists
+    spread = (residual**2).sum(dim=0) / count
+    spread = torch.where(spread > 0, spread, 1.0)
+    return _Field(attribute, mean, residual, exists, spread)
+
+
+def _combine(values: _Field, index: Int64[Tensor, "Q k"], weight: Float[Tensor, "Q k"]) -> Float[Tensor, "Q D"]:
+    if index.shape[1] == 0:
+        return torch.zeros(len(index), values.residual.shape[1], dtype=weight.dtype)
+    return torch.nn.functional.embedding_bag(index, values.residual, mode="sum", per_sample_weights=weight)
+
+
+def _neighborhoods(
+    context: Partial, received: Bool[Tensor, "N"], neighbors: int
+) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
+    """Yields, chunk by chunk, queries, their nearest received anchors and the distances."""
+    positions, support = context.places, received.nonzero()[:, 0]
+    tree = NeighborTree(positions[support])
+    for queries in (~received).nonzero()[:, 0].split(_CHUNK):
+        index, distance = tree.query(positions[queries], neighbors)
+        yield queries, support[index], distance
+
+
+def _with_floor(context: Partial, scalings: Float[Tensor, "N 6"]) -> Float[Tensor, "N 6"]:
+    """Estimated sizes are kept at least as large as the smallest received one."""
+    missing = ~context.erasures.column(Attribute.SCALING)[:, None]
+    return torch.where(missing, plausible_scalings(context.scene.anchors, context.erasures, scalings), scalings)

@@ -1,0 +1,101 @@
+"""Which rows of a scene can be drawn: the one rule, for files of other programs and for encoders alike.
+
+What draws nothing is left out and counted, what cannot be drawn is left out with a warning; nothing else is judged by
+single numbers. The rule is applied where Gaussians and anchors come in (readers, importers) and where they go out
+(encoders), by these functions and no others.
+"""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from splatwire.scene.anchors import Anchors
+from splatwire.scene.splats import Splats
+
+LOG = logging.getLogger(__name__)
+"""Left-out rows: information about those that draw nothing, a warning about those that cannot be drawn."""
+ROWS = 1 << 16
+"""So many rows are looked at at a time: beside the scene itself, millions of them take little memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What became of each row of a scene.
+
+    Attributes:
+        kept: Rows that can be drawn.
+        num_invisible: Others that draw nothing: an opacity of 0, or an anchor without a single offset.
+        num_invalid: Others that cannot be drawn: a number that is not finite, a colour that a float32 does not hold, a
+            negative size, a rotation of length 0.
+        first_invalid: The first of those, counted from 0; None if there is none.
+    """
+
+    kept: Bool[Tensor, "N"]
+    num_invisible: int
+    num_invalid: int
+    first_invalid: int | None
+
+    @property
+    def complete(self) -> bool:
+        """Whether every row is kept."""
+        return not (self.num_invisible or self.num_invalid)
+
+    def tell(self, where: object, elements: str) -> None:
+        """Logs what is left out.
+
+        Args:
+            where: The file, or what is done with the scene.
+            elements: What its elements are called.
+        """
+        total = len(self.kept)
+        if self.num_invisible:
+            what = f"{self.num_invisible:,} of {total:,} {elements} draw nothing and are left out"
+            LOG.info("%s: %s", where, what)
+        if self.num_invalid:
+            what = f"{self.num_invalid:,} of {total:,} {elements} cannot be drawn and are left out"
+            LOG.warning("%s: %s (the first is row %d)", where, what, self.first_invalid)
+
+
+def rows_of_splats(splats: Splats) -> Rows:
+    """Judges Gaussians: opacities above 0 draw something, up to 1; sizes must be above 0."""
+    drawn, valid = [], []
+    for begin in range(0, splats.num_gaussians, ROWS):
+        some = splats.select(torch.arange(begin, min(begin + ROWS, splats.num_gaussians)))
+        colours = 2 * some.sh.abs().flatten(1).sum(dim=1)  # whatever the direction, a colour is less
+        good = _finite(some.means, some.scales, some.opacities, colours, some.quats)
+        good &= (some.scales > 0).all(dim=1) & (some.opacities <= 1) & some.quats.any(dim=1)
+        drawn.append(good & (some.opacities > 0))
+        valid.append(good)
+    return _rows(drawn, valid)
+
+
+def rows_of_anchors(anchors: Anchors) -> Rows:
+    """Judges anchors: those with an offset draw something; offsets that are masked out are not looked at."""
+    drawn, valid = [], []
+    for begin in range(0, anchors.num_anchors, ROWS):
+        some = anchors.select(torch.arange(begin, min(begin + ROWS, anchors.num_anchors), device=anchors.mask.device))
+        good = _finite(some.positions, some.features, some.scalings, some.present_offsets)
+        good &= (some.scalings >= 0).all(dim=1)
+        drawn.append(good & some.mask.any(dim=1))
+        valid.append(good | ~some.mask.any(dim=1))
+    return _rows(drawn, valid)
+
+
+def _rows(drawn: list[Tensor], valid: list[Tensor]) -> Rows:
+    kept = torch.cat(drawn) if drawn else torch.zeros(0, dtype=torch.bool)
+    bad = ~torch.cat(valid) if valid else kept
+    num_invalid = int(bad.sum())
+    first = int(bad.int().argmax()) if num_invalid else None
+    return Rows(kept, len(kept) - int(kept.sum()) - num_invalid, num_invalid, first)
+
+
+def _finite(*columns: Tensor) -> Tensor:
+    return torch.stack(list(_rowwise(columns))).all(dim=0)
+
+
+def _rowwise(columns: tuple[Tensor, ...]) -> Iterator[Tensor]:
+    return (values.flatten(1).isfinite().all(dim=1) if values.dim() > 1 else values.isfinite() for values in columns)

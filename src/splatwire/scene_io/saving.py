@@ -1,0 +1,76 @@
+"""Scenes to files."""
+
+import os
+from pathlib import Path
+
+from splatwire.conceal import Concealer, conceal
+from splatwire.errors import InvalidValueError, check_kind
+from splatwire.formats import write_splats
+from splatwire.formats.kinds import READERS, WRITERS
+from splatwire.model import AnchorScene, Partial, Prior, SplatScene
+from splatwire.model.appearance import Scene
+from splatwire.model.scene_file import save_partial
+from splatwire.model.scene_file import save_scene as save_anchors
+from splatwire.packets.stream import FILE_SUFFIX
+from splatwire.scene import Erasures
+
+_OTHERS = (FILE_SUFFIX, *(f".{end}" for end in {**READERS, **WRITERS}))
+"""Ends of names that say something else than a scene file."""
+
+
+def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures: Erasures | None = None) -> None:
+    """Writes a scene so that `open_scene` reads it; the file appears under its name when it is complete.
+
+    Args:
+        scene: Anchors become a scene file, exactly, with their gaps if they have some. Explicit Gaussians are written
+            in the format that the end of the name says (`.ply`, `.compressed.ply`, `.spz`, `.sog`, `.splat`), as they
+            are drawn: those that were lost or that a concealer leaves out are not in it.
+        path: The file.
+        erasures: What had been received before losses were concealed; a scene file keeps it for the record.
+
+    Raises:
+        InvalidValueError: If it is no scene, the name says another kind of file, or there is no Gaussian to write.
+        UnknownNameError: If the name says no format of explicit Gaussians.
+        OSError: If the file cannot be written.
+    """
+    target = Path(path)
+    if isinstance(scene, Partial) and scene.find(Prior) is None:
+        scene = conceal(scene, "drop")
+    if isinstance(scene, SplatScene):
+        write_splats([scene.drawn()], target)
+        return
+    if target.name.lower().endswith(_OTHERS):
+        raise InvalidValueError(
+            f"{target}: the name says another kind of file than a scene of anchors, which would be in it; streams are "
+            "written by `write_stream(encode_scene(scene), path)`, explicit Gaussians by `splatwire export`"
+        )
+    if isinstance(scene, Partial):
+        save_partial(scene, target)
+    else:
+        check_kind(scene, AnchorScene, "open_scene")
+        assert isinstance(scene, AnchorScene)
+        save_anchors(scene, target, erasures=erasures)
+
+
+def save_decoded(partial: Partial, concealer: Concealer | None, path: Path) -> Scene:
+    """Writes what a decoder returned.
+
+    Args:
+        partial: Anchors, or explicit Gaussians.
+        concealer: What hides the gaps; None keeps those of anchors in the file, and leaves lost Gaussians out.
+        path: Where to.
+
+    Returns:
+        The scene in the file; of Gaussians, with those that were left out.
+
+    Raises:
+        InvalidValueError: If the concealer is not for these elements.
+        SplatwireError: See `save_scene`.
+        OSError: If the file cannot be written.
+    """
+    if concealer is None and partial.find(Prior) is not None:
+        save_scene(partial, path)
+        return partial.scene
+    scene = conceal(partial, concealer or "drop")
+    save_scene(scene, path, erasures=partial.erasures)
+    return scene

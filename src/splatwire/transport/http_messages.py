@@ -1,0 +1,122 @@
+"""HTTP/1.1 as the page server speaks it: heads of requests, read strictly, and answers (RFC 9110, RFC 9112)."""
+
+import gzip
+import ipaddress
+import re
+from collections.abc import AsyncIterator, Mapping
+from functools import lru_cache
+from typing import NamedTuple, Protocol, runtime_checkable
+
+from splatwire.errors import BitstreamError
+
+_REQUEST = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+) (/[!-~]*) HTTP/1\.[01]")
+_FIELD = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+):([\t\x20-\x7e\x80-\xff]*)")
+_HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[0-9A-Za-z._-]{1,253})(?::[0-9]{0,5})?")
+"""A number or a name, and a port. RFC 3986 lets names have `%` and more, no host has them; what passes here may stand
+in headers and in markup as it is."""
+
+
+class Request(NamedTuple):
+    """The head of a request.
+
+    Attributes:
+        method: Its method.
+        target: Path, still percent-encoded.
+        query: What is behind the question mark.
+        host: Host by which the server was called, without a port; an IPv6 address keeps its brackets.
+        headers: Values by name in lower case.
+    """
+
+    method: str
+    target: str
+    query: str
+    host: str
+    headers: Mapping[str, str]
+
+
+@runtime_checkable
+class Growing(Protocol):
+    """A stream's file of which more comes."""
+
+    def pieces(self) -> AsyncIterator[bytes]:
+        """The file from its beginning, piece by piece, until its end."""
+
+
+class Answer(NamedTuple):
+    """What is sent back: a head and a body, which answers share; without a length where the body grows."""
+
+    head: bytes
+    body: bytes | Growing
+
+
+def read_request(head: bytes) -> Request:
+    """Reads the head of a request.
+
+    Args:
+        head: Its bytes; the empty line at the end may be there.
+
+    Raises:
+        BitstreamError: If it is none: a control byte anywhere but between lines, a field without a name, no host or
+            two, an impossible host.
+    """
+    first, *lines = head.removesuffix(b"\r\n\r\n").decode("latin-1").split("\r\n")
+    words, headers = _REQUEST.fullmatch(first), dict[str, str]()
+    if words is None:
+        raise BitstreamError("no request of HTTP/1")
+    for line in lines:
+        field = _FIELD.fullmatch(line)
+        if field is None or (field[1].lower() == "host" and "host" in headers):
+            raise BitstreamError(f"no header of a request: {line[:80]!r}")
+        headers[field[1].lower()] = field[2].strip(" \t")
+    target, _, query = words[2].partition("?")
+    return Request(words[1], target, query, _host(headers.get("host", "")), headers)
+
+
+def _host(text: str) -> str:
+    """The host of `HOST[:PORT]`."""
+    match = _HOST.fullmatch(text)
+    if match is None:
+        raise BitstreamError(f"no host: {text[:80]!r}")
+    if match[1].startswith("["):
+        try:
+            ipaddress.IPv6Address(match[1][1:-1])
+        except ValueError as error:
+            raise BitstreamError(f"no IPv6 address: {text[:80]!r}") from error
+    return match[1]
+
+
+@lru_cache(maxsize=8)
+def _packed(body: bytes) -> bytes:
+    return gzip.compress(body, mtime=0)
+
+
+def make_answer(
+    status: str,
+    kind: str = "text/plain; charset=utf-8",
+    body: bytes | Growing = b"",
+    headers: str = "",
+    *,
+    bodiless: bool = False,
+    packed: bool = False,
+) -> Answer:
+    """Puts an answer together.
+
+    Args:
+        status: Code and phrase.
+        kind: Media type of the body.
+        body: The body; where it is empty, the status. One that grows ends where the connection does.
+        headers: Further lines, each with its end.
+        bodiless: Whether the body is left out (HEAD); its size is told nevertheless.
+        packed: Whether the body is compressed; it is kept then.
+    """
+    if isinstance(body, bytes):
+        body = body or f"{status}\n".encode()
+        if packed:
+            body, headers = _packed(body), f"{headers}Content-Encoding: gzip\r\n"
+        headers = f"Content-Length: {len(body)}\r\n{headers}"
+    head = (
+        f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\n{headers}"
+        "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n"
+        "Connection: close\r\n\r\n"
+    )
+    return Answer(head.encode("latin-1"), b"" if bodiless else body)

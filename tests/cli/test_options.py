@@ -1,0 +1,230 @@
+"""No option of any verb is without effect: a value that cannot be right is refused, and the refusal says which."""
+
+import asyncio
+import contextlib
+import dataclasses
+import json
+import re
+import shutil
+import types
+import typing
+from pathlib import Path
+
+import pytest
+import torch
+from PIL import Image
+
+from splatwire.cli.calibrate import Calibrate
+from splatwire.cli.main import VERBS, settings_of
+from splatwire.formats import write_splats
+from splatwire.scene.splats import Splats
+
+MISSING = "lens.json/missing"
+"""A name that is none: below a file nothing can be read, nothing can be written, and nothing is called so."""
+WRONG = {str: (MISSING,), Path: (MISSING,), int: ("-7",), float: ("nan", "-7")}
+"""By type, values that no option can mean."""
+OF_OPTION = {
+    "background": ("nan 0 0", "0 0 2"),
+    "tiers": ("nan", "-7", "0.6 0.7"),
+    "kind": (MISSING,),
+}
+"""By name, where the type alone gives none."""
+IN_EFFECT = {
+    ("train", "loss_share"): ("--loss", "bernoulli:0.2"),
+    ("plan", "rate"): ("--deadline", "2"),
+    ("plan", "deadline"): ("--rate", "2"),
+    ("serve", "certificate"): ("--quic", "--key", "cameras.json"),
+    ("serve", "key"): ("--quic", "--certificate", "cameras.json"),
+}
+"""Options that are for another one, with that."""
+EXCEPTIONS = {
+    ("serve", "origins"): "any text may be an origin; a page that has another one is refused later",
+    ("train", "seed"): "torch takes every integer",
+}
+"""Verb and option that take anything, and why."""
+
+LATE = {("view", "host"): "an address is known to be wrong when it is listened on, after the scene was decoded"}
+"""Verb and option whose mistakes are told only after some work, and why."""
+REQUIRED = {
+    "demo": ({},),
+    "train": ({"data": "photos", "output": "out.scene"},),
+    "import": ({"kind": "splats", "model_dir": "cloud.ply", "output": "out.ply"},),
+    "export": tuple({"kind": "ply", "scene": name, "output": "out.ply"} for name in ("tiny.swz", "cloud.ply")),
+    "encode": tuple({"scene": name, "output": "out.swz"} for name in ("tiny.scene", "cloud.ply")),
+    "inspect": ({"source": "tiny.swz"},),
+    "transmit": ({"stream": "tiny.swz", "output": "out.swz"},),
+    "plan": ({"streams": "cloud.swz"},),
+    "serve": ({"streams": "cloud.swz"},),
+    "receive": ({"url": "udp://127.0.0.1:9", "output": "out.swz"},),
+    "pack": ({"source": "cloud.swz", "output": "out.html"},),
+    "view": ({"stream": "tiny.swz"}, {"stream": "cloud.swz"}),
+    "decode": ({"stream": "tiny.swz", "output": "out.scene"}, {"stream": "cloud.swz", "output": "out.ply"}),
+    "render": tuple({"scene": name, "output": "pictures"} for name in ("tiny.scene", "cloud.ply")),
+    "evaluate": tuple(
+        {"source": name, "reference": name, "loss": "none"} for name in ("tiny.swz", "cloud.swz", "cloud.ply")
+    ),
+    "study": (
+        {"protocol": "study.toml", "output": "out"},
+        {"protocol": "study.toml", "output": "out", "scene": "bundled"},
+    ),
+    "calibrate gnn": ({"source": "tiny.swz", "output": "out.swz"},),
+    "calibrate sketch": tuple({"source": name, "output": "out.swz"} for name in ("tiny.swz", "cloud.swz")),
+    "calibrate preview": tuple({"source": name, "output": "out.swz"} for name in ("tiny.swz", "cloud.swz")),
+}
+"""What each verb cannot do without: anchors, then Gaussians."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    verb: str
+    name: str
+    positional: bool
+    types: tuple[type, ...]
+
+    def __str__(self):
+        return f"{self.verb}-{self.name}"
+
+    def wrong(self):
+        """Values that no option of its type can mean."""
+        return OF_OPTION.get(self.name) or tuple(value for t in self.types for value in WRONG.get(t, ()))
+
+
+def _options(verb, settings):
+    hints = typing.get_type_hints(settings, include_extras=True)
+    for field in dataclasses.fields(settings):
+        kind = hints[field.name]
+        positional = "Positional" in str(kind)
+        if dataclasses.is_dataclass(kind):
+            yield from _options(verb, kind)
+        else:
+            yield Option(verb, field.name, positional, tuple(_plain(kind)))
+
+
+def _plain(kind):
+    """The types that a word of an option becomes."""
+    if isinstance(kind, type):
+        return {kind} - {types.NoneType}
+    if typing.get_origin(kind) is typing.Literal:
+        return {str}
+    parts = typing.get_args(kind)[:1] if typing.get_origin(kind) is typing.Annotated else typing.get_args(kind)
+    return set().union(*(_plain(part) for part in parts if part is not Ellipsis))
+
+
+def _every_option():
+    for verb in VERBS:
+        if verb == "calibrate":
+            for part in typing.get_args(typing.get_type_hints(Calibrate, include_extras=True)["what"]):
+                settings, subcommand = typing.get_args(part)
+                yield from _options(f"calibrate {subcommand.name}", settings)
+        else:
+            yield from _options(verb, settings_of(verb))
+
+
+OPTIONS = list(_every_option())
+
+
+@pytest.fixture(scope="module")
+def files(journey, tmp_path_factory):
+    """What the verbs read, in one folder."""
+    folder = tmp_path_factory.mktemp("options")
+    for name in ("tiny.scene", "tiny.swz", "cameras.json"):
+        shutil.copy(journey / name, folder / name)
+    shutil.copy(journey / "cameras.json", folder / "lens.json")
+    rng = torch.Generator().manual_seed(5)
+    quats = torch.nn.functional.normalize(torch.randn(60, 4, generator=rng), dim=1)
+    means, scales = torch.rand(60, 3, generator=rng), torch.rand(60, 3, generator=rng) * 0.05 + 0.01
+    write_splats([Splats(means, quats, scales, torch.full((60,), 0.7), torch.rand(60, 1, 3))], folder / "cloud.ply")
+    write_photos(folder / "photos")
+    (folder / "study.toml").write_text(STUDY)
+    return folder
+
+
+STUDY = """
+[protocol]
+seeds = [1]
+metrics = ["psnr"]
+[[scene]]
+name = "tiny"
+stream = "tiny.swz"
+cameras = "cameras.json"
+[[loss]]
+model = "none"
+[[row]]
+key = "drop"
+label = "none"
+"""
+
+
+def write_photos(folder):
+    """Three grey photos in nerfstudio's layout."""
+    folder.mkdir()
+    frames = []
+    for view in range(3):
+        Image.new("RGB", (24, 16), (100 + view, 120, 140)).save(folder / f"{view}.png")
+        pose = [[1, 0, 0, 0.1 * view], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]
+        frames.append({"file_path": f"{view}.png", "transform_matrix": pose})
+    (folder / "transforms.json").write_text(json.dumps({"fl_x": 20.0, "w": 24, "h": 16, "frames": frames}))
+
+
+@pytest.fixture
+def here(files, monkeypatch, run):
+    """The folder as the current one; what would wait for clients or servers ends soon."""
+    monkeypatch.chdir(files)
+    if not (files / "cloud.swz").exists():
+        assert run("encode", "cloud.ply", "-o", "cloud.swz", "--preset", "datagram").status == 0
+    plain = asyncio.run
+
+    def briefly(work):
+        async def ended():
+            with contextlib.suppress(TimeoutError):
+                return await asyncio.wait_for(work, 2)
+            raise AssertionError("nothing was refused: it ran")
+
+        return plain(ended())
+
+    monkeypatch.setattr(asyncio, "run", briefly)
+    return files
+
+
+def _words(option, required, value):
+    """A command line in which one option has a value that cannot be right."""
+    given = {**required, option.name: value}
+    positionals = {o.name for o in OPTIONS if o.verb == option.verb and o.positional}
+    names = [o.name for o in OPTIONS if o.verb == option.verb and o.name in given]
+    words = option.verb.split() + [given[name] for name in names if name in positionals]
+    for name in names:
+        if name not in positionals:
+            words += [f"--{name.replace('_', '-')}", *given[name].split()]
+    return words + list(IN_EFFECT.get((option.verb, option.name), ()))
+
+
+@pytest.mark.parametrize("option", [o for o in OPTIONS if o.types != (bool,)], ids=str)
+def test_a_value_that_cannot_be_right_is_refused(run, here, option):
+    """Flags have no wrong value."""
+    if (option.verb, option.name) in EXCEPTIONS:
+        pytest.skip(EXCEPTIONS[option.verb, option.name])
+    before = _listing(here)
+    assert option.wrong()
+    for required in REQUIRED[option.verb]:
+        for value in option.wrong():
+            words = _words(option, required, value)
+            done = run(*words)
+            assert (done.status, done.out) == (2, ""), words
+            message = " ".join(done.err.split())
+            spellings = (option.name.replace("_", "-"), option.name.replace("_", " "))
+            named = (*spellings, value.split()[0], *value.split("/"))
+            assert any(name in message for name in named), (words, message)
+            assert (option.verb, option.name) in LATE or not re.search(r" s\] (?!loading)", message), (
+                f"told after some work: {message}"
+            )
+    assert _listing(here) == before
+
+
+def _listing(folder):
+    return sorted(path for path in folder.rglob("*"))
+
+
+def test_every_exception_is_an_option_with_a_reason():
+    known = {(option.verb, option.name) for option in OPTIONS}
+    assert set(EXCEPTIONS) | set(LATE) <= known
+    assert all(len(reason.split()) > 3 for reason in (*EXCEPTIONS.values(), *LATE.values()))

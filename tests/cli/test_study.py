@@ -1,0 +1,71 @@
+"""`splatwire study PROTOCOL.toml`: files, resuming, and one line for every mistake."""
+
+import json
+
+PROTOCOL = """
+[protocol]
+seeds = [1, 2]
+metrics = ["psnr"]
+
+[[scene]]
+name = "tiny"
+stream = "{stream}"
+cameras = "{cameras}"
+
+[[loss]]
+model = "bernoulli:0.3"
+
+[[row]]
+key = "drop"
+label = "none"
+"""
+
+
+def assert_complains(outcome, words):
+    assert (outcome.status, outcome.out) == (2, "")
+    last = outcome.err.splitlines()[-1]
+    assert last.startswith("splatwire: error: ")
+    assert words in last
+
+
+def _protocol(tmp_path, journey, text=PROTOCOL):
+    path = tmp_path / "mine.toml"
+    path.write_text(text.format(stream=journey / "tiny.swz", cameras=journey / "cameras.json"))
+    return path
+
+
+def test_a_protocol_runs_and_is_not_run_twice(run, journey, tmp_path):
+    path = _protocol(tmp_path, journey)
+    words = (path, "-o", tmp_path / "out", "--views", 1, "--workers", 1, "--json")
+    first, again = run("study", *words).json, run("study", *words).json
+    assert (first["num_computed"], first["num_reused"]) == (2, 0)
+    assert (again["num_computed"], again["num_reused"]) == (0, 2)
+    assert again["rows"] == first["rows"]
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["seeds"] == [1, 2]
+
+
+def test_a_renderer_of_the_command_line_wins(run, journey, tmp_path):
+    """Also the one that would be taken anyway: the protocol may name another."""
+    text = PROTOCOL.replace("seeds = [1, 2]", 'seeds = [1]\nrenderer = "reference"')
+    words = (_protocol(tmp_path, journey, text), "-o", tmp_path / "out", "--views", 1, "--workers", 1, "--json")
+    for number, more in enumerate(((), ("--renderer", "cpu"))):
+        assert run("study", *words, *more).json["num_computed"] == 1, number
+    records = (tmp_path / "out" / "records.csv").read_text().splitlines()
+    assert ",cpu," in records[1]
+
+
+def test_a_protocol_says_what_is_wrong(run, journey, tmp_path):
+    path = _protocol(tmp_path, journey)
+    assert "--output" in run("study", path).err
+    assert_complains(run("study", path, "-o", tmp_path / "out", "--engine", "moon"), "unknown engine")
+    assert_complains(run("study", path, "-o", tmp_path / "out", "--photos", tmp_path), "--scene")
+    both = ("--scene", "bundled", "--photos", tmp_path, "--cameras", journey / "cameras.json")
+    assert_complains(run("study", path, "-o", tmp_path / "out", *both), "not both")
+    assert_complains(run("study", path, "-o", tmp_path / "out", "--views", 0), "views")
+    assert_complains(run("study", path, "-o", tmp_path / "out", "--renderer", "crayons"), "crayons")
+    assert_complains(run("study", path, "-o", tmp_path / "out", "--scene", tmp_path / "absent"), "does not exist")
+    assert_complains(run("study", path, "-o", tmp_path / "out", "--seeds", 1, 1), "seed 1 is there 2 times")
+    assert_complains(run("study", tmp_path / "absent.toml", "-o", tmp_path / "out"), "absent.toml")
+    wrong = _protocol(tmp_path, journey, PROTOCOL.replace("seeds", "sedes"))
+    assert_complains(run("study", wrong, "-o", tmp_path / "out"), "did you mean 'seeds'")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,124 @@
+"""What a stream costs its receiver is in proportion to its bytes; who trusts it can allow more."""
+
+import base64
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from greedy import LARGEST, greedy_streams, of_gaussians
+from splatwire.codec import decode_stream, memory, progressive_decoder
+from splatwire.codec.memory import VARIABLE, allocating, check_memory, threads_within
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.packets import SceneStream, read_stream, stream_from_bytes, write_stream
+
+TESTS = Path(__file__).parents[1]
+GOLDEN = TESTS / "golden"
+MOST_MB = 400
+
+
+def real_gaussians() -> bytes:
+    pinned = json.loads((GOLDEN / "gaussians.json").read_text())
+    return base64.b64decode(pinned["one"]["swz"])
+
+
+@pytest.fixture(scope="module")
+def greedy() -> dict[str, SceneStream]:
+    return dict(greedy_streams(stream_from_bytes(real_gaussians())[0]))
+
+
+@pytest.mark.parametrize("codec", ["gaussians", "causal", "hacpp"])
+def test_no_small_stream_takes_much_memory(greedy: dict[str, SceneStream], codec: str, tmp_path: Path) -> None:
+    """Inspecting, decoding at once and packet by packet, writing what arrived, leaving out what did not."""
+    warm = {"causal": GOLDEN / "tiny_causal.swz", "hacpp": GOLDEN / "tiny.swz"}.get(codec, tmp_path / "warm.swz")
+    (tmp_path / "warm.swz").write_bytes(real_gaussians())
+    names = [name for name, stream in greedy.items() if stream.manifest.codec == codec]
+    for n, name in enumerate(names):
+        write_stream(greedy[name], tmp_path / f"{n}.swz")
+    words = [str(path) for path in (warm, tmp_path, *(tmp_path / f"{n}.swz" for n in range(len(names))))]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    environment.pop(VARIABLE, None)
+    command = [sys.executable, str(TESTS / "greedy.py"), *words]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = dict(zip(names, json.loads(done.stdout), strict=True))
+    assert {name: said for name, said in found.items() if max(v for k, v in said.items() if "MB" in k) > MOST_MB} == {}
+    refused = [text for said in found.values() for text in said.values() if isinstance(text, str)]
+    assert any(VARIABLE in text for text in refused)
+
+
+def test_lost_elements_take_no_memory_until_somebody_asks(greedy: dict[str, SceneStream]) -> None:
+    stream = greedy["gaussians announced in 4000 blocks"]
+    decoder = progressive_decoder(stream.manifest, stream.side_info)
+    assert (decoder.num_known, decoder.complete) == (0, False)
+    with pytest.raises(BitstreamError, match=f"would take 6.*{VARIABLE}="):
+        decoder.partial  # noqa: B018
+    anchors = greedy["6400000 wide anchors"]
+    with pytest.raises(BitstreamError, match=VARIABLE):
+        progressive_decoder(anchors.manifest, anchors.side_info).partial  # noqa: B018
+
+
+def test_the_limit_is_one_number_that_the_environment_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = of_gaussians(stream_from_bytes(real_gaussians())[0], LARGEST, 65_535, 0)
+    monkeypatch.setattr(memory, "FREE_BYTES", 10_000_000)
+    with pytest.raises(BitstreamError) as refused:
+        decode_stream(stream)
+    word = next(word for word in str(refused.value).split() if word.startswith(VARIABLE))
+    monkeypatch.setenv(*word.split("="))
+    assert decode_stream(stream).erasures.num_lost == 65_535
+    monkeypatch.setenv(VARIABLE, "0.001")
+    with pytest.raises(BitstreamError, match=r"may take 0\.00 GB"):
+        decode_stream(stream)
+    for nonsense in ("much", "-1", "nan", "1e9", ""):
+        monkeypatch.setenv(VARIABLE, nonsense)
+        with pytest.raises(InvalidValueError, match=VARIABLE):
+            decode_stream(stream)
+
+
+@pytest.mark.parametrize("name", ["tiny.swz", "tiny_causal.swz"])
+def test_anchors_are_refused_before_they_take_memory(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream, _ = read_stream(GOLDEN / name)
+    monkeypatch.setattr(memory, "FREE_BYTES", 0)
+    monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)
+    with pytest.raises(BitstreamError, match="anchors"):
+        decode_stream(stream)
+    with pytest.raises(BitstreamError, match="anchors"):
+        progressive_decoder(stream.manifest, stream.side_info)
+    monkeypatch.undo()
+    decoder = progressive_decoder(stream.manifest, stream.side_info)
+    monkeypatch.setattr(memory, "FREE_BYTES", 0)
+    monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)
+    with pytest.raises(BitstreamError, match="that arrived"):
+        decoder.add(stream.packets)
+
+
+def test_few_bytes_get_few_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "1")
+    assert threads_within(100, 200_000_000, None, "x", 16) == 4
+    assert threads_within(100, 200_000_000, None, "x", 3) == 3
+    assert threads_within(0, 0, None, "x", 5) == 5
+    with pytest.raises(BitstreamError, match="x would take 1"):
+        threads_within(900_000_000, 200_000_000, None, "x", 3)
+
+
+def test_allowance_grows_with_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    check_memory(memory.FREE_BYTES, 0, "x")
+    check_memory(memory.FREE_BYTES + 1000 * memory.BYTES_PER_BYTE, 1000, "x")
+    with pytest.raises(BitstreamError, match="1,000 bytes"):
+        check_memory(memory.FREE_BYTES + 1000 * memory.BYTES_PER_BYTE + 1, 1000, "x")
+    with pytest.raises(BitstreamError, match="a stream may"):
+        check_memory(memory.MOST_BYTES + 1, None, "x")
+
+
+def test_a_failed_allocation_is_an_error_of_the_stream() -> None:
+    with pytest.raises(BitstreamError, match="too large takes more memory than"), allocating("too large"):
+        torch.zeros(1 << 50)
+    with pytest.raises(BitstreamError), allocating("too large"):
+        raise MemoryError
+    with pytest.raises(RuntimeError, match="else"), allocating("too large"):
+        raise RuntimeError("something else")

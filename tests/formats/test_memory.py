@@ -1,0 +1,296 @@
+"""What a file's sender decides about: small files that stand for much, and how much memory they take."""
+
+import gzip
+import io
+import json
+import lzma
+import struct
+import tracemalloc
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from formats.handmade import glb, glb_of, some_splats, write
+from splatwire.data.photos import load_mask, load_photo
+from splatwire.errors import DatasetError
+from splatwire.files.archive import open_archive
+from splatwire.formats import gltf, read_splats, write_splats
+from splatwire.formats._columns import BYTES_PER_GAUSSIAN, FREE_GAUSSIANS
+from splatwire.importers._hacpp_files import load_torch_file, load_voxel_size
+from splatwire.importers._torchscript import read_torchscript_weights
+
+MIB = 1 << 20
+MOST_RATIO = 130
+"""Bytes of memory for a byte of file, for files that are large enough."""
+MANY = FREE_GAUSSIANS + 10_000
+
+
+def peak(action: Callable[[], object]) -> int:
+    """The most memory that Python and NumPy held during an action beyond what they held before, bytes."""
+    tracemalloc.start()
+    try:
+        action()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def refused(path: Path, reason: str, read: Callable[[Path], object] = read_splats) -> int:
+    """Memory that it takes to refuse a file."""
+
+    def act() -> None:
+        with pytest.raises(DatasetError, match=reason) as caught:
+            read(path)
+        assert path.name in str(caught.value)
+
+    return peak(act)
+
+
+@pytest.fixture(scope="module")
+def sog(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The members of a SOG."""
+    path = tmp_path_factory.mktemp("sog") / "a.sog"
+    write_splats([some_splats(8, 3)], path)
+    with zipfile.ZipFile(path) as bundle:
+        return {name: bundle.read(name) for name in bundle.namelist()}
+
+
+def bundled(path: Path, members: dict[str, bytes], method: int = zipfile.ZIP_STORED) -> Path:
+    with zipfile.ZipFile(path, "w", method) as bundle:
+        for name, data in members.items():
+            bundle.writestr(name, data)
+    return path
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_members_that_python_unpacks_whole_are_refused(sog: dict[str, bytes], method: int, tmp_path: Path) -> None:
+    """However few bytes are asked for, Python unpacks a block of bzip2 or LZMA to its end."""
+    path = bundled(tmp_path / "a.sog", {**sog, "meta.json": sog["meta.json"] + b" " * (48 * MIB)}, method)
+    assert path.stat().st_size < 100_000
+    with zipfile.ZipFile(path) as bundle:  # so that it is the kind that is looked at, not the size that is said
+        name = "means_l.webp"
+        assert bundle.getinfo(name).compress_type == method
+    assert refused(path, r"meta\.json has .* bytes|packed with method") < 4 * MIB
+    path = bundled(tmp_path / "b.sog", sog, method)
+    assert refused(path, "is packed with method") < 4 * MIB
+
+
+def test_a_picture_is_no_larger_than_its_pixels_need(sog: dict[str, bytes], tmp_path: Path) -> None:
+    members = {**sog, "means_l.webp": sog["means_l.webp"] + bytes(48 * MIB)}
+    path = bundled(tmp_path / "a.sog", members, zipfile.ZIP_DEFLATED)
+    assert path.stat().st_size < 100_000
+    assert refused(path, r"means_l\.webp has 5\d+ bytes, the limit is") < 4 * MIB
+    (tmp_path / "sog").mkdir()
+    for name, data in members.items():
+        (tmp_path / "sog" / name).write_bytes(data)
+    assert refused(tmp_path / "sog", r"means_l\.webp has 5\d+ bytes, the limit is") < 4 * MIB
+
+
+def test_a_list_of_members_is_not_read_whatever_its_length(tmp_path: Path) -> None:
+    path = bundled(tmp_path / "a.sog", {f"{i:040d}": b"" for i in range(14_000)})
+    assert refused(path, "list of members is longer") < 4 * MIB
+
+
+def picture(width: int, height: int, pixel: tuple[int, int, int, int]) -> bytes:
+    file = io.BytesIO()
+    Image.new("RGBA", (width, height), pixel).save(file, "WEBP", lossless=True, method=0)
+    return file.getvalue()
+
+
+def crowded_sog(path: Path, sog: dict[str, bytes], count: int, size: int) -> Path:
+    """A SOG of Gaussians that are all alike."""
+    side = int(count**0.5) + 1
+    members = dict.fromkeys(sog, picture(side, side, (0, 0, 0, 255)))
+    members |= {
+        "quats.webp": picture(side, side, (0, 0, 0, 252)),
+        "shN_centroids.webp": picture(960, 1, (0, 0, 0, 255)),
+    }
+    meta = json.loads(sog["meta.json"]) | {"count": count}
+    meta["shN"] |= {"count": 8}
+    members["meta.json"] = json.dumps(meta).encode()
+    return bundled(path, {**members, "padding": bytes(size - sum(map(len, members.values())))})
+
+
+def crowded_spz(path: Path, count: int, size: int) -> Path:
+    head = struct.pack("<4sIIBBBB", b"NGSP", 3, count, 3, 12, 0, 0)
+    raw = head + bytes(9 * count) + b"\xff" * count + bytes(6 * count) + struct.pack("<I", 3 << 30) * count
+    packed = gzip.compress(raw + b"\x80" * (45 * count))
+    return write(path, packed + bytes(size - len(packed)))
+
+
+def crowded_glb(path: Path, count: int, size: int) -> Path:
+    """Attributes of a byte a number that all lie in the same bytes."""
+    kinds = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+    accessors = [
+        {"bufferView": 0, "componentType": 5121, "normalized": True, "count": count, "type": kinds[width]}
+        for width in (3, 4, 3, 1, *[3] * 16)
+    ]
+    document = json.loads(glb(some_splats(2, 3))[20:].partition(b"BIN\0")[0][:-4].rstrip(b" "))
+    document |= {"accessors": accessors, "bufferViews": [{"buffer": 0, "byteLength": size}]}
+    return write(path, glb_of(document, b"\xff" * size))
+
+
+@pytest.mark.parametrize("end", ["sog", "spz", "glb"])
+def test_gaussians_take_memory_by_the_bytes_that_came(sog: dict[str, bytes], end: str, tmp_path: Path) -> None:
+    crowded: dict[str, Callable[[Path, int, int], Path]] = {
+        "sog": lambda path, count, size: crowded_sog(path, sog, count, size),
+        "spz": crowded_spz,
+        "glb": crowded_glb,
+    }
+    path = crowded[end](tmp_path / f"a.{end}", MANY, BYTES_PER_GAUSSIAN * MANY)
+    found: list[int] = []
+    assert peak(lambda: found.append(read_splats(path).num_gaussians)) < MOST_RATIO * path.stat().st_size
+    assert found == [MANY]
+    if end != "glb":  # its numbers themselves need as many bytes
+        path = crowded[end](tmp_path / f"b.{end}", MANY, BYTES_PER_GAUSSIAN * MANY // 2)
+        assert refused(path, "more than .* bytes of file can hold") < 8 * MIB
+
+
+PROPERTIES = [*"xyz", *(f"f_dc_{i}" for i in range(3)), "opacity", *(f"scale_{i}" for i in range(3)),
+              *(f"rot_{i}" for i in range(4)), *(f"f_rest_{i}" for i in range(45))]  # fmt: skip
+
+
+def ply_head(form: str, count: int) -> bytes:
+    lines = ["ply", f"format {form} 1.0", f"element vertex {count}", *(f"property float {name}" for name in PROPERTIES)]
+    return ("\n".join(lines) + "\nend_header\n").encode()
+
+
+def test_an_xz_archive_unpacks_to_what_such_an_archive_can_need(tmp_path: Path) -> None:
+    rows = np.zeros((200_000, len(PROPERTIES)), "<f4")
+    rows[:, PROPERTIES.index("rot_0")] = 1
+    path = write(tmp_path / "a.ply.xz", lzma.compress(ply_head("binary_little_endian", 200_000) + rows.tobytes()))
+    assert refused(path, "which .* bytes of file cannot hold") < 24 * MIB  # 8 for the archive's dictionary
+    path = write(tmp_path / "b.ply.xz", lzma.compress(ply_head("ascii", 10) + b" " * (40 * MIB)))
+    assert refused(path, "unpacks to more than") < 24 * MIB
+    path = write(
+        tmp_path / "c.ply.xz", lzma.compress(ply_head("binary_little_endian", 50_000) + rows[:50_000].tobytes())
+    )
+    assert peak(lambda: read_splats(path)) < 80 * MIB  # what may always be
+
+
+def module(members: bytes) -> bytes:
+    return b"c__torch__\nM\n)\x81}(" + members + b"ub"
+
+
+def text(value: str) -> bytes:
+    return b"X" + struct.pack("<I", len(value)) + value.encode()
+
+
+def tensor(count: int, key: str = "0") -> bytes:
+    number = b"J" + struct.pack("<i", count)
+    storage = b"(" + text("storage") + b"ctorch\nFloatStorage\n" + text(key) + text("cpu") + number + b"tQ"
+    return b"ctorch._utils\n_rebuild_tensor_v2\n(" + storage + b"K\x00" + number + b"\x85K\x01\x85\x89}tR"
+
+
+def torchscript(path: Path, description: bytes, method: int = zipfile.ZIP_STORED, numbers: int = 1 << 18) -> Path:
+    members = {"m/data.pkl": b"\x80\x02" + description + b".", "m/constants.pkl": b"", "m/data/0": bytes(4 * numbers)}
+    return bundled(path, members, method)
+
+
+def test_a_storage_is_read_once_however_many_tensors_share_it(tmp_path: Path) -> None:
+    description = module(b"".join(text(f"w{i}") + tensor(1 << 18) for i in range(60)))
+    path = torchscript(tmp_path / "a.pt", description)
+    found: dict[str, Any] = {}
+    assert peak(lambda: found.update(read_torchscript_weights(path))) < 4 * path.stat().st_size
+    assert len(found) == 60
+    path = torchscript(tmp_path / "b.pt", description, zipfile.ZIP_DEFLATED, 12 * MIB)
+    assert refused(path, "is packed, PyTorch stores it as it is", read_torchscript_weights) < 4 * MIB
+
+
+def test_modules_that_contain_each_other_end(tmp_path: Path) -> None:
+    doubled = module(text("w") + tensor(1 << 18)) + b"q\x00"
+    for level in range(1, 41):  # two ways from each to the next: 2**40 names
+        doubled += module(text("a") + b"h" + bytes([level - 1]) + text("b") + b"h" + bytes([level - 1]))
+        doubled += b"q" + bytes([level])
+    itself = b"c__torch__\nM\n)\x81q\x00}(" + text("x" * 900) + b"h\x00ub"
+    for name, description in (("doubled.pt", doubled), ("itself.pt", itself)):
+        path = torchscript(tmp_path / name, description, numbers=1 << 18)
+        assert refused(path, "members of modules", read_torchscript_weights) < 16 * MIB
+
+
+def test_torch_files_name_nothing_but_tensors(tmp_path: Path) -> None:
+    """PyTorch's own reader of plain tensors makes a byte array of any size that 60 bytes ask for."""
+    wanted = b"\x80\x02cbuiltins\nbytearray\nJ\x00\x00\x00\x10\x85R."
+    members = {"archive/data.pkl": wanted, "archive/version": b"3\n", "archive/byteorder": b"little"}
+    path = bundled(tmp_path / "checkpoint.pth", members)
+    assert refused(path, "asks for builtins bytearray", load_torch_file) < 4 * MIB
+    path = bundled(path, {**members, "archive/data.pkl": wanted + bytes(48 * MIB)}, zipfile.ZIP_DEFLATED)
+    assert refused(path, "is packed", load_torch_file) < 4 * MIB
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_DEFLATED])
+def test_a_voxel_size_is_a_few_bytes(method: int, tmp_path: Path) -> None:
+    (tmp_path / "bitstreams").mkdir()
+    path = tmp_path / "bitstreams" / "xyz_gpcc.npz"
+    bundled(path, {"voxel_size.npy": bytes(48 * MIB)}, method)
+    assert refused(path, "no voxel size can be read", lambda _: load_voxel_size(tmp_path)) < 4 * MIB
+
+
+def test_an_archive_is_damaged_or_read(tmp_path: Path) -> None:
+    path = bundled(tmp_path / "a.zip", {"x": b"hello" * 100}, zipfile.ZIP_DEFLATED)
+    with open_archive(path, DatasetError) as archive:
+        assert archive.read("x", 500) == b"hello" * 100
+        with pytest.raises(DatasetError, match=r"a\.zip: x has 500 bytes, the limit is 499"):
+            archive.read("x", 499)
+        with pytest.raises(DatasetError, match=r"a\.zip: y is missing"):
+            archive.read("y", 1)
+    raw = bytearray(path.read_bytes())
+    raw[40] ^= 255
+    with open_archive(write(path, bytes(raw)), DatasetError) as archive, pytest.raises(DatasetError, match="damaged"):
+        archive.read("x", 500)
+    for data in (b"", b"PK\x03\x04", raw[:50]):
+        with (
+            pytest.raises(DatasetError, match=r"a\.zip: the zip is damaged"),
+            open_archive(write(path, bytes(data)), DatasetError),
+        ):
+            pass
+
+
+def png_head(side: int) -> bytes:
+    """A PNG that ends where its pixels begin."""
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    head = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    return head + struct.pack(">I", 1 << 30) + b"IDAT" + bytes(8)
+
+
+def test_photos_have_no_more_pixels_than_their_bytes_can_hold(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.png", png_head(5000))
+    assert refused(path, "5000 x 5000 pixels are more than .* bytes of file can hold", load_photo) < MIB
+    path = write(tmp_path / "b.png", png_head(9000))
+    assert refused(path, "9000 x 9000 pixels are more than .* file can hold", lambda p: load_mask(p, (9, 9))) < MIB
+    path = write(tmp_path / "c.png", png_head(5000) + bytes(MIB))  # as many as it can hold
+    refused(path, "damaged", load_photo)
+
+
+class _Watched(dict[str, Any]):
+    """A node that counts how often its children are asked for."""
+
+    asked = 0
+
+    def get(self, name: str, default: Any = None) -> Any:
+        _Watched.asked += name == "children"
+        return super().get(name, default)
+
+
+def test_a_chain_of_nodes_is_climbed_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    count = 4000
+    nodes: list[dict[str, Any]] = [{"mesh": 0}, *({"children": [i]} for i in range(count))]
+    path = write(tmp_path / "a.glb", glb(some_splats(4), {"nodes": nodes}))
+    loads = json.loads
+    monkeypatch.setattr(gltf.json, "loads", lambda data: loads(data, object_hook=_Watched))
+    monkeypatch.setattr(_Watched, "asked", 0)
+    assert read_splats(path).num_gaussians == 4
+    assert count < _Watched.asked <= 2 * count
+    nodes[0]["children"] = [count]  # a circle, which glTF forbids, ends all the same
+    write(path, glb(some_splats(4), {"nodes": nodes}))
+    assert read_splats(path).num_gaussians == 4
+    nodes[count // 2]["translation"] = [1, 0, 0]
+    write(path, glb(some_splats(4), {"nodes": nodes}))
+    with pytest.raises(DatasetError, match=f"node {count // 2} has a translation"):
+        read_splats(path)

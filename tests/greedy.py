@@ -1,0 +1,203 @@
+"""Small streams that announce, or claim to hold, as much as their format lets them: what they cost is theirs to say."""
+
+import hashlib
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.byte_io import ByteReader, ByteWriter
+from splatwire.codec.schemas.causal.context import LOG_BITS
+from splatwire.codec.schemas.causal.places import Places, SharedPlaces
+from splatwire.codec.schemas.causal.side_info import SideInfo as CausalInfo
+from splatwire.codec.schemas.causal.side_info import write_side_info as write_causal
+from splatwire.codec.schemas.hacpp.side_info import MASK_CONTEXTS
+from splatwire.codec.schemas.hacpp.side_info import SideInfo as HacppInfo
+from splatwire.codec.schemas.hacpp.side_info import write_side_info as write_hacpp
+from splatwire.codec.weight_bytes import framed
+from splatwire.codec.weights import QuantisedLinear, QuantisedMlp
+from splatwire.model.causal import CausalConfig
+from splatwire.model.config import HashGridConfig, ModelConfig
+from splatwire.packets import (
+    ANCHORS,
+    CAUSAL,
+    GAUSSIANS,
+    Manifest,
+    PacketId,
+    Packetization,
+    SceneStream,
+    make_packet,
+)
+from splatwire.packets.tiers import TierShape
+from splatwire.scene import AnchorLayout
+
+LARGEST = Packetization(block_size=65_535, lanes=1, grouping="contiguous")
+SMALLEST = Packetization(block_size=1, lanes=256, grouping="contiguous")
+SEPARATED = Packetization(block_size=65_535, lanes=1, grouping="contiguous", packaging="separated")
+
+
+def greedy_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream]]:
+    """Streams of at most a megabyte.
+
+    Args:
+        gaussians: A small stream of explicit Gaussians with harmonics, whose header and contexts are taken.
+    """
+    for blocks in (60, 400, 4000):
+        yield f"gaussians announced in {blocks} blocks", of_gaussians(gaussians, LARGEST, 65_535 * blocks, 0)
+    yield "gaussians that arrive in no bytes", of_gaussians(gaussians, LARGEST, 65_535 * 4000, 4000)
+    yield "a million gaussians that arrive", of_gaussians(gaussians, LARGEST, 65_535 * 16, 16)
+    yield "gaussians alone in their blocks", of_gaussians(gaussians, SMALLEST, 5_000, 500)
+    for bytes_ in (10_000, 100_000, 800_000):
+        for width, layout in (("narrow", AnchorLayout(1, 1, (1,))), ("wide", AnchorLayout(256, 64, (8,) * 32))):
+            yield f"{8 * bytes_} {width} anchors", of_causal(layout, bytes_, 16, LARGEST, 0)
+    usual = AnchorLayout(32, 10, (1, 1, 2, 4, 8, 16))
+    yield "anchors that arrive in no bytes", of_causal(usual, 100_000, 32, LARGEST, 12)
+    yield "anchors of the largest networks", of_causal(AnchorLayout(8, 4, (4, 4)), 10_000, 4096, LARGEST, 1)
+    yield "anchors alone in their blocks", of_causal(AnchorLayout(1, 1, (1,)), 500_000, 8, SMALLEST, 500)
+    for bytes_ in (10_000, 500_000):
+        yield f"{8 * bytes_} anchors of format 1", of_hacpp(AnchorLayout(), bytes_, 32, LARGEST, 1)
+    yield "wide anchors of format 1", of_hacpp(AnchorLayout(1024, 64, (16,) * 64), 20_000, 8, LARGEST, 2)
+    yield "separated anchors", of_hacpp(AnchorLayout(), 500_000, 32, SEPARATED, 7)
+    yield "separated anchors alone", of_hacpp(AnchorLayout(2, 1, (2,)), 5_000, 8, replace(SEPARATED, block_size=1), 99)
+    yield "networks of format 1", of_hacpp(AnchorLayout(), 8_000, 1024, LARGEST, 1)
+
+
+def of_gaussians(real: SceneStream, packetization: Packetization, num: int, num_packets: int) -> SceneStream:
+    """Gaussians in as few bytes as boxes and means of blocks take."""
+    reader = ByteReader(real.side_info, "side information")
+    header, _, contexts = (reader.blob() for _ in range(3))
+    blocks = ByteWriter()
+    for _ in range(7):
+        blocks.signed(0)
+        blocks.unsigned(0)
+        blocks.blob(b"")
+    boxes = bytes(7 * math.ceil(num / packetization.block_size))
+    side_info = b"".join(map(framed, (header, boxes + blocks.bytes(), contexts)))
+    return stream_of(GAUSSIANS, packetization, num, side_info, num_packets)
+
+
+def of_causal(
+    layout: AnchorLayout, position_bytes: int, hidden: int, packetization: Packetization, num_packets: int
+) -> SceneStream:
+    """Anchors of the causal model, one to a bit, all of them in one place; networks of zeros."""
+    config, head = CausalConfig(layout, 16), layout.feature_dim + 4
+    nowhere = Places(*(np.zeros(n, dtype=np.int64) for n in (3, 0, 0)))
+    num, chances = 8 * position_bytes, bytes([64, 21]) + bytes([128]) * 231
+    places = SharedPlaces(chances + bytes([0, 0, 0, 63]) + bytes(position_bytes), nowhere, np.zeros((1, 1), np.int64))
+    groups, ones = len(layout.feature_groups), np.ones(3, dtype=np.int64)
+    info = CausalInfo(
+        config, 0.1, places, 0 * ones, 1000 * ones, np.full(groups + 1, 0.1), np.full(2, 1 << (LOG_BITS - 3)),
+        np.zeros(4, dtype=np.int64), {name: zeros(i, hidden, o) for name, (i, o) in config.shapes().items()},
+        tuple(zeros(head, hidden, size * layout.num_offsets) for size in (1, 7, 3)),
+    )  # fmt: skip
+    return stream_of(CAUSAL, packetization, num, write_causal(info), num_packets)
+
+
+def of_hacpp(
+    layout: AnchorLayout, position_bytes: int, hidden: int, packetization: Packetization, num_packets: int
+) -> SceneStream:
+    """Anchors of format 1, one to a bit, all of them in one place; networks of zeros."""
+    grid = HashGridConfig(4, (18, 24), (130,), 13, 15)
+    config, head, features = ModelConfig(layout, grid), layout.feature_dim + 4, layout.feature_dim
+    before = np.cumsum([0, *layout.feature_groups]).tolist()
+    rows, num = sum(grid.rows(3)) + 3 * sum(grid.rows(2)), 8 * position_bytes
+    corner = np.ones(3, dtype=np.float32)
+    info = HacppInfo(
+        config, 0.1, -corner, corner, np.zeros((1, 3), dtype=np.int64), np.ones((rows, 4), dtype=np.int8),
+        zeros(grid.context_dim, hidden, config.prior_dim),
+        tuple(zeros(b + 3 * features, hidden, 3 * g) for b, g in zip(before, layout.feature_groups, strict=False)),
+        (*(zeros(head, hidden, size * layout.num_offsets) for size in (1, 7, 3)),),
+        np.full(MASK_CONTEXTS * layout.num_offsets, 128), {"masks": b""} if packetization.separated else {},
+    )  # fmt: skip
+    reader = ByteReader(write_hacpp(info), "side information")
+    parts = [reader.blob() for _ in range(7)]
+    parts[1] = bytes([0, 0, 0, 63]) + bytes(position_bytes)
+    side_info = b"".join(map(framed, parts)) + reader.rest()
+    return stream_of(ANCHORS, packetization, num, side_info, num_packets, layout)
+
+
+def zeros(inputs: int, hidden: int, outputs: int) -> QuantisedMlp:
+    """A network whose weights take hardly a bit."""
+
+    def layer(columns: int, rows: int) -> QuantisedLinear:
+        steps, shifts = np.ones(rows, dtype=np.int64), np.zeros(columns, dtype=np.int64)
+        return QuantisedLinear(np.zeros((rows, columns), dtype=np.int32), steps, shifts, np.zeros(rows, dtype=np.int32))
+
+    return QuantisedMlp(layer(inputs, hidden), layer(hidden, outputs), leaky=False)
+
+
+def stream_of(
+    codec: str,
+    packetization: Packetization,
+    num: int,
+    side_info: bytes,
+    num_packets: int,
+    layout: AnchorLayout | None = None,
+    tiers: tuple[TierShape, ...] = (),
+) -> SceneStream:
+    """A stream whose first packets came, and are empty."""
+    shape = () if layout is None else (layout.feature_dim, layout.num_offsets, layout.feature_groups)
+    parts = 2 + len(layout.feature_groups) if packetization.separated and layout else 1
+    blocks = math.ceil(num / packetization.block_size)
+    manifest = Manifest(
+        packetization=packetization, num_anchors=num, num_packets=blocks * parts, stream_id=7,
+        side_info_bytes=len(side_info), side_info_digest=hashlib.sha256(side_info).hexdigest(),
+        symbols_digest="0" * 64, writer="greedy", codec=codec, tiers=tiers,
+        **dict(zip(("feature_dim", "num_offsets", "feature_groups"), shape, strict=False)),
+    )  # fmt: skip
+    plan, names = manifest.plan, []
+    for n in range(num_packets):
+        block, part = divmod(n, parts)
+        if block < blocks:
+            names.append(PacketId(block, 0, plan.parts[part]))
+    packets = tuple(make_packet(name, plan.count(name), b"", 7) for name in names)
+    return SceneStream(manifest, side_info, packets)
+
+
+def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
+    """What is done with each stream took so many MB of memory at most above what a small one took; what was said."""
+    import resource
+
+    from splatwire.cli.inspect import describe
+    from splatwire.codec import decode_stream, progressive_decoder
+    from splatwire.conceal import conceal
+    from splatwire.errors import SplatwireError
+    from splatwire.packets import read_stream
+    from splatwire.scene_io import save_decoded
+
+    def progressive(stream: SceneStream) -> None:
+        decoder = progressive_decoder(stream.manifest, stream.side_info)
+        for packet in stream.packets:
+            decoder.add([packet])
+
+    def saved(stream: SceneStream) -> None:
+        partial = decode_stream(stream)
+        save_decoded(partial, None, folder / ("out.ply" if stream.manifest.codec == GAUSSIANS else "out.scene"))
+
+    works: dict[str, Callable[[Path], object]] = {
+        "inspect": describe,
+        "progressive": lambda file: progressive(read_stream(file)[0]),
+        "decode": lambda file: saved(read_stream(file)[0]),
+        "drop": lambda file: conceal(decode_stream(read_stream(file)[0]), "drop"),
+    }
+    for work in works.values():
+        work(warm)
+    before, found = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, []
+    for path in paths:
+        said: dict[str, object] = {}
+        for name, work in works.items():
+            try:
+                work(path)
+            except SplatwireError as error:
+                said[name] = f"{type(error).__name__}: {error}"
+            said[f"{name} MB"] = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024
+        found.append(said)
+    return found
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(*map(Path, sys.argv[1:]))))

@@ -1,0 +1,236 @@
+"""What was decoded is a fixed point: encoded again, its elements are the same integers, in whatever packets."""
+
+import base64
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from scenes import tiny_causal_scene, tiny_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene, repack
+from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
+from splatwire.codec.schemas.gaussians.decoder import open_side_info
+from splatwire.errors import InvalidValueError
+from splatwire.model import AnchorScene, Copies, SplatScene
+from splatwire.model.appearance import Scene
+from splatwire.model.scene_file import load_scene, save_partial, save_scene
+from splatwire.packets import PRESETS, Packetization, SceneStream, spread_packetization, stream_from_bytes
+from splatwire.scene.splats import Splats
+
+ANCHORS = {"hacpp": tiny_scene(5, 300), "causal": tiny_causal_scene(5, 300)}
+PACKETIZATIONS = {
+    "paper": PRESETS["paper"],
+    "few": Packetization(block_size=64, lanes=3),
+    "contiguous": Packetization(block_size=100, lanes=2, grouping="contiguous"),
+    "spread": spread_packetization(300),
+    "datagram": PRESETS["datagram"],
+    "small datagrams": replace(PRESETS["datagram"], packet_bytes=500),
+}
+
+
+def tensors(scene: AnchorScene) -> dict[str, torch.Tensor]:
+    """Everything that is drawn, by name."""
+    found = dict(vars(scene.anchors))
+    for name, head in vars(scene.heads).items():
+        for layer in ("hidden", "output"):
+            found |= {f"{name}.{layer}.{part}": value for part, value in vars(getattr(head, layer)).items()}
+    return found
+
+
+def assert_equal(one: AnchorScene, other: AnchorScene) -> None:
+    for name, values in tensors(one).items():
+        assert torch.equal(values, tensors(other)[name]), name
+
+
+def digest(stream: SceneStream) -> str:
+    return stream.manifest.symbols_digest
+
+
+@pytest.mark.parametrize("codec", ANCHORS)
+def test_decoded_anchors_encode_to_the_same_stream(codec: str) -> None:
+    first = encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])
+    again = encode_scene(decode_stream(first).scene, PACKETIZATIONS["few"])
+    assert digest(again) == digest(first)
+    assert [packet.payload for packet in again.packets] == [packet.payload for packet in first.packets]
+    assert abs(again.num_bytes - first.num_bytes) <= 0.01 * first.num_bytes  # steps of tiny networks have many names
+    third = encode_scene(decode_stream(again).scene, PACKETIZATIONS["few"])
+    assert third.side_info == again.side_info
+
+
+@pytest.mark.parametrize("codec", ANCHORS)
+@pytest.mark.parametrize("file", ["scene", "partial"])
+def test_decoded_anchors_are_a_fixed_point_through_files(codec: str, file: str, tmp_path: Path) -> None:
+    first = encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])
+    partial, path = decode_stream(first), tmp_path / "decoded.safetensors"
+    save_scene(partial.scene, path) if file == "scene" else save_partial(partial, path)
+    assert digest(encode_scene(load_scene(path), PACKETIZATIONS["few"])) == digest(first)
+
+
+@pytest.mark.parametrize("codec", ANCHORS)
+@pytest.mark.parametrize("packets", PACKETIZATIONS)
+def test_decoded_anchors_stay_the_same_in_other_packets(codec: str, packets: str) -> None:
+    first = decode_stream(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])).scene
+    assert_equal(decode_stream(encode_scene(first, PACKETIZATIONS[packets])).scene, first)
+
+
+@pytest.mark.parametrize("codec", ANCHORS)
+def test_decoded_anchors_stay_the_same_with_tiers(codec: str) -> None:
+    first = decode_stream(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])).scene
+    tiers = (torch.arange(first.num_elements) % 3 > 0).to(torch.uint8)
+    assert_equal(decode_stream(encode_scene(first, PACKETIZATIONS["datagram"], tiers=tiers)).scene, first)
+
+
+def test_hacpp_stays_the_same_in_separated_packets() -> None:
+    first = decode_stream(encode_scene(ANCHORS["hacpp"], PACKETIZATIONS["few"])).scene
+    native = decode_stream(encode_scene(first, PRESETS["hacpp"])).scene
+    again: Scene = decode_stream(encode_scene(native, PACKETIZATIONS["few"])).scene
+    assert_equal(again, first)
+
+
+@pytest.mark.parametrize("codec", ANCHORS)
+def test_part_of_a_decoded_scene_keeps_its_integers(codec: str) -> None:
+    first = decode_stream(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"])).scene
+    part = first.select(torch.arange(first.num_elements) % 4 > 0)
+    assert_equal(decode_stream(encode_scene(part, PACKETIZATIONS["few"])).scene, part)
+
+
+def assert_same_content(one: SceneStream, other: SceneStream) -> None:
+    assert one.side_info == other.side_info
+    assert [(p.id, p.payload) for p in one.packets] == [(p.id, p.payload) for p in other.packets]
+    assert digest(one) == digest(other)
+
+
+@pytest.mark.parametrize("codec", ANCHORS)
+@pytest.mark.parametrize("packets", PACKETIZATIONS)
+def test_repacked_streams_decode_to_the_same_scene_and_back_to_the_same_bytes(codec: str, packets: str) -> None:
+    tiers = (torch.arange(300) % 3 > 0).to(torch.uint8)
+    first = add_concealment(encode_scene(ANCHORS[codec], PACKETIZATIONS["few"], tiers=tiers), "mine", b"1")
+    packed = repack(first, PACKETIZATIONS[packets])
+    assert packed.side_info == first.side_info
+    assert [tier.num_anchors for tier in packed.manifest.tiers] == [tier.num_anchors for tier in first.manifest.tiers]
+    assert_equal(decode_stream(packed).scene, decode_stream(first).scene)
+    assert_same_content(repack(packed, PACKETIZATIONS["few"]), first)
+
+
+def test_separated_attributes_are_repacked_both_ways() -> None:
+    first = encode_scene(ANCHORS["hacpp"], PACKETIZATIONS["few"])
+    native = repack(first, PRESETS["hacpp"])
+    assert native.manifest.packetization.separated
+    assert_same_content(repack(native, PACKETIZATIONS["few"]), first)
+
+
+def test_incomplete_streams_and_sections_of_another_order_are_not_repacked() -> None:
+    first = add_concealment(encode_scene(ANCHORS["hacpp"], PACKETIZATIONS["few"]), "mine", b"1")
+    with pytest.raises(InvalidValueError, match="'mine' of this stream is for anchors in morton order"):
+        repack(first, PRESETS["hacpp"])
+    with pytest.raises(InvalidValueError, match="1 packets are missing"):
+        repack(replace(first, packets=first.packets[1:]), PRESETS["datagram"])
+
+
+def gaussians(degree: int, seed: int = 0) -> tuple[SplatScene, np.ndarray]:
+    """Gaussians of all kinds, some beyond the ranges of the format, and their classes of precision."""
+    rng = np.random.default_rng(seed)
+    count = 400
+    means = rng.normal(size=(count, 3)) * 2.0 ** rng.integers(-3, 4, (count, 1)) + [100, -7, 0]
+    scales = np.exp(rng.normal(size=(count, 3)) * 2 - 4)
+    scales[:40] = scales[:40, :1]  # balls
+    scales[40:60, 2] *= 2.0**-14  # thinner than the format has it
+    opacities = rng.uniform(0.001, 1.0, count)
+    opacities[::7] = 1.0
+    opacities[1::50] = 1e-5
+    sh = rng.normal(size=(count, (degree + 1) ** 2, 3)) * rng.choice([0.01, 0.3, 20.0], (count, 1, 1))
+    arrays = (means, rng.normal(size=(count, 4)), scales, opacities, sh)
+    splats = Splats(*(torch.from_numpy(array.astype(np.float32)) for array in arrays))
+    return SplatScene(splats), rng.integers(-6, 2, count)
+
+
+def ordered(stream: SceneStream) -> tuple[np.ndarray, np.ndarray]:
+    """All numbers of a stream's Gaussians with their classes, in an order that depends on nothing but themselves."""
+    scene = decode_stream(stream).scene
+    assert isinstance(scene, SplatScene)
+    assert scene.coding is not None
+    columns = [v.numpy().reshape(len(v), -1) for v in (*vars(scene.splats).values(), scene.coding.classes)]
+    numbers = np.concatenate(columns, axis=1)
+    return numbers[np.lexsort(numbers.T)], numbers
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3])
+@pytest.mark.parametrize("quality", ["small", "default", "near-lossless"])
+def test_decoded_gaussians_encode_to_the_same_integers(degree: int, quality: str) -> None:
+    scene, classes = gaussians(degree)
+    first = encode_scene(scene, PACKETIZATIONS["few"], classes=classes, quality=quality)
+    again = encode_scene(decode_stream(first).scene, PACKETIZATIONS["few"])
+    assert digest(again) == digest(first)
+    assert np.array_equal(ordered(again)[1], ordered(first)[1])
+    assert abs(again.num_bytes - first.num_bytes) <= 0.005 * first.num_bytes
+    assert digest(encode_scene(decode_stream(again).scene, PACKETIZATIONS["few"])) == digest(first)
+
+
+@pytest.mark.parametrize("packets", PACKETIZATIONS)
+def test_gaussians_are_the_same_in_whatever_packets(packets: str) -> None:
+    scene, classes = gaussians(2)
+    first = encode_scene(scene, PACKETIZATIONS["few"], classes=classes)
+    decoded, tiers = decode_stream(first).scene, (torch.arange(400) % 3 > 0).to(torch.uint8)
+    for other in (
+        encode_scene(scene, PACKETIZATIONS[packets], classes=classes),
+        encode_scene(decoded, PACKETIZATIONS[packets]),
+        encode_scene(decoded, PACKETIZATIONS[packets], tiers=tiers),
+        repack(first, PACKETIZATIONS[packets]),
+    ):
+        assert np.array_equal(ordered(other)[0], ordered(first)[0])
+    back = repack(repack(first, PACKETIZATIONS[packets]), PACKETIZATIONS["few"])
+    assert digest(back) == digest(first)
+    assert_same_content(back, repack(first, PACKETIZATIONS["few"]))
+
+
+def test_part_of_decoded_gaussians_keeps_its_integers() -> None:
+    scene, classes = gaussians(1)
+    decoded = decode_stream(encode_scene(scene, PACKETIZATIONS["few"], classes=classes)).scene
+    part = decoded.select(torch.arange(400) % 4 > 0)
+    found = ordered(encode_scene(part, PRESETS["datagram"]))[0]
+    assert isinstance(part, SplatScene)
+    assert set(map(bytes, found[:, :3])) == set(map(bytes, part.splats.means.numpy()))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_nearly_a_float_tells_apart_stays(seed: int) -> None:
+    """Places whose cells are about as small as the difference of two floats."""
+    rng = np.random.default_rng(seed)
+    scene, _ = gaussians(0, seed)
+    splats = scene.splats
+    means = (splats.means + 2.0 ** int(rng.integers(4, 16))) * 1.0
+    scales = torch.exp2(torch.from_numpy(rng.uniform(-14, -2, (400, 3)).astype(np.float32)))
+    far = SplatScene(replace(splats, means=means, scales=scales))
+    first = encode_scene(far, PACKETIZATIONS["few"], quality="near-lossless")
+    assert digest(encode_scene(decode_stream(first).scene, PACKETIZATIONS["few"])) == digest(first)
+
+
+def test_repacked_gaussians_keep_their_copies() -> None:
+    scene, classes = gaussians(1)
+    first = encode_scene(scene, PACKETIZATIONS["few"], classes=classes)
+    decoded = decode_stream(first).scene
+    assert isinstance(decoded, SplatScene)
+    info = open_side_info(first.manifest, first.side_info)
+    chosen = np.arange(0, 400, 9)
+    section = write_copies(decoded.splats, chosen, info, level=2, growth=(1.0, 0.5, 0.25))
+    first = add_concealment(first, "sketch", section)
+    packed = repack(first, PRESETS["datagram"])
+    partials = decode_stream(first), decode_stream(packed)
+    before, after = (partial[Copies] for partial in partials)
+    assert after.growth == before.growth
+    for name, values in vars(before.splats).items():
+        assert torch.equal(values, getattr(after.splats, name))
+    places = [partial.scene.positions[partial[Copies].places] for partial in partials]
+    assert torch.equal(*places)
+
+
+def test_streams_of_version_2_are_not_repacked() -> None:
+    pinned = json.loads((Path(__file__).parents[1] / "golden" / "gaussians.json").read_text())
+    stream = stream_from_bytes(base64.b64decode(pinned["lanes"]["swz"]))[0]
+    with pytest.raises(InvalidValueError, match="an older release encoded these Gaussians"):
+        repack(stream, PRESETS["datagram"])
+    again = encode_scene(decode_stream(stream).scene, PACKETIZATIONS["few"])
+    assert digest(encode_scene(decode_stream(again).scene, PACKETIZATIONS["few"])) == digest(again)

@@ -1,0 +1,203 @@
+import dataclasses
+from pathlib import Path
+
+import pytest
+import torch
+
+from conceal.gaps import CONTEXT_DIM, LAYOUT, only, permuted, random_context
+from paper.gnn.lively import SMALL, lively_network
+from splatwire.conceal import concealer_names, create_concealer
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.model import Partial, Prior
+from splatwire.paper import Cari, Gnn, GnnSettings, GnnWeights, Idw, PriorMean
+from splatwire.paper.gnn import GNN_PRESETS, load_weights, save_weights
+from splatwire.paper.gnn.fusion import branches, fuse
+from splatwire.paper.gnn.graph import build_graph, prior_rows, query_inputs, source_inputs
+from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes, RawResiduals, edge_conv
+from splatwire.paper.gnn.weights import scene_fingerprint
+
+PARTS = ("features", "scalings", "offsets", "mask")
+
+
+def lively(context: Partial, settings: GnnSettings = SMALL, seed: int = 1) -> GnnWeights:
+    return GnnWeights(lively_network(settings, seed)[0], scene_fingerprint(context), {})
+
+
+def test_factored_edge_conv_is_the_plain_one() -> None:
+    rng = torch.Generator().manual_seed(0)
+    own, others = torch.randn(30, 8, generator=rng), torch.randn(50, 8, generator=rng)
+    index = torch.randint(0, 50, (30, 5), generator=rng)
+    center, edge, bias = (torch.randn(*s, generator=rng) for s in ((16, 8), (16, 8), (16,)))
+    for q in range(30):
+        messages = []
+        for k in index[q].tolist():
+            pair = torch.cat([own[q], others[k] - own[q]])
+            messages.append(torch.nn.functional.leaky_relu(torch.cat([center, edge], dim=1) @ pair + bias, 0.2))
+        plain = torch.stack(messages).amax(dim=0)
+        torch.testing.assert_close(edge_conv(own, others, index, center, edge, bias)[q], plain, rtol=1e-4, atol=1e-5)
+
+
+def test_the_paper_preset() -> None:
+    paper = GNN_PRESETS["paper"]
+    assert (paper.neighbors, paper.hidden, paper.layers, paper.heads) == (24, 128, 2, 4)
+    assert (paper.clip, paper.sharpness, paper.baseline) == (3.0, 0.5, "prior")
+    assert (paper.feature_threshold, paper.scaling_threshold, paper.offset_threshold) == (0.10, 1.01, 1.01)
+
+
+@pytest.mark.parametrize("interpolation", ["cari", "idw"])
+@pytest.mark.parametrize("separated", [False, True])
+def test_with_thresholds_above_one_the_result_is_the_interpolation(interpolation: str, separated: bool) -> None:
+    context = random_context(150, 2, separated=separated)
+    never = dataclasses.replace(SMALL, interpolation=interpolation, feature_threshold=1.01)
+    result = Gnn(lively(context, never))(context).elements
+    other = Cari() if interpolation == "cari" else Idw(neighbors=6, metric="mahalanobis", pool=18)
+    expected = other(context).elements
+    assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS)
+
+
+def test_by_default_only_features_differ_from_the_interpolation() -> None:
+    context = random_context(150, 3)
+    lost = ~context.erasures.known
+    result, expected = Gnn(lively(context))(context).elements, Cari()(context).elements
+    assert (result.features != expected.features)[lost].float().mean() > 0.9
+    assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS[1:])
+
+
+def test_the_equations_of_gate_blend_and_fallback() -> None:
+    context = random_context(80, 4)
+    graph = build_graph(context, SMALL)
+    rng, count = torch.Generator().manual_seed(3), len(graph.queries)
+    raw = RawResiduals(*(2 * torch.randn(count, d, generator=rng) for d in (10, 6, 12, 4)))
+    prior = prior_rows(context[Prior], graph.queries)
+    threshold = 0.45
+    settings = dataclasses.replace(SMALL, feature_threshold=threshold)
+    result = fuse(branches(raw, prior, graph.interpolated, settings), graph.interpolated, settings)
+    taken = 0
+    for q in range(count):
+        sigma, mu = prior.feature.scale[q].double(), prior.feature.mean[q].double()
+        delta = (raw.feature[q].double() * sigma).maximum(-3 * sigma).minimum(3 * sigma)
+        c = torch.exp(-0.5 * (delta / (sigma + 1e-6)).abs().mean())
+        old = graph.interpolated.features[q].double()
+        wanted = c * (mu + c * delta) + (1 - c) * old if c >= threshold else old
+        taken += bool(c >= threshold)
+        torch.testing.assert_close(result.features[q].double(), wanted, rtol=1e-4, atol=1e-5)
+    assert 0 < taken < count
+
+
+def test_the_papers_fallback_of_features_never_fires() -> None:
+    """Residuals are clipped at 3 standard deviations, so the confidence is exp(-0.5 * 3) = 0.22 or more, above 0.10."""
+    context, paper = random_context(80, 4), GNN_PRESETS["paper"]
+    graph = build_graph(context, SMALL)
+    rng, count = torch.Generator().manual_seed(3), len(graph.queries)
+    raw = RawResiduals(*(1e6 * torch.randn(count, d, generator=rng) for d in (10, 6, 12, 4)))
+    parts = branches(raw, prior_rows(context[Prior], graph.queries), graph.interpolated, paper)
+    assert float(parts.feature.confidence.min()) > paper.feature_threshold
+    without = dataclasses.replace(paper, feature_threshold=0.0)
+    with_fallback, always = (fuse(parts, graph.interpolated, settings) for settings in (paper, without))
+    assert torch.equal(with_fallback.features, always.features)
+
+
+def test_full_attributes_obey_the_mask_head_and_stay_plausible() -> None:
+    context = random_context(150, 5)
+    settings = dataclasses.replace(SMALL, scaling_threshold=0.0, offset_threshold=0.0)
+    result = context.elements.kept(context.erasures, Gnn(lively(context, settings))(context).elements)
+    lost = ~context.erasures.known
+    assert bool((result.offsets[~result.mask] == 0).all())
+    assert bool((result.scalings[lost] >= context.scene.anchors.scalings[~lost].amin(dim=0)).all())
+    assert not torch.equal(result.mask, Cari()(context).elements.mask)
+
+
+def test_inputs_are_those_of_the_paper() -> None:
+    context = random_context(60, 6)
+    graph, sizes = build_graph(context, SMALL), InputSizes(LAYOUT, CONTEXT_DIM)
+    known = context.erasures.known.nonzero()[:, 0]
+    assert source_inputs(context, known).shape == (len(known), sizes.source)
+    inputs = query_inputs(context, graph)
+    assert inputs.shape == (len(graph.queries), sizes.query)
+    start = 3 + CONTEXT_DIM
+    assert torch.equal(inputs[:, start : start + 10], context[Prior].feature.mean[graph.queries])
+    assert not inputs[:, start + 28 : start + 32].any()  # the mask of a query
+    assert bool(context.erasures.known[graph.index].all())
+
+
+def test_order_and_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    context = random_context(120, 7)
+    weights = lively(context)
+    whole = Gnn(weights)(context).elements.features
+    monkeypatch.setattr("splatwire.paper.gnn.concealer._CHUNK", 7)
+    monkeypatch.setattr("splatwire.paper.gnn.concealer._SOURCE_CHUNK", 11)
+    torch.testing.assert_close(Gnn(weights)(context).elements.features, whole, rtol=1e-4, atol=1e-5)
+    order = torch.randperm(120, generator=torch.Generator().manual_seed(1))
+    shuffled = permuted(context, order)
+    other = dataclasses.replace(weights, fingerprint=scene_fingerprint(shuffled))
+    torch.testing.assert_close(Gnn(other)(shuffled).elements.features, whole[order], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("received", [0, 1, 3, 100])
+def test_hardly_anything_received(received: int) -> None:
+    whole = random_context(100, 8, loss=0)
+    context = only(whole, torch.arange(100) < received)
+    result = context.elements.kept(context.erasures, Gnn(lively(context))(context).elements)
+    assert all(bool(getattr(result, part).isfinite().all()) for part in PARTS[:3])
+    if received == 0:
+        assert torch.equal(result.features, PriorMean()(context).elements.features)
+    if received == 100:
+        assert torch.equal(result.features, whole.elements.features)
+
+
+def test_values_that_are_not_finite_are_never_used() -> None:
+    context = random_context(100, 9)
+    weights = lively(context)
+    with torch.no_grad():
+        weights.network.regressors[0][3].bias.fill_(float("nan"))
+    assert torch.equal(Gnn(weights)(context).elements.features, Cari()(context).elements.features)
+
+
+def test_weights_survive_a_file(tmp_path: Path) -> None:
+    context = random_context(100, 10)
+    weights = lively(context)
+    save_weights(dataclasses.replace(weights, validation={"gain": 0.5}), tmp_path / "w.safetensors")
+    loaded = load_weights(tmp_path / "w.safetensors")
+    assert loaded.settings == SMALL
+    assert loaded.validation == {"gain": 0.5}
+    expected = Gnn(weights)(context).elements.features
+    assert torch.equal(create_concealer(f"gnn:{tmp_path / 'w.safetensors'}")(context).elements.features, expected)
+    save_weights(weights, tmp_path / "half", precision="float16")
+    assert (tmp_path / "half").stat().st_size < 0.65 * (tmp_path / "w.safetensors").stat().st_size
+    torch.testing.assert_close(Gnn(tmp_path / "half")(context).elements.features, expected, rtol=0.05, atol=0.05)
+
+
+def test_bad_weights_are_refused(tmp_path: Path) -> None:
+    context, path = random_context(100, 11), tmp_path / "w"
+    with pytest.raises(BitstreamError, match="no such file"):
+        load_weights(path)
+    path.write_bytes(b"not weights at all")
+    with pytest.raises(BitstreamError, match="not a file of"):
+        load_weights(path)
+    weights = lively(context)
+    with torch.no_grad():
+        weights.network.regressors[0][3].bias.fill_(float("nan"))
+    save_weights(weights, path)
+    with pytest.raises(BitstreamError, match="not finite"):
+        load_weights(path)
+    with pytest.raises(InvalidValueError, match="another scene"):
+        Gnn(lively(random_context(100, 12)))(context)
+    narrow = GnnWeights(InpaintingNetwork(InputSizes(LAYOUT, 5), SMALL), scene_fingerprint(context), {})
+    with pytest.raises(InvalidValueError, match="5 hash features"):
+        Gnn(narrow)(context)
+
+
+def test_without_weights_it_is_not_listed() -> None:
+    assert "gnn" not in concealer_names()
+    assert "gnn" not in concealer_names(("hints",))
+    assert "gnn" in concealer_names(("gnn",))
+    with pytest.raises(InvalidValueError, match="carries none"):
+        create_concealer("gnn")(random_context(50, 1))
+
+
+@pytest.mark.parametrize(
+    "options", [{"neighbors": 0}, {"hidden": 10}, {"heads": 0}, {"clip": -1.0}, {"baseline": "x"}, {"metric": "x"}]
+)
+def test_senseless_settings_are_refused(options: dict) -> None:
+    with pytest.raises(InvalidValueError):
+        GnnSettings(**options)

@@ -1,0 +1,186 @@
+import dataclasses
+import itertools
+from pathlib import Path
+
+import pytest
+import torch
+
+from conceal.gaps import changed
+from scenes import tiny_cameras, tiny_scene
+from splatwire.calibrate.pseudo_loss import calibration_data, pseudo_loss
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.model import Prior
+from splatwire.packets import Packetization
+from splatwire.paper import Cari, Gnn, GnnSettings
+from splatwire.paper.calibration.calibrate import calibrate
+from splatwire.paper.calibration.config import CalibrationConfig
+from splatwire.paper.calibration.losses import (
+    LossWeights,
+    channel_spread,
+    normalized_errors,
+    parameter_losses,
+    weighted_sum,
+)
+from splatwire.paper.calibration.run import CalibrationRun
+from splatwire.paper.gnn.fusion import branches
+from splatwire.paper.gnn.graph import build_graph, prior_rows
+from splatwire.paper.gnn.network import RawResiduals
+
+SETTINGS = GnnSettings(neighbors=6, pool=12, hidden=16, baseline="interpolation")
+CONFIG = CalibrationConfig(
+    SETTINGS, iterations=12, train_masks=2, validation_masks=1, batch=64, validation_interval=4, patience=99
+)
+
+
+@pytest.fixture(scope="module")
+def complete():
+    stream = encode_scene(tiny_scene(seed=2, num_anchors=400), Packetization(block_size=100))
+    return stream, decode_stream(stream)
+
+
+@pytest.fixture(scope="module")
+def data(complete):
+    return calibration_data(*complete, tiny_cameras(num_views=2, width=48, height=32))
+
+
+def test_whole_packets_are_dropped(data) -> None:
+    known = pseudo_loss(data.groups, 400, 0.2, seed=3)
+    ranks, starts = data.groups
+    fates = [known[torch.from_numpy(ranks[a:b])] for a, b in itertools.pairwise(starts)]
+    assert all(bool(fate.all()) or not bool(fate.any()) for fate in fates)
+    assert sum(not bool(fate.any()) for fate in fates) == round(0.2 * len(fates))
+    assert not torch.equal(known, pseudo_loss(data.groups, 400, 0.2, seed=4))
+    for rate in (1e-9, 1 - 1e-9):
+        assert 0 < int(pseudo_loss(data.groups, 400, rate, seed=0).sum()) < 400
+
+
+def test_a_network_sees_nothing_of_what_is_lost(data) -> None:
+    known = pseudo_loss(data.groups, 400, 0.3, seed=1)
+    partial = data.complete.without(known)
+    assert not partial.scene.anchors.features[~known].any()
+    assert bool(known[build_graph(partial, SETTINGS).index].all())
+
+
+def test_calibration_is_repeatable_and_resumable(data, tmp_path: Path) -> None:
+    whole = calibrate(data, CONFIG).weights.network.state_dict()
+    again = calibrate(data, CONFIG, checkpoint=tmp_path / "c").weights.network.state_dict()
+    assert all(torch.equal(whole[name], again[name]) for name in whole)
+
+    class PulledPlugError(Exception):
+        """Somebody pulls the plug."""
+
+    def stop(iteration: int, loss: float) -> None:
+        if iteration == 9:
+            raise PulledPlugError
+
+    with pytest.raises(PulledPlugError):
+        calibrate(data, CONFIG, checkpoint=tmp_path / "d", progress=stop)
+    resumed = calibrate(data, CONFIG, checkpoint=tmp_path / "d", resume=True).weights.network.state_dict()
+    assert all(torch.equal(whole[name], resumed[name]) for name in whole)
+    with pytest.raises(InvalidValueError, match="other settings"):
+        calibrate(data, dataclasses.replace(CONFIG, seed=5), checkpoint=tmp_path / "d", resume=True)
+    (tmp_path / "d").write_bytes(b"rubbish")
+    with pytest.raises(BitstreamError):
+        calibrate(data, CONFIG, checkpoint=tmp_path / "d", resume=True)
+
+
+def test_calibration_helps_where_there_is_something_to_learn(data) -> None:
+    """Residuals are made to follow from the hash feature alone, which no neighbour's residual tells."""
+    prior = data.complete[Prior]
+    residual = 2 * prior.feature.scale * prior.context[:, :12]
+    anchors = dataclasses.replace(data.complete.scene.anchors, features=prior.feature.mean + residual)
+    easy = dataclasses.replace(data, complete=changed(data.complete, anchors=anchors))
+    losses = LossWeights(distill=0.0, smooth=0.0, prior=0.0)
+    trusting = dataclasses.replace(SETTINGS, sharpness=0.0, baseline="prior")
+    config = dataclasses.replace(
+        CONFIG,
+        settings=trusting,
+        losses=losses,
+        iterations=120,
+        train_masks=12,
+        validation_masks=3,
+        validation_interval=40,
+        learning_rate=0.01,
+    )
+    result = calibrate(easy, config)
+    assert result.errors["feature"] < 0.97 * result.reference["feature"]
+    known = pseudo_loss(data.groups, 400, 0.2, seed=77)
+    partial, rows = easy.complete.without(known), (~known).nonzero()[:, 0]
+
+    def error(concealer) -> float:
+        concealed = concealer(partial).elements.select(rows)
+        return normalized_errors(concealed, anchors, channel_spread(anchors), rows)["feature"]
+
+    assert error(Gnn(result.weights)) < error(Cari())
+
+
+def test_what_does_not_help_is_never_trusted(data) -> None:
+    """Independent noise cannot be predicted: the result must be the interpolation, not worse."""
+    rng = torch.Generator().manual_seed(1)
+    noise = data.complete[Prior].feature.mean + torch.randn(400, 12, generator=rng)
+    anchors = dataclasses.replace(data.complete.scene.anchors, features=noise)
+    hard = dataclasses.replace(data, complete=changed(data.complete, anchors=anchors))
+    result = calibrate(hard, dataclasses.replace(CONFIG, learning_rate=0.1))
+    assert result.errors["feature"] <= result.reference["feature"]
+
+
+def test_the_rendering_loss_reaches_the_network(data) -> None:
+    losses = LossWeights(feature=1e-30, distill=0.0, smooth=0.0, prior=0.0, render=1.0)
+    gradients = []
+    for render in (0.0, 1.0):
+        config = dataclasses.replace(CONFIG, losses=dataclasses.replace(losses, render=render))
+        run = CalibrationRun(data, config)
+        run.step()
+        gradients.append(float(run.network.regressors[0][3].weight.grad.abs().max()))
+    assert gradients[0] < 1e-20 < 1e-9 < gradients[1]
+    with pytest.raises(InvalidValueError, match="cameras"):
+        calibrate(dataclasses.replace(data, cameras=None), dataclasses.replace(CONFIG, losses=losses))
+
+
+def test_the_equations_of_the_loss(data) -> None:
+    known = pseudo_loss(data.groups, 400, 0.1, seed=0)
+    graph = build_graph(data.complete.without(known), SETTINGS)
+    rng, count = torch.Generator().manual_seed(0), len(graph.queries)
+    raw = RawResiduals(*(torch.randn(count, d, generator=rng) for d in (12, 6, 12, 4)))
+    parts = branches(raw, prior_rows(data.complete[Prior], graph.queries), graph.interpolated, SETTINGS)
+    truth = data.complete.scene.anchors.select(graph.queries)
+    weights = LossWeights(1.0, 1.0, 1.0, 1.0, active_offset=3.0, smooth_neighbors=3, smooth_bandwidth=0.7)
+    terms = parameter_losses(parts, truth, truth.positions, weights)
+    f, s, o = (branch.predicted.double() for _, branch in parts.continuous())
+    wanted = dict.fromkeys(("feature", "scaling", "offset", "mask", "distill", "prior", "smooth"), 0.0)
+    gaps = torch.cdist(truth.positions.double(), truth.positions.double())
+    near = gaps.fill_diagonal_(float("inf")).topk(3, largest=False)
+    width = 0.7 * float(near.values.mean())
+    for q in range(count):
+        wanted["feature"] += float((f[q] - truth.features[q]).abs().sum()) / count
+        wanted["scaling"] += float((s[q] - truth.scalings[q]).abs().sum()) / count
+        for c in range(12):
+            wrong = float((o[q, c] - truth.offsets[q].flatten()[c]) ** 2 + 1e-6) ** 0.5
+            wanted["offset"] += wrong * (3 if truth.mask[q, c // 3] else 1) / count
+        p = torch.sigmoid(parts.mask_logit[q].double())
+        wanted["mask"] -= float(torch.where(truth.mask[q], p, 1 - p).log().sum()) / count
+        for _, branch in parts.continuous():
+            estimate = branch.predicted[q].double()
+            wanted["distill"] += float((estimate - branch.interpolated[q]).abs().sum()) / count
+            z = (estimate - branch.prior.mean[q]) / (branch.prior.scale[q] + 1e-6)
+            wanted["prior"] += float(z.abs().mean()) / count
+        for distance, other in zip(near.values[q].tolist(), near.indices[q].tolist(), strict=True):
+            omega = float(torch.exp(torch.tensor(-0.5 * (distance / width) ** 2)))
+            wanted["smooth"] += omega * float(sum((v[q] - v[other]).abs().sum() for v in (f, s, o))) / (3 * count)
+    for name, value in wanted.items():
+        assert float(terms[name]) == pytest.approx(value, rel=1e-3), name
+    total = sum(getattr(weights, name) * value for name, value in wanted.items())
+    assert float(weighted_sum(terms, weights)) == pytest.approx(total, rel=1e-3)
+
+
+def test_incomplete_scenes_and_senseless_runs_are_refused(complete) -> None:
+    stream, _ = complete
+    lossy = stream.with_packets(stream.packets[1:])
+    with pytest.raises(InvalidValueError, match="complete"):
+        calibration_data(lossy, decode_stream(lossy))
+    for bad in ({"iterations": 0}, {"drop_rate": 1.0}, {"learning_rate": 0.0}, {"seed": -1}):
+        with pytest.raises(InvalidValueError):
+            CalibrationConfig(**bad)
+    with pytest.raises(InvalidValueError):
+        LossWeights(feature=0.0)

@@ -1,0 +1,89 @@
+import dataclasses
+
+import pytest
+import torch
+
+from conceal.gaps import LAYOUT, random_context
+from splatwire.errors import InvalidValueError
+from splatwire.model import Prior
+from splatwire.paper import Idw, PriorMean
+from splatwire.paper.idw import inverse_distance_weights
+from splatwire.scene import Erasures
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0, 2.0])
+def test_agrees_with_a_loop(power: float) -> None:
+    context = random_context(60, 1)
+    known = context.erasures.known
+    anchors = context.scene.anchors
+    result = Idw(neighbors=5, power=power)(context).elements
+    for q in (~known).nonzero()[:, 0].tolist():
+        gaps = [
+            (float((anchors.positions[q] - anchors.positions[k]).norm()), k) for k in known.nonzero()[:, 0].tolist()
+        ]
+        near = sorted(gaps)[:5]
+        weights = torch.tensor([d**-power for d, _ in near], dtype=torch.float64)
+        weights /= weights.sum()
+        index = [k for _, k in near]
+        features = (weights[:, None] * anchors.features[index]).sum(dim=0)
+        torch.testing.assert_close(result.features[q].double(), features, rtol=1e-4, atol=1e-5)
+        votes = (weights[:, None] * anchors.mask[index]).sum(dim=0)
+        for s in range(LAYOUT.num_offsets):
+            assert bool(result.mask[q, s]) == bool(votes[s] >= 0.5)
+            if votes[s] > 0:
+                mean = (weights[:, None] * anchors.offsets[index, s]).sum(dim=0) / votes[s]
+                torch.testing.assert_close(result.offsets[q, s].double(), mean, rtol=1e-4, atol=1e-5)
+
+
+def test_weights_are_a_share_at_any_scale() -> None:
+    distance = torch.tensor([[0.0, 0.0, 1.0], [1e-30, 2e-30, 4e-30], [1e30, 2e30, 4e30], [1.0, 2.0, 4.0]])
+    weight = inverse_distance_weights(distance, 1)
+    wanted = torch.tensor([4 / 7, 2 / 7, 1 / 7])
+    torch.testing.assert_close(weight, torch.stack([torch.tensor([0.5, 0.5, 0.0]), wanted, wanted, wanted]))
+
+
+def test_a_twin_is_copied() -> None:
+    context = random_context(30, 2)
+    q, k = int((~context.erasures.known).nonzero()[0]), int(context.erasures.known.nonzero()[0])
+    context.scene.anchors.positions[q] = context.scene.anchors.positions[k]
+    result = Idw()(context).elements
+    for part in ("features", "scalings", "offsets", "mask"):
+        values = getattr(result, part)
+        if part == "offsets":
+            values = values * context.scene.anchors.mask[k][None, :, None]
+        assert torch.equal(values[q], getattr(context.scene.anchors, part)[k])
+
+
+def test_mahalanobis_prefers_the_neighbour_that_reaches_as_far() -> None:
+    context = random_context(3, 5, loss=0)
+    context.scene.anchors.positions.copy_(torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]]))
+    context.scene.anchors.scalings[1, :3] = 0.1  # ten of its own sizes away
+    context.scene.anchors.scalings[2, :3] = torch.tensor([0.1, 4.0, 0.1])  # half of its own size away
+    context = dataclasses.replace(context, erasures=Erasures.of_anchors(torch.tensor([False, True, True])))
+    features = context.scene.anchors.features
+    assert torch.equal(Idw(neighbors=1)(context).elements.features[0], features[1])
+    assert torch.equal(Idw(neighbors=1, metric="mahalanobis")(context).elements.features[0], features[2])
+
+
+def test_mahalanobis_of_equal_round_anchors_is_euclidean() -> None:
+    context = random_context(80, 6)
+    context.scene.anchors.scalings[:, :3] = torch.where(context.erasures.known[:, None], 0.5, 0.0)
+    plain, other = Idw()(context).elements, Idw(metric="mahalanobis")(context).elements
+    torch.testing.assert_close(other.features, plain.features, rtol=1e-4, atol=1e-5)
+
+
+def test_the_prior_is_the_prior_and_its_mask_a_vote() -> None:
+    context = random_context(60, 3)
+    lost = ~context.erasures.known
+    result, vote = PriorMean()(context).elements, Idw()(context).elements.mask
+    assert torch.equal(result.features[lost], context[Prior].feature.mean[lost])
+    assert torch.equal(result.offsets[lost].flatten(1), context[Prior].offset.mean[lost])
+    assert torch.equal(result.mask, vote)
+    floor = context.scene.anchors.scalings[~lost].amin(dim=0)
+    assert torch.equal(result.scalings[lost], context[Prior].scaling.mean[lost].maximum(floor))
+
+
+@pytest.mark.parametrize("options", [{"neighbors": 0}, {"power": -1.0}, {"metric": "taxi"}, {"pool": 0}])
+def test_senseless_settings_are_refused(options: dict) -> None:
+    with pytest.raises(InvalidValueError):
+        Idw(**options)

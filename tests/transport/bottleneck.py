@@ -1,0 +1,190 @@
+"""Flows that share a bottleneck with a drop-tail queue, on virtual time: a splatwire transfer beside models of TCP."""
+
+import dataclasses
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from splatwire.transport.frames import Feedback
+from splatwire.transport.program import Program, make_program
+from splatwire.transport.protection import Protection
+from splatwire.transport.receiver import FEEDBACK_S
+from splatwire.transport.transfer import ServerLimits, ServerTransfer
+from splatwire.transport.wire import DATA, SIDE
+from transport.network import datagram_stream
+
+IP_UDP_BYTES = 28
+SHOWN_S = 0.1
+"""Throughput and queue are kept in steps of this."""
+
+
+class Network:
+    """A clock, and one link that everything crosses.
+
+    Args:
+        rate: Bytes per second of the link; None for one that is never full.
+        queue_bytes: Size of its queue; what does not fit is lost.
+        round_trip: Of a packet that finds no queue, seconds.
+        lost: Whether a packet that leaves the queue is lost behind it, at random.
+    """
+
+    def __init__(
+        self,
+        rate: float | None,
+        queue_bytes: float,
+        round_trip: float,
+        lost: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.rate, self.queue_bytes, self.round_trip = rate, queue_bytes, round_trip
+        self.now = 0.0
+        self.dropped = 0
+        self.queues: list[float] = []
+        self._lost = lost
+        self._free_at = 0.0
+        self._events: list[tuple[float, int, Callable[[], None]]] = []
+        self._count = 0
+
+    @property
+    def queue_s(self) -> float:
+        """How long a packet that comes now would wait."""
+        return max(self._free_at - self.now, 0.0)
+
+    def at(self, time: float, do: Callable[[], None]) -> None:
+        """Plans something."""
+        self._count += 1
+        heapq.heappush(self._events, (max(time, self.now), self._count, do))
+
+    def send(self, size: int, arrived: Callable[[], None]) -> None:
+        """Sends a packet; `arrived` is called half a round trip after it left the queue, if it does."""
+        if self.rate is not None:
+            if self.queue_s * self.rate + size > self.queue_bytes + size / 2:
+                self.dropped += 1
+                return
+            self._free_at = max(self._free_at, self.now) + size / self.rate
+        if not self._lost():
+            self.at(max(self._free_at, self.now) + self.round_trip / 2, arrived)
+
+    def back(self, do: Callable[[], None]) -> None:
+        """Sends an answer, which finds no queue."""
+        self.at(self.now + self.round_trip / 2, do)
+
+    def run(self, until: float) -> None:
+        """Lets time pass."""
+        while self._events and self._events[0][0] <= until:
+            at, _, do = heapq.heappop(self._events)
+            while len(self.queues) * SHOWN_S <= at:
+                self.queues.append(self.queue_s)
+            self.now = at
+            do()
+        self.now = until
+
+
+class Flow(Protocol):
+    """Somebody who sends over the link.
+
+    Attributes:
+        arrived: Bytes that arrived, by steps of `SHOWN_S`.
+    """
+
+    arrived: list[int]
+
+
+def count(arrived: list[int], now: float, size: int) -> None:
+    """Notes bytes that arrived."""
+    step = int(now / SHOWN_S)
+    arrived.extend([0] * (step + 1 - len(arrived)))
+    arrived[step] += size
+
+
+def throughput(flow: Flow, start: float, stop: float) -> float:
+    """Mean bytes per second between two times."""
+    first, last = round(start / SHOWN_S), round(stop / SHOWN_S)
+    return sum(flow.arrived[first:last]) / (stop - start)
+
+
+class _Endless(tuple[tuple[int, int, int], ...]):
+    """A schedule of one symbol of the head object, then the same packet for ever."""
+
+    def __len__(self) -> int:
+        return 1 << 60
+
+    def __getitem__(self, place):
+        return (DATA, 0, 0) if place else (SIDE, 0, 0)
+
+
+def endless(packet_bytes: int = 1100) -> Program:
+    """A program that is never sent to its end."""
+    short = make_program(datagram_stream(num_anchors=40, side_bytes=600), Protection(side_repair=0.0))
+    return dataclasses.replace(
+        short, packets=(bytes(packet_bytes),), schedule=_Endless([(SIDE, 0, 0)]), resend=0.0, parity=(), tiers=()
+    )
+
+
+@dataclass
+class Splatwire:
+    """The real sender of one transfer, and what a receiver reports 50 times a second.
+
+    Attributes:
+        network: What it sends over.
+        begin: When it starts.
+        deaf: Times between which no report arrives.
+    """
+
+    network: Network
+    begin: float = 0.0
+    limits: ServerLimits = field(default_factory=lambda: ServerLimits(passes=1e9))
+    deaf: tuple[float, float] = (0.0, 0.0)
+    arrived: list[int] = field(default_factory=list)
+    sent: list[int] = field(default_factory=list)
+    rates: list[tuple[float, float]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._largest, self._received, self._largest_at = -1, 0, 0.0
+        self._planned: float | None = None
+        self.network.at(self.begin, self._start)
+
+    def _start(self) -> None:
+        self.transfer = ServerTransfer(_PROGRAM, 1, self.limits, self.network.now)
+        self.transfer.may_welcome(self.network.now)
+        self.network.at(self.network.now + self.network.round_trip, self._report)
+
+    def _report(self) -> None:
+        now = self.network.now
+        received = min(self._received, self._largest + 1)
+        frame = Feedback(1, max(self._largest, 0), received, int(self._largest_at * 1e6) & 0xFFFFFFFF, 0, ())
+        if not self.deaf[0] <= now < self.deaf[1]:
+            self.network.back(lambda: self._told(frame))
+        self.network.at(now + FEEDBACK_S, self._report)
+
+    def _told(self, frame: Feedback) -> None:
+        self.transfer.feedback(frame, self.network.now)
+        self.rates.append((self.network.now, self.transfer.control.rate))
+        self._plan()
+
+    def _plan(self) -> None:
+        at = self.transfer.next_at()
+        if at is not None and (self._planned is None or at < self._planned - 1e-9):
+            self._planned = max(at, self.network.now)
+            self.network.at(self._planned, self._poll)
+
+    def _poll(self) -> None:
+        if self._planned is None or self.network.now < self._planned:
+            return
+        self._planned = None
+        sequence = self.transfer._sequence
+        data = self.transfer.poll(self.network.now)
+        if data is not None:
+            size = len(data) + IP_UDP_BYTES
+            count(self.sent, self.network.now, size)
+            self.network.send(size, lambda: self._arrives(sequence, size))
+        self._plan()
+
+    def _arrives(self, sequence: int, size: int) -> None:
+        count(self.arrived, self.network.now, size)
+        self._received += 1
+        if sequence > self._largest:
+            self._largest, self._largest_at = sequence, self.network.now
+
+
+_PROGRAM = endless()

@@ -1,0 +1,273 @@
+"""Clients of the page's server that nobody should have written: what each takes, and that others are served."""
+
+import asyncio
+import contextlib
+import logging
+import random
+import socket
+import tracemalloc
+from collections.abc import AsyncIterator, Callable, Coroutine
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from splatwire.errors import BitstreamError
+from splatwire.transport.http_messages import read_request
+from splatwire.transport.page import CHUNK_BYTES, PageLimits, PageServer
+from splatwire.transport.page_content import Link, PageContent
+
+BODY = random.Random(0).randbytes(8 << 20)
+CONTENT = PageContent({"big": BODY}, Link(4840, "/splatwire", "ab" * 32))
+HERE, ELSEWHERE = "127.0.0.1", "127.0.0.2"
+GET = b"GET %b HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+PATIENT = PageLimits(request_s=60.0, chunk_s=60.0)
+"""Of tests that are not about time: however slow a machine is, nobody is dropped for it."""
+PAGE, BIG = GET % b"/", GET % b"/streams/big.swz"
+
+
+def run(work: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(asyncio.wait_for(work, 60))
+
+
+async def until(true: Callable[[], Any], seconds: float = 30.0) -> None:
+    async with asyncio.timeout(seconds):
+        while not true():
+            await asyncio.sleep(0.01)
+
+
+async def asked(port: int, request: bytes = PAGE, host: str = ELSEWHERE) -> bytes:
+    """What a client hears that sends a request and reads to the end."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port, local_addr=(host, 0))
+    writer.write(request)
+    try:
+        return await asyncio.wait_for(reader.read(), 20)
+    except ConnectionResetError:
+        return b""
+    finally:
+        writer.close()
+
+
+@contextlib.asynccontextmanager
+async def clients(port: int, count: int, said: bytes, host: str = HERE) -> AsyncIterator[list[socket.socket]]:
+    """Connections that say something and read nothing by themselves."""
+    with contextlib.ExitStack() as stack:
+        opened = [stack.enter_context(socket.socket()) for _ in range(count)]
+        loop = asyncio.get_running_loop()
+        for client in opened:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+            client.bind((host, 0))
+            client.setblocking(False)
+            await loop.sock_connect(client, ("127.0.0.1", port))
+            await loop.sock_sendall(client, said)
+        yield opened
+
+
+def ended(client: socket.socket) -> bool:
+    """Whether the server has ended a connection; what came before is read."""
+    try:
+        return client.recv(1 << 20) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
+@pytest.mark.parametrize("said", [b"", b"G", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"])
+def test_half_open_heads_of_one_address_shut_out_nobody(said: bytes):
+    async def work() -> None:
+        async with PageServer(CONTENT, limits=PATIENT) as server, clients(server.port, 300, said) as others:
+            for _ in range(34):
+                for host in (ELSEWHERE, HERE):
+                    assert (await asked(server.port, host=host)).startswith(b"HTTP/1.1 200")
+            assert sum(map(ended, others)) < 150, "only what the others took the place of"
+
+    run(work())
+
+
+def test_heads_that_wait_are_bounded_and_the_greediest_network_makes_room():
+    limits = replace(PATIENT, waiting=8)
+
+    async def work() -> None:
+        async with PageServer(CONTENT, limits=limits) as server:
+            async with clients(server.port, 3, b"GET", ELSEWHERE) as few, clients(server.port, 20, b"GET") as many:
+                await until(lambda: sum(map(ended, many)) == 15)
+                assert not any(map(ended, few))
+                assert [ended(client) for client in many] == [True] * 15 + [False] * 5, "the oldest go"
+                assert sum(map(len, server._waiting.values())) == 8
+            await until(lambda: not server._waiting)
+
+    run(work())
+
+
+def test_a_head_that_is_dribbled_has_as_long_as_any():
+    async def work() -> None:
+        async with (
+            PageServer(CONTENT, limits=PageLimits(request_s=0.3)) as server,
+            clients(server.port, 1, b"GET / HTTP/1.1\r\nX: ") as (client,),
+        ):
+
+            def dribbled() -> bool:
+                with contextlib.suppress(OSError):
+                    client.send(b"x")
+                return ended(client)
+
+            await until(dribbled)
+
+    run(work())
+
+
+def test_slow_readers_share_one_body():
+    readers = 64
+
+    async def work() -> None:
+        async with PageServer(CONTENT, limits=replace(PATIENT, per_network=readers)) as server:
+            assert await asked(server.port, BIG)
+            tracemalloc.start()
+            async with clients(server.port, readers, BIG):
+                await until(lambda: server._places.total() == readers)
+                assert (await asked(server.port, BIG)).endswith(BODY[-1000:])
+                # The honest client above, which lives in this process, holds the stream twice for a moment.
+                assert tracemalloc.get_traced_memory()[1] < readers * (CHUNK_BYTES + (1 << 16)) + 4 * len(BODY)
+            tracemalloc.stop()
+            await until(lambda: server._places.total() == 0)
+
+    try:
+        run(work())
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("limits", "reads"),
+    [(PageLimits(chunk_s=0.2), 0), (PageLimits(grace_s=0.2, slowest_bytes_s=1e8), 1000)],
+    ids=["nothing is read", "a little is read again and again"],
+)
+def test_readers_that_are_too_slow_lose_their_places(limits: PageLimits, reads: int):
+    async def work() -> None:
+        async with PageServer(CONTENT, limits=limits) as server, clients(server.port, 20, BIG) as slow:
+            await until(lambda: all(map(peeked, slow)))  # each was begun with
+
+            def dropped() -> bool:
+                for client in slow if reads else ():
+                    with contextlib.suppress(OSError):
+                        client.recv(reads)
+                return server._places.total() == 0
+
+            await until(dropped)
+            await until(lambda: not server._clients)  # nothing waits for them any more
+
+    run(work())
+
+
+def test_a_network_has_its_share_of_the_places():
+    async def work() -> None:
+        limits = replace(PATIENT, places=6, per_network=4)
+        async with PageServer(CONTENT, limits=limits) as server, clients(server.port, 9, BIG) as slow:
+            await until(lambda: sum(b" 503 " in peeked(client) for client in slow) == 5)
+            assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 503")
+            assert (await asked(server.port, BIG)).endswith(BODY[-1000:])
+            async with clients(server.port, 2, BIG, "127.0.0.3"):
+                await until(lambda: server._places.total() == 6)
+                assert (await asked(server.port)).startswith(b"HTTP/1.1 503")
+            await until(lambda: server._places.total() == 4)
+            assert (await asked(server.port)).startswith(b"HTTP/1.1 200")
+
+    run(work())
+
+
+def peeked(client: socket.socket) -> bytes:
+    try:
+        return client.recv(100, socket.MSG_PEEK)
+    except (BlockingIOError, ConnectionResetError):
+        return b""
+
+
+def test_ending_prints_nothing_whatever_is_going_on(caplog: pytest.LogCaptureFixture):
+    async def work() -> None:
+        async with (
+            asyncio.timeout(60),
+            PageServer(CONTENT, limits=replace(PATIENT, per_network=100)) as server,
+            clients(server.port, 50, BIG),
+            clients(server.port, 50, b"GET"),
+        ):
+            await until(lambda: server._places.total() == 50 and len(server._clients) == 100)
+
+    with caplog.at_level(logging.DEBUG, "asyncio"):
+        asyncio.run(work(), debug=False)
+    assert [record.message for record in caplog.records if record.levelno > logging.DEBUG] == []
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "[::1%\nX-Injected: 1\n]", "[::1%x; script-src *]", "[::1%25x]", "[::1", "[::1]x", "[1.2.3.4]", "::1", "",
+        "127.0.0.1%x", "localhost:80:80", "localhost:x", "local host", "localhost; script-src *", "a\x00b", "a\x7f",
+        "\xfcber.example", "127.0.0.1/", "user@localhost", "localhost\r\nHost: localhost", 'x"y', "localhost\t:80",
+    ],
+)  # fmt: skip
+def test_a_host_is_a_number_or_a_name_and_nothing_else(host: str):
+    head, _ = CONTENT.answer(f"GET / HTTP/1.1\r\nHost: {host}\r\n\r\n".encode("latin-1"))
+    assert head.startswith(b"HTTP/1.1 400 ")
+    assert b"Injected" not in head
+    assert b"script-src *" not in head
+
+
+def test_hosts_are_read_as_they_are_written():
+    for text, host in (
+        ("127.0.0.1:8080", "127.0.0.1"), ("[::1]:80", "[::1]"), ("[2001:DB8::1]", "[2001:DB8::1]"),
+        ("localhost", "localhost"), ("my_host.local:", "my_host.local"), (" \tlocalhost ", "localhost"),
+    ):  # fmt: skip
+        assert read_request(f"GET / HTTP/1.0\r\nHost:{text}".encode()).host == host
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"", b"GET", b"GET / HTTP/1.1", b"GET  / HTTP/1.1\r\nHost: a", b"GET x HTTP/1.1\r\nHost: a",
+        b"GET / HTTP/1.1\r\nHost: a\r\n folded", b"GET / HTTP/1.1\r\nHost : a", b"GET / HTTP/1.1\nHost: a",
+        b"GET / HTTP/1.1\r\nHost: a\r\nX: b\rc", b"GET / HTTP/1.1\r\nHost: a\r\n: b", b"GET /\xff HTTP/1.1\r\nHost: a",
+        b"GET / HTTP/1.1\r\nHost: a\r\nhost: a", b"G\x01T / HTTP/1.1\r\nHost: a", b"GET / HTTP/1.12\r\nHost: a",
+    ],
+)  # fmt: skip
+def test_what_is_no_head_is_refused(head: bytes):
+    with pytest.raises(BitstreamError):
+        read_request(head)
+
+
+def test_thousands_of_mutated_heads_get_answers_of_the_same_few_headers():
+    """Whatever is asked, no byte of it makes a header: names are ours, values of a set that is known beforehand."""
+    rng = random.Random(6)
+    good = [
+        b"GET / HTTP/1.1\r\nHost: [::1]:80\r\nOrigin: https://a.org\r\nAccept-Encoding: gzip\r\n\r\n",
+        b"GET /streams/big.swz?stream=x HTTP/1.1\r\nHost: localhost\r\n\r\n", PAGE, GET % b"/streams.json",
+    ]  # fmt: skip
+    names, codes = set(), set()
+    for _ in range(10_000):
+        head = bytearray(rng.choice(good))
+        for _ in range(rng.randrange(1, 5)):
+            at = rng.randrange(len(head))
+            match rng.randrange(4):
+                case 0:
+                    head[at] = rng.randrange(256)
+                case 1:
+                    head[at:at] = rng.choice((b"%", b"\n", b"\r\nX-Injected: 1", b";", b"\0", b"]", b"[", b'"', b"\t"))
+                case 2:
+                    del head[at : at + rng.randrange(9)]
+                case 3:
+                    head[at:at] = rng.choice(good)[: rng.randrange(60)]
+        answer, _ = CONTENT.answer(bytes(head))
+        status, *lines = answer.decode().removesuffix("\r\n\r\n").split("\r\n")
+        codes.add(status)
+        names |= {line.partition(":")[0] for line in lines}
+        assert not any(ord(byte) < 32 for line in lines for byte in line)
+        policy = next((line for line in lines if line.startswith("Content-Security-Policy")), "")
+        assert policy.count(";") in (0, 8)
+    assert names == {
+        "Content-Type", "Content-Length", "X-Content-Type-Options", "Referrer-Policy", "Cache-Control", "Connection",
+        "Content-Security-Policy", "Access-Control-Allow-Origin", "Allow",
+    }  # fmt: skip
+    assert codes == {
+        f"HTTP/1.1 {words}"
+        for words in ("200 OK", "400 Bad Request", "403 Forbidden", "404 Not Found", "405 Method Not Allowed")
+    }

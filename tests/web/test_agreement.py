@@ -1,0 +1,193 @@
+"""Python and the page's code agree on what a stream may be, and on the integers of bytes that no encoder wrote.
+
+`SPLATWIRE_FUZZ_CASES=100000 pytest tests/web/test_agreement.py` runs long; a case is its number.
+"""
+
+import base64
+import copy
+import hashlib
+import importlib.util
+import json
+import os
+import random
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attacks import HOSTILE, mutated_bytes, mutated_json
+from splatwire.codec.decoding import open_decoder
+from splatwire.codec.schema import update_digest as update_anchors
+from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
+from splatwire.codec.schemas.gaussians.digest import update_digest as update_gaussians
+from splatwire.errors import BitstreamError
+from splatwire.packets import GAUSSIANS, SceneStream, manifest_from_bytes, read_stream, stream_from_bytes, write_stream
+from splatwire.packets.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
+from web.node import WEB, lacking
+
+CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))
+GOLDEN = Path(__file__).parents[1] / "golden"
+EDGES = sorted(
+    {max(0, (1 << bits) + d) for bits in (0, 3, 6, 8, 10, 12, 14, 16, 24, 28, 31, 32, 53, 64) for d in (-1, 0, 1)}
+)
+WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS, "splatwire/stream", "00000007", "a" * 64]
+
+
+def golden_streams() -> dict[str, SceneStream]:
+    pinned = json.loads((GOLDEN / "gaussians.json").read_text())
+    found = {name: stream_from_bytes(base64.b64decode(case["swz"]))[0] for name, case in pinned.items()}
+    return found | {name: read_stream(GOLDEN / f"{name}.swz")[0] for name in ("tiny_causal", "tiny")}
+
+
+def manifest_of(codec: str, **changes: Any) -> dict[str, Any]:
+    """What a manifest says, without its digest."""
+    packetization = {
+        "block_size": 100, "lanes": 4, "seed": 1337, "order": "morton", "grouping": "stratified", "packaging": "atomic",
+    }  # fmt: skip
+    content = {
+        "schema": "splatwire/stream", "format_version": SCHEMAS[codec].format_version, "num_anchors": 1000,
+        "num_packets": 40, "packetization": packetization, "side_info_bytes": 300, "side_info_digest": "0" * 64,
+        "stream_id": "0000abcd", "symbols_digest": "f" * 64, "writer": 'splatwire "1" \\',
+    }  # fmt: skip
+    layout = {"feature_dim": 8, "num_offsets": 4, "feature_groups": [4, 4]}
+    return copy.deepcopy({**content, **(layout if SCHEMAS[codec].layout else {"codec": codec}), **changes})
+
+
+def bases() -> list[dict[str, Any]]:
+    """Manifests that are right, of every kind."""
+    packetization = manifest_of("causal")["packetization"]
+    hashed = {**packetization, "grouping": "hashed", "lanes": 1, "packet_bytes": 1150}
+    parts = {**packetization, "packaging": "separated"}
+    large = {**packetization, "block_size": 65535, "lanes": 175}
+    return [
+        *(manifest_of(codec) for codec in SCHEMAS),
+        manifest_of("causal", packetization=hashed), manifest_of("gaussians", packetization=hashed, num_packets=77),
+        manifest_of("hacpp", packetization=parts, num_packets=160),
+        manifest_of("causal", tiers=[[200, 2], [800, 4]], num_packets=36),
+        manifest_of("causal", num_anchors=0, num_packets=0),
+        manifest_of("gaussians", num_anchors=3_500_000, side_info_bytes=380, packetization=large, num_packets=9450),
+    ]  # fmt: skip
+
+
+def mutated_manifest(base: dict[str, Any], rng: random.Random) -> bytes:
+    """A manifest of which one or two things are something else, its digest put right most of the time."""
+    content, kind = copy.deepcopy(base), rng.random()
+    if kind < 0.3:
+        try:
+            content = json.loads(mutated_json(base, rng))
+        except (RecursionError, ValueError):
+            return b"[" * 100_000
+    else:
+        for _ in range(rng.randrange(3)):
+            holder: Any = content
+            while True:
+                key = rng.choice(range(len(holder)) if isinstance(holder, list) else sorted(holder))
+                if not isinstance(holder[key], list | dict) or not holder[key] or rng.random() < 0.1:
+                    break
+                holder = holder[key]
+            old = holder[key]
+            near = [old + d for d in (-1, 0, 1)] if type(old) is int else [old]
+            holder[key] = rng.choice(
+                [*near, *near, rng.choice(EDGES), rng.choice(WORDS), copy.deepcopy(rng.choice(HOSTILE))]
+            )
+        if rng.random() < 0.1:
+            content["tiers"] = rng.choice(
+                [[], [[1000, 4]], [[1, 1], [999, 4]], [[500, 4], [500, 5]], [[500, 4, 1], [500, 4]]]
+            )
+        if rng.random() < 0.05:
+            content["packetization"] = {**base["packetization"], "packet_bytes": rng.choice([0, 1150])}
+    if isinstance(content, dict) and rng.random() < 0.95:
+        content["digest"] = digest_of(content)
+    layout = rng.choice([{"separators": (",", ":")}, {"indent": 1}, {"ensure_ascii": False}])
+    text = json.dumps(content, sort_keys=rng.random() < 0.5, **layout)
+    if rng.random() < 0.05:
+        text = rng.choice(
+            ["\ufeff" + text, text + " ", text + "x", text.replace("1000", "1000.0"), text.replace("4", "04", 1)]
+        )
+    data = text.encode("utf-8", "surrogatepass")
+    return mutated_bytes(data, rng) if rng.random() < 0.05 else data
+
+
+def digest_of(content: dict[str, Any]) -> str:
+    plain = {key: value for key, value in content.items() if key != "digest"}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()).hexdigest()[:16]
+
+
+def accepted(data: bytes) -> bool:
+    try:
+        manifest_from_bytes(data)
+    except BitstreamError:
+        return False
+    return True
+
+
+def hostile_payload(payload: bytes, rng: random.Random) -> bytes:
+    """What no encoder writes: codes at the very end of their span among them."""
+    kept = payload[: rng.randrange(min(len(payload), 60) + 1)] if rng.random() < 0.7 else b""
+    rest = rng.choice([b"\xff", b"\xff" * 3, b"\xff\xff\xff\xfe", b"\0", rng.randbytes(8)]) * rng.randrange(12)
+    return kept + rest + rng.randbytes(rng.randrange(9))
+
+
+def hostile_packets(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[int, int, int, str, str]]:
+    """Packets and the digests of what they decode to."""
+    manifest, found = stream.manifest, []
+    gaussians = manifest.codec == GAUSSIANS
+    info = open_side_info(manifest, stream.side_info) if gaussians else None
+    decoder = None if gaussians else open_decoder(manifest, stream.side_info)
+    for _ in range(cases):
+        packet, digest = rng.choice(stream.packets), hashlib.sha256()
+        payload, count = hostile_payload(packet.payload, rng), packet.num_anchors
+        if manifest.packetization.hashed:
+            count = rng.randrange(1, count + 1)
+        counts = np.array([count])
+        if info is not None:
+            update_gaussians(digest, *decode_packets(info, packet.id.block, counts, [payload]))
+        else:
+            assert decoder is not None
+            ranks = manifest.plan.members(packet.id, count)
+            update_anchors(digest, decoder.decode(ranks, counts, [payload]))
+        text = base64.b64encode(payload).decode()
+        found.append((packet.id.block, packet.id.lane, count, text, digest.hexdigest()))
+    return found
+
+
+def test_the_page_has_the_same_tables() -> None:
+    spec = importlib.util.spec_from_file_location("make_tables", WEB / "scripts" / "make_tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    for name, module in made.FILES.items():
+        assert (made.SOURCES / name).read_text() == module(), f"run web/scripts/make_tables.py: {name} is old"
+
+
+def test_manifests_of_every_kind_are_taken_and_empty_tiers_are_not() -> None:
+    for base in bases():
+        assert accepted(json.dumps({**base, "digest": digest_of(base)}).encode()), base
+    empty = manifest_of("causal", tiers=[])
+    with pytest.raises(BitstreamError, match="tiers"):
+        manifest_from_bytes(json.dumps({**empty, "digest": digest_of(empty)}).encode())
+
+
+def test_python_and_the_page_agree(tmp_path: Path) -> None:
+    if reason := lacking():
+        pytest.skip(reason)
+    rng, packets, streams = random.Random(7), {}, golden_streams()
+    for name, stream in streams.items():
+        if not SCHEMAS[stream.manifest.codec].layout:
+            write_stream(stream, tmp_path / f"{name}.swz")
+            packets[str(tmp_path / f"{name}.swz")] = hostile_packets(stream, CASES // 5, rng)
+    manifests = [mutated_manifest(rng.choice(bases()), rng) for _ in range(CASES)]
+    said = [accepted(data) for data in manifests]
+    assert CASES / 10 < sum(said) < CASES * 0.9, "too few cases of one kind"
+    answers = tmp_path / "answers.json"
+    pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
+    answers.write_text(json.dumps({"manifests": pairs, "packets": packets}))
+    done = subprocess.run(
+        ["node", "scripts/test.mjs", "only", "agreement"], cwd=WEB, capture_output=True, text=True, timeout=1200,
+        env={**os.environ, "ANSWERS": str(answers)}, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
+    assert "skipped 0" in done.stdout

@@ -1,0 +1,36 @@
+// Made by web/scripts/make_tables.py; do not edit.
+
+// What a stream may be: the twin of `splatwire.packets.limits`.
+
+export const SCHEMA = "splatwire/stream";
+export const FORMAT_VERSION = 2;
+export const MAX_BLOCK_SIZE = 65535;
+export const MAX_HASHED_BLOCK = 16384;
+export const MAX_BLOCKS = 16777216;
+export const MAX_LANES = 256;
+export const MAX_GROUPS = 2147483647;
+export const MIN_PACKET_BYTES = 128;
+export const MAX_DATAGRAM_BYTES = 65507;
+export const MAX_PACKET_BYTES = 67108864;
+export const MAX_TIERS = 8;
+export const MAX_FEATURE_GROUPS = 64;
+export const ORDERS = ["morton", "raster"];
+export const GROUPINGS = ["stratified", "contiguous", "hashed"];
+export const PACKAGINGS = ["atomic", "separated"];
+export const MAX_MANIFEST_BYTES = 65536;
+export const MAX_SIDE_INFO_BYTES = 4294967295;
+export const MAX_WRITER_LENGTH = 80;
+export const MAX_FEATURE_DIM = 4096;
+export const MAX_OFFSETS = 1024;
+export const MAX_SECTIONS = 16;
+export const MAX_SECTION_BYTES = 67108864;
+export const MAX_SECTION_NAME = 32;
+export const MAX_ELEMENTS = 268435456;
+export const FREE_ELEMENTS = 65536;
+export const RESERVED_SECTIONS = ["header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"];
+export const SCHEMAS = {
+  hacpp: { formatVersion: 1, elements: "anchors", sections: ["header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"], elementsPerByte: 1024 },
+  causal: { formatVersion: 2, elements: "anchors", sections: ["header", "positions", "networks", "render_networks"], elementsPerByte: 1024 },
+  gaussians: { formatVersion: 2, elements: "Gaussians", sections: ["header", "blocks", "contexts"], elementsPerByte: 9362 },
+  columns: { formatVersion: 2, elements: "anchors", sections: ["header", "render_networks", "expected"], elementsPerByte: 1 },
+};

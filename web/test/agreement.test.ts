@@ -1,0 +1,44 @@
+// Python and this code agree on bytes that nobody wrote in good faith: what a manifest may say, and the integers of hostile packets.
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { test } from "node:test";
+
+import { BitstreamError } from "../src/bytes.ts";
+import { StreamDecoder } from "../src/codec/decoder.ts";
+import { readManifest } from "../src/packets/manifest.ts";
+import type { Packet } from "../src/packets/packet.ts";
+import { readStream } from "./vectors.ts";
+
+/** Manifests in base64 and whether Python takes them; of streams, packets (block, lane, count, payload in base64) and digests of their integers. */
+interface Answers {
+  readonly manifests: readonly (readonly [string, boolean])[];
+  readonly packets: Readonly<Record<string, readonly (readonly [number, number, number, string, string])[]>>;
+}
+
+const path = process.env["ANSWERS"], answers = path ? (JSON.parse(readFileSync(path, "utf8")) as Answers) : null;
+const bytesOf = (text: string): Uint8Array => Uint8Array.from(Buffer.from(text, "base64"));
+const skip = answers === null && "ANSWERS names no answers of Python";
+
+test("manifests are accepted or refused as Python does", { skip }, () => {
+  for (const [text, accepted] of answers!.manifests) {
+    let why = "";
+    try {
+      readManifest(bytesOf(text));
+    } catch (error) {
+      assert.ok(error instanceof BitstreamError, `${Buffer.from(text, "base64").toString()}: ${(error as Error).stack}`);
+      why = error.message;
+    }
+    assert.equal(why === "", accepted, `${Buffer.from(text, "base64").toString()}: ${why || "accepted"}`);
+  }
+});
+
+test("hostile packets are the integers that they are in Python", { skip }, () => {
+  for (const [name, cases] of Object.entries(answers!.packets)) {
+    const { schema } = new StreamDecoder(readStream(name).head);
+    cases.forEach(([block, lane, count, payload, digest], n) => {
+      const packet: Packet = { block, lane, count, bytes: new Uint8Array(), payload: bytesOf(payload) };
+      assert.equal(schema.digest([[packet]]), digest, `case ${n} of ${name}`);
+    });
+  }
+});
