@@ -23,13 +23,15 @@ def describe_gaussians(splats: "Splats") -> dict[str, Any]:
     """Collects the facts about explicit Gaussians.
 
     Args:
-        splats: At least one.
+        splats: The Gaussians; of none, only their number and degree are told.
 
     Returns:
         `num_gaussians`, `degree`, `bounds` and `core` (the middle 98 % on each axis; world units), quantiles of `sizes`
         (largest standard deviation of each, world units) and `opacities`, and `problems`: sentences, of which an
         ordinary file has none.
     """
+    if not splats.num_gaussians:
+        return {"num_gaussians": 0, "degree": splats.degree, "problems": ["no Gaussian is left"]}
     means, scales = splats.means.double().numpy(), splats.scales.double().numpy()
     opacities = splats.opacities.double().numpy()
     low, high = np.percentile(means, [_CORE_PERCENT, 100 - _CORE_PERCENT], axis=0)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import decode_stream, repack
 from splatwire.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.errors import SplatwireError
@@ -45,11 +45,11 @@ def done(study, tmp_path_factory):
 
 def test_a_record_is_what_the_rooms_give_one_by_one(done, tiny_folder):
     _, result = done
-    scene = decode_stream(read_stream(tiny_folder / "tiny.swz")[0]).scene
-    stream = encode_scene(scene, dataclasses.replace(result.study.row("idw").packetization))
+    whole = read_stream(tiny_folder / "tiny.swz")[0]
+    stream = repack(whole, result.study.row("idw").packetization)
     received, record = transmit(stream, parse_loss("bernoulli:0.3"), seed=3)
     cameras = load_cameras(tiny_folder / "cameras.json")
-    reference = render_scene(decode_stream(encode_scene(scene)).scene, cameras)
+    reference = render_scene(decode_stream(whole).scene, cameras)
     images = render_scene(conceal(decode_stream(received), "idw"), cameras)
     found = [r for r in result.merged() if (r["row"], r["seed"]) == ("idw", 3)]
     assert [r["psnr"] for r in found] == pytest.approx(psnr(images, reference).tolist(), abs=1e-4)

@@ -8,7 +8,7 @@ from splatwire.evaluate.study import InProcess, Row, Store, load_study, run_stud
 from splatwire.evaluate.study.records import PROTOCOL_VERSION
 from splatwire.packets import Packetization
 
-PINNED = {1: {"contiguous": (18.6828, 0.73485), "drop": (18.7667, 0.67183), "idw": (19.5964, 0.64894)}}
+PINNED = {2: {"contiguous": (18.6899, 0.73491), "drop": (18.7785, 0.67235), "idw": (19.6027, 0.64919)}}
 """PSNR and SSIM of the first view under seed 0 by version. If figures change, raise PROTOCOL_VERSION and pin them anew:
 the records in the stores of users are not those of this code any more."""
 
