@@ -45,12 +45,25 @@ def lacking() -> str:
     """Why nothing can be built here; empty if it can."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         return "node is not installed"
-    if (WEB / "node_modules").is_dir():
+    if _has_the_locked_packages():
         return ""
     done = subprocess.run(
         ["npm", "ci", "--no-audit", "--no-fund"], cwd=WEB, capture_output=True, text=True, timeout=300
     )
     return "" if done.returncode == 0 else f"npm cannot install the packages of web/: {done.stderr.strip()[-200:]}"
+
+
+def _has_the_locked_packages() -> bool:
+    """Whether `node_modules` has what the lock file says; packages of other systems aside."""
+    installed = WEB / "node_modules" / ".package-lock.json"
+    if not installed.is_file():
+        return False
+    wanted, there = (json.loads(file.read_text())["packages"] for file in (WEB / "package-lock.json", installed))
+    return all(
+        there.get(name, {}).get("version") == package["version"]
+        for name, package in wanted.items()
+        if name and not package.get("optional")
+    )
 
 
 def answers(streams: Sequence[tuple[Path, SceneStream]], preview: bytes) -> str:

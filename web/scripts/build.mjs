@@ -8,5 +8,6 @@ import { bundles } from "./bundle.mjs";
 
 for (const [name, text] of await bundles()) {
   writeFileSync(join(process.argv[2], name), text);
-  console.log(`${name}: ${Buffer.byteLength(text).toLocaleString()} bytes, ${gzipSync(text, { level: 9 }).length.toLocaleString()} compressed`);
+  const compressed = gzipSync(text, { level: 9 }).length;
+  console.log(`${name}: ${Buffer.byteLength(text).toLocaleString()} bytes, ${compressed.toLocaleString()} compressed`);
 }

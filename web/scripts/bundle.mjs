@@ -8,7 +8,15 @@ import { build } from "esbuild";
 
 const root = fileURLToPath(new URL("..", import.meta.url));
 const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"));
-const common = { bundle: true, minify: true, charset: "utf8", target: "es2022", absWorkingDir: root, write: false, legalComments: "none" };
+const common = {
+  bundle: true,
+  minify: true,
+  charset: "utf8",
+  target: "es2022",
+  absWorkingDir: root,
+  write: false,
+  legalComments: "none",
+};
 
 const worker = {
   name: "worker",
@@ -23,8 +31,18 @@ const worker = {
 
 /** Text of each bundle by its name, the same for the same sources and the packages of the lock file. */
 export async function bundles() {
-  const banner = { js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) and @noble/hashes (MIT) */` };
+  const banner = {
+    js: `/* splatwire ${version} web receiver, Apache-2.0; with PlayCanvas (MIT) and @noble/hashes (MIT) */`,
+  };
   const entryPoints = { splatwire: "src/main.ts", "splatwire-view": "src/view.ts" };
-  const made = await build({ ...common, entryPoints, outdir: ".", format: "esm", plugins: [worker], banner, logLevel: "error" });
+  const made = await build({
+    ...common,
+    entryPoints,
+    outdir: ".",
+    format: "esm",
+    plugins: [worker],
+    banner,
+    logLevel: "error",
+  });
   return made.outputFiles.map(({ path, text }) => [basename(path), text]);
 }

@@ -1,5 +1,6 @@
-// npm test: bundles the tests for node and runs them; `only NAME` one of them. `npm run fuzz -- STREAM...` runs 100,000 hostile cases.
-// STREAMS names streams to decode (a list, ':' between), EXPECTED a file with answers of Python (tests/transport/web_answers.py).
+// npm test: bundles the tests for node and runs them; `only NAME` one of them. `npm run fuzz -- STREAM...` runs 100,000
+// hostile cases. STREAMS names streams to decode (a list, ':' between), EXPECTED a file with answers of Python
+// (tests/transport/web_answers.py).
 
 import { spawnSync } from "node:child_process";
 import { mkdtempSync, readdirSync, rmSync } from "node:fs";
@@ -9,18 +10,32 @@ import { fileURLToPath } from "node:url";
 
 import { build } from "esbuild";
 
-const root = fileURLToPath(new URL("..", import.meta.url)), fuzz = process.argv[2] === "fuzz", only = process.argv[2] === "only" ? process.argv[3] : null, out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
+const root = fileURLToPath(new URL("..", import.meta.url)),
+  fuzz = process.argv[2] === "fuzz",
+  only = process.argv[2] === "only" ? process.argv[3] : null,
+  out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
 try {
   // agreement.test.ts compares with what Python said of the same bytes (ANSWERS, tests/web/test_agreement.py)
-  const wanted = (name) => (only ? name === `${only}.test.ts` : fuzz ? name === "hostile.test.ts" : name !== "agreement.test.ts");
+  const wanted = (name) =>
+    only ? name === `${only}.test.ts` : fuzz ? name === "hostile.test.ts" : name !== "agreement.test.ts";
   const names = readdirSync(join(root, "test")).filter((name) => name.endsWith(".test.ts") && wanted(name));
   await build({
-    absWorkingDir: root, entryPoints: names.map((name) => `test/${name}`), bundle: true, platform: "node", format: "esm",
-    outdir: out, outExtension: { ".js": ".mjs" }, sourcemap: "inline", logLevel: "error",
+    absWorkingDir: root,
+    entryPoints: names.map((name) => `test/${name}`),
+    bundle: true,
+    platform: "node",
+    format: "esm",
+    outdir: out,
+    outExtension: { ".js": ".mjs" },
+    sourcemap: "inline",
+    logLevel: "error",
   });
   const env = { ...process.env, ...(fuzz ? { CASES: "100000", STREAMS: process.argv.slice(3).join(":") } : {}) };
   const files = readdirSync(out).map((name) => join(out, name));
-  const done = spawnSync(process.execPath, ["--enable-source-maps", "--test", "--test-reporter=spec", ...files], { stdio: "inherit", env });
+  const done = spawnSync(process.execPath, ["--enable-source-maps", "--test", "--test-reporter=spec", ...files], {
+    stdio: "inherit",
+    env,
+  });
   process.exitCode = done.status ?? 1;
 } finally {
   rmSync(out, { recursive: true });

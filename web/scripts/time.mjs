@@ -1,17 +1,28 @@
-// node scripts/time.mjs STREAM: processor time of decoding an element, and of one view of it, in this thread, microseconds; the best of three passes.
+// node scripts/time.mjs STREAM: processor time of decoding an element, and of one view of it, in this thread,
+// microseconds; the best of three passes.
 
-import { build } from "esbuild";
-import { writeFileSync, mkdtempSync, rmSync } from "node:fs";
+import { mkdtempSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
+import { build } from "esbuild";
 
-const root = fileURLToPath(new URL("..", import.meta.url)), out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
+const root = fileURLToPath(new URL("..", import.meta.url)),
+  out = mkdtempSync(join(tmpdir(), "splatwire-web-"));
 try {
-  const made = await build({ absWorkingDir: root, entryPoints: ["test/time.ts"], bundle: true, platform: "node", format: "esm", write: false, logLevel: "error" });
+  const made = await build({
+    absWorkingDir: root,
+    entryPoints: ["test/time.ts"],
+    bundle: true,
+    platform: "node",
+    format: "esm",
+    write: false,
+    logLevel: "error",
+  });
   writeFileSync(join(out, "time.mjs"), made.outputFiles[0].text);
   const { passTimes } = await import(pathToFileURL(join(out, "time.mjs")).href);
-  const passes = [0, 1, 2].map(() => passTimes(process.argv[2])), best = (name) => Math.min(...passes.map((pass) => pass[name]));
+  const passes = [0, 1, 2].map(() => passTimes(process.argv[2])),
+    best = (name) => Math.min(...passes.map((pass) => pass[name]));
   console.log(JSON.stringify({ decode: best("decode"), view: best("view") }));
 } finally {
   rmSync(out, { recursive: true });

@@ -8,7 +8,10 @@ export class ByteReader {
   readonly #view: DataView;
 
   /** `what` is named in errors. */
-  constructor(readonly bytes: Uint8Array, readonly what: string) {
+  constructor(
+    readonly bytes: Uint8Array,
+    readonly what: string,
+  ) {
     this.#view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   }
 
@@ -81,8 +84,14 @@ export class ByteReader {
 
 /** The number that a half of these bits is. */
 export function floatOf(half: number): number {
-  const exponent = (half >> 10) & 31, part = half & 1023, sign = half & 32768 ? -1 : 1;
-  return sign * (exponent === 31 ? (part ? NaN : Infinity) : exponent ? 2 ** (exponent - 15) * (1 + part / 1024) : 2 ** -24 * part);
+  const exponent = (half >> 10) & 31,
+    part = half & 1023,
+    sign = half & 32768 ? -1 : 1;
+  return (
+    sign *
+    (exponent === 31 ? (part ? NaN : Infinity) : exponent ? 2 ** (exponent - 15) * (1 + part / 1024) : 2 ** -24 * part)
+  );
 }
 
-export const hex = (bytes: Uint8Array): string => Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+export const hex = (bytes: Uint8Array): string =>
+  Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");

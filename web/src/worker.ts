@@ -13,7 +13,9 @@ import { askServer, receiveDatagrams, type Session } from "./transport/webtransp
 import { nextTurn } from "./turns.ts";
 import { warmUp } from "./warm.ts";
 
-const SHOW_MS = 30, COUNT_MS = 200, SLICE_MS = 8;
+const SHOW_MS = 30,
+  COUNT_MS = 200,
+  SLICE_MS = 8;
 
 /** For what looks the same to all cameras. */
 const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
@@ -38,7 +40,8 @@ class Reception implements Listener {
   /** One that is no preview is nothing to fail for. */
   preview(bytes: Uint8Array): void {
     try {
-      const { splats, background } = readPreview(bytes), packed = pack([splats], 0, 1);
+      const { splats, background } = readPreview(bytes),
+        packed = pack([splats], 0, 1);
       say({ kind: "preview", packed, background }, buffersOf(packed));
     } catch (error) {
       say({ kind: "note", text: (error as Error).message });
@@ -49,7 +52,9 @@ class Reception implements Listener {
   head(head: Head): void {
     if (this.#received?.decoder.head.manifest.streamId === head.manifest.streamId) return;
     this.#received = new Received(head);
-    const { decoder } = this.#received, { manifest } = head, section = decoder.schema.sections.get("preview");
+    const { decoder } = this.#received,
+      { manifest } = head,
+      section = decoder.schema.sections.get("preview");
     if (section) this.preview(section);
     const facts = {
       gaussians: manifest.count,
@@ -78,8 +83,14 @@ class Reception implements Listener {
 
   #tell(counts: Counts): void {
     this.#countedAt = performance.now();
-    const intake = this.#received?.decoder.intake, packets = Math.max(counts.packets, intake?.size ?? 0);
-    say({ kind: "counts", counts: { ...counts, packets }, decodeMs: this.#decodeMs, corrupt: intake?.counts.corrupt ?? 0 });
+    const intake = this.#received?.decoder.intake,
+      packets = Math.max(counts.packets, intake?.size ?? 0);
+    say({
+      kind: "counts",
+      counts: { ...counts, packets },
+      decodeMs: this.#decodeMs,
+      corrupt: intake?.counts.corrupt ?? 0,
+    });
   }
 
   /** Resolves when everything that came is decoded and handed over. */
@@ -93,7 +104,8 @@ class Reception implements Listener {
   async #decode(): Promise<void> {
     for (let next = 0; next < this.#waiting.length; ) {
       const began = performance.now();
-      while (next < this.#waiting.length && performance.now() - began < SLICE_MS) this.#received!.take(this.#waiting[next++]);
+      while (next < this.#waiting.length && performance.now() - began < SLICE_MS)
+        this.#received!.take(this.#waiting[next++]);
       this.#decodeMs += performance.now() - began;
       if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
       await nextTurn();
@@ -122,11 +134,19 @@ class Reception implements Listener {
     this.#shownAt = performance.now();
     if (!received || (received.decoder.schema.viewDependent && !this.#look)) return;
     while (received.hasNew || this.#looked !== this.#look) {
-      const ask = this.#look, shown = await received.seen(this.#camera, this.#looked !== ask, pausing(() => true));
+      const ask = this.#look,
+        shown = await received.seen(
+          this.#camera,
+          this.#looked !== ask,
+          pausing(() => true),
+        );
       if (!shown) return;
       this.#looked = ask;
-      const { parts, instead, fresh, elements } = shown, gains = instead ? received.gains : null, { degree, size } = received.decoder.schema;
-      const packed = pack(parts, degree, size), hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
+      const { parts, instead, fresh, elements } = shown,
+        gains = instead ? received.gains : null,
+        { degree, size } = received.decoder.schema;
+      const packed = pack(parts, degree, size),
+        hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
       say({ kind: "splats", packed, instead, fresh, elements, gains, ask }, hand);
     }
   }
@@ -139,11 +159,15 @@ class Reception implements Listener {
     try {
       await received.prepare(choice, pause);
     } catch (error) {
-      say({ kind: "note", text: `The stream's copies cannot be used, nothing is concealed: ${(error as Error).message}.` });
+      say({
+        kind: "note",
+        text: `The stream's copies cannot be used, nothing is concealed: ${(error as Error).message}.`,
+      });
       choice = { ...choice, concealer: "drop" };
     }
     await this.#draw();
-    const shownPackets = await received.conceal(choice, pause), { gains } = received;
+    const shownPackets = await received.conceal(choice, pause),
+      { gains } = received;
     if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }
 
@@ -171,7 +195,10 @@ function pausing(wanted: () => boolean): Pause {
 
 const reception = new Reception();
 
-/** A page may be older than its server's certificate: where no session comes about, the server is asked for the hash of today. */
+/**
+ * A page may be older than its server's certificate: where no session comes about, the server is asked for the hash of
+ * today.
+ */
 async function receiveSession(session: Session, name: string, file: string): Promise<string> {
   try {
     return await receiveDatagrams(session, name, reception);

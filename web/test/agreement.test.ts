@@ -1,4 +1,5 @@
-// Python and this code agree on bytes that nobody wrote in good faith: what a manifest may say, and the integers of hostile packets.
+// Python and this code agree on bytes that nobody wrote in good faith: what a manifest may say, and the integers of
+// hostile packets.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
@@ -10,13 +11,17 @@ import { readManifest } from "../src/packets/manifest.ts";
 import type { Packet } from "../src/packets/packet.ts";
 import { readStream } from "./vectors.ts";
 
-/** Manifests in base64 and whether Python takes them; of streams, packets (block, lane, count, payload in base64) and digests of their integers. */
+/**
+ * Manifests in base64 and whether Python takes them; of streams, packets (block, lane, count, payload in base64) and
+ * digests of their integers.
+ */
 interface Answers {
   readonly manifests: readonly (readonly [string, boolean])[];
   readonly packets: Readonly<Record<string, readonly (readonly [number, number, number, string, string])[]>>;
 }
 
-const path = process.env["ANSWERS"], answers = path ? (JSON.parse(readFileSync(path, "utf8")) as Answers) : null;
+const path = process.env["ANSWERS"],
+  answers = path ? (JSON.parse(readFileSync(path, "utf8")) as Answers) : null;
 const bytesOf = (text: string): Uint8Array => Uint8Array.from(Buffer.from(text, "base64"));
 const skip = answers === null && "ANSWERS names no answers of Python";
 
@@ -26,7 +31,10 @@ test("manifests are accepted or refused as Python does", { skip }, () => {
     try {
       readManifest(bytesOf(text));
     } catch (error) {
-      assert.ok(error instanceof BitstreamError, `${Buffer.from(text, "base64").toString()}: ${(error as Error).stack}`);
+      assert.ok(
+        error instanceof BitstreamError,
+        `${Buffer.from(text, "base64").toString()}: ${(error as Error).stack}`,
+      );
       why = error.message;
     }
     assert.equal(why === "", accepted, `${Buffer.from(text, "base64").toString()}: ${why || "accepted"}`);

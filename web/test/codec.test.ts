@@ -5,11 +5,11 @@ import { test } from "node:test";
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { BitstreamError, hex } from "../src/bytes.ts";
+import { EXISTS, exactExists, exactSixteenths, POWERS, SIXTEENTHS } from "../src/codec/causal/tables.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import { exactThinness, THINNESS } from "../src/codec/gaussians/tables.ts";
-import { exactExists, exactSixteenths, EXISTS, POWERS, SIXTEENTHS } from "../src/codec/causal/tables.ts";
 import { readPreview } from "../src/codec/preview.ts";
-import { tierFacts, type TierFacts } from "../src/codec/tiers.ts";
+import { type TierFacts, tierFacts } from "../src/codec/tiers.ts";
 import { HALF_WIDTHS, INVERSE_SCALES, NORMAL } from "../src/entropy/tables.ts";
 import type { Camera } from "../src/model/camera.ts";
 import type { Manifest } from "../src/packets/manifest.ts";
@@ -17,7 +17,9 @@ import { splitmixModulo } from "../src/packets/splitmix64.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
 /** Answers of Python, where it wrote some. */
-const expected = process.env["EXPECTED"] ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as Expected) : null;
+const expected = process.env["EXPECTED"]
+  ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as Expected)
+  : null;
 
 interface Expected {
   tables: Record<string, string>;
@@ -29,7 +31,8 @@ interface Expected {
 
 for (const path of STREAMS) {
   test(`every integer of ${path.split("/").pop()} is Python's`, () => {
-    const { head, packets } = readStream(path), decoder = new StreamDecoder(head);
+    const { head, packets } = readStream(path),
+      decoder = new StreamDecoder(head);
     for (const bytes of packets) assert.ok(decoder.take(bytes));
     assert.ok(decoder.intake.complete);
     assert.equal(decoder.digest(), head.manifest.symbolsDigest);
@@ -38,19 +41,36 @@ for (const path of STREAMS) {
 
 test("sizes of tiers are one byte for each, and one of them is the largest", () => {
   const facts = (shapes: number[], ...sizes: number[]): TierFacts => {
-    const sections = new Map([["tier_sizes", Uint8Array.from(sizes)]]), tiers = shapes.map((count) => ({ count, lanes: 1 }));
+    const sections = new Map([["tier_sizes", Uint8Array.from(sizes)]]),
+      tiers = shapes.map((count) => ({ count, lanes: 1 }));
     if (tiers.length) sections.set("tiers", new Uint8Array(4));
     return tierFacts(sections, { tiers, count: 3 } as unknown as Manifest);
   };
-  assert.deepEqual(facts([0, 3], 0, 12).sizes, new Float32Array(3).fill(2 ** -1.5)); // no bits: all are of the last tier
-  for (const [shapes, sizes] of [[[], [0]], [[1, 2], []], [[1, 2], [0]], [[1, 2], [0, 1, 2]], [[1, 2], [1, 1]]]) {
-    assert.throws(() => facts(shapes, ...sizes), (error) => error instanceof BitstreamError && error.message.includes("tier_sizes"));
+  assert.deepEqual(facts([0, 3], 0, 12).sizes, new Float32Array(3).fill(2 ** -1.5));
+  for (const [shapes, sizes] of [
+    [[], [0]],
+    [[1, 2], []],
+    [[1, 2], [0]],
+    [
+      [1, 2],
+      [0, 1, 2],
+    ],
+    [
+      [1, 2],
+      [1, 1],
+    ],
+  ]) {
+    assert.throws(
+      () => facts(shapes, ...sizes),
+      (error) => error instanceof BitstreamError && error.message.includes("tier_sizes"),
+    );
   }
 });
 
 test("no entry of the table of thinness is near to where doubles could round it otherwise", () => {
   for (let t = 1; t < THINNESS.length; t++) {
-    const exact = exactThinness(t), nearest = Math.abs(exact - Math.round(exact));
+    const exact = exactThinness(t),
+      nearest = Math.abs(exact - Math.round(exact));
     assert.ok(nearest > 1e-6, `${t}: ${exact}`);
   }
 });
@@ -64,29 +84,55 @@ test("nor is one of those of the causal codec", () => {
 
 test("tables are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
   const digest = (values: Int32Array | Float64Array): string => hex(sha256(new TextEncoder().encode(values.join(","))));
-  const tables = { normal: NORMAL, inverse: INVERSE_SCALES, widths: HALF_WIDTHS, thinness: THINNESS, sixteenths: SIXTEENTHS, powers: POWERS, exists: EXISTS };
+  const tables = {
+    normal: NORMAL,
+    inverse: INVERSE_SCALES,
+    widths: HALF_WIDTHS,
+    thinness: THINNESS,
+    sixteenths: SIXTEENTHS,
+    powers: POWERS,
+    exists: EXISTS,
+  };
   for (const [name, values] of Object.entries(tables)) assert.equal(digest(values), expected!.tables[name], name);
 });
 
 test("lanes are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
   for (const [seed, rank, lanes, lane] of expected!.lanes) {
-    const wide = BigInt(seed), low = Number(wide & 0xffffffffn), high = Number(wide >> 32n);
+    const wide = BigInt(seed),
+      low = Number(wide & 0xffffffffn),
+      high = Number(wide >> 32n);
     assert.equal(splitmixModulo((rank ^ low) >>> 0, high, lanes), lane);
   }
 });
 
-test("Gaussians are Python's to six digits", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
+test("Gaussians are Python's to six digits", {
+  skip: expected === null && "EXPECTED names no answers of Python",
+}, () => {
   for (const path of STREAMS) {
-    const { head, packets } = readStream(path), decoder = new StreamDecoder(head), camera = expected!.camera;
-    const { splats } = decoder.take(packets[0])!.seen(camera), rows = expected!.splats[path], number = 3 * ((splats.degree + 1) ** 2 - 1);
+    const { head, packets } = readStream(path),
+      decoder = new StreamDecoder(head),
+      camera = expected!.camera;
+    const { splats } = decoder.take(packets[0])!.seen(camera),
+      rows = expected!.splats[path],
+      number = 3 * ((splats.degree + 1) ** 2 - 1);
     assert.equal(splats.count, rows.length);
     rows.forEach((row, i) => {
       const found = [
-        ...splats.means.subarray(3 * i, 3 * i + 3), ...splats.quats.subarray(4 * i, 4 * i + 4), ...splats.scales.subarray(3 * i, 3 * i + 3),
-        splats.opacities[i], ...splats.colours.subarray(3 * i, 3 * i + 3), ...splats.harmonics.subarray(number * i, number * (i + 1)),
+        ...splats.means.subarray(3 * i, 3 * i + 3),
+        ...splats.quats.subarray(4 * i, 4 * i + 4),
+        ...splats.scales.subarray(3 * i, 3 * i + 3),
+        splats.opacities[i],
+        ...splats.colours.subarray(3 * i, 3 * i + 3),
+        ...splats.harmonics.subarray(number * i, number * (i + 1)),
       ];
       assert.equal(found.length, row.length);
-      found.forEach((value, n) => assert.ok(Math.abs(value - row[n]) <= 2e-6 * Math.max(Math.abs(row[n]), 1e-3) + (n < 7 || n > 10 ? 2e-6 : n === 10 ? 5e-7 : 0), `${i} ${n}: ${value} ${row[n]}`));
+      found.forEach((value, n) =>
+        assert.ok(
+          Math.abs(value - row[n]) <=
+            2e-6 * Math.max(Math.abs(row[n]), 1e-3) + (n < 7 || n > 10 ? 2e-6 : n === 10 ? 5e-7 : 0),
+          `${i} ${n}: ${value} ${row[n]}`,
+        ),
+      );
     });
   }
 });
@@ -94,5 +140,7 @@ test("Gaussians are Python's to six digits", { skip: expected === null && "EXPEC
 test("a preview is Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, () => {
   const { splats } = readPreview(Uint8Array.from(Buffer.from(expected!.preview.bytes, "hex")));
   const found = [...splats.means, ...splats.scales, ...splats.opacities, ...splats.colours];
-  found.forEach((value, n) => assert.ok(Math.abs(value - expected!.preview.numbers[n]) <= 1e-5 * Math.max(Math.abs(value), 1)));
+  found.forEach((value, n) =>
+    assert.ok(Math.abs(value - expected!.preview.numbers[n]) <= 1e-5 * Math.max(Math.abs(value), 1)),
+  );
 });

@@ -13,97 +13,174 @@ import { KdTree } from "../src/conceal/kd_tree.ts";
 import { Received } from "../src/transport/received.ts";
 import { random, readStream, STREAMS } from "./vectors.ts";
 
-const next = random(3), points = Float32Array.from({ length: 3 * 400 }, () => Math.round(next() * 60));
+const next = random(3),
+  points = Float32Array.from({ length: 3 * 400 }, () => Math.round(next() * 60));
 const places = Int32Array.from({ length: 400 }, (_, i) => i);
 const always = (): Promise<boolean> => Promise.resolve(true);
 
 test("nearest others are those of a search through all", () => {
   const tree = new KdTree(points, 9);
   for (let i = 0; i < 400; i += 7) {
-    const far = (j: number): number => [0, 1, 2].reduce((sum, a) => sum + (points[3 * i + a] - points[3 * j + a]) ** 2, 0);
-    const all = Array.from({ length: 400 }, (_, j) => j).filter((j) => j !== i).map(far).sort((a, b) => a - b).slice(0, 9);
-    assert.deepEqual([...tree.nearestOthers(i)].map(far).sort((a, b) => a - b), all);
+    const far = (j: number): number =>
+      [0, 1, 2].reduce((sum, a) => sum + (points[3 * i + a] - points[3 * j + a]) ** 2, 0);
+    const all = Array.from({ length: 400 }, (_, j) => j)
+      .filter((j) => j !== i)
+      .map(far)
+      .sort((a, b) => a - b)
+      .slice(0, 9);
+    assert.deepEqual(
+      [...tree.nearestOthers(i)].map(far).sort((a, b) => a - b),
+      all,
+    );
   }
 });
 
 test("nothing grows where nothing is lost, and gains follow the share that is left", async () => {
-  const sizes = new Float32Array(400).fill(2), opacities = new Float32Array(400).fill(0.3), known = new Uint8Array(400).fill(1);
-  assert.ok((await grow({ positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null }, always))!.every((gain) => gain === 1));
+  const sizes = new Float32Array(400).fill(2),
+    opacities = new Float32Array(400).fill(0.3),
+    known = new Uint8Array(400).fill(1);
+  assert.ok(
+    (await grow(
+      { positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null },
+      always,
+    ))!.every((gain) => gain === 1),
+  );
   for (let i = 0; i < 400; i += 2) known[i] = 0;
-  const gains = (await grow({ positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null }, always))!, most = (1.08 * Math.SQRT2) ** 2;
+  const gains = (await grow(
+      { positions: points, sizes, tierSizes: null, opacities, known, places, logScales: null, anchors: null },
+      always,
+    ))!,
+    most = (1.08 * Math.SQRT2) ** 2;
   for (let i = 0; i < 400; i++) {
     const [size, opacity] = gains.subarray(2 * i, 2 * i + 2);
-    assert.ok(known[i] ? size >= 1 && size <= most ** 0.12 + 1e-6 && opacity >= 1 && opacity * 0.3 < 1 : size === 1 && opacity === 1);
+    assert.ok(
+      known[i]
+        ? size >= 1 && size <= most ** 0.12 + 1e-6 && opacity >= 1 && opacity * 0.3 < 1
+        : size === 1 && opacity === 1,
+    );
   }
   assert.ok(gains.some((gain, i) => i % 2 === 0 && gain > 1.05));
 });
 
 test("small tiers that are lost leave less to make up for than their number", async () => {
-  const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2), sizes = new Float32Array(400).fill(1);
-  const small = sizes.map((_, i) => (known[i] ? 1 : 1 / 16)), all = { positions: points, sizes, opacities: null, known, places, logScales: null, anchors: null };
-  const gains = (await grow({ ...all, tierSizes: small }, always))!, heads = (await grow({ ...all, tierSizes: null }, always))!;
+  const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2),
+    sizes = new Float32Array(400).fill(1);
+  const small = sizes.map((_, i) => (known[i] ? 1 : 1 / 16)),
+    all = { positions: points, sizes, opacities: null, known, places, logScales: null, anchors: null };
+  const gains = (await grow({ ...all, tierSizes: small }, always))!,
+    heads = (await grow({ ...all, tierSizes: null }, always))!;
   assert.deepEqual([...heads], [...(await grow({ ...all, tierSizes: sizes }, always))!]);
   const most = 1.08 * (16 / 17) ** -0.5;
-  for (let i = 1; i < 400; i += 2) assert.ok(gains[2 * i] >= 1 && gains[2 * i] <= most + 1e-6 && heads[2 * i] > gains[2 * i] && gains[2 * i - 2] === 1);
+  for (let i = 1; i < 400; i += 2)
+    assert.ok(
+      gains[2 * i] >= 1 && gains[2 * i] <= most + 1e-6 && heads[2 * i] > gains[2 * i] && gains[2 * i - 2] === 1,
+    );
 });
 
 test("what nobody waits for any more stops", async () => {
   const known = Uint8Array.from({ length: 400 }, (_, i) => i % 2);
-  assert.equal(await grow({ positions: points, sizes: new Float32Array(400).fill(1), tierSizes: null, opacities: new Float32Array(400).fill(0.5), known, places, logScales: null, anchors: null }, () => Promise.resolve(false)), null);
+  assert.equal(
+    await grow(
+      {
+        positions: points,
+        sizes: new Float32Array(400).fill(1),
+        tierSizes: null,
+        opacities: new Float32Array(400).fill(0.5),
+        known,
+        places,
+        logScales: null,
+        anchors: null,
+      },
+      () => Promise.resolve(false),
+    ),
+    null,
+  );
   assert.deepEqual(Object.keys(CONCEALERS), ["drop", "grow"]);
-  for (const all of [SPLAT_CONCEALERS, ANCHOR_CONCEALERS]) assert.deepEqual(Object.keys(all), ["drop", "grow", "scene_free"]);
+  for (const all of [SPLAT_CONCEALERS, ANCHOR_CONCEALERS])
+    assert.deepEqual(Object.keys(all), ["drop", "grow", "scene_free"]);
 });
 
 const GROW = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1 };
 type Gains = Record<string, Record<string, number[]>>;
-const expected = process.env["EXPECTED"] ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { gains: Gains; copies: Record<string, number[]> }) : null;
+const expected = process.env["EXPECTED"]
+  ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { gains: Gains; copies: Record<string, number[]> })
+  : null;
 
 test("gains are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
   for (const [path, all] of Object.entries(expected!.gains)) {
-    const { head, packets } = readStream(path), received = new Received(head);
+    const { head, packets } = readStream(path),
+      received = new Received(head);
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
     assert.deepEqual(Object.keys(received.decoder.schema.concealers), ["drop", ...Object.keys(all)]);
     for (const [concealer, gains] of Object.entries(all)) {
       await received.prepare({ ...GROW, concealer }, always);
       assert.equal(await received.conceal({ ...GROW, concealer }, always), Math.ceil(packets.length / 2));
-      const found = received.gains!, off = found.map((gain, i) => (gains[i] ? Math.abs(gain / gains[i] - 1) : gain)).sort();
+      const found = received.gains!,
+        off = found.map((gain, i) => (gains[i] ? Math.abs(gain / gains[i] - 1) : gain)).sort();
       assert.equal(found.length, gains.length);
-      const most = off[off.length - 1], mean = off.reduce((sum, value) => sum + value, 0) / off.length;
+      const most = off[off.length - 1],
+        mean = off.reduce((sum, value) => sum + value, 0) / off.length;
       // Anchors lie on a grid: of two that are equally far, either may be the last of the 64.
-      assert.ok(received.decoder.schema.viewDependent ? most < 0.05 && mean < 0.001 : most < 1e-5, `${path} ${concealer}: ${most}, ${mean}`);
+      assert.ok(
+        received.decoder.schema.viewDependent ? most < 0.05 && mean < 0.001 : most < 1e-5,
+        `${path} ${concealer}: ${most}, ${mean}`,
+      );
     }
   }
 });
 
 test("copies are Python's", { skip: expected === null && "EXPECTED names no answers of Python" }, async () => {
   for (const [path, numbers] of Object.entries(expected!.copies)) {
-    const { part } = (await new StreamDecoder(readStream(path).head).schema.copies(always))!, found = numbersOf(part);
+    const { part } = (await new StreamDecoder(readStream(path).head).schema.copies(always))!,
+      found = numbersOf(part);
     assert.equal(found.length, numbers.length);
     const off = found.map((number, n) => Math.abs(number - numbers[n]) / Math.max(Math.abs(numbers[n]), 1e-3));
-    assert.ok(off.every((value) => value < 1e-4), `${path}: ${Math.max(...off)}`);
+    assert.ok(
+      off.every((value) => value < 1e-4),
+      `${path}: ${Math.max(...off)}`,
+    );
   }
 });
 
 /** Numbers of copies as `tests/web/sketched.py` lists them. */
 function numbersOf(part: Part): number[] {
-  if (part instanceof GaussianPart) return [part.splats.means, part.splats.scales, part.splats.quats, part.splats.opacities].flatMap((values) => [...values]);
-  const { anchors: { positions, sizes, scales, offsets, masks, numOffsets }, features } = part as AnchorPart;
+  if (part instanceof GaussianPart)
+    return [part.splats.means, part.splats.scales, part.splats.quats, part.splats.opacities].flatMap((values) => [
+      ...values,
+    ]);
+  const {
+    anchors: { positions, sizes, scales, offsets, masks, numOffsets },
+    features,
+  } = part as AnchorPart;
   const far = offsets.map((offset, n) => offset * scales[Math.floor(n / 3 / numOffsets)] * masks[Math.floor(n / 3)]);
   return [positions, features!, sizes, far].flatMap((values) => [...values]);
 }
 
-const CAMERA = { viewmat: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 5]], focal: 100, width: 200, height: 200, margin: 0 };
+const CAMERA = {
+  viewmat: [
+    [1, 0, 0, 0],
+    [0, 1, 0, 0],
+    [0, 0, 1, 5],
+  ],
+  focal: 100,
+  width: 200,
+  height: 200,
+  margin: 0,
+};
 
 for (const path of STREAMS) {
   test(`what was lost of ${path.split("/").pop()} takes its place when it comes after all`, async () => {
-    const { head, packets } = readStream(path), received = new Received(head), whole = new Received(head);
+    const { head, packets } = readStream(path),
+      received = new Received(head),
+      whole = new Received(head);
     for (const bytes of packets.filter((_, n) => n % 2 === 0)) received.take(bytes);
     const first = await received.seen(CAMERA, true, always);
     await received.conceal({ ...GROW, dropped: 0.3, seed: 1 }, always);
     for (const bytes of packets) received.take(bytes);
     const second = (await received.seen(CAMERA, false, always))!;
     for (const bytes of packets) whole.take(bytes);
-    const all = (await whole.seen(CAMERA, true, always))!, count = (parts: readonly Splats[]): number => parts.reduce((sum, part) => sum + part.count, 0);
+    const all = (await whole.seen(CAMERA, true, always))!,
+      count = (parts: readonly Splats[]): number => parts.reduce((sum, part) => sum + part.count, 0);
     assert.ok(second.fresh || packets.length === 1);
     assert.equal(count(first!.parts) + count(second.parts), count(all.parts));
     assert.equal(second.elements, head.manifest.count);

@@ -1,8 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-
-import { attack, attackCopies } from "./hostile.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
+import { attack, attackCopies } from "./hostile.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
 const CASES = Number(process.env["CASES"] ?? 300);

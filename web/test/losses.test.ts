@@ -1,32 +1,49 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { shownPackets, type Choice } from "../src/transport/losses.ts";
+import { type Choice, shownPackets } from "../src/transport/losses.ts";
 
 const PACKETS = Array.from({ length: 20_000 }, (_, n) => ({ block: n >> 4, lane: n & 15 }));
-const choose = (some: Partial<Choice>): Choice => ({ concealer: "drop", dropped: 0.2, burst: 1, seed: 0, sent: 1, ...some });
+const choose = (some: Partial<Choice>): Choice => ({
+  concealer: "drop",
+  dropped: 0.2,
+  burst: 1,
+  seed: 0,
+  sent: 1,
+  ...some,
+});
 const lost = (some: Partial<Choice>): boolean[] => shownPackets(PACKETS, choose(some)).map((shown) => !shown);
 const share = (lost: boolean[]): number => lost.filter(Boolean).length / lost.length;
 
 test("the share that is dropped is that which was chosen, with bursts and without", () => {
   for (const dropped of [0, 0.2, 0.5, 0.95]) {
-    for (const burst of [1, 8]) assert.ok(Math.abs(share(lost({ dropped, burst })) - dropped) < 0.05, `${dropped} ${burst}`);
+    for (const burst of [1, 8])
+      assert.ok(Math.abs(share(lost({ dropped, burst })) - dropped) < 0.05, `${dropped} ${burst}`);
   }
 });
 
 test("bursts are as long as was chosen", () => {
   for (const burst of [1, 8]) {
-    const found = lost({ burst }), bursts = found.filter((is, n) => is && !found[n - 1]).length, mean = found.filter(Boolean).length / bursts;
+    const found = lost({ burst }),
+      bursts = found.filter((is, n) => is && !found[n - 1]).length,
+      mean = found.filter(Boolean).length / bursts;
     assert.ok(Math.abs(mean / (burst === 1 ? 1.25 : burst) - 1) < 0.15, `${mean}`);
   }
 });
 
 test("a larger share drops the same packets and more, another seed others, and what was not sent is not there", () => {
-  const few = lost({ dropped: 0.1 }), many = lost({ dropped: 0.3 });
+  const few = lost({ dropped: 0.1 }),
+    many = lost({ dropped: 0.3 });
   assert.ok(few.every((is, n) => !is || many[n]));
   assert.notDeepEqual(many, lost({ dropped: 0.3, seed: 1 }));
   const half = lost({ dropped: 0, sent: 0.5 });
-  assert.deepEqual(half, PACKETS.map((_, n) => n >= PACKETS.length / 2));
+  assert.deepEqual(
+    half,
+    PACKETS.map((_, n) => n >= PACKETS.length / 2),
+  );
   // the packets that come later change nothing of those before
-  assert.deepEqual(shownPackets(PACKETS.slice(0, 99), choose({ burst: 8 })), shownPackets(PACKETS, choose({ burst: 8 })).slice(0, 99));
+  assert.deepEqual(
+    shownPackets(PACKETS.slice(0, 99), choose({ burst: 8 })),
+    shownPackets(PACKETS, choose({ burst: 8 })).slice(0, 99),
+  );
 });

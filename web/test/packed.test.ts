@@ -12,23 +12,37 @@ const next = random(7);
 test("a half is the nearest one, and those of the engine are no others", () => {
   for (let bits = 0; bits < 65536; bits++) if (!Number.isNaN(FLOATS[bits])) assert.equal(half(FLOATS[bits]), bits);
   for (let n = 0; n < 20000; n++) {
-    const value = Math.fround((next() - 0.5) * 2 ** (40 * next() - 28)), found = FLOATS[half(value)], theirs = FLOATS[FloatPacking.float2Half(value)];
-    assert.ok(Math.abs(found - value) <= Math.abs(theirs - value) || !Number.isFinite(theirs), `${value}: ${found}, ${theirs}`);
+    const value = Math.fround((next() - 0.5) * 2 ** (40 * next() - 28)),
+      found = FLOATS[half(value)],
+      theirs = FLOATS[FloatPacking.float2Half(value)];
+    assert.ok(
+      Math.abs(found - value) <= Math.abs(theirs - value) || !Number.isFinite(theirs),
+      `${value}: ${found}, ${theirs}`,
+    );
   }
 });
 
 test("Gaussians of several parts lie one after another, in units of the scene", () => {
   const parts = [3, 0, 2].map((count) => {
     const splats = emptySplats(count, 1);
-    for (const array of [splats.means, splats.quats, splats.scales, splats.opacities, splats.colours, splats.harmonics]) array.forEach((_, n) => (array[n] = Math.fround(next() - 0.4)));
+    for (const array of [splats.means, splats.quats, splats.scales, splats.opacities, splats.colours, splats.harmonics])
+      array.forEach((_, n) => (array[n] = Math.fround(next() - 0.4)));
     return splats;
   });
-  const packed = pack(parts, 1, 4), last = parts[2];
+  const packed = pack(parts, 1, 4),
+    last = parts[2];
   assert.equal(packed.count, 5);
-  assert.deepEqual([...packed.centers.subarray(16, 20)], [...last.means.subarray(3, 6)].map((value) => value / 4).concat(1));
+  assert.deepEqual(
+    [...packed.centers.subarray(16, 20)],
+    [...last.means.subarray(3, 6)].map((value) => value / 4).concat(1),
+  );
   const sign = last.quats[4] < 0 ? -1 : 1;
-  assert.deepEqual([...packed.turns.subarray(16, 20)], [...last.quats.subarray(4, 8)].map((value) => half(sign * value)));
+  assert.deepEqual(
+    [...packed.turns.subarray(16, 20)],
+    [...last.quats.subarray(4, 8)].map((value) => half(sign * value)),
+  );
   assert.equal(packed.opacities[4], last.opacities[1]);
-  const harmonics = new Uint16Array(packed.harmonics[0].buffer).subarray(32, 40), more = new Uint16Array(packed.harmonics[1].buffer).subarray(32, 33);
+  const harmonics = new Uint16Array(packed.harmonics[0].buffer).subarray(32, 40),
+    more = new Uint16Array(packed.harmonics[1].buffer).subarray(32, 33);
   assert.deepEqual([...harmonics, ...more], [...last.harmonics.subarray(9, 18)].map(half));
 });

@@ -8,7 +8,9 @@ import type { Pose } from "../src/render/orbit.ts";
 import { pack } from "../src/render/packed.ts";
 import { pixels } from "../src/render/painter.ts";
 
-const WIDTH = 40, HEIGHT = 30, BACKGROUND = [0.1, 0.5, 0.9];
+const WIDTH = 40,
+  HEIGHT = 30,
+  BACKGROUND = [0.1, 0.5, 0.9];
 
 function cloud(count: number): Splats {
   let state = 7;
@@ -29,10 +31,14 @@ function cloud(count: number): Splats {
 
 /** The same by the book: each pixel, all Gaussians by depth, covariances as matrices. */
 function reference(splats: Splats, { position, rotation }: Pose): number[] {
-  const focal = HEIGHT / 2 / Math.tan((25 * Math.PI) / 180), view = rotation.clone().invert();
+  const focal = HEIGHT / 2 / Math.tan((25 * Math.PI) / 180),
+    view = rotation.clone().invert();
   const seen = Array.from({ length: splats.count }, (_, i) => {
-    const [mx, my, mz] = splats.means.subarray(3 * i, 3 * i + 3), [w, x, y, z] = splats.quats.subarray(4 * i, 4 * i + 4);
-    const centre = view.transformVector(new Vec3(mx, my, mz).sub(position), new Vec3()), depth = -centre.z, turn = new Quat(x, y, z, w);
+    const [mx, my, mz] = splats.means.subarray(3 * i, 3 * i + 3),
+      [w, x, y, z] = splats.quats.subarray(4 * i, 4 * i + 4);
+    const centre = view.transformVector(new Vec3(mx, my, mz).sub(position), new Vec3()),
+      depth = -centre.z,
+      turn = new Quat(x, y, z, w);
     const tx = Math.min(Math.max(centre.x / depth, (-1.3 * WIDTH) / 2 / focal), (1.3 * WIDTH) / 2 / focal);
     const ty = Math.min(Math.max(centre.y / depth, (-1.3 * HEIGHT) / 2 / focal), (1.3 * HEIGHT) / 2 / focal);
     const columns = [0, 1, 2].map((a) => {
@@ -41,14 +47,26 @@ function reference(splats: Splats, { position, rotation }: Pose): number[] {
       return [(focal / depth) * (v.x + tx * v.z), (-focal / depth) * (v.y + ty * v.z)];
     });
     const sum = (m: number, n: number): number => columns.reduce((all, column) => all + column[m] * column[n], 0);
-    return { i, depth, x: WIDTH / 2 + (focal * centre.x) / depth, y: HEIGHT / 2 - (focal * centre.y) / depth, xx: sum(0, 0) + 0.3, xy: sum(0, 1), yy: sum(1, 1) + 0.3 };
-  }).filter(({ depth }) => depth > 0.01).sort((a, b) => a.depth - b.depth);
+    return {
+      i,
+      depth,
+      x: WIDTH / 2 + (focal * centre.x) / depth,
+      y: HEIGHT / 2 - (focal * centre.y) / depth,
+      xx: sum(0, 0) + 0.3,
+      xy: sum(0, 1),
+      yy: sum(1, 1) + 0.3,
+    };
+  })
+    .filter(({ depth }) => depth > 0.01)
+    .sort((a, b) => a.depth - b.depth);
   const out: number[] = [];
   for (let p = 0; p < WIDTH * HEIGHT; p++) {
     const colour = [0, 0, 0];
     let passes = 1;
     for (const { i, x, y, xx, xy, yy } of seen) {
-      const dx = (p % WIDTH) + 0.5 - x, dy = Math.floor(p / WIDTH) + 0.5 - y, q = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
+      const dx = (p % WIDTH) + 0.5 - x,
+        dy = Math.floor(p / WIDTH) + 0.5 - y,
+        q = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy);
       const alpha = Math.min(splats.opacities[i] * Math.exp(-q / 2), 0.99);
       if (alpha < 1 / 255) continue;
       for (let c = 0; c < 3; c++) colour[c] += passes * alpha * splats.colours[3 * i + c];
@@ -60,12 +78,17 @@ function reference(splats: Splats, { position, rotation }: Pose): number[] {
 }
 
 test("what is painted is what the book says, from outside and from the middle", () => {
-  const splats = cloud(150), packed = pack([splats], 0, 1);
+  const splats = cloud(150),
+    packed = pack([splats], 0, 1);
   for (const [position, rotation] of [
-    [new Vec3(0, 0, 4), new Quat()], [new Vec3(0.5, -3, 1), new Quat().setFromEulerAngles(70, 20, 10)], [new Vec3(), new Quat().setFromEulerAngles(0, 90, 0)],
+    [new Vec3(0, 0, 4), new Quat()],
+    [new Vec3(0.5, -3, 1), new Quat().setFromEulerAngles(70, 20, 10)],
+    [new Vec3(), new Quat().setFromEulerAngles(0, 90, 0)],
   ] as const) {
-    const found = pixels({ parts: [packed], background: BACKGROUND, pose: { position, rotation } }, WIDTH, HEIGHT), expected = reference(splats, { position, rotation });
-    const off = expected.map((value, p) => Math.abs(value - found[p])), mean = off.reduce((sum, value) => sum + value, 0) / off.length;
+    const found = pixels({ parts: [packed], background: BACKGROUND, pose: { position, rotation } }, WIDTH, HEIGHT),
+      expected = reference(splats, { position, rotation });
+    const off = expected.map((value, p) => Math.abs(value - found[p])),
+      mean = off.reduce((sum, value) => sum + value, 0) / off.length;
     // Depths are sorted in buckets and alphas taken from a table.
     assert.ok(mean < 0.5 && Math.max(...off) < 24, `${mean} ${Math.max(...off)}`);
   }

@@ -4,18 +4,35 @@ import { StreamDecoder } from "../src/codec/decoder.ts";
 import type { Part } from "../src/codec/schema.ts";
 import { readStream } from "./vectors.ts";
 
-/** Processor time, microseconds for each element: of a pass over a stream, side information included, and of asking, not for the first time, for all that a camera sees. */
+/**
+ * Processor time, microseconds for each element: of a pass over a stream, side information included, and of asking, not
+ * for the first time, for all that a camera sees.
+ */
 export function passTimes(path: string): { decode: number; view: number } {
-  const { head, packets } = readStream(path), { count } = head.manifest;
+  const { head, packets } = readStream(path),
+    { count } = head.manifest;
   let began = process.cpuUsage();
   const took = (): number => {
     const { user, system } = process.cpuUsage(began);
     began = process.cpuUsage();
     return (user + system) / count;
   };
-  const decoder = new StreamDecoder(head), parts = packets.map((bytes) => decoder.take(bytes)).filter((part): part is Part => part !== null);
-  const decode = took(), { middle, size } = decoder.schema, [x, y, z] = middle ?? [0, 0, 0];
-  const camera = { viewmat: [[1, 0, 0, -x], [0, 1, 0, -y], [0, 0, 1, 6 * size - z]], focal: 400, width: 800, height: 800, margin: 200 };
+  const decoder = new StreamDecoder(head),
+    parts = packets.map((bytes) => decoder.take(bytes)).filter((part): part is Part => part !== null);
+  const decode = took(),
+    { middle, size } = decoder.schema,
+    [x, y, z] = middle ?? [0, 0, 0];
+  const camera = {
+    viewmat: [
+      [1, 0, 0, -x],
+      [0, 1, 0, -y],
+      [0, 0, 1, 6 * size - z],
+    ],
+    focal: 400,
+    width: 800,
+    height: 800,
+    margin: 200,
+  };
   for (const part of parts) part.seen(camera);
   took();
   for (const part of parts) part.seen(camera);

@@ -5,7 +5,8 @@ import { readFileSync } from "node:fs";
 import { ContainerReader, type Head } from "../src/packets/container.ts";
 
 export function readStream(path: string): { head: Head; packets: Uint8Array[] } {
-  const reader = new ContainerReader(), packets = reader.feed(new Uint8Array(readFileSync(path)));
+  const reader = new ContainerReader(),
+    packets = reader.feed(new Uint8Array(readFileSync(path)));
   if (!reader.head) throw new Error(`${path} is cut`);
   return { head: reader.head, packets };
 }

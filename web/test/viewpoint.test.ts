@@ -18,25 +18,46 @@ function viewpointOf(bytes: Uint8Array | null): Viewpoint | null {
 
 /** An orbit without a page; `events` gets what it listens to. */
 function hands(events = new Map<string, (event: unknown) => void>()): Orbit {
-  const canvas = { addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take), setPointerCapture: () => undefined };
+  const canvas = {
+    addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take),
+    setPointerCapture: () => undefined,
+  };
   return new Orbit(canvas as unknown as HTMLElement, () => undefined);
 }
 
-test("a viewpoint is read as it was written, and believed only where it is possible", { skip: STREAMS.length === 0 }, () => {
+test("a viewpoint is read as it was written, and believed only where it is possible", {
+  skip: STREAMS.length === 0,
+}, () => {
   assert.equal(viewpointOf(null), null);
-  assert.deepEqual(viewpointOf(section([1, 2, 3, 4, 5, 6, 0, -1, 0])), { eye: [1, 2, 3], target: [4, 5, 6], up: [0, -1, 0] });
-  for (const numbers of [[1, 2, 3, 1, 2, 3, 0, 1, 0], [1, 2, 3, 4, 5, 6, 0, 0, 0], [NaN, 2, 3, 4, 5, 6, 0, 1, 0], [Infinity, 2, 3, 4, 5, 6, 0, 1, 0], [1, 2, 3]]) {
+  assert.deepEqual(viewpointOf(section([1, 2, 3, 4, 5, 6, 0, -1, 0])), {
+    eye: [1, 2, 3],
+    target: [4, 5, 6],
+    up: [0, -1, 0],
+  });
+  for (const numbers of [
+    [1, 2, 3, 1, 2, 3, 0, 1, 0],
+    [1, 2, 3, 4, 5, 6, 0, 0, 0],
+    [NaN, 2, 3, 4, 5, 6, 0, 1, 0],
+    [Infinity, 2, 3, 4, 5, 6, 0, 1, 0],
+    [1, 2, 3],
+  ]) {
     assert.throws(() => viewpointOf(section(numbers)), /section|viewpoint/);
   }
 });
 
 test("a scene that was turned upside down stays so when its stream says where to begin", () => {
   for (const first of ["turn", "place"]) {
-    const orbit = hands(), up = new Vec3(0, -1, 0);
+    const orbit = hands(),
+      up = new Vec3(0, -1, 0);
     if (first === "turn") orbit.flip();
     orbit.place(new Vec3(2, 0.5, -1), new Vec3(), up);
     if (first === "place") orbit.flip();
-    assert.ok(orbit.pose().rotation.transformVector(new Vec3(0, 1, 0), new Vec3()).dot(up) < 0);
+    assert.ok(
+      orbit
+        .pose()
+        .rotation.transformVector(new Vec3(0, 1, 0), new Vec3())
+        .dot(up) < 0,
+    );
     orbit.flip();
     assert.ok(orbit.pose().position.distance(new Vec3(2, 0.5, -1)) < 1e-5);
   }
@@ -44,9 +65,11 @@ test("a scene that was turned upside down stays so when its stream says where to
 
 test("what is dragged to the right goes to the right, whatever is up", () => {
   for (const prepare of [() => undefined, (orbit: Orbit) => orbit.yUp(), (orbit: Orbit) => orbit.flip()]) {
-    const events = new Map<string, (event: unknown) => void>(), orbit = hands(events);
+    const events = new Map<string, (event: unknown) => void>(),
+      orbit = hands(events);
     prepare(orbit);
-    const { position, rotation } = orbit.pose(), near = position.clone().lerp(position, orbit.target, 0.9);
+    const { position, rotation } = orbit.pose(),
+      near = position.clone().lerp(position, orbit.target, 0.9);
     const aside = (point: Vec3): number => {
       const pose = orbit.pose();
       return pose.rotation.transformVector(Vec3.RIGHT, new Vec3()).dot(new Vec3().sub2(point, pose.position));
@@ -61,7 +84,8 @@ test("what is dragged to the right goes to the right, whatever is up", () => {
 test("an orbit begins where it was placed, looks at the target and has up on its side", () => {
   const orbit = hands();
   for (const up of [new Vec3(0, 1, 0), new Vec3(0, -1, 0), new Vec3(0.3, -0.9, 0.2).normalize(), new Vec3(1, 0, 0)]) {
-    const eye = new Vec3(2, 0.5, -1), target = new Vec3(0.1, 0.2, 0.3);
+    const eye = new Vec3(2, 0.5, -1),
+      target = new Vec3(0.1, 0.2, 0.3);
     orbit.place(eye, target, up);
     const { position, rotation } = orbit.pose();
     assert.ok(position.distance(eye) < 1e-5, `${up} ${position}`);

@@ -6,7 +6,17 @@ import { distance, Watch } from "../src/render/watch.ts";
 
 const seen = (x: number, angle = 0): Camera => {
   const [c, s] = [Math.cos(angle), Math.sin(angle)];
-  return { viewmat: [[c, 0, -s, -c * x], [0, 1, 0, 0], [s, 0, c, -s * x]], focal: 100, width: 80, height: 60, margin: 20 };
+  return {
+    viewmat: [
+      [c, 0, -s, -c * x],
+      [0, 1, 0, 0],
+      [s, 0, c, -s * x],
+    ],
+    focal: 100,
+    width: 80,
+    height: 60,
+    margin: 20,
+  };
 };
 
 test("cameras are as far apart as they moved or turned, and another picture is far", () => {
@@ -18,7 +28,8 @@ test("cameras are as far apart as they moved or turned, and another picture is f
 
 test("one question at a time: at once after enough, for a little once the camera stands still", () => {
   mock.timers.enable({ apis: ["setTimeout"] });
-  const asked: number[] = [], watch = new Watch(1, (camera) => asked.push(-camera.viewmat[0][3]));
+  const asked: number[] = [],
+    watch = new Watch(1, (camera) => asked.push(-camera.viewmat[0][3]));
   watch.see(seen(0));
   assert.deepEqual(asked, [0]);
   watch.see(seen(5));

@@ -9,8 +9,9 @@ import { GaussianSchema } from "./gaussians/schema.ts";
 import type { Part, Schema } from "./schema.ts";
 
 /** Said where a stream holds anchors of format 1. */
-export const FORMAT_1 = "This stream has format 1 (anchors of HAC++), which this page cannot draw: use `splatwire view`, train with --model causal, " +
-  "or send explicit Gaussians (`splatwire export ply`, then `splatwire encode`).";
+export const FORMAT_1 =
+  "This stream has format 1 (anchors of HAC++), which this page cannot draw: use `splatwire view`, " +
+  "train with --model causal, or send explicit Gaussians (`splatwire export ply`, then `splatwire encode`).";
 
 /** Where a scene is looked at first, in its own units. */
 export interface Viewpoint {
@@ -21,8 +22,10 @@ export interface Viewpoint {
 
 function schemaOf({ manifest, sideInfo }: Head, plan: Plan): Schema {
   const { order, packaging } = manifest.packetization;
-  if (manifest.codec !== "hacpp" && packaging !== "atomic") throw new BitstreamError("the stream's packets do not hold whole elements");
-  if (manifest.codec === "causal" && order !== "morton") throw new BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise");
+  if (manifest.codec !== "hacpp" && packaging !== "atomic")
+    throw new BitstreamError("the stream's packets do not hold whole elements");
+  if (manifest.codec === "causal" && order !== "morton")
+    throw new BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise");
   if (manifest.codec === "gaussians") return new GaussianSchema(sideInfo, plan);
   if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
   if (manifest.codec === "columns") return new ColumnsSchema(sideInfo, plan);
@@ -43,9 +46,11 @@ export class StreamDecoder {
   get background(): [number, number, number] {
     const section = this.schema.sections.get("background");
     if (!section) return [0, 0, 0];
-    const reader = new ByteReader(section, "section 'background'"), color: [number, number, number] = [reader.f32(), reader.f32(), reader.f32()];
+    const reader = new ByteReader(section, "section 'background'"),
+      color: [number, number, number] = [reader.f32(), reader.f32(), reader.f32()];
     reader.finish();
-    if (!color.every((value) => value >= 0 && value <= 1)) throw new BitstreamError("side information: an impossible background");
+    if (!color.every((value) => value >= 0 && value <= 1))
+      throw new BitstreamError("side information: an impossible background");
     return color;
   }
 
@@ -53,7 +58,8 @@ export class StreamDecoder {
   get viewpoint(): Viewpoint | null {
     const section = this.schema.sections.get("viewpoint");
     if (!section) return null;
-    const reader = new ByteReader(section, "section 'viewpoint'"), three = (): [number, number, number] => [reader.f32(), reader.f32(), reader.f32()];
+    const reader = new ByteReader(section, "section 'viewpoint'"),
+      three = (): [number, number, number] => [reader.f32(), reader.f32(), reader.f32()];
     const found = { eye: three(), target: three(), up: three() };
     reader.finish();
     const apart = Math.hypot(...found.eye.map((value, axis) => value - found.target[axis]));
@@ -71,6 +77,8 @@ export class StreamDecoder {
 
   /** The digest of everything, decoded once more; equals the manifest's where nothing was lost. */
   digest(): string {
-    return this.schema.digest(Array.from({ length: this.intake.plan.numBlocks }, (_, block) => this.intake.blocks.get(block) ?? []));
+    return this.schema.digest(
+      Array.from({ length: this.intake.plan.numBlocks }, (_, block) => this.intake.blocks.get(block) ?? []),
+    );
   }
 }

@@ -1,17 +1,24 @@
-// Networks evaluated in integers, which doubles carry: bit-identical on any machine. The twin of `splatwire.codec.integer_network`.
+// Networks evaluated in integers, which doubles carry: bit-identical on any machine. The twin of
+// `splatwire.codec.integer_network`.
 
 import { BitstreamError } from "../bytes.ts";
-import { affine, padded, type Affine } from "../model/affine.ts";
+import { type Affine, affine, padded } from "../model/affine.ts";
 import type { QuantisedLinear, QuantisedMlp } from "./weight_bytes.ts";
 
 /** Fractional bits: inputs and hidden units, outputs, weights, biases. */
-export const ACTIVATION_BITS = 14, OUTPUT_BITS = 16, WEIGHT_BITS = 16, BIAS_BITS = 12;
+export const ACTIVATION_BITS = 14,
+  OUTPUT_BITS = 16,
+  WEIGHT_BITS = 16,
+  BIAS_BITS = 12;
 /** Limits of activations and outputs, 1024 units; with them every partial sum stays below `EXACT`. */
-export const ACTIVATION_LIMIT = 2 ** 24, OUTPUT_LIMIT = 2 ** 26, EXACT = 2 ** 52;
+export const ACTIVATION_LIMIT = 2 ** 24,
+  OUTPUT_LIMIT = 2 ** 26,
+  EXACT = 2 ** 52;
 /** Slope below zero, where there is one. */
 const LEAK = 655 / 65536;
 function layer({ inputs, outputs, symbols, rowSteps, columnShifts, bias }: QuantisedLinear): Affine {
-  const weights = new Float64Array(outputs * inputs), biases = new Float64Array(outputs);
+  const weights = new Float64Array(outputs * inputs),
+    biases = new Float64Array(outputs);
   for (let o = 0; o < outputs; o++) {
     let largest = 0;
     for (let i = 0; i < inputs; i++) {
@@ -20,7 +27,8 @@ function layer({ inputs, outputs, symbols, rowSteps, columnShifts, bias }: Quant
       largest += Math.abs(weight);
     }
     biases[o] = bias[o] * 2 ** (ACTIVATION_BITS + WEIGHT_BITS - BIAS_BITS);
-    if (largest * ACTIVATION_LIMIT + Math.abs(biases[o]) >= EXACT) throw new BitstreamError("network weights are too large to be evaluated exactly");
+    if (largest * ACTIVATION_LIMIT + Math.abs(biases[o]) >= EXACT)
+      throw new BitstreamError("network weights are too large to be evaluated exactly");
   }
   return padded({ inputs, outputs, weights, bias: biases });
 }
@@ -37,8 +45,10 @@ export class IntegerMlp {
   constructor(network: QuantisedMlp) {
     this.#hidden = layer(network.hidden);
     // Hidden units that only fill up an even number are inputs of weight 0.
-    const { outputs, inputs, symbols, columnShifts } = network.output, width = this.#hidden.outputs;
-    const wide = new Float64Array(outputs * width), shifts = new Float64Array(width);
+    const { outputs, inputs, symbols, columnShifts } = network.output,
+      width = this.#hidden.outputs;
+    const wide = new Float64Array(outputs * width),
+      shifts = new Float64Array(width);
     for (let o = 0; o < outputs; o++) wide.set(symbols.subarray(o * inputs, (o + 1) * inputs), o * width);
     shifts.set(columnShifts);
     this.#output = layer({ ...network.output, inputs: width, symbols: wide, columnShifts: shifts });
@@ -47,19 +57,22 @@ export class IntegerMlp {
   }
 
   /**
-   * Evaluates rows of inputs that lie `stride` apart (whole numbers, 14 fractional bits); `rows` is a multiple of `ROWS`.
-   * Outputs (16 fractional bits) lie `outputs` apart in `out`.
+   * Evaluates rows of inputs that lie `stride` apart (whole numbers, 14 fractional bits); `rows` is a multiple of
+   * `ROWS`. Outputs (16 fractional bits) lie `outputs` apart in `out`.
    */
   run(inputs: Float64Array, stride: number, rows: number, out: Float64Array): void {
-    const width = this.#hidden.outputs, size = rows * width;
+    const width = this.#hidden.outputs,
+      size = rows * width;
     if (this.#between.length < size) this.#between = new Float64Array(size);
-    const hidden = this.#between, leak = this.#leak;
+    const hidden = this.#between,
+      leak = this.#leak;
     affine(this.#hidden, inputs, stride, rows, hidden);
     for (let i = 0; i < size; i++) {
       const value = Math.floor(hidden[i] / 65536);
       hidden[i] = Math.min(Math.max(value > 0 ? value : Math.floor(value * leak), -ACTIVATION_LIMIT), ACTIVATION_LIMIT);
     }
     affine(this.#output, hidden, width, rows, out);
-    for (let i = 0, end = rows * this.outputs; i < end; i++) out[i] = Math.min(Math.max(Math.floor(out[i] / 16384), -OUTPUT_LIMIT), OUTPUT_LIMIT);
+    for (let i = 0, end = rows * this.outputs; i < end; i++)
+      out[i] = Math.min(Math.max(Math.floor(out[i] / 16384), -OUTPUT_LIMIT), OUTPUT_LIMIT);
   }
 }

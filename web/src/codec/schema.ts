@@ -45,8 +45,14 @@ export interface Schema<P extends Part = Part> {
   read(packet: Packet): P;
   /** Digest of all decoded integers, given the packets of each block in order. */
   digest(blocks: readonly (readonly Packet[])[]): string;
-  /** What the concealer `sketch` draws, of streams that offer it; null where nobody waits any more. Throws where it is damaged. */
+  /**
+   * What the concealer `sketch` draws, of streams that offer it; null where nobody waits any more. Throws where it is
+   * damaged.
+   */
   copies(pause: Pause): Promise<Copies<P> | null>;
-  /** What is known of all elements: first those of the given parts, in order, then the lost ones; null where nobody waits any more. */
+  /**
+   * What is known of all elements: first those of the given parts, in order, then the lost ones; null where nobody
+   * waits any more.
+   */
   elements(parts: readonly P[], pause: Pause): Promise<Elements | null>;
 }

@@ -36,14 +36,21 @@ export function emptySplats(count: number, degree: number): Splats {
 /** Some of them, in this order. */
 export function chosen(splats: Splats, which: Int32Array): Splats {
   const some = (values: Float32Array): Float32Array => {
-    const width = values.length / Math.max(splats.count, 1), found = new Float32Array(width * which.length);
+    const width = values.length / Math.max(splats.count, 1),
+      found = new Float32Array(width * which.length);
     which.forEach((from, to) => found.set(values.subarray(width * from, width * (from + 1)), width * to));
     return found;
   };
   const { degree, means, quats, scales, opacities, colours, harmonics } = splats;
   return {
-    count: which.length, degree, means: some(means), quats: some(quats), scales: some(scales), opacities: some(opacities),
-    colours: some(colours), harmonics: some(harmonics),
+    count: which.length,
+    degree,
+    means: some(means),
+    quats: some(quats),
+    scales: some(scales),
+    opacities: some(opacities),
+    colours: some(colours),
+    harmonics: some(harmonics),
   };
 }
 

@@ -4,7 +4,8 @@ import { BitstreamError } from "../bytes.ts";
 import { RangeDecoder } from "../entropy/decoder.ts";
 import type { Manifest } from "../packets/manifest.ts";
 
-const COUNTS = 16, STATES = 4 * COUNTS;
+const COUNTS = 16,
+  STATES = 4 * COUNTS;
 /** Quantisation steps of sizes to an octave. */
 const SIZE_STEPS = 8;
 
@@ -17,14 +18,19 @@ export interface TierFacts {
 }
 
 export function tierFacts(sections: Map<string, Uint8Array>, manifest: Manifest): TierFacts {
-  const tiers = readTiers(sections, manifest), sizes = readSizes(sections, manifest);
-  return { order: tiers && ranksInOrder(tiers, manifest), sizes: sizes && tiers && Float32Array.from(tiers, (tier) => sizes[tier]) };
+  const tiers = readTiers(sections, manifest),
+    sizes = readSizes(sections, manifest);
+  return {
+    order: tiers && ranksInOrder(tiers, manifest),
+    sizes: sizes && tiers && Float32Array.from(tiers, (tier) => sizes[tier]),
+  };
 }
 
 /** The tier of each element, by rank; null where there is one. */
 function readTiers(sections: Map<string, Uint8Array>, { tiers: shapes, count }: Manifest): Uint8Array | null {
   const section = sections.get("tiers");
-  if ((section !== undefined) !== shapes.length > 0) throw new BitstreamError("manifest and side information disagree on whether there are tiers");
+  if ((section !== undefined) !== shapes.length > 0)
+    throw new BitstreamError("manifest and side information disagree on whether there are tiers");
   return section ? decodeTiers(section, count, shapes.length) : null;
 }
 
@@ -32,13 +38,15 @@ function readTiers(sections: Map<string, Uint8Array>, { tiers: shapes, count }: 
 function readSizes(sections: Map<string, Uint8Array>, { tiers: shapes }: Manifest): Float32Array | null {
   const steps = sections.get("tier_sizes");
   if (!steps) return null;
-  if (steps.length !== shapes.length) throw new BitstreamError(`section 'tier_sizes' has ${steps.length} bytes for ${shapes.length} tiers`);
+  if (steps.length !== shapes.length)
+    throw new BitstreamError(`section 'tier_sizes' has ${steps.length} bytes for ${shapes.length} tiers`);
   if (!steps.includes(0)) throw new BitstreamError("section 'tier_sizes': no tier is the largest");
   return Float32Array.from(steps, (step) => 2 ** (-step / SIZE_STEPS));
 }
 
 function ranksInOrder(tiers: Uint8Array, { tiers: shapes, count }: Manifest): Int32Array {
-  const next = new Int32Array(shapes.length), order = new Int32Array(count);
+  const next = new Int32Array(shapes.length),
+    order = new Int32Array(count);
   shapes.slice(0, -1).reduce((sum, shape, tier) => (next[tier + 1] = sum + shape.count), 0);
   const ends = shapes.map((shape, tier) => next[tier] + shape.count);
   tiers.forEach((tier, rank) => {
@@ -50,8 +58,11 @@ function ranksInOrder(tiers: Uint8Array, { tiers: shapes, count }: Manifest): In
 
 /** A run of bits for each element: is it tier 0, and if not, is it tier 1, ... */
 function decodeTiers(bytes: Uint8Array, count: number, numTiers: number): Uint8Array {
-  const coder = new RangeDecoder(bytes), models = new Int32Array(2 * (numTiers - 1) * STATES).fill(32768), tiers = new Uint8Array(count);
-  const counts = new Int32Array(numTiers), recents = new Int32Array(numTiers);
+  const coder = new RangeDecoder(bytes),
+    models = new Int32Array(2 * (numTiers - 1) * STATES).fill(32768),
+    tiers = new Uint8Array(count);
+  const counts = new Int32Array(numTiers),
+    recents = new Int32Array(numTiers);
   for (let n = 0; n < count; n++) {
     let found = numTiers - 1;
     for (let tier = 0; tier < numTiers - 1; tier++) {

@@ -4,7 +4,9 @@ import { grow } from "./grow.ts";
 import { sceneFree } from "./scene_free.ts";
 import { sceneFreeAnchors } from "./scene_free_anchors.ts";
 
-/** What is known of all elements of a scene, received or lost: lost ones lie and are as large as is expected of them. */
+/**
+ * What is known of all elements of a scene, received or lost: lost ones lie and are as large as is expected of them.
+ */
 export interface Elements {
   /** x, y, z of each. */
   readonly positions: Float32Array;
@@ -28,24 +30,34 @@ export interface AnchorFacts {
   readonly logs: Float64Array;
   /** How many Gaussians each has. */
   readonly active: Uint8Array;
-  /** Logarithms of how far features are expected to be off, in their spreads, and lengths, in what is expected of them. */
+  /**
+   * Logarithms of how far features are expected to be off, in their spreads, and lengths, in what is expected of them.
+   */
   readonly unsure: Float64Array;
 }
 
-/** Called now and then by what takes long, so that its thread can do other things; false where nobody waits any more. */
+/**
+ * Called now and then by what takes long, so that its thread can do other things; false where nobody waits any more.
+ */
 export type Pause = () => Promise<boolean>;
 
 /**
- * Gains of size and of opacity of each received element in turn; null where nobody waits any more. What is known of all elements
- * is asked for by those that need it, received ones first.
+ * Gains of size and of opacity of each received element in turn; null where nobody waits any more. What is known of all
+ * elements is asked for by those that need it, received ones first.
  */
-export type Concealer = (received: number, elements: () => Promise<Elements | null>, pause: Pause) => Promise<Float32Array | null>;
+export type Concealer = (
+  received: number,
+  elements: () => Promise<Elements | null>,
+  pause: Pause,
+) => Promise<Float32Array | null>;
 
 /** One that looks at what is known of all elements. */
-export const grown = (gains: (all: Elements, pause: Pause) => Promise<Float32Array | null>): Concealer => async (received, elements, pause) => {
-  const all = await elements();
-  return all && ((await gains(all, pause))?.subarray(0, 2 * received) ?? null);
-};
+export const grown =
+  (gains: (all: Elements, pause: Pause) => Promise<Float32Array | null>): Concealer =>
+  async (received, elements, pause) => {
+    const all = await elements();
+    return all && ((await gains(all, pause))?.subarray(0, 2 * received) ?? null);
+  };
 
 /** Those that work on any elements. */
 export const CONCEALERS: Readonly<Record<string, Concealer>> = {
@@ -54,4 +66,7 @@ export const CONCEALERS: Readonly<Record<string, Concealer>> = {
 };
 
 export const SPLAT_CONCEALERS: Readonly<Record<string, Concealer>> = { ...CONCEALERS, scene_free: grown(sceneFree) };
-export const ANCHOR_CONCEALERS: Readonly<Record<string, Concealer>> = { ...CONCEALERS, scene_free: grown(sceneFreeAnchors) };
+export const ANCHOR_CONCEALERS: Readonly<Record<string, Concealer>> = {
+  ...CONCEALERS,
+  scene_free: grown(sceneFreeAnchors),
+};

@@ -11,7 +11,11 @@ export class KdTree {
   #self = -1;
 
   /** Of points that are equally far, those of the smaller key are nearer; their order where there are no keys. */
-  constructor(readonly points: Float32Array, readonly k: number, readonly keys: Int32Array | null = null) {
+  constructor(
+    readonly points: Float32Array,
+    readonly k: number,
+    readonly keys: Int32Array | null = null,
+  ) {
     this.#order = Int32Array.from({ length: points.length / 3 }, (_, i) => i);
     this.#far = new Float64Array(k);
     this.#who = new Int32Array(k);
@@ -33,9 +37,11 @@ export class KdTree {
 
   /** The same as `nearestOthers`, nearest first. */
   nearestFirst(i: number): Int32Array {
-    const near = this.nearestOthers(i), far = this.#far;
+    const near = this.nearestOthers(i),
+      far = this.#far;
     for (let n = 1; n < near.length; n++) {
-      const who = near[n], d = far[n];
+      const who = near[n],
+        d = far[n];
       let at = n;
       for (; at > 0 && this.#isNearer(d, who, far[at - 1], near[at - 1]); at--) {
         far[at] = far[at - 1];
@@ -58,7 +64,8 @@ export class KdTree {
 
   #build(begin: number, end: number, depth: number): void {
     if (end - begin <= LEAF) return;
-    const middle = (begin + end) >> 1, axis = depth % 3;
+    const middle = (begin + end) >> 1,
+      axis = depth % 3;
     this.#select(begin, end - 1, middle, axis);
     this.#build(begin, middle, depth + 1);
     this.#build(middle + 1, end, depth + 1);
@@ -66,10 +73,12 @@ export class KdTree {
 
   /** Puts what belongs at `middle` there, smaller before it and larger behind (Hoare's selection). */
   #select(low: number, high: number, middle: number, axis: number): void {
-    const order = this.#order, points = this.points;
+    const order = this.#order,
+      points = this.points;
     while (low < high) {
       const pivot = points[3 * order[(low + high) >> 1] + axis];
-      let i = low, j = high;
+      let i = low,
+        j = high;
       while (i <= j) {
         while (points[3 * order[i] + axis] < pivot) i++;
         while (points[3 * order[j] + axis] > pivot) j--;
@@ -86,7 +95,9 @@ export class KdTree {
       for (let n = begin; n < end; n++) this.#offer(this.#order[n], x, y, z);
       return;
     }
-    const middle = (begin + end) >> 1, axis = depth % 3, i = this.#order[middle];
+    const middle = (begin + end) >> 1,
+      axis = depth % 3,
+      i = this.#order[middle];
     const away = (axis === 0 ? x : axis === 1 ? y : z) - this.points[3 * i + axis];
     this.#offer(i, x, y, z);
     if (away < 0) this.#search(begin, middle, depth + 1, x, y, z);
@@ -99,8 +110,13 @@ export class KdTree {
   /** Keeps the k nearest in a heap, the farthest at its top. */
   #offer(i: number, x: number, y: number, z: number): void {
     if (i === this.#self) return;
-    const far = this.#far, who = this.#who, points = this.points;
-    const dx = points[3 * i] - x, dy = points[3 * i + 1] - y, dz = points[3 * i + 2] - z, d = dx * dx + dy * dy + dz * dz;
+    const far = this.#far,
+      who = this.#who,
+      points = this.points;
+    const dx = points[3 * i] - x,
+      dy = points[3 * i + 1] - y,
+      dz = points[3 * i + 2] - z,
+      d = dx * dx + dy * dy + dz * dz;
     let at: number;
     if (this.#count < this.k) {
       for (at = this.#count++; at > 0; at = (at - 1) >> 1) {

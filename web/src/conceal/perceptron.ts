@@ -1,4 +1,5 @@
-// A network of one hidden layer between standardised inputs and two numbers. The twin of `splatwire.conceal.scene_free.network.Perceptron`.
+// A network of one hidden layer between standardised inputs and two numbers. The twin of
+// `splatwire.conceal.scene_free.network.Perceptron`.
 
 const MOST_UNUSUAL = 3;
 
@@ -14,11 +15,17 @@ export function perceptron({ inputs, hidden, bytes }: Weights): (signature: Floa
   const numbers = new Float32Array(Uint8Array.from(atob(bytes), (c) => c.charCodeAt(0)).buffer);
   let at = 0;
   const next = (count: number): Float32Array => numbers.subarray(at, (at += count));
-  const mean = next(inputs), spread = next(inputs), first = next(hidden * inputs), firstBias = next(hidden), last = next(2 * hidden), lastBias = next(2);
+  const mean = next(inputs),
+    spread = next(inputs),
+    first = next(hidden * inputs),
+    firstBias = next(hidden),
+    last = next(2 * hidden),
+    lastBias = next(2);
   const usual = new Float64Array(inputs);
   return (signature) => {
     const found: [number, number] = [lastBias[0], lastBias[1]];
-    for (let n = 0; n < inputs; n++) usual[n] = Math.min(Math.max((signature[n] - mean[n]) / spread[n], -MOST_UNUSUAL), MOST_UNUSUAL);
+    for (let n = 0; n < inputs; n++)
+      usual[n] = Math.min(Math.max((signature[n] - mean[n]) / spread[n], -MOST_UNUSUAL), MOST_UNUSUAL);
     for (let h = 0; h < hidden; h++) {
       let sum = firstBias[h];
       for (let n = 0; n < inputs; n++) sum += first[h * inputs + n] * usual[n];

@@ -10,7 +10,11 @@ export class RangeDecoder {
   readonly #end: number;
 
   /** Behind the end zeros are read. */
-  constructor(readonly data: Uint8Array, begin = 0, end = data.length) {
+  constructor(
+    readonly data: Uint8Array,
+    begin = 0,
+    end = data.length,
+  ) {
     this.#end = end;
     this.#at = begin + 6;
     for (let i = begin; i < begin + 6; i++) this.#code = this.#code * 256 + (i < end ? data[i] : 0);
@@ -38,7 +42,8 @@ export class RangeDecoder {
 
   /** A bit under an adaptive model: `models[2 context]` and the next are two estimates of P(0) out of 2^16. */
   bit(models: Int32Array, context: number): number {
-    const slow = models[2 * context], fast = models[2 * context + 1];
+    const slow = models[2 * context],
+      fast = models[2 * context + 1];
     const zero = Math.min(Math.max((slow + fast) >> 1, 32), FULL - 32);
     if (this.target(FULL) >= zero) {
       this.advance(zero, FULL - zero, FULL);
@@ -56,7 +61,9 @@ export class RangeDecoder {
   raw(bits: number): number {
     let value = 0;
     while (bits > 0) {
-      const some = Math.min(bits, 16), total = 1 << some, part = this.target(total);
+      const some = Math.min(bits, 16),
+        total = 1 << some,
+        part = this.target(total);
       this.advance(part, 1, total);
       value = value * total + part;
       bits -= some;
@@ -74,7 +81,8 @@ export class RangeDecoder {
 
   /** A number from 0 on in Elias gamma, of at most 32 bits. */
   gamma(): number {
-    let length = 0, value = 1;
+    let length = 0,
+      value = 1;
     while (length < 32 && this.raw(1)) length++;
     for (; length > 0; length--) value = 2 * value + this.raw(1);
     return value - 1;

@@ -1,17 +1,22 @@
-// Integers under a normal or a mixture of two of one mean: intervals out of 2^24 are computed where a symbol is looked for.
+// Integers under a normal or a mixture of two of one mean: intervals out of 2^24 are computed where a symbol is looked
+// for.
 
 import type { RangeDecoder } from "./decoder.ts";
 import { HALF_WIDTHS, INVERSE_SCALES, MEAN_BITS, NORMAL, TOTAL_BITS, Z_CELL_BITS, Z_LIMIT } from "./tables.ts";
 
-const TOTAL = 2 ** TOTAL_BITS, ESCAPE = 16;
-const STEP = 2 ** MEAN_BITS, HALF_STEP = STEP / 2, CELL = 2 ** Z_CELL_BITS;
+const TOTAL = 2 ** TOTAL_BITS,
+  ESCAPE = 16;
+const STEP = 2 ** MEAN_BITS,
+  HALF_STEP = STEP / 2,
+  CELL = 2 ** Z_CELL_BITS;
 
 /** Distribution function, out of 2^24, at a distance from the mean (in steps, 12 fractional bits). */
 function normalCdf(distance: number, inverse: number): number {
   const z = Math.floor((distance * inverse) / 65536);
   if (z <= -Z_LIMIT) return 0;
   if (z >= Z_LIMIT) return TOTAL;
-  const cell = (z + Z_LIMIT) >> Z_CELL_BITS, base = NORMAL[cell];
+  const cell = (z + Z_LIMIT) >> Z_CELL_BITS,
+    base = NORMAL[cell];
   return base + (((NORMAL[cell + 1] - base) * ((z + Z_LIMIT) & (CELL - 1))) >> Z_CELL_BITS);
 }
 
@@ -21,8 +26,15 @@ export class Mixture {
   /** Starts of intervals that were asked for before, -1 where none was; of all symbols of the window. */
   readonly #starts: Int32Array;
 
-  /** `mean` has 12 fractional bits, scales are entries of the table; `weight` of the first out of 2^16 (all: no second). */
-  constructor(readonly mean: number, readonly scale: number, readonly wide = 0, readonly weight = 65536) {
+  /**
+   * `mean` has 12 fractional bits, scales are entries of the table; `weight` of the first out of 2^16 (all: no second).
+   */
+  constructor(
+    readonly mean: number,
+    readonly scale: number,
+    readonly wide = 0,
+    readonly weight = 65536,
+  ) {
     const center = Math.floor((mean + HALF_STEP) / STEP);
     const width = weight < 65536 ? Math.max(HALF_WIDTHS[scale], HALF_WIDTHS[wide]) : HALF_WIDTHS[scale];
     this.#low = center - width;
@@ -32,13 +44,17 @@ export class Mixture {
   }
 
   decode(coder: RangeDecoder): number {
-    const target = coder.target(TOTAL), most = this.#starts.length - 1;
+    const target = coder.target(TOTAL),
+      most = this.#starts.length - 1;
     if (target >= TOTAL - ESCAPE) {
       coder.advance(TOTAL - ESCAPE, ESCAPE, TOTAL);
-      const above = coder.raw(1), excess = coder.gamma();
+      const above = coder.raw(1),
+        excess = coder.gamma();
       return above ? this.#high + 1 + excess : this.#low - 1 - excess;
     }
-    let left = most >> 1, right = left + 1, jump = 1;
+    let left = most >> 1,
+      right = left + 1,
+      jump = 1;
     if (target >= this.#start(left)) {
       while (target >= this.#start(right)) {
         left = right;
@@ -76,7 +92,9 @@ export class Mixture {
     const distance = (this.#low + place) * STEP - HALF_STEP - this.mean;
     let below = normalCdf(distance, INVERSE_SCALES[this.scale]);
     if (this.weight < 65536) {
-      below = Math.floor((below * this.weight + normalCdf(distance, INVERSE_SCALES[this.wide]) * (65536 - this.weight)) / 65536);
+      below = Math.floor(
+        (below * this.weight + normalCdf(distance, INVERSE_SCALES[this.wide]) * (65536 - this.weight)) / 65536,
+      );
     }
     return Math.floor((below * (TOTAL - ESCAPE - count)) / TOTAL) + place;
   }

@@ -14,21 +14,45 @@ export interface Affine {
 
 /** The same layer with an even number of outputs; one that was not there is 0. */
 export function padded({ inputs, outputs, weights, bias }: Affine): Affine {
-  const even = Math.ceil(outputs / COLUMNS) * COLUMNS, all = new Float64Array(even * inputs), biases = new Float64Array(even);
+  const even = Math.ceil(outputs / COLUMNS) * COLUMNS,
+    all = new Float64Array(even * inputs),
+    biases = new Float64Array(even);
   all.set(weights);
   biases.set(bias);
   return { inputs, outputs: even, weights: all, bias: biases };
 }
 
 /** Outputs, an even number, of rows of inputs that lie `stride` apart; `rows` is a multiple of `ROWS`. */
-export function affine({ inputs, outputs, weights, bias }: Affine, x: Float64Array, stride: number, rows: number, out: Float64Array): void {
+export function affine(
+  { inputs, outputs, weights, bias }: Affine,
+  x: Float64Array,
+  stride: number,
+  rows: number,
+  out: Float64Array,
+): void {
   for (let n = 0; n < rows; n += ROWS) {
-    const a = n * stride, b = a + stride, c = b + stride, d = c + stride;
+    const a = n * stride,
+      b = a + stride,
+      c = b + stride,
+      d = c + stride;
     for (let o = 0; o < outputs; o += COLUMNS) {
-      let a0 = bias[o], b0 = a0, c0 = a0, d0 = a0, a1 = bias[o + 1], b1 = a1, c1 = a1, d1 = a1;
-      const first = o * inputs, second = first + inputs;
+      let a0 = bias[o],
+        b0 = a0,
+        c0 = a0,
+        d0 = a0,
+        a1 = bias[o + 1],
+        b1 = a1,
+        c1 = a1,
+        d1 = a1;
+      const first = o * inputs,
+        second = first + inputs;
       for (let i = 0; i < inputs; i++) {
-        const u = weights[first + i], v = weights[second + i], xa = x[a + i], xb = x[b + i], xc = x[c + i], xd = x[d + i];
+        const u = weights[first + i],
+          v = weights[second + i],
+          xa = x[a + i],
+          xb = x[b + i],
+          xc = x[c + i],
+          xd = x[d + i];
         a0 += u * xa;
         b0 += u * xb;
         c0 += u * xc;

@@ -1,12 +1,13 @@
 // Neural heads: anchors become the Gaussians that a camera sees. The twin of `splatwire.model.gaussian_heads`.
 
 import { emptySplats, firstOf, type Splats } from "../codec/splats.ts";
-import { affine, padded, ROWS, type Affine } from "./affine.ts";
-import { inView, type Anchors } from "./anchors.ts";
-import { eyeOf, type Camera } from "./camera.ts";
+import { type Affine, affine, padded, ROWS } from "./affine.ts";
+import { type Anchors, inView } from "./anchors.ts";
+import { type Camera, eyeOf } from "./camera.ts";
 
 /** What gives an opacity of 1/255. */
-const LEAST_LOGIT = Math.atanh(1 / 255), LEAST_NORM = 1e-12;
+const LEAST_LOGIT = Math.atanh(1 / 255),
+  LEAST_NORM = 1e-12;
 /** Inputs behind the feature: direction from the camera, distance. */
 const VIEW_INPUTS = 4;
 
@@ -24,8 +25,8 @@ export interface Spawned {
 }
 
 /**
- * The networks of opacity, covariance and colour. What features say to their hidden layers is the same in every view: it is
- * worked out once, and takes the features' place.
+ * The networks of opacity, covariance and colour. What features say to their hidden layers is the same in every view:
+ * it is worked out once, and takes the features' place.
  */
 export class Heads {
   readonly #networks: readonly Mlp[];
@@ -33,7 +34,7 @@ export class Heads {
   readonly #featureLayer: Affine;
   readonly #viewWeights: Float64Array;
   /** Where the hidden numbers of each network begin among those of all; the end. */
-  readonly #firsts: readonly number[];
+  readonly #firsts: number[];
   /** How many there are, even. */
   readonly #width: number;
   readonly #active: Float64Array;
@@ -42,41 +43,67 @@ export class Heads {
 
   constructor(opacity: Mlp, covariance: Mlp, color: Mlp) {
     this.#networks = [opacity, covariance, color];
-    const hidden = this.#networks.map((network) => network.hidden), inputs = hidden[0].inputs, features = inputs - VIEW_INPUTS;
-    const rows = hidden.flatMap(({ weights, outputs }) => Array.from({ length: outputs }, (_, o) => weights.subarray(o * inputs, (o + 1) * inputs)));
+    const hidden = this.#networks.map((network) => network.hidden),
+      inputs = hidden[0].inputs,
+      features = inputs - VIEW_INPUTS;
+    const rows = hidden.flatMap(({ weights, outputs }) =>
+      Array.from({ length: outputs }, (_, o) => weights.subarray(o * inputs, (o + 1) * inputs)),
+    );
     const join = (parts: Float64Array[]): Float64Array => Float64Array.from(parts.flatMap((part) => [...part]));
     this.#viewWeights = join(rows.map((row) => row.subarray(features)));
-    this.#featureLayer = padded({ inputs: features, outputs: rows.length, weights: join(rows.map((row) => row.subarray(0, features))), bias: join(hidden.map(({ bias }) => bias)) });
-    this.#firsts = hidden.reduce((firsts, { outputs }) => [...firsts, firsts[firsts.length - 1] + outputs], [0]);
+    this.#featureLayer = padded({
+      inputs: features,
+      outputs: rows.length,
+      weights: join(rows.map((row) => row.subarray(0, features))),
+      bias: join(hidden.map(({ bias }) => bias)),
+    });
+    this.#firsts = [0];
+    for (const { outputs } of hidden) this.#firsts.push(this.#firsts[this.#firsts.length - 1] + outputs);
     this.#width = this.#featureLayer.outputs;
     this.#active = new Float64Array(this.#width);
   }
 
   /** What features, one anchor's after another's, say to the hidden layers. */
   prepared(features: Float32Array): Float32Array {
-    const inputs = this.#featureLayer.inputs, count = features.length / inputs, rows = Math.ceil(count / ROWS) * ROWS;
-    const all = new Float64Array(rows * inputs), out = new Float64Array(rows * this.#width);
+    const inputs = this.#featureLayer.inputs,
+      count = features.length / inputs,
+      rows = Math.ceil(count / ROWS) * ROWS;
+    const all = new Float64Array(rows * inputs),
+      out = new Float64Array(rows * this.#width);
     all.set(features);
     affine(this.#featureLayer, all, inputs, rows, out);
     return new Float32Array(out.subarray(0, count * this.#width));
   }
 
-  /** The Gaussians of all anchors that the camera may see whose opacity is at least 1/255, anchor by anchor; `hidden` is what their features say. */
+  /**
+   * The Gaussians of all anchors that the camera may see whose opacity is at least 1/255, anchor by anchor; `hidden` is
+   * what their features say.
+   */
   spawn(anchors: Anchors, hidden: Float32Array, camera: Camera): Spawned {
-    const { count, numOffsets, positions, scales, masks } = anchors, most = masks.reduce((sum, there) => sum + there, 0);
-    const splats = emptySplats(most, 0), owners = new Int32Array(most), eye = eyeOf(camera);
+    const { count, numOffsets, positions, scales, masks } = anchors,
+      most = masks.reduce((sum, there) => sum + there, 0);
+    const splats = emptySplats(most, 0),
+      owners = new Int32Array(most),
+      eye = eyeOf(camera);
     let found = 0;
     for (let n = 0; n < count; n++) {
-      const x = positions[3 * n], y = positions[3 * n + 1], z = positions[3 * n + 2];
+      const x = positions[3 * n],
+        y = positions[3 * n + 1],
+        z = positions[3 * n + 2];
       if (!inView(camera, x, y, z, scales[n])) continue;
-      const dx = x - eye[0], dy = y - eye[1], dz = z - eye[2], distance = Math.sqrt(dx * dx + dy * dy + dz * dz), first = found;
+      const dx = x - eye[0],
+        dy = y - eye[1],
+        dz = z - eye[2],
+        distance = Math.sqrt(dx * dx + dy * dy + dz * dz),
+        first = found;
       this.#activate(0, hidden, n, dx / distance, dy / distance, dz / distance, distance);
       for (let k = 0; k < numOffsets; k++) {
         if (!masks[n * numOffsets + k]) continue;
         const logit = this.#output(0, k);
         if (!(logit >= LEAST_LOGIT)) continue;
         if (first === found) {
-          for (const network of [1, 2]) this.#activate(network, hidden, n, dx / distance, dy / distance, dz / distance, distance);
+          for (const network of [1, 2])
+            this.#activate(network, hidden, n, dx / distance, dy / distance, dz / distance, distance);
         }
         splats.opacities[found] = Math.tanh(logit);
         owners[found] = n;
@@ -87,23 +114,50 @@ export class Heads {
   }
 
   /** The hidden layer of a network. */
-  #activate(network: number, prepared: Float32Array, anchor: number, x: number, y: number, z: number, distance: number): void {
-    const { slope } = this.#networks[network], weights = this.#viewWeights, active = this.#active, end = this.#firsts[network + 1];
-    for (let o = this.#firsts[network], from = anchor * this.#width + o, at = o * VIEW_INPUTS; o < end; o++, from++, at += VIEW_INPUTS) {
-      const sum = prepared[from] + weights[at] * x + weights[at + 1] * y + weights[at + 2] * z + weights[at + 3] * distance;
+  #activate(
+    network: number,
+    prepared: Float32Array,
+    anchor: number,
+    x: number,
+    y: number,
+    z: number,
+    distance: number,
+  ): void {
+    const { slope } = this.#networks[network],
+      weights = this.#viewWeights,
+      active = this.#active,
+      end = this.#firsts[network + 1];
+    for (
+      let o = this.#firsts[network], from = anchor * this.#width + o, at = o * VIEW_INPUTS;
+      o < end;
+      o++, from++, at += VIEW_INPUTS
+    ) {
+      const sum =
+        prepared[from] + weights[at] * x + weights[at + 1] * y + weights[at + 2] * z + weights[at + 3] * distance;
       active[o] = sum > 0 ? sum : sum * slope;
     }
   }
 
-  /** Outputs of a network from the n-th on, as many as `out` has (one, three or seven): sums that do not wait for one another. */
+  /**
+   * Outputs of a network from the n-th on, as many as `out` has (one, three or seven): sums that do not wait for one
+   * another.
+   */
   #outputs(network: number, n: number, out: Float64Array): void {
-    const { inputs, weights, bias } = this.#networks[network].output, first = this.#firsts[network], active = this.#active;
+    const { inputs, weights, bias } = this.#networks[network].output,
+      first = this.#firsts[network],
+      active = this.#active;
     let o = 0;
     for (; o + 1 < out.length; o += 2) {
-      let a = bias[n + o], b = bias[n + o + 1], c = 0, d = 0, i = 0;
-      const at = (n + o) * inputs, next = at + inputs;
+      let a = bias[n + o],
+        b = bias[n + o + 1],
+        c = 0,
+        d = 0,
+        i = 0;
+      const at = (n + o) * inputs,
+        next = at + inputs;
       for (; i + 1 < inputs; i += 2) {
-        const u = active[first + i], v = active[first + i + 1];
+        const u = active[first + i],
+          v = active[first + i + 1];
         a += weights[at + i] * u;
         b += weights[next + i] * u;
         c += weights[at + i + 1] * v;
@@ -120,8 +174,15 @@ export class Heads {
   }
 
   #output(network: number, n: number): number {
-    const { inputs, weights, bias } = this.#networks[network].output, first = this.#firsts[network], active = this.#active, at = n * inputs;
-    let a = bias[n], b = 0, c = 0, d = 0, i = 0;
+    const { inputs, weights, bias } = this.#networks[network].output,
+      first = this.#firsts[network],
+      active = this.#active,
+      at = n * inputs;
+    let a = bias[n],
+      b = 0,
+      c = 0,
+      d = 0,
+      i = 0;
     for (; i + 3 < inputs; i += 4) {
       a += weights[at + i] * active[first + i];
       b += weights[at + i + 1] * active[first + i + 1];
@@ -133,11 +194,21 @@ export class Heads {
   }
 
   /** Mean, quaternion, scale and colour of a Gaussian. */
-  #write({ numOffsets, positions, scales, sizes, offsets }: Anchors, n: number, k: number, splats: Splats, at: number): void {
-    const shape = this.#shape, color = this.#color;
+  #write(
+    { numOffsets, positions, scales, sizes, offsets }: Anchors,
+    n: number,
+    k: number,
+    splats: Splats,
+    at: number,
+  ): void {
+    const shape = this.#shape,
+      color = this.#color;
     this.#outputs(1, 7 * k, shape);
     this.#outputs(2, 3 * k, color);
-    const norm = Math.max(Math.sqrt(shape[3] * shape[3] + shape[4] * shape[4] + shape[5] * shape[5] + shape[6] * shape[6]), LEAST_NORM);
+    const norm = Math.max(
+      Math.sqrt(shape[3] * shape[3] + shape[4] * shape[4] + shape[5] * shape[5] + shape[6] * shape[6]),
+      LEAST_NORM,
+    );
     for (let a = 0; a < 3; a++) {
       splats.means[3 * at + a] = positions[3 * n + a] + offsets[3 * (n * numOffsets + k) + a] * scales[n];
       splats.scales[3 * at + a] = sizes[3 * n + a] * sigmoid(shape[a]);

@@ -4,7 +4,7 @@ import { sha256 } from "@noble/hashes/sha2.js";
 
 import { BitstreamError, hex } from "../bytes.ts";
 import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";
-import { readManifest, type Manifest } from "./manifest.ts";
+import { type Manifest, readManifest } from "./manifest.ts";
 
 const PREFIX = 9;
 
@@ -31,7 +31,8 @@ export class ContainerReader {
 
   /** Packets (their bytes, unchecked) that are complete now. */
   feed(piece: Uint8Array): Uint8Array[] {
-    const bytes = new Uint8Array(this.#rest.length + piece.length), packets: Uint8Array[] = [];
+    const bytes = new Uint8Array(this.#rest.length + piece.length),
+      packets: Uint8Array[] = [];
     bytes.set(this.#rest);
     bytes.set(piece, this.#rest.length);
     const view = new DataView(bytes.buffer);
@@ -49,7 +50,8 @@ export class ContainerReader {
 
   #readHead(bytes: Uint8Array, view: DataView): number {
     const magic = [0x93, 0x53, 0x57, 0x5a, 1];
-    if (magic.some((byte, i) => i < bytes.length && bytes[i] !== byte)) throw new BitstreamError("this is not a splatwire stream");
+    if (magic.some((byte, i) => i < bytes.length && bytes[i] !== byte))
+      throw new BitstreamError("this is not a splatwire stream");
     if (bytes.length < PREFIX) return 0;
     const size = view.getUint32(5, true);
     if (size > MAX_MANIFEST_BYTES) throw new BitstreamError(`a manifest cannot have ${size} bytes`);

@@ -1,4 +1,5 @@
-// JSON as manifests have it: integers of any size and no other numbers, no key twice. Accepts what Python's reader accepts.
+// JSON as manifests have it: integers of any size and no other numbers, no key twice. Accepts what Python's reader
+// accepts.
 
 import { BitstreamError } from "../bytes.ts";
 
@@ -6,7 +7,9 @@ export type Json = bigint | string | boolean | null | Json[] | Fields;
 export type Fields = Map<string, Json>;
 
 const DEEPEST = 100;
-const BLANKS = /[ \t\n\r]*/y, INTEGER = /-?(?:0|[1-9][0-9]*)(?![.eE])/y, WORD = /true|false|null/y;
+const BLANKS = /[ \t\n\r]*/y,
+  INTEGER = /-?(?:0|[1-9][0-9]*)(?![.eE])/y,
+  WORD = /true|false|null/y;
 const STRING = /"(?:[^"\\\u0000-\u001f]|\\["\\/bfnrt]|\\u[0-9a-fA-F]{4})*"/y;
 
 /** Reads a text that is one value and nothing else. */
@@ -63,6 +66,13 @@ export function parseJson(text: string): Json {
 export function writeJson(value: Json): string {
   if (typeof value === "bigint") return value.toString();
   if (Array.isArray(value)) return `[${value.map(writeJson).join(",")}]`;
-  if (value instanceof Map) return `{${[...value.keys()].sort().map((key) => `${writeJson(key)}:${writeJson(value.get(key)!)}`).join(",")}}`;
-  return JSON.stringify(value).replace(/[\u007f-\uffff]/g, (letter) => `\\u${letter.charCodeAt(0).toString(16).padStart(4, "0")}`);
+  if (value instanceof Map)
+    return `{${[...value.keys()]
+      .sort()
+      .map((key) => `${writeJson(key)}:${writeJson(value.get(key)!)}`)
+      .join(",")}}`;
+  return JSON.stringify(value).replace(
+    /[\u007f-\uffff]/g,
+    (letter) => `\\u${letter.charCodeAt(0).toString(16).padStart(4, "0")}`,
+  );
 }

@@ -27,10 +27,38 @@ export const MAX_SECTION_BYTES = 67108864;
 export const MAX_SECTION_NAME = 32;
 export const MAX_ELEMENTS = 268435456;
 export const FREE_ELEMENTS = 65536;
-export const RESERVED_SECTIONS = ["header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"];
+export const RESERVED_SECTIONS = [
+  "header",
+  "positions",
+  "grid",
+  "prior_network",
+  "channel_networks",
+  "render_networks",
+  "mask_models",
+];
 export const SCHEMAS = {
-  hacpp: { formatVersion: 1, elements: "anchors", sections: ["header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"], elementsPerByte: 1024 },
-  causal: { formatVersion: 2, elements: "anchors", sections: ["header", "positions", "networks", "render_networks"], elementsPerByte: 1024 },
-  gaussians: { formatVersion: 2, elements: "Gaussians", sections: ["header", "blocks", "contexts"], elementsPerByte: 9362 },
-  columns: { formatVersion: 2, elements: "anchors", sections: ["header", "render_networks", "expected"], elementsPerByte: 1 },
+  hacpp: {
+    formatVersion: 1,
+    elements: "anchors",
+    sections: ["header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"],
+    elementsPerByte: 1024,
+  },
+  causal: {
+    formatVersion: 2,
+    elements: "anchors",
+    sections: ["header", "positions", "networks", "render_networks"],
+    elementsPerByte: 1024,
+  },
+  gaussians: {
+    formatVersion: 2,
+    elements: "Gaussians",
+    sections: ["header", "blocks", "contexts"],
+    elementsPerByte: 9362,
+  },
+  columns: {
+    formatVersion: 2,
+    elements: "anchors",
+    sections: ["header", "render_networks", "expected"],
+    elementsPerByte: 1,
+  },
 };

@@ -1,9 +1,10 @@
-// The manifest: what must be known of a stream before its first byte is decoded. Accepts exactly what `splatwire.packets.manifest` accepts.
+// The manifest: what must be known of a stream before its first byte is decoded. Accepts exactly what
+// `splatwire.packets.manifest` accepts.
 
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { BitstreamError, hex } from "../bytes.ts";
-import { parseJson, writeJson, type Fields, type Json } from "./json.ts";
+import { type Fields, type Json, parseJson, writeJson } from "./json.ts";
 import * as limits from "./limits.ts";
 
 export interface Packetization {
@@ -35,19 +36,36 @@ export interface Manifest {
   readonly writer: string;
 }
 
-const SHA256 = /^[0-9a-f]{64}$/, WRITER = new RegExp(`^[ -~]{0,${limits.MAX_WRITER_LENGTH}}$`);
-const FIELDS = ["digest", "format_version", "num_anchors", "num_packets", "packetization", "schema", "side_info_bytes", "side_info_digest", "stream_id", "symbols_digest", "writer"];
+const SHA256 = /^[0-9a-f]{64}$/,
+  WRITER = new RegExp(`^[ -~]{0,${limits.MAX_WRITER_LENGTH}}$`);
+const FIELDS = [
+  "digest",
+  "format_version",
+  "num_anchors",
+  "num_packets",
+  "packetization",
+  "schema",
+  "side_info_bytes",
+  "side_info_digest",
+  "stream_id",
+  "symbols_digest",
+  "writer",
+];
 const LAYOUT = ["feature_dim", "feature_groups", "num_offsets"];
 const PACKETIZATION = ["block_size", "grouping", "lanes", "order", "packaging", "seed"];
 
 /** Reads a manifest and checks every field, alone and against the others. */
 export function readManifest(bytes: Uint8Array): Manifest {
-  if (bytes.length > limits.MAX_MANIFEST_BYTES) throw new BitstreamError(`a manifest cannot have ${bytes.length} bytes`);
+  if (bytes.length > limits.MAX_MANIFEST_BYTES)
+    throw new BitstreamError(`a manifest cannot have ${bytes.length} bytes`);
   const fields = parseJson(decoded(bytes));
-  if (!(fields instanceof Map) || fields.get("schema") !== limits.SCHEMA) throw new BitstreamError("this is not a splatwire stream");
+  if (!(fields instanceof Map) || fields.get("schema") !== limits.SCHEMA)
+    throw new BitstreamError("this is not a splatwire stream");
   const version = integer(fields, "format_version", 1, Number.MAX_SAFE_INTEGER);
   if (version > limits.FORMAT_VERSION) {
-    throw new BitstreamError(`the stream has format version ${version}, this page reads up to ${limits.FORMAT_VERSION}`);
+    throw new BitstreamError(
+      `the stream has format version ${version}, this page reads up to ${limits.FORMAT_VERSION}`,
+    );
   }
   exactly(fields, [...FIELDS, ...(version === 1 ? LAYOUT : ["codec"]), ...(fields.has("tiers") ? ["tiers"] : [])]);
   const content = new Map(fields);
@@ -55,13 +73,19 @@ export function readManifest(bytes: Uint8Array): Manifest {
   if (hex(sha256(new TextEncoder().encode(writeJson(content)))).slice(0, 16) !== fields.get("digest")) {
     throw new BitstreamError("the manifest is damaged: its digest does not match");
   }
-  const codec = version === 1 ? "hacpp" : words(fields, "codec", Object.keys(limits.SCHEMAS)) as Manifest["codec"];
-  const { formatVersion, elementsPerByte } = limits.SCHEMAS[codec], sideInfoBytes = integer(fields, "side_info_bytes", 0, limits.MAX_SIDE_INFO_BYTES);
+  const codec = version === 1 ? "hacpp" : (words(fields, "codec", Object.keys(limits.SCHEMAS)) as Manifest["codec"]);
+  const { formatVersion, elementsPerByte } = limits.SCHEMAS[codec],
+    sideInfoBytes = integer(fields, "side_info_bytes", 0, limits.MAX_SIDE_INFO_BYTES);
   if (formatVersion !== version) throw new BitstreamError(`format version ${version} has no codec ${codec}`);
   const manifest: Manifest = {
     codec,
     packetization: readPacketization(fields.get("packetization")),
-    count: integer(fields, "num_anchors", 0, Math.min(limits.MAX_ELEMENTS, limits.FREE_ELEMENTS + elementsPerByte * sideInfoBytes)),
+    count: integer(
+      fields,
+      "num_anchors",
+      0,
+      Math.min(limits.MAX_ELEMENTS, limits.FREE_ELEMENTS + elementsPerByte * sideInfoBytes),
+    ),
     numPackets: integer(fields, "num_packets", 0, Number.MAX_SAFE_INTEGER),
     streamId: parseInt(pattern(fields, "stream_id", /^[0-9a-f]{8}$/), 16),
     sideInfoBytes,
@@ -84,10 +108,13 @@ function decoded(bytes: Uint8Array): string {
 
 function readPacketization(fields: Json | undefined): Packetization {
   if (!(fields instanceof Map)) throw new BitstreamError("the manifest has no packetization");
-  const grouping = words(fields, "grouping", limits.GROUPINGS), packaging = words(fields, "packaging", limits.PACKAGINGS), hashed = grouping === "hashed";
+  const grouping = words(fields, "grouping", limits.GROUPINGS),
+    packaging = words(fields, "packaging", limits.PACKAGINGS),
+    hashed = grouping === "hashed";
   exactly(fields, [...PACKETIZATION, ...(hashed ? ["packet_bytes"] : [])]);
   const seed = fields.get("seed");
-  if (typeof seed !== "bigint" || seed < 0n || seed >= 1n << 64n) throw new BitstreamError("the manifest's seed is impossible");
+  if (typeof seed !== "bigint" || seed < 0n || seed >= 1n << 64n)
+    throw new BitstreamError("the manifest's seed is impossible");
   if (hashed && packaging !== "atomic") throw new BitstreamError("hashed grouping knows atomic packaging only");
   return {
     blockSize: integer(fields, "block_size", 1, hashed ? limits.MAX_HASHED_BLOCK : limits.MAX_BLOCK_SIZE),
@@ -96,58 +123,84 @@ function readPacketization(fields: Json | undefined): Packetization {
     order: words(fields, "order", limits.ORDERS),
     grouping,
     packaging,
-    packetBytes: hashed ? integer(fields, "packet_bytes", limits.MIN_PACKET_BYTES, limits.MAX_DATAGRAM_BYTES) : limits.MAX_PACKET_BYTES,
+    packetBytes: hashed
+      ? integer(fields, "packet_bytes", limits.MIN_PACKET_BYTES, limits.MAX_DATAGRAM_BYTES)
+      : limits.MAX_PACKET_BYTES,
   };
 }
 
 function readTiers(value: Json | undefined): TierShape[] {
-  if (!Array.isArray(value) || value.length < 2 || value.length > limits.MAX_TIERS) throw new BitstreamError("the manifest's tiers are impossible");
+  if (!Array.isArray(value) || value.length < 2 || value.length > limits.MAX_TIERS)
+    throw new BitstreamError("the manifest's tiers are impossible");
   return value.map((pair) => {
     const [count, lanes] = Array.isArray(pair) && pair.length === 2 ? pair : [];
-    const fields: Fields = new Map([["count", count ?? null], ["lanes", lanes ?? null]]);
-    return { count: integer(fields, "count", 1, limits.MAX_ELEMENTS), lanes: integer(fields, "lanes", 1, limits.MAX_LANES) };
+    const fields: Fields = new Map([
+      ["count", count ?? null],
+      ["lanes", lanes ?? null],
+    ]);
+    return {
+      count: integer(fields, "count", 1, limits.MAX_ELEMENTS),
+      lanes: integer(fields, "lanes", 1, limits.MAX_LANES),
+    };
   });
 }
 
 /** Sizes of the groups that an anchor's feature is coded in. */
 function readGroups(fields: Fields): number[] {
-  const features = integer(fields, "feature_dim", 1, limits.MAX_FEATURE_DIM), groups = fields.get("feature_groups");
+  const features = integer(fields, "feature_dim", 1, limits.MAX_FEATURE_DIM),
+    groups = fields.get("feature_groups");
   integer(fields, "num_offsets", 1, limits.MAX_OFFSETS);
   if (!Array.isArray(groups)) throw new BitstreamError("the manifest's feature_groups are impossible");
   const sizes = groups.map((size) => integer(new Map([["feature_groups", size]]), "feature_groups", 1, features));
-  if (sizes.reduce((sum, size) => sum + size, 0) !== features) throw new BitstreamError("the manifest's feature_groups do not add up");
+  if (sizes.reduce((sum, size) => sum + size, 0) !== features)
+    throw new BitstreamError("the manifest's feature_groups do not add up");
   return sizes;
 }
 
 /** Bounds blocks and packets by arithmetic alone. */
 function checkPlan({ packetization, count, numPackets, tiers }: Manifest, groups: number[]): void {
-  const { blockSize, lanes, grouping, packaging } = packetization, separated = packaging === "separated", parts = separated ? 2 + groups.length : 1;
-  const shapes = tiers.length ? tiers : [{ count, lanes }], blocks = shapes.map((shape) => Math.ceil(shape.count / blockSize));
-  const numBlocks = blocks.reduce((sum, some) => sum + some, 0), inTiers = shapes.reduce((sum, shape) => sum + shape.count, 0);
+  const { blockSize, lanes, grouping, packaging } = packetization,
+    separated = packaging === "separated",
+    parts = separated ? 2 + groups.length : 1;
+  const shapes = tiers.length ? tiers : [{ count, lanes }],
+    blocks = shapes.map((shape) => Math.ceil(shape.count / blockSize));
+  const numBlocks = blocks.reduce((sum, some) => sum + some, 0),
+    inTiers = shapes.reduce((sum, shape) => sum + shape.count, 0);
   const most = shapes.reduce((sum, shape, n) => sum + Math.min(shape.count, blocks[n] * shape.lanes), 0) * parts;
   const checks: [boolean, string][] = [
-    [!separated || (groups.length >= 1 && groups.length <= limits.MAX_FEATURE_GROUPS), "separated packets need feature groups"],
+    [
+      !separated || (groups.length >= 1 && groups.length <= limits.MAX_FEATURE_GROUPS),
+      "separated packets need feature groups",
+    ],
     [inTiers === count && shapes.every((shape) => shape.lanes <= lanes), "the manifest's tiers contradict it"],
     [!tiers.length || !separated, "separated packaging knows no tiers"],
     [numBlocks <= limits.MAX_BLOCKS && numBlocks * lanes <= limits.MAX_GROUPS, "the stream has too many blocks"],
-    [numPackets >= numBlocks * parts && numPackets <= (grouping === "hashed" ? count : most) && numPackets % parts === 0, `${numPackets} packets cannot carry ${count} elements`],
+    [
+      numPackets >= numBlocks * parts &&
+        numPackets <= (grouping === "hashed" ? count : most) &&
+        numPackets % parts === 0,
+      `${numPackets} packets cannot carry ${count} elements`,
+    ],
   ];
   for (const [fine, wrong] of checks) if (!fine) throw new BitstreamError(wrong);
 }
 
 function exactly(fields: Fields, names: readonly string[]): void {
-  if (fields.size !== names.length || !names.every((name) => fields.has(name))) throw new BitstreamError("the manifest lacks fields, or has unknown ones");
+  if (fields.size !== names.length || !names.every((name) => fields.has(name)))
+    throw new BitstreamError("the manifest lacks fields, or has unknown ones");
 }
 
 function integer(fields: Fields, name: string, low: number, high: number): number {
   const value = fields.get(name);
-  if (typeof value !== "bigint" || value < BigInt(low) || value > BigInt(high)) throw new BitstreamError(`the manifest's ${name} is impossible`);
+  if (typeof value !== "bigint" || value < BigInt(low) || value > BigInt(high))
+    throw new BitstreamError(`the manifest's ${name} is impossible`);
   return Number(value);
 }
 
 function pattern(fields: Fields, name: string, expected: RegExp): string {
   const value = fields.get(name);
-  if (typeof value !== "string" || !expected.test(value)) throw new BitstreamError(`the manifest's ${name} is impossible`);
+  if (typeof value !== "string" || !expected.test(value))
+    throw new BitstreamError(`the manifest's ${name} is impossible`);
   return value;
 }
 

@@ -2,7 +2,7 @@
 
 import { BitstreamError } from "../bytes.ts";
 import type { Manifest } from "./manifest.ts";
-import { readPacket, type Packet } from "./packet.ts";
+import { type Packet, readPacket } from "./packet.ts";
 import { splitmix, splitmixModulo } from "./splitmix64.ts";
 
 interface Span {
@@ -24,7 +24,8 @@ export class Plan {
   constructor(readonly manifest: Manifest) {
     const { blockSize, lanes } = manifest.packetization;
     const shapes = manifest.tiers.length ? manifest.tiers : [{ count: manifest.count, lanes }];
-    let first = 0, firstBlock = 0;
+    let first = 0,
+      firstBlock = 0;
     for (const shape of shapes) {
       const numBlocks = Math.ceil(shape.count / blockSize);
       const size = manifest.tiers.length ? Math.ceil(shape.count / numBlocks) : blockSize;
@@ -40,7 +41,9 @@ export class Plan {
     return Math.min(span.blockSize, span.count - (block - span.firstBlock) * span.blockSize);
   }
 
-  /** The most Gaussians that the packet of this name can hold; with fixed grouping exactly these, 0 if there is none. */
+  /**
+   * The most Gaussians that the packet of this name can hold; with fixed grouping exactly these, 0 if there is none.
+   */
   capacity(block: number, lane: number): number {
     if (block >= this.numBlocks) return 0;
     if (this.manifest.packetization.grouping === "hashed") return Math.max(0, this.blockCount(block) - lane);
@@ -49,13 +52,19 @@ export class Plan {
 
   /** Places of the elements of a packet that fits: ascending, or in the order of their hashes. */
   members({ block, lane, count }: Pick<Packet, "block" | "lane" | "count">): Int32Array {
-    const { grouping } = this.manifest.packetization, span = this.#span(block), start = span.first + (block - span.firstBlock) * span.blockSize;
+    const { grouping } = this.manifest.packetization,
+      span = this.#span(block),
+      start = span.first + (block - span.firstBlock) * span.blockSize;
     if (grouping === "hashed") return this.#hashOrder(block, start).subarray(lane, lane + count);
     if (grouping === "contiguous") {
-      const before = this.#laneCounts(block).subarray(0, lane).reduce((sum, size) => sum + size, 0);
+      const before = this.#laneCounts(block)
+        .subarray(0, lane)
+        .reduce((sum, size) => sum + size, 0);
       return Int32Array.from({ length: count }, (_, n) => start + before + n);
     }
-    const [low, high] = this.manifest.packetization.seed, size = this.blockCount(block), found = new Int32Array(count);
+    const [low, high] = this.manifest.packetization.seed,
+      size = this.blockCount(block),
+      found = new Int32Array(count);
     for (let place = start, at = 0; place < start + size; place++) {
       if (splitmixModulo((place ^ low) >>> 0, high, span.lanes) === lane) found[at++] = place;
     }
@@ -66,16 +75,23 @@ export class Plan {
   order(block: number): Int32Array {
     const count = this.blockCount(block);
     if (this.manifest.packetization.grouping === "hashed") return this.members({ block, lane: 0, count });
-    return Int32Array.from(Array.from(this.#laneCounts(block), (size, lane) => [...this.members({ block, lane, count: size })]).flat());
+    return Int32Array.from(
+      Array.from(this.#laneCounts(block), (size, lane) => [...this.members({ block, lane, count: size })]).flat(),
+    );
   }
 
   /** Places of a block by their hashes: any run of them is spread over the whole block. */
   #hashOrder(block: number, start: number): Int32Array {
     const known = this.#orders.get(block);
     if (known) return known;
-    const [low, high] = this.manifest.packetization.seed, size = this.blockCount(block), lows = new Uint32Array(size), highs = new Uint32Array(size);
+    const [low, high] = this.manifest.packetization.seed,
+      size = this.blockCount(block),
+      lows = new Uint32Array(size),
+      highs = new Uint32Array(size);
     for (let n = 0; n < size; n++) [lows[n], highs[n]] = splitmix(((start + n) ^ low) >>> 0, high);
-    const order = Int32Array.from({ length: size }, (_, n) => n).sort((a, b) => highs[a] - highs[b] || lows[a] - lows[b]).map((n) => start + n);
+    const order = Int32Array.from({ length: size }, (_, n) => n)
+      .sort((a, b) => highs[a] - highs[b] || lows[a] - lows[b])
+      .map((n) => start + n);
     this.#orders.set(block, order);
     return order;
   }
@@ -88,14 +104,18 @@ export class Plan {
   #laneCounts(block: number): Int32Array {
     const known = this.#lanes.get(block);
     if (known) return known;
-    const span = this.#span(block), size = this.blockCount(block), counts = new Int32Array(span.lanes);
+    const span = this.#span(block),
+      size = this.blockCount(block),
+      counts = new Int32Array(span.lanes);
     if (this.manifest.packetization.grouping === "contiguous") {
       for (let lane = 0; lane < span.lanes; lane++) {
         counts[lane] = Math.floor(size / span.lanes) + (lane < size % span.lanes ? 1 : 0);
       }
     } else {
-      const [low, high] = this.manifest.packetization.seed, start = span.first + (block - span.firstBlock) * span.blockSize;
-      for (let rank = start; rank < start + size; rank++) counts[splitmixModulo((rank ^ low) >>> 0, high, span.lanes)]++;
+      const [low, high] = this.manifest.packetization.seed,
+        start = span.first + (block - span.firstBlock) * span.blockSize;
+      for (let rank = start; rank < start + size; rank++)
+        counts[splitmixModulo((rank ^ low) >>> 0, high, span.lanes)]++;
     }
     this.#lanes.set(block, counts);
     return counts;
@@ -117,7 +137,8 @@ export class Intake {
 
   /** The packet if it is new and fits the plan. */
   offer(bytes: Uint8Array): Packet | null {
-    const { manifest } = this.plan, packet = readPacket(bytes, manifest.streamId);
+    const { manifest } = this.plan,
+      packet = readPacket(bytes, manifest.streamId);
     if (!packet || !this.#fits(packet)) {
       this.counts.corrupt++;
       return null;
@@ -131,7 +152,8 @@ export class Intake {
       return null;
     }
     const hashed = manifest.packetization.grouping === "hashed";
-    const overlaps = (at > 0 && list[at - 1].lane + list[at - 1].count > packet.lane) ||
+    const overlaps =
+      (at > 0 && list[at - 1].lane + list[at - 1].count > packet.lane) ||
       (at < list.length && packet.lane + packet.count > list[at].lane);
     if ((hashed && overlaps) || this.size >= manifest.numPackets) {
       this.counts.corrupt++;
@@ -143,7 +165,8 @@ export class Intake {
   }
 
   #fits(packet: Packet): boolean {
-    const { grouping, packetBytes } = this.plan.manifest.packetization, room = this.plan.capacity(packet.block, packet.lane);
+    const { grouping, packetBytes } = this.plan.manifest.packetization,
+      room = this.plan.capacity(packet.block, packet.lane);
     return (grouping === "hashed" ? packet.count <= room : packet.count === room) && packet.bytes.length <= packetBytes;
   }
 }

@@ -7,15 +7,18 @@ const NAME = new RegExp(`^[a-z][a-z0-9_]{0,${MAX_SECTION_NAME - 1}}$`);
 
 /** Content by name; sections that nobody here knows are kept. */
 export function readSections(bytes: Uint8Array): Map<string, Uint8Array> {
-  const reader = new ByteReader(bytes, "side information sections"), sections = new Map<string, Uint8Array>();
+  const reader = new ByteReader(bytes, "side information sections"),
+    sections = new Map<string, Uint8Array>();
   let last = "";
   while (reader.left) {
     const name = String.fromCharCode(...reader.take(Math.min(reader.unsigned(), MAX_SECTION_NAME + 1)));
-    if (!NAME.test(name) || name <= last || RESERVED_SECTIONS.includes(name)) throw new BitstreamError("side information: a section's name is impossible");
+    if (!NAME.test(name) || name <= last || RESERVED_SECTIONS.includes(name))
+      throw new BitstreamError("side information: a section's name is impossible");
     const content = reader.blob();
     sections.set(name, content);
     last = name;
-    if (sections.size > MAX_SECTIONS || content.length > MAX_SECTION_BYTES) throw new BitstreamError("side information: too many or too large sections");
+    if (sections.size > MAX_SECTIONS || content.length > MAX_SECTION_BYTES)
+      throw new BitstreamError("side information: too many or too large sections");
   }
   return sections;
 }

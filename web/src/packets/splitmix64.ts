@@ -4,10 +4,13 @@ const low16 = (x: number): number => x & 0xffff;
 
 /** Low and high half of a product of two 64-bit numbers, modulo 2^64. */
 function multiply(aLow: number, aHigh: number, bLow: number, bHigh: number): [number, number] {
-  const a0 = low16(aLow), a1 = aLow >>> 16, b0 = low16(bLow), b1 = bLow >>> 16;
+  const a0 = low16(aLow),
+    a1 = aLow >>> 16,
+    b0 = low16(bLow),
+    b1 = bLow >>> 16;
   const middle = a1 * b0 + Math.floor((a0 * b0) / 65536);
   const other = low16(middle) + a0 * b1;
-  const low = (Math.imul(aLow, bLow)) >>> 0;
+  const low = Math.imul(aLow, bLow) >>> 0;
   const carry = a1 * b1 + Math.floor(middle / 65536) + Math.floor(other / 65536);
   return [low, (carry + Math.imul(aLow, bHigh) + Math.imul(aHigh, bLow)) >>> 0];
 }

@@ -13,7 +13,11 @@ export class Comparison {
   #still = 0;
   #comparing = Promise.resolve();
 
-  constructor(readonly stage: Stage, readonly wanted: () => Show, readonly tell: (psnr: string) => void) {
+  constructor(
+    readonly stage: Stage,
+    readonly wanted: () => Show,
+    readonly tell: (psnr: string) => void,
+  ) {
     this.canvas.className = "over";
   }
 
@@ -34,7 +38,10 @@ export class Comparison {
   /** Does something while no comparison changes what is drawn. */
   alone<T>(work: () => Promise<T>): Promise<T> {
     const done = this.#comparing.then(work);
-    this.#comparing = done.then(() => undefined, () => undefined);
+    this.#comparing = done.then(
+      () => undefined,
+      () => undefined,
+    );
     return done;
   }
 
@@ -45,7 +52,8 @@ export class Comparison {
   async #compare(): Promise<void> {
     const { view } = this.stage;
     await view?.steady();
-    const gains = this.#gains, still = this.#still;
+    const gains = this.#gains,
+      still = this.#still;
     if (!view) return;
     if (gains?.every((gain) => gain === 1)) return this.tell("no loss");
     view.setGains(null);
@@ -86,7 +94,8 @@ function drawDifference(a: ImageData, b: ImageData, target: HTMLCanvasElement): 
 
 /** A canvas of WebGL, copied in the task in which it was drawn. */
 function pixelsOf(canvas: HTMLCanvasElement): ImageData {
-  const copy = new OffscreenCanvas(canvas.width, canvas.height), context = copy.getContext("2d", { willReadFrequently: true })!;
+  const copy = new OffscreenCanvas(canvas.width, canvas.height),
+    context = copy.getContext("2d", { willReadFrequently: true })!;
   context.drawImage(canvas, 0, 0);
   return context.getImageData(0, 0, canvas.width, canvas.height);
 }

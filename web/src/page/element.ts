@@ -11,7 +11,7 @@ import { resolveSource } from "./address.ts";
 import { Comparison } from "./difference.ts";
 import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
 import { Panel } from "./panel.ts";
-import { Stage, type Shown } from "./stage.ts";
+import { type Shown, Stage } from "./stage.ts";
 import { STYLE } from "./style.ts";
 
 const AGAIN_MS = 400;
@@ -31,7 +31,16 @@ export interface Status {
 }
 
 export class SplatWire extends HTMLElement {
-  readonly status: Status = { finished: null, failed: null, complete: false, gaussians: 0, packets: 0, way: "", decodeMs: 0, times: {} };
+  readonly status: Status = {
+    finished: null,
+    failed: null,
+    complete: false,
+    gaussians: 0,
+    packets: 0,
+    way: "",
+    decodeMs: 0,
+    times: {},
+  };
   #worker: Worker | null = null;
   readonly #stage = new Stage();
   #panel!: Panel;
@@ -48,13 +57,23 @@ export class SplatWire extends HTMLElement {
   connectedCallback(): void {
     if (this.shadowRoot) return;
     this.#start(); // first of all: a thread takes a while to begin
-    const root = this.attachShadow({ mode: "open" }), style = new CSSStyleSheet();
+    const root = this.attachShadow({ mode: "open" }),
+      style = new CSSStyleSheet();
     style.replaceSync(STYLE);
     root.adoptedStyleSheets = [style];
-    const link = (): string => writeLink(this.#panel.settings, this.#stage.orbit.turned), src = this.getAttribute("src");
+    const link = (): string => writeLink(this.#panel.settings, this.#stage.orbit.turned),
+      src = this.getAttribute("src");
     const copies = { "copy link": link, ...(src ? { "copy embed code": () => embedCode(src) } : {}) };
-    this.#panel = new Panel(() => this.#settingsChanged(), () => this.#flip(), copies);
-    this.#comparison = new Comparison(this.#stage, () => this.#panel.settings.show, (psnr) => this.#panel.tell("PSNR", psnr));
+    this.#panel = new Panel(
+      () => this.#settingsChanged(),
+      () => this.#flip(),
+      copies,
+    );
+    this.#comparison = new Comparison(
+      this.#stage,
+      () => this.#panel.settings.show,
+      (psnr) => this.#panel.tell("PSNR", psnr),
+    );
     root.append(this.#stage.canvas, this.#stage.first, this.#comparison.canvas, this.#panel.element);
     if (this.getAttribute("panel") === "none") this.#panel.element.hidden = true;
     this.#panel.element.open = this.clientWidth > 560;
@@ -95,7 +114,9 @@ export class SplatWire extends HTMLElement {
       await view.sorted();
       // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
       // Sorts take the longer the busier the machine is, as frames do.
-      let before = "", now = view.canvas.toDataURL("image/png"), wait = 400;
+      let before = "",
+        now = view.canvas.toDataURL("image/png"),
+        wait = 400;
       for (let n = 0; n < 20 && now !== before; n++) {
         await pause(wait);
         const began = performance.now();
@@ -108,17 +129,23 @@ export class SplatWire extends HTMLElement {
   }
 
   #begin(): void {
-    const { canvas, orbit } = this.#stage, preview = this.getAttribute("preview"), link = readLink(), begin = this.getAttribute("viewpoint")?.split(" ").map(Number);
+    const { canvas, orbit } = this.#stage,
+      preview = this.getAttribute("preview"),
+      link = readLink(),
+      begin = this.getAttribute("viewpoint")?.split(" ").map(Number);
     if (this.getAttribute("up") === "y") orbit.yUp();
     orbit.turned = link.turned;
     this.#panel.set(link.settings);
     if (begin?.length === 9) this.#stage.start(viewpointOf(begin));
-    if (preview) this.#preview(() => {
-      const { splats, background } = readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0)));
-      return { packed: pack([splats], 0, 1), background };
-    });
+    if (preview)
+      this.#preview(() => {
+        const { splats, background } = readPreview(Uint8Array.from(atob(preview), (c) => c.charCodeAt(0)));
+        return { packed: pack([splats], 0, 1), background };
+      });
     new ResizeObserver(() => this.#stage.resize()).observe(this);
-    canvas.addEventListener("webglcontextlost", () => this.#fail("The browser took the graphics card away; load the page again."));
+    canvas.addEventListener("webglcontextlost", () =>
+      this.#fail("The browser took the graphics card away; load the page again."),
+    );
     this.addEventListener("keydown", (event) => this.#key(event));
     canvas.addEventListener("pointermove", () => this.#comparison.moved());
     canvas.addEventListener("wheel", () => this.#comparison.moved(), { passive: true });
@@ -166,7 +193,9 @@ export class SplatWire extends HTMLElement {
         this.status.finished = message.text;
         this.status.complete = message.complete;
         if (this.#stage.view) this.#conceal();
-        return panel.say(message.complete ? "Everything is there." : `It ended early: ${message.text}. What is missing is concealed.`);
+        return panel.say(
+          message.complete ? "Everything is there." : `It ended early: ${message.text}. What is missing is concealed.`,
+        );
       case "failed":
         return this.#fail(message.text);
       case "digest":
@@ -215,12 +244,14 @@ export class SplatWire extends HTMLElement {
   }
 
   #count({ counts, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
-    const { panel, status } = this, share = counts.expected ? counts.packets / counts.expected : 0;
+    const { panel, status } = this,
+      share = counts.expected ? counts.packets / counts.expected : 0;
     status.packets = counts.packets;
     status.way = counts.way;
     status.decodeMs = decodeMs;
     panel.progress(share);
-    panel.tell("packets", `${counts.packets.toLocaleString()} of ${counts.expected.toLocaleString()}${corrupt ? `, ${corrupt} damaged` : ""}`);
+    const damaged = corrupt ? `, ${corrupt} damaged` : "";
+    panel.tell("packets", `${counts.packets.toLocaleString()} of ${counts.expected.toLocaleString()}${damaged}`);
     panel.tell("received", `${(counts.bytes / 1e6).toFixed(2)} MB`);
     panel.tell("rate", counts.seconds > 0 ? `${((counts.bytes * 8) / 1e6 / counts.seconds).toFixed(1)} Mbit/s` : "-");
     panel.tell("lost on the way", counts.lost ? `${counts.lost} datagrams` : "none");
@@ -258,7 +289,14 @@ export class SplatWire extends HTMLElement {
 
   #key(event: KeyboardEvent): void {
     const origin = event.composedPath()[0];
-    if (event.ctrlKey || event.metaKey || event.altKey || origin instanceof HTMLInputElement || origin instanceof HTMLSelectElement) return;
+    if (
+      event.ctrlKey ||
+      event.metaKey ||
+      event.altKey ||
+      origin instanceof HTMLInputElement ||
+      origin instanceof HTMLSelectElement
+    )
+      return;
     if (event.key === "f") this.#flip();
     else if (event.key === "h") this.#panel.element.hidden = !this.#panel.element.hidden;
     else if (!this.#stage.orbit.key(event.key, event.shiftKey)) return;

@@ -10,20 +10,28 @@ export interface Linked {
 }
 
 export function readLink(): Linked {
-  const fields = new URLSearchParams(location.hash.slice(1)), dropped = Number(fields.get("drop") ?? 0), concealer = fields.get("concealer");
+  const fields = new URLSearchParams(location.hash.slice(1)),
+    dropped = Number(fields.get("drop") ?? 0),
+    concealer = fields.get("concealer");
   const settings = { dropped: dropped > 0 && dropped < 1 ? dropped : 0, ...(concealer ? { concealer } : {}) };
   return { settings, turned: fields.get("turned") === "1" };
 }
 
 export function writeLink({ concealer, dropped }: Settings, turned: boolean): string {
   const address = new URL(location.href);
-  address.hash = new URLSearchParams({ concealer, drop: String(dropped), ...(turned ? { turned: "1" } : {}) }).toString();
+  address.hash = new URLSearchParams({
+    concealer,
+    drop: String(dropped),
+    ...(turned ? { turned: "1" } : {}),
+  }).toString();
   return address.href;
 }
 
 export function embedCode(stream: string): string {
-  const script = new URL("/splatwire.js", location.href).href, src = new URL(stream, document.baseURI).href;
-  return `<script type="module" src="${script}"></script>\n<splat-wire src="${src}" style="height: 30rem"></splat-wire>`;
+  const script = new URL("/splatwire.js", location.href).href,
+    src = new URL(stream, document.baseURI).href;
+  const element = `<splat-wire src="${src}" style="height: 30rem"></splat-wire>`;
+  return `<script type="module" src="${script}"></script>\n${element}`;
 }
 
 /** Nine numbers: eye, the point that it looks at, what is up there. */

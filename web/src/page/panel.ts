@@ -11,7 +11,11 @@ export interface Settings extends Choice {
 type Slider = "dropped" | "burst" | "sent";
 type Child = Node | string;
 
-function make<K extends keyof HTMLElementTagNameMap>(tag: K, fields: Record<string, string> = {}, ...children: Child[]): HTMLElementTagNameMap[K] {
+function make<K extends keyof HTMLElementTagNameMap>(
+  tag: K,
+  fields: Record<string, string> = {},
+  ...children: Child[]
+): HTMLElementTagNameMap[K] {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(fields)) element.setAttribute(name, value);
   element.append(...children);
@@ -19,7 +23,9 @@ function make<K extends keyof HTMLElementTagNameMap>(tag: K, fields: Record<stri
 }
 
 const PLAY_MS = 10_000;
-const HELP = "Drag turns, right button or two fingers move, wheel or pinch zooms; arrows, + and - do, too. F turns the scene upside down, H hides this.";
+const HELP =
+  "Drag turns, right button or two fingers move, wheel or pinch zooms; arrows, + and - do, too. " +
+  "F turns the scene upside down, H hides this.";
 
 export class Panel {
   readonly element = make("details", { class: "panel", open: "" });
@@ -32,34 +38,57 @@ export class Panel {
   readonly #sliders = new Map<Slider, { slider: HTMLInputElement; told: HTMLElement }>();
   #playing = 0;
 
-  /** `changed` is called with every change of the settings; `copies` gives texts for the clipboard by the words on their button. */
-  constructor(readonly changed: () => void, readonly flip: () => void, readonly copies: Record<string, () => string>) {
+  /**
+   * `changed` is called with every change of the settings; `copies` gives texts for the clipboard by the words on their
+   * button.
+   */
+  constructor(
+    readonly changed: () => void,
+    readonly flip: () => void,
+    readonly copies: Record<string, () => string>,
+  ) {
     this.#list(["grow"]);
     this.#choice.addEventListener("change", () => this.set({ concealer: this.#choice.value }));
     const again = make("button", { type: "button", title: "loses other packets" }, "others");
     again.addEventListener("click", () => this.set({ seed: this.settings.seed + 1 }));
     const turn = make("button", { type: "button" }, "upside down");
     turn.addEventListener("click", flip);
-    const play = make("button", { type: "button", title: "shows the packets in the order in which they are sent" }, "play");
+    const play = make(
+      "button",
+      { type: "button", title: "shows the packets in the order in which they are sent" },
+      "play",
+    );
     play.addEventListener("click", () => this.#play());
     const losses = [
-      this.#slider("dropped", "Drop packets on purpose: ", 0, 0.95, 0.01), this.#slider("burst", "In bursts of ", 1, 50, 1), again,
-      this.#slider("sent", "Sent: ", 0, 1, 0.01), play, this.#shows(),
+      this.#slider("dropped", "Drop packets on purpose: ", 0, 0.95, 0.01),
+      this.#slider("burst", "In bursts of ", 1, 50, 1),
+      again,
+      this.#slider("sent", "Sent: ", 0, 1, 0.01),
+      play,
+      this.#shows(),
     ];
     this.element.append(
-      make("summary", {}, "splatwire"), this.#state, this.#bar, this.#facts,
+      make("summary", {}, "splatwire"),
+      this.#state,
+      this.#bar,
+      this.#facts,
       make("label", {}, "Concealer ", this.#choice),
-      ...losses, turn,
+      ...losses,
+      turn,
       ...Object.entries(copies).map(([words, text]) => this.#copier(words, text)),
       make("p", { class: "help" }, HELP),
     );
     this.set({});
   }
 
-  /** Lists the concealers that there are for a stream, and says which it lacks; a choice that is none of them gives way to `grow`. */
+  /**
+   * Lists the concealers that there are for a stream, and says which it lacks; a choice that is none of them gives way
+   * to `grow`.
+   */
   offer(names: readonly string[]): void {
     this.#list(names);
-    if (!names.includes("sketch")) this.#choice.append(make("option", { value: "sketch", disabled: "" }, "sketch (the stream has none)"));
+    if (!names.includes("sketch"))
+      this.#choice.append(make("option", { value: "sketch", disabled: "" }, "sketch (the stream has none)"));
     this.set(names.includes(this.settings.concealer) ? {} : { concealer: "grow" });
   }
 
@@ -80,7 +109,8 @@ export class Panel {
       slider.value = String(value);
       told.textContent = name === "burst" ? `${value} packet${value === 1 ? "" : "s"}` : `${Math.round(100 * value)} %`;
     }
-    for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]")) input.checked = input.value === this.settings.show;
+    for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]"))
+      input.checked = input.value === this.settings.show;
     this.changed();
   }
 
@@ -105,7 +135,8 @@ export class Panel {
   }
 
   #slider(name: Slider, words: string, min: number, max: number, step: number): HTMLElement {
-    const slider = make("input", { type: "range", min: String(min), max: String(max), step: String(step) }), told = make("output");
+    const slider = make("input", { type: "range", min: String(min), max: String(max), step: String(step) }),
+      told = make("output");
     slider.addEventListener("input", () => this.set({ [name]: Number(slider.value) }));
     this.#sliders.set(name, { slider, told });
     return make("label", {}, words, told, " ", slider);
@@ -137,7 +168,10 @@ export class Panel {
     button.addEventListener("click", () => {
       const told = (said: string): void => void (button.textContent = said);
       if (!navigator.clipboard) return void window.prompt(words, text());
-      navigator.clipboard.writeText(text()).then(() => told("copied"), () => window.prompt(words, text()));
+      navigator.clipboard.writeText(text()).then(
+        () => told("copied"),
+        () => window.prompt(words, text()),
+      );
       setTimeout(() => told(words), 1500);
     });
     return button;

@@ -11,8 +11,12 @@ import type { Packed } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
 import type { View } from "../render/view.ts";
 
-/** Setting up WebGL holds up the page, for a second where the processor does it: not before so much has come, or so long has passed. */
-const ENOUGH_GAUSSIANS = 50_000, ENOUGH_MS = 3000;
+/**
+ * Setting up WebGL holds up the page, for a second where the processor does it: not before so much has come, or so long
+ * has passed.
+ */
+const ENOUGH_GAUSSIANS = 50_000,
+  ENOUGH_MS = 3000;
 /** A page that is not visible draws no frames: what should come after one comes then all the same. */
 const PATIENCE_MS = 100;
 
@@ -51,7 +55,9 @@ export class Stage {
   /** Loads what draws and begins to draw. Throws where that cannot be. */
   async open(): Promise<void> {
     if (this.#count) await this.shown();
-    const Drawing = await loadView().catch(() => Promise.reject(new Error("The part of this page that draws could not be loaded; load the page again.")));
+    const Drawing = await loadView().catch(() =>
+      Promise.reject(new Error("The part of this page that draws could not be loaded; load the page again.")),
+    );
     setTimeout(this.#enough, ENOUGH_MS);
     await this.#isEnough;
     if (this.#count) await this.shown();
@@ -100,13 +106,18 @@ export class Stage {
   /** Looks at a scene of which only the middle and the size are known, unless somebody moved before. */
   face(middle: readonly number[], size: number): void {
     if (this.orbit.touched || this.orbit.placed || this.#framed) return;
-    this.orbit.frame(middle.map((value) => value / this.#size), size / this.#size);
+    this.orbit.frame(
+      middle.map((value) => value / this.#size),
+      size / this.#size,
+    );
     this.touch();
   }
 
   /** Where it is seen from, world units. */
   get camera(): Camera {
-    return this.view?.camera ?? cameraOf(this.orbit.pose(), this.#size, this.canvas.clientWidth, this.canvas.clientHeight);
+    return (
+      this.view?.camera ?? cameraOf(this.orbit.pose(), this.#size, this.canvas.clientWidth, this.canvas.clientHeight)
+    );
   }
 
   /** Begins anew with Gaussians of a scene of this size (world units); the camera stays where it is. */
@@ -163,7 +174,8 @@ export class Stage {
     this.first.classList.add("shown");
     await null; // what else changes in this task is painted with it
     while (this.#stale && !this.view) {
-      const shown = this.#shown.splice(0), began = performance.now();
+      const shown = this.#shown.splice(0),
+        began = performance.now();
       this.#stale = false;
       this.watcher?.(this.camera);
       paint(this.first, { parts: this.#parts, background: this.#background, pose: this.orbit.pose() });

@@ -1,13 +1,15 @@
 // Looks of the element; dark or light as the system says.
 
 export const STYLE = `
-:host { display: block; position: relative; overflow: hidden; min-height: 8rem; background: #000; color-scheme: light dark;
+:host { display: block; position: relative; overflow: hidden; min-height: 8rem; background: #000;
+  color-scheme: light dark;
   --paper: color-mix(in srgb, Canvas 88%, transparent); font: 13px/1.45 system-ui, sans-serif; }
 canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; touch-action: none; outline: none; }
 canvas.over, canvas.first { pointer-events: none; visibility: hidden; }
 canvas.over.shown, canvas.first.shown { visibility: visible; }
-.panel { position: absolute; top: .75rem; right: .75rem; width: 17rem; max-width: calc(100% - 1.5rem); max-height: calc(100% - 1.5rem);
-  overflow: auto; box-sizing: border-box; padding: .6rem .8rem; border-radius: .6rem; background: var(--paper); color: CanvasText; }
+.panel { position: absolute; top: .75rem; right: .75rem; width: 17rem; max-width: calc(100% - 1.5rem);
+  max-height: calc(100% - 1.5rem); overflow: auto; box-sizing: border-box; padding: .6rem .8rem;
+  border-radius: .6rem; background: var(--paper); color: CanvasText; }
 .panel summary { cursor: pointer; font-weight: 600; }
 .state { margin: .3rem 0; overflow-wrap: anywhere; }
 .state.bad { color: light-dark(#a00, #ff8a80); font-weight: 600; }

@@ -1,14 +1,23 @@
 // Gaussians on the graphics card, in textures that PlayCanvas reads.
 
 import {
-  BoundingBox, GSplatContainer, GSplatFormat, PIXELFORMAT_RGBA16F, PIXELFORMAT_RGBA32F, PIXELFORMAT_RGBA32U, Vec3,
-  type GraphicsDevice, type Texture,
+  BoundingBox,
+  type GraphicsDevice,
+  GSplatContainer,
+  GSplatFormat,
+  PIXELFORMAT_RGBA16F,
+  PIXELFORMAT_RGBA32F,
+  PIXELFORMAT_RGBA32U,
+  type Texture,
+  Vec3,
 } from "playcanvas";
 
 import { half, numShTextures, type Packed } from "./packed.ts";
 import { readCode } from "./shaders.ts";
 
-/** Centres farther away than so many sizes of the scene are sorted as if they lay there: depths are sorted in buckets. */
+/**
+ * Centres farther away than so many sizes of the scene are sorted as if they lay there: depths are sorted in buckets.
+ */
 const FARTHEST = 16;
 
 interface Loose {
@@ -20,7 +29,11 @@ export class Gaussians extends GSplatContainer {
   count = 0;
   readonly #opacities: Float32Array;
 
-  constructor(device: GraphicsDevice, readonly capacity: number, readonly degree: number) {
+  constructor(
+    device: GraphicsDevice,
+    readonly capacity: number,
+    readonly degree: number,
+  ) {
     const streams = [
       { name: "dataCenter", format: PIXELFORMAT_RGBA32F },
       { name: "dataColor", format: PIXELFORMAT_RGBA16F },
@@ -57,7 +70,9 @@ export class Gaussians extends GSplatContainer {
 
   /** Gains of size and opacity of each Gaussian in turn; size 0 hides one. Those behind are shown as they are. */
   setGains(gains: Float32Array): void {
-    const center = this.#lock("dataCenter"), color = this.#lock("dataColor"), count = Math.min(gains.length / 2, this.count);
+    const center = this.#lock("dataCenter"),
+      color = this.#lock("dataColor"),
+      count = Math.min(gains.length / 2, this.count);
     for (let n = 0; n < count; n++) {
       center[4 * n + 3] = gains[2 * n];
       color[4 * n + 3] = half(Math.min(this.#opacities[n] * gains[2 * n + 1], 1));

@@ -4,7 +4,11 @@ import { Quat, Vec3 } from "playcanvas";
 
 import type { Camera } from "../model/camera.ts";
 
-const TURN = 0.005, KEY_TURN = 0.08, KEY_ZOOM = 0.9, WHEEL = 0.0012, STEEPEST = 1.55;
+const TURN = 0.005,
+  KEY_TURN = 0.08,
+  KEY_ZOOM = 0.9,
+  WHEEL = 0.0012,
+  STEEPEST = 1.55;
 const UPSIDE_DOWN = new Quat().setFromEulerAngles(0, 0, 180);
 
 /** Vertical field of view, degrees. */
@@ -15,7 +19,10 @@ export interface Pose {
   readonly rotation: Quat;
 }
 
-/** Share of the picture's side around it in which Gaussians of a view are asked for, too: the camera may turn before others are there. */
+/**
+ * Share of the picture's side around it in which Gaussians of a view are asked for, too: the camera may turn before
+ * others are there.
+ */
 const MARGIN = 0.25;
 
 /** The camera of a pose that is in units of `size`, for a picture of this size. */
@@ -25,7 +32,13 @@ export function cameraOf({ position, rotation }: Pose, size: number, width: numb
     return [axis.x, axis.y, axis.z, -(axis.x * position.x + axis.y * position.y + axis.z * position.z) * size];
   };
   const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
-  return { viewmat: [row(1, 0, 0), row(0, -1, 0), row(0, 0, -1)], focal, width, height, margin: MARGIN * Math.max(width, height) };
+  return {
+    viewmat: [row(1, 0, 0), row(0, -1, 0), row(0, 0, -1)],
+    focal,
+    width,
+    height,
+    margin: MARGIN * Math.max(width, height),
+  };
 }
 
 export class Orbit {
@@ -35,7 +48,10 @@ export class Orbit {
   pitch = -0.25;
   /** Whether what `base` calls up is down: a person's choice, which holds wherever the scene begins. */
   turned = false;
-  /** Turns the y axis to what is up: y is down in scenes, as it is for the cameras of 3DGS, until somebody says otherwise. */
+  /**
+   * Turns the y axis to what is up: y is down in scenes, as it is for the cameras of 3DGS, until somebody says
+   * otherwise.
+   */
   base = UPSIDE_DOWN.clone();
   /** Whether it began where a stream said. */
   placed = false;
@@ -44,17 +60,24 @@ export class Orbit {
   readonly #pointers = new Map<number, { x: number; y: number }>();
 
   /** `changed` is called after every change by hand. */
-  constructor(readonly canvas: HTMLElement, readonly changed: () => void) {
+  constructor(
+    readonly canvas: HTMLElement,
+    readonly changed: () => void,
+  ) {
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
       canvas.addEventListener(kind, (event) => this.#pointers.delete(event.pointerId));
     }
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      this.#zoom(Math.exp(Math.min(Math.max(event.deltaY, -200), 200) * WHEEL));
-    }, { passive: false });
+    canvas.addEventListener(
+      "wheel",
+      (event) => {
+        event.preventDefault();
+        this.#zoom(Math.exp(Math.min(Math.max(event.deltaY, -200), 200) * WHEEL));
+      },
+      { passive: false },
+    );
   }
 
   /** Looks at a scene from outside. */
@@ -69,7 +92,10 @@ export class Orbit {
     const back = new Vec3().sub2(eye, target);
     this.target.copy(target);
     this.distance = back.length();
-    this.base.clone().invert().transformVector(back.mulScalar(1 / this.distance), back);
+    this.base
+      .clone()
+      .invert()
+      .transformVector(back.mulScalar(1 / this.distance), back);
     this.pitch = -Math.min(Math.max(Math.asin(Math.min(Math.max(back.y, -1), 1)), -STEEPEST), STEEPEST);
     this.yaw = Math.atan2(back.x, back.z);
     this.placed = true;
@@ -102,7 +128,12 @@ export class Orbit {
 
   /** Takes a key; whether it means something. */
   key(key: string, shift: boolean): boolean {
-    const turns: Record<string, [number, number]> = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+    const turns: Record<string, [number, number]> = {
+      ArrowLeft: [1, 0],
+      ArrowRight: [-1, 0],
+      ArrowUp: [0, 1],
+      ArrowDown: [0, -1],
+    };
     const turn = turns[key];
     if (turn && shift) this.#pan(30 * turn[0], 30 * turn[1]);
     else if (turn) this.#turn(-turn[0] * KEY_TURN, turn[1] * KEY_TURN);
@@ -125,9 +156,12 @@ export class Orbit {
   #move(event: PointerEvent): void {
     const before = this.#pointers.get(event.pointerId);
     if (!before) return;
-    const dx = event.clientX - before.x, dy = event.clientY - before.y, others = [...this.#pointers.entries()].filter(([id]) => id !== event.pointerId);
+    const dx = event.clientX - before.x,
+      dy = event.clientY - before.y,
+      others = [...this.#pointers.entries()].filter(([id]) => id !== event.pointerId);
     if (others.length) {
-      const other = others[0][1], far = (x: number, y: number): number => Math.max(Math.hypot(x - other.x, y - other.y), 1);
+      const other = others[0][1],
+        far = (x: number, y: number): number => Math.max(Math.hypot(x - other.x, y - other.y), 1);
       this.#zoom(far(before.x, before.y) / far(event.clientX, event.clientY));
       this.#pan(dx / 2, dy / 2);
     } else if (event.buttons & 2 || event.shiftKey) this.#pan(dx, dy);
@@ -147,7 +181,8 @@ export class Orbit {
   }
 
   #pan(dx: number, dy: number): void {
-    const { rotation } = this.pose(), step = (this.distance * 1.2) / Math.max(this.canvas.clientHeight, 1);
+    const { rotation } = this.pose(),
+      step = (this.distance * 1.2) / Math.max(this.canvas.clientHeight, 1);
     this.target.add(rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3()));
     this.#moved();
   }

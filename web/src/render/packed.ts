@@ -23,7 +23,9 @@ export const numShTextures = (degree: number): number => Math.ceil((3 * ((degree
 
 /** Splats of one degree, one after another. */
 export function pack(parts: readonly Splats[], degree: number, size: number): Packed {
-  const count = parts.reduce((sum, part) => sum + part.count, 0), texels = 4 * count, number = 3 * ((degree + 1) ** 2 - 1);
+  const count = parts.reduce((sum, part) => sum + part.count, 0),
+    texels = 4 * count,
+    number = 3 * ((degree + 1) ** 2 - 1);
   const all: Packed = {
     count,
     degree,
@@ -47,9 +49,11 @@ export function pack(parts: readonly Splats[], degree: number, size: number): Pa
       const sign = splats.quats[4 * i] < 0 ? -1 : 1;
       for (let a = 0; a < 4; a++) all.turns[4 * n + a] = half(sign * splats.quats[4 * i + a]);
       for (let j = 0; j < number; j += 2) {
-        const first = splats.harmonics[i * number + j], second = j + 1 < number ? splats.harmonics[i * number + j + 1] : 0;
+        const first = splats.harmonics[i * number + j],
+          second = j + 1 < number ? splats.harmonics[i * number + j + 1] : 0;
         if (first === 0 && second === 0) continue; // as most are
-        const low = half(first), high = half(second);
+        const low = half(first),
+          high = half(second);
         all.harmonics[j >> 3][4 * n + ((j >> 1) & 3)] = (low | (high << 16)) >>> 0;
       }
     }
@@ -62,14 +66,17 @@ export function buffersOf({ centers, colours, scales, turns, harmonics, opacitie
   return [centers, colours, scales, turns, ...harmonics, opacities].map((array) => array.buffer as ArrayBuffer);
 }
 
-const FLOAT = new Float32Array(1), BITS = new Uint32Array(FLOAT.buffer);
+const FLOAT = new Float32Array(1),
+  BITS = new Uint32Array(FLOAT.buffer);
 /** Half of the smallest step between halves below 2^-14, times 2^23: adding it lets floats round as such halves do. */
 const SMALL = 2 ** -1;
 
 /** The nearest half of a number; too large ones are infinite. */
 export function half(value: number): number {
   FLOAT[0] = value;
-  const bits = BITS[0], sign = (bits >>> 16) & 0x8000, rest = bits & 0x7fffffff;
+  const bits = BITS[0],
+    sign = (bits >>> 16) & 0x8000,
+    rest = bits & 0x7fffffff;
   if (rest >= 0x47800000) return sign | (rest > 0x7f800000 ? 0x7e00 : 0x7c00);
   if (rest < 0x38800000) {
     BITS[0] = rest;

@@ -6,10 +6,17 @@ import { FIELD_OF_VIEW, type Pose } from "./orbit.ts";
 import { FLOATS, type Packed } from "./packed.ts";
 
 /** Pixels of a picture: Gaussians of a preview are few and large. */
-const MOST_PIXELS = 65_000, PREVIEW_PIXELS = 10_000, PREVIEW_COUNT = 256;
-const NEAREST = 0.01, BLUR = 0.3, OPAQUE = 1 / 255, STEPS = 1024, BUCKETS = 1 << 14;
+const MOST_PIXELS = 65_000,
+  PREVIEW_PIXELS = 10_000,
+  PREVIEW_COUNT = 256;
+const NEAREST = 0.01,
+  BLUR = 0.3,
+  OPAQUE = 1 / 255,
+  STEPS = 1024,
+  BUCKETS = 1 << 14;
 /** exp(-q/2) for q from 0 to 2 ln 255, where even an opaque Gaussian fades out. */
-const FARTHEST = 2 * Math.log(255), FALLOFF = Float32Array.from({ length: STEPS + 2 }, (_, n) => Math.exp((-0.5 * n * FARTHEST) / STEPS));
+const FARTHEST = 2 * Math.log(255),
+  FALLOFF = Float32Array.from({ length: STEPS + 2 }, (_, n) => Math.exp((-0.5 * n * FARTHEST) / STEPS));
 /** Numbers of a projected Gaussian: depth, x, y, inverse covariance a b c, half height, opacity, red, green, blue. */
 const ROW = 11;
 
@@ -19,19 +26,30 @@ export interface Painted {
   readonly pose: Pose;
 }
 
-/** Paints what `render/shaders.ts` would draw, without harmonics and in a picture of few pixels, on a canvas that is as large on the page. */
+/**
+ * Paints what `render/shaders.ts` would draw, without harmonics and in a picture of few pixels, on a canvas that is as
+ * large on the page.
+ */
 export function paint(canvas: HTMLCanvasElement, { parts, background, pose }: Painted): void {
   const most = parts.length === 1 && parts[0].count < PREVIEW_COUNT ? PREVIEW_PIXELS : MOST_PIXELS;
   const shrink = Math.min(1, Math.sqrt(most / Math.max(canvas.clientWidth * canvas.clientHeight, 1)));
-  const width = Math.max(Math.round(canvas.clientWidth * shrink), 1), height = Math.max(Math.round(canvas.clientHeight * shrink), 1);
+  const width = Math.max(Math.round(canvas.clientWidth * shrink), 1),
+    height = Math.max(Math.round(canvas.clientHeight * shrink), 1);
   canvas.width = width;
   canvas.height = height;
-  canvas.getContext("2d")!.putImageData(new ImageData(pixels({ parts, background, pose }, width, height), width, height), 0, 0);
+  canvas
+    .getContext("2d")!
+    .putImageData(new ImageData(pixels({ parts, background, pose }, width, height), width, height), 0, 0);
 }
 
 /** The picture: red, green, blue and 255 of each pixel. */
-export function pixels({ parts, background, pose }: Painted, width: number, height: number): Uint8ClampedArray<ArrayBuffer> {
-  const { rows, count } = project(parts, pose, width, height), light = new Float32Array(4 * width * height);
+export function pixels(
+  { parts, background, pose }: Painted,
+  width: number,
+  height: number,
+): Uint8ClampedArray<ArrayBuffer> {
+  const { rows, count } = project(parts, pose, width, height),
+    light = new Float32Array(4 * width * height);
   for (let p = 3; p < light.length; p += 4) light[p] = 1;
   for (const n of nearestFirst(rows, count)) splat(rows, ROW * n, light, width, height);
   const out = new Uint8ClampedArray(light.length);
@@ -43,34 +61,69 @@ export function pixels({ parts, background, pose }: Painted, width: number, heig
 }
 
 /** Gaussians in front of the camera, as ellipses on the screen. */
-function project(parts: readonly Packed[], { position, rotation }: Pose, width: number, height: number): { rows: Float32Array; count: number } {
-  const rows = new Float32Array(ROW * parts.reduce((sum, part) => sum + part.count, 0)), back = rotation.clone().invert();
-  const [r, u, b] = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map(([x, y, z]) => back.transformVector(new Vec3(x, y, z), new Vec3()));
-  const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360), limitX = (1.3 * width) / 2 / focal, limitY = (1.3 * height) / 2 / focal;
+function project(
+  parts: readonly Packed[],
+  { position, rotation }: Pose,
+  width: number,
+  height: number,
+): { rows: Float32Array; count: number } {
+  const rows = new Float32Array(ROW * parts.reduce((sum, part) => sum + part.count, 0)),
+    back = rotation.clone().invert();
+  const [r, u, b] = [
+    [1, 0, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+  ].map(([x, y, z]) => back.transformVector(new Vec3(x, y, z), new Vec3()));
+  const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360),
+    limitX = (1.3 * width) / 2 / focal,
+    limitY = (1.3 * height) / 2 / focal;
   let count = 0;
   for (const { centers, scales, turns, opacities, colours, count: number } of parts) {
     for (let i = 0; i < number; i++) {
-      const dx = centers[4 * i] - position.x, dy = centers[4 * i + 1] - position.y, dz = centers[4 * i + 2] - position.z;
-      const x = r.x * dx + u.x * dy + b.x * dz, y = r.y * dx + u.y * dy + b.y * dz, depth = -(r.z * dx + u.z * dy + b.z * dz);
-      const opacity = opacities[i], reach = 2 * Math.log(opacity * 255);
+      const dx = centers[4 * i] - position.x,
+        dy = centers[4 * i + 1] - position.y,
+        dz = centers[4 * i + 2] - position.z;
+      const x = r.x * dx + u.x * dy + b.x * dz,
+        y = r.y * dx + u.y * dy + b.y * dz,
+        depth = -(r.z * dx + u.z * dy + b.z * dz);
+      const opacity = opacities[i],
+        reach = 2 * Math.log(opacity * 255);
       if (depth < NEAREST || !(reach > 0)) continue;
-      const tx = Math.min(Math.max(x / depth, -limitX), limitX), ty = Math.min(Math.max(y / depth, -limitY), limitY), scale = focal / depth;
-      const qw = FLOATS[turns[4 * i]], qx = FLOATS[turns[4 * i + 1]], qy = FLOATS[turns[4 * i + 2]], qz = FLOATS[turns[4 * i + 3]];
-      let xx = BLUR, xy = 0, yy = BLUR;
+      const tx = Math.min(Math.max(x / depth, -limitX), limitX),
+        ty = Math.min(Math.max(y / depth, -limitY), limitY),
+        scale = focal / depth;
+      const qw = FLOATS[turns[4 * i]],
+        qx = FLOATS[turns[4 * i + 1]],
+        qy = FLOATS[turns[4 * i + 2]],
+        qz = FLOATS[turns[4 * i + 3]];
+      let xx = BLUR,
+        xy = 0,
+        yy = BLUR;
       for (let axis = 0; axis < 3; axis++) {
         const s = FLOATS[scales[4 * i + axis]];
-        const vx = s * (axis === 0 ? 1 - 2 * (qy * qy + qz * qz) : axis === 1 ? 2 * (qx * qy - qw * qz) : 2 * (qx * qz + qw * qy));
-        const vy = s * (axis === 0 ? 2 * (qx * qy + qw * qz) : axis === 1 ? 1 - 2 * (qx * qx + qz * qz) : 2 * (qy * qz - qw * qx));
-        const vz = s * (axis === 0 ? 2 * (qx * qz - qw * qy) : axis === 1 ? 2 * (qy * qz + qw * qx) : 1 - 2 * (qx * qx + qy * qy));
+        const vx =
+          s *
+          (axis === 0 ? 1 - 2 * (qy * qy + qz * qz) : axis === 1 ? 2 * (qx * qy - qw * qz) : 2 * (qx * qz + qw * qy));
+        const vy =
+          s *
+          (axis === 0 ? 2 * (qx * qy + qw * qz) : axis === 1 ? 1 - 2 * (qx * qx + qz * qz) : 2 * (qy * qz - qw * qx));
+        const vz =
+          s *
+          (axis === 0 ? 2 * (qx * qz - qw * qy) : axis === 1 ? 2 * (qy * qz + qw * qx) : 1 - 2 * (qx * qx + qy * qy));
         const away = r.z * vx + u.z * vy + b.z * vz;
-        const across = scale * (r.x * vx + u.x * vy + b.x * vz + tx * away), down = -scale * (r.y * vx + u.y * vy + b.y * vz + ty * away);
+        const across = scale * (r.x * vx + u.x * vy + b.x * vz + tx * away),
+          down = -scale * (r.y * vx + u.y * vy + b.y * vz + ty * away);
         xx += across * across;
         xy += across * down;
         yy += down * down;
       }
-      const px = width / 2 + focal * (x / depth), py = height / 2 - focal * (y / depth), high = Math.sqrt(reach * yy), wide = Math.sqrt(reach * xx);
+      const px = width / 2 + focal * (x / depth),
+        py = height / 2 - focal * (y / depth),
+        high = Math.sqrt(reach * yy),
+        wide = Math.sqrt(reach * xx);
       if (px + wide < 0 || px - wide > width || py + high < 0 || py - high > height) continue;
-      const one = 1 / (xx * yy - xy * xy), at = ROW * count++;
+      const one = 1 / (xx * yy - xy * xy),
+        at = ROW * count++;
       rows[at] = depth;
       rows[at + 1] = px;
       rows[at + 2] = py;
@@ -87,8 +140,11 @@ function project(parts: readonly Packed[], { position, rotation }: Pose, width: 
 
 /** Order of depth, as fine as buckets of its logarithm. */
 function nearestFirst(rows: Float32Array, count: number): Uint32Array {
-  const keys = new Uint16Array(count), firsts = new Uint32Array(BUCKETS + 1), order = new Uint32Array(count);
-  let low = Infinity, high = -Infinity;
+  const keys = new Uint16Array(count),
+    firsts = new Uint32Array(BUCKETS + 1),
+    order = new Uint32Array(count);
+  let low = Infinity,
+    high = -Infinity;
   for (let n = 0; n < count; n++) {
     low = Math.min(low, rows[ROW * n]);
     high = Math.max(high, rows[ROW * n]);
@@ -103,19 +159,37 @@ function nearestFirst(rows: Float32Array, count: number): Uint32Array {
   return order;
 }
 
-/** Adds one Gaussian behind those that are there: `light` holds red, green, blue and the share of light that still passes. */
+/**
+ * Adds one Gaussian behind those that are there: `light` holds red, green, blue and the share of light that still
+ * passes.
+ */
 function splat(rows: Float32Array, at: number, light: Float32Array, width: number, height: number): void {
-  const px = rows[at + 1], py = rows[at + 2], a = rows[at + 3], b = rows[at + 4], c = rows[at + 5], high = rows[at + 6], opacity = rows[at + 7];
-  const red = rows[at + 8], green = rows[at + 9], blue = rows[at + 10], reach = 2 * Math.log(opacity * 255);
+  const px = rows[at + 1],
+    py = rows[at + 2],
+    a = rows[at + 3],
+    b = rows[at + 4],
+    c = rows[at + 5],
+    high = rows[at + 6],
+    opacity = rows[at + 7];
+  const red = rows[at + 8],
+    green = rows[at + 9],
+    blue = rows[at + 10],
+    reach = 2 * Math.log(opacity * 255);
   for (let y = Math.max(Math.ceil(py - high - 0.5), 0), last = Math.min(py + high - 0.5, height - 1); y <= last; y++) {
-    const dy = y + 0.5 - py, inside = b * b * dy * dy - a * (c * dy * dy - reach);
+    const dy = y + 0.5 - py,
+      inside = b * b * dy * dy - a * (c * dy * dy - reach);
     if (inside <= 0) continue;
-    const middle = px - (b * dy) / a - 0.5, half = Math.sqrt(inside) / a, end = Math.min(middle + half, width - 1);
+    const middle = px - (b * dy) / a - 0.5,
+      half = Math.sqrt(inside) / a,
+      end = Math.min(middle + half, width - 1);
     for (let x = Math.max(Math.ceil(middle - half), 0); x <= end; x++) {
-      const p = 4 * (y * width + x), passes = light[p + 3];
+      const p = 4 * (y * width + x),
+        passes = light[p + 3];
       if (passes < OPAQUE) continue;
-      const dx = x + 0.5 - px, q = a * dx * dx + 2 * b * dx * dy + c * dy * dy;
-      const alpha = Math.min(opacity * FALLOFF[Math.min((q * (STEPS / FARTHEST)) | 0, STEPS)], 0.99), weight = alpha * passes;
+      const dx = x + 0.5 - px,
+        q = a * dx * dx + 2 * b * dx * dy + c * dy * dy;
+      const alpha = Math.min(opacity * FALLOFF[Math.min((q * (STEPS / FARTHEST)) | 0, STEPS)], 0.99),
+        weight = alpha * passes;
       light[p] += weight * red;
       light[p + 1] += weight * green;
       light[p + 2] += weight * blue;

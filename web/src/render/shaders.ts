@@ -1,5 +1,5 @@
-// What of PlayCanvas's splat shader is replaced: the footprint and falloff of 3DGS as `splatwire.render` draws them, cut where
-// alpha falls below 1/255 and not at a fixed distance (its own cut and faded edge are 15 dB away).
+// What of PlayCanvas's splat shader is replaced: the footprint and falloff of 3DGS as `splatwire.render` draws them,
+// cut where alpha falls below 1/255 and not at a fixed distance (its own cut and faded edge are 15 dB away).
 
 import { numShTextures } from "./packed.ts";
 
@@ -53,18 +53,27 @@ void main(void) {
 	gl_FragColor = vec4(gaussianColor.xyz * alpha, alpha);
 }`;
 
-/** Harmonics of each Gaussian lie as halves, eight to a texel of `dataSh0`, `dataSh1`, ...: coefficient after coefficient, r g b. */
+/**
+ * Harmonics of each Gaussian lie as halves, eight to a texel of `dataSh0`, `dataSh1`, ...: coefficient after
+ * coefficient, r g b.
+ */
 export function readCode(degree: number): string {
-  const number = (degree + 1) ** 2 - 1, textures = numShTextures(degree);
+  const number = (degree + 1) ** 2 - 1,
+    textures = numShTextures(degree);
   const loads = Array.from({ length: textures }, (_, t) => `uvec4 t${t} = loadDataSh${t}();`).join("\n\t");
   const value = (n: number): string => `unpackHalf2x16(t${n >> 3}.${"xyzw"[(n >> 1) & 3]}).${"xy"[n & 1]}`;
-  const coefficients = Array.from({ length: number }, (_, j) => `sh[${j}] = vec3(${value(3 * j)}, ${value(3 * j + 1)}, ${value(3 * j + 2)});`);
-  const harmonics = number ? `
+  const coefficients = Array.from(
+    { length: number },
+    (_, j) => `sh[${j}] = vec3(${value(3 * j)}, ${value(3 * j + 1)}, ${value(3 * j + 2)});`,
+  );
+  const harmonics = number
+    ? `
 void readSHData(out vec3 sh[${number}], out float scale) {
 	${loads}
 	${coefficients.join("\n\t")}
 	scale = 1.0;
-}` : "";
+}`
+    : "";
   return `
 vec4 cachedCenter;
 vec3 getCenter() { cachedCenter = loadDataCenter(); return cachedCenter.xyz; }

@@ -1,8 +1,22 @@
 // The drawing: a canvas, a camera and Gaussians, drawn when something changed and not otherwise.
 
 import {
-  AppBase, AppOptions, CameraComponentSystem, Color, Entity, FILLMODE_NONE, GAMMA_SRGB, GSPLATDATA_LARGE, GSplatComponentSystem, Mat4, Quat,
-  RESOLUTION_FIXED, TONEMAP_NONE, WebglGraphicsDevice, WORKBUFFER_UPDATE_ONCE, type GSplatComponent,
+  AppBase,
+  AppOptions,
+  CameraComponentSystem,
+  Color,
+  Entity,
+  FILLMODE_NONE,
+  GAMMA_SRGB,
+  GSPLATDATA_LARGE,
+  type GSplatComponent,
+  GSplatComponentSystem,
+  Mat4,
+  Quat,
+  RESOLUTION_FIXED,
+  TONEMAP_NONE,
+  WebglGraphicsDevice,
+  WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
 import type { Camera } from "../model/camera.ts";
@@ -15,7 +29,9 @@ const FIRST_ROOM = 4096;
 /** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
 const SORT_MS = 5000;
 
-/** A camera as `splatwire` writes it: world to camera, OpenCV axes; focal length in pixels of a picture of this height. */
+/**
+ * A camera as `splatwire` writes it: world to camera, OpenCV axes; focal length in pixels of a picture of this height.
+ */
 export interface FixedCamera {
   readonly viewmat: readonly (readonly number[])[];
   readonly focal: number;
@@ -35,13 +51,22 @@ export class View {
   #sorted: (() => void)[] = [];
   #steady: (() => void)[] = [];
   #isSorted = false;
-  /** Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen. */
+  /**
+   * Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen.
+   */
   #replaced = false;
   /** Told of the camera of each frame, world units. */
   watcher: ((camera: Camera) => void) | null = null;
 
-  constructor(readonly canvas: HTMLCanvasElement, readonly orbit: Orbit) {
-    const device = new WebglGraphicsDevice(canvas, { antialias: false, alpha: false, powerPreference: "high-performance" });
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    readonly orbit: Orbit,
+  ) {
+    const device = new WebglGraphicsDevice(canvas, {
+      antialias: false,
+      alpha: false,
+      powerPreference: "high-performance",
+    });
     const options = new AppOptions();
     options.graphicsDevice = device;
     options.componentSystems = [CameraComponentSystem, GSplatComponentSystem];
@@ -59,13 +84,21 @@ export class View {
     chunks.set("gsplatCommonVS", COMMON);
     chunks.set("gsplatPS", FRAGMENT);
     gsplat.material.update();
-    this.#camera.addComponent("camera", { nearClip: 0.01, farClip: 2000, fov: FIELD_OF_VIEW, toneMapping: TONEMAP_NONE, gammaCorrection: GAMMA_SRGB });
+    this.#camera.addComponent("camera", {
+      nearClip: 0.01,
+      farClip: 2000,
+      fov: FIELD_OF_VIEW,
+      toneMapping: TONEMAP_NONE,
+      gammaCorrection: GAMMA_SRGB,
+    });
     this.#app.root.addChild(this.#camera);
     this.#app.root.addChild(this.#scene);
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
     this.#app.scene.on("gsplat:sorted", () => (this.#isSorted = true));
-    this.#app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) => this.#isReady(ready));
+    this.#app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) =>
+      this.#isReady(ready),
+    );
     this.#app.on("postrender", () => this.#afterFrame());
     this.resize();
     this.#app.start();
@@ -82,7 +115,8 @@ export class View {
 
   /** Takes the size of the element on the page. */
   resize(ratio = Math.min(window.devicePixelRatio, 2)): void {
-    const width = Math.max(Math.round(this.canvas.clientWidth * ratio), 1), height = Math.max(Math.round(this.canvas.clientHeight * ratio), 1);
+    const width = Math.max(Math.round(this.canvas.clientWidth * ratio), 1),
+      height = Math.max(Math.round(this.canvas.clientHeight * ratio), 1);
     this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
     this.touch();
   }
@@ -117,7 +151,10 @@ export class View {
     this.#changed();
   }
 
-  /** Gains of size and opacity in turn, by order of arrival; size 0 hides, and those that came later are shown as they are. */
+  /**
+   * Gains of size and opacity in turn, by order of arrival; size 0 hides, and those that came later are shown as they
+   * are.
+   */
   setGains(gains: Float32Array | null): void {
     this.#gains = gains;
     this.#gaussians?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
@@ -126,15 +163,19 @@ export class View {
 
   /** Where it looks from, world units. */
   get camera(): Camera {
-    const { width, height } = this.canvas, fixed = this.#fixed;
-    if (fixed) return { viewmat: fixed.viewmat, focal: (fixed.focal * height) / fixed.height, width, height, margin: 0 };
+    const { width, height } = this.canvas,
+      fixed = this.#fixed;
+    if (fixed)
+      return { viewmat: fixed.viewmat, focal: (fixed.focal * height) / fixed.height, width, height, margin: 0 };
     return cameraOf(this.orbit.pose(), this.#size, width, height);
   }
 
   /** Looks through a camera of `splatwire`; null gives it back to the hand. */
   fix(camera: FixedCamera | null): void {
     this.#fixed = camera;
-    this.#camera.camera!.fov = camera ? (2 * Math.atan(camera.height / 2 / camera.focal) * 180) / Math.PI : FIELD_OF_VIEW;
+    this.#camera.camera!.fov = camera
+      ? (2 * Math.atan(camera.height / 2 / camera.focal) * 180) / Math.PI
+      : FIELD_OF_VIEW;
     this.touch();
   }
 

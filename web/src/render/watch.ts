@@ -1,10 +1,12 @@
-// When the Gaussians of a view are asked for anew: the camera moved enough, or a little and then stands still; one question at a time.
+// When the Gaussians of a view are asked for anew: the camera moved enough, or a little and then stands still; one
+// question at a time.
 
-import { eyeOf, type Camera } from "../model/camera.ts";
+import { type Camera, eyeOf } from "../model/camera.ts";
 
 const STILL_MS = 150;
 /** What is enough: shares of the distance to the scene, and of the directions of the camera's axes. */
-const MOVED = 0.01, TURNED = 0.03;
+const MOVED = 0.01,
+  TURNED = 0.03;
 
 export class Watch {
   #asked: Camera | null = null;
@@ -14,7 +16,10 @@ export class Watch {
   #timer = 0;
 
   /** `look` asks for the Gaussians that a camera sees; `size` is that of the scene. */
-  constructor(readonly size: number, readonly look: (camera: Camera, ask: number) => void) {}
+  constructor(
+    readonly size: number,
+    readonly look: (camera: Camera, ask: number) => void,
+  ) {}
 
   /** Whether what was answered last is what the camera of the last frame sees. */
   get settled(): boolean {
@@ -51,7 +56,11 @@ export class Watch {
 /** How far two cameras are apart: 0 for the same, 1 for enough to ask anew. */
 export function distance(a: Camera, b: Camera, size: number): number {
   if (a.focal !== b.focal || a.width !== b.width || a.height !== b.height || a.margin !== b.margin) return 1;
-  const eye = eyeOf(a), other = eyeOf(b), moved = Math.hypot(...eye.map((value, n) => value - other[n])) / (MOVED * size);
-  const turned = Math.max(...[0, 1, 2].map((row) => Math.hypot(...[0, 1, 2].map((n) => a.viewmat[row][n] - b.viewmat[row][n])))) / TURNED;
+  const eye = eyeOf(a),
+    other = eyeOf(b),
+    moved = Math.hypot(...eye.map((value, n) => value - other[n])) / (MOVED * size);
+  const turned =
+    Math.max(...[0, 1, 2].map((row) => Math.hypot(...[0, 1, 2].map((n) => a.viewmat[row][n] - b.viewmat[row][n])))) /
+    TURNED;
   return Math.max(moved, turned);
 }

@@ -3,15 +3,26 @@
 import { crc32 } from "../packets/crc32.ts";
 
 const VERSION = 3;
-export const REQUEST = 3, WELCOME = 4, SIDE = 5, DATA = 6, FEEDBACK = 8, BYE = 9, REFUSE = 10, END = 11;
-export const MAX_DATAGRAM = 1200, MAX_HEAD_BYTES = 2 ** 28, MAX_PACKETS = 2 ** 21;
-const MAX_TIERS = 10, MAX_PREVIEW = 1024;
+export const REQUEST = 3,
+  WELCOME = 4,
+  SIDE = 5,
+  DATA = 6,
+  FEEDBACK = 8,
+  BYE = 9,
+  REFUSE = 10,
+  END = 11;
+export const MAX_DATAGRAM = 1200,
+  MAX_HEAD_BYTES = 2 ** 28,
+  MAX_PACKETS = 2 ** 21;
+const MAX_TIERS = 10,
+  MAX_PREVIEW = 1024;
 
 export const viewOf = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 
 /** A frame: byte 0, what `fill` writes behind it, and a CRC-32 of all that. */
 function frame(kind: number, size: number, fill: (numbers: DataView, bytes: Uint8Array) => void): Uint8Array {
-  const bytes = new Uint8Array(1 + size + 4), numbers = viewOf(bytes);
+  const bytes = new Uint8Array(1 + size + 4),
+    numbers = viewOf(bytes);
   bytes[0] = (VERSION << 4) | kind;
   fill(numbers, bytes);
   numbers.setUint32(1 + size, crc32(bytes.subarray(0, 1 + size)), true);
@@ -21,7 +32,8 @@ function frame(kind: number, size: number, fill: (numbers: DataView, bytes: Uint
 /** Kind of a datagram whose checksum holds (that of a packet in `DATA` is its own); 0 for anything else. */
 export function kindOf(bytes: Uint8Array): number {
   if (bytes.length < 6 || bytes[0] >> 4 !== VERSION) return 0;
-  const kind = bytes[0] & 15, end = bytes.length - 4;
+  const kind = bytes[0] & 15,
+    end = bytes.length - 4;
   return kind === DATA || crc32(bytes.subarray(0, end)) === viewOf(bytes).getUint32(end, true) ? kind : 0;
 }
 
@@ -41,9 +53,12 @@ export interface Welcome {
 /** What a server declares; null if it is impossible or answers another request. */
 export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
   if (bytes.length < 76) return null;
-  const numbers = viewOf(bytes), tiers = bytes[69], at = 70 + 8 * tiers;
+  const numbers = viewOf(bytes),
+    tiers = bytes[69],
+    at = 70 + 8 * tiers;
   if (!(tiers >= 1 && tiers <= MAX_TIERS) || at + 2 > bytes.length - 4) return null;
-  const size = numbers.getUint16(at, true), headBytes = Number(numbers.getBigUint64(17, true));
+  const size = numbers.getUint16(at, true),
+    headBytes = Number(numbers.getBigUint64(17, true));
   if (size > MAX_PREVIEW || at + 2 + size !== bytes.length - 4) return null;
   const welcome = {
     session: numbers.getUint32(9, true),
@@ -56,8 +71,13 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     carried: numbers.getUint32(65, true),
     preview: bytes.slice(at + 2, at + 2 + size),
   };
-  const fine = numbers.getBigUint64(1, true) === nonce && headBytes > 0 && headBytes <= MAX_HEAD_BYTES && welcome.symbolBytes > 0 &&
-    welcome.packets <= MAX_PACKETS && welcome.carried <= welcome.packets;
+  const fine =
+    numbers.getBigUint64(1, true) === nonce &&
+    headBytes > 0 &&
+    headBytes <= MAX_HEAD_BYTES &&
+    welcome.symbolBytes > 0 &&
+    welcome.packets <= MAX_PACKETS &&
+    welcome.carried <= welcome.packets;
   return fine ? welcome : null;
 }
 
@@ -83,7 +103,9 @@ export interface Report {
 export function writeFeedback(report: Report): Uint8Array {
   return frame(FEEDBACK, 22 + 4 * report.lost.length, (numbers) => {
     const { session, largest, received, clock, symbolsMissing, lost } = report;
-    [session, largest, received, clock % 2 ** 32, symbolsMissing].forEach((value, n) => numbers.setUint32(1 + 4 * n, value, true));
+    [session, largest, received, clock % 2 ** 32, symbolsMissing].forEach((value, n) =>
+      numbers.setUint32(1 + 4 * n, value, true),
+    );
     numbers.setUint16(21, lost.length, true);
     lost.forEach((place, n) => numbers.setUint32(23 + 4 * n, place, true));
   });
@@ -98,7 +120,8 @@ export class FrameReader {
   #rest = new Uint8Array();
 
   feed(chunk: Uint8Array): Uint8Array[] {
-    const bytes = new Uint8Array(this.#rest.length + chunk.length), frames: Uint8Array[] = [];
+    const bytes = new Uint8Array(this.#rest.length + chunk.length),
+      frames: Uint8Array[] = [];
     bytes.set(this.#rest);
     bytes.set(chunk, this.#rest.length);
     let at = 0;

@@ -12,8 +12,13 @@ export interface Choice {
 }
 
 /** Whether each packet is shown. Without bursts a larger share drops more packets, and never another one instead. */
-export function shownPackets(packets: readonly { readonly block: number; readonly lane: number }[], { dropped, burst, seed, sent }: Choice): boolean[] {
-  const end = sent * packets.length, leave = 1 / Math.max(burst, dropped / (1 - dropped), 1), enter = (leave * dropped) / (1 - dropped);
+export function shownPackets(
+  packets: readonly { readonly block: number; readonly lane: number }[],
+  { dropped, burst, seed, sent }: Choice,
+): boolean[] {
+  const end = sent * packets.length,
+    leave = 1 / Math.max(burst, dropped / (1 - dropped), 1),
+    enter = (leave * dropped) / (1 - dropped);
   let lost = false;
   return packets.map(({ block, lane }, n) => {
     const chance = random(block, lane, seed);

@@ -34,10 +34,19 @@ export type FromWorker =
   | { kind: "preview"; packed: Packed; background: readonly [number, number, number] }
   | { kind: "facts"; facts: Facts }
   /**
-   * Gaussians in addition to those that are there or, with their gains, instead of them; whether some of packets that were not shown
-   * are among them; of how many elements there are some now; `ask` is that of the look that they are for.
+   * Gaussians in addition to those that are there or, with their gains, instead of them; whether some of packets that
+   * were not shown are among them; of how many elements there are some now; `ask` is that of the look that they are
+   * for.
    */
-  | { kind: "splats"; packed: Packed; instead: boolean; fresh: boolean; elements: number; gains: Float32Array | null; ask: number }
+  | {
+      kind: "splats";
+      packed: Packed;
+      instead: boolean;
+      fresh: boolean;
+      elements: number;
+      gains: Float32Array | null;
+      ask: number;
+    }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
   | { kind: "gains"; gains: Float32Array; ask: number; shownPackets: number }
   | { kind: "note"; text: string }

@@ -1,4 +1,5 @@
-// The elements of a transfer in the order in which they came, what of them is drawn, and what is left where packets are dropped on purpose.
+// The elements of a transfer in the order in which they came, what of them is drawn, and what is left where packets are
+// dropped on purpose.
 
 import { StreamDecoder } from "../codec/decoder.ts";
 import type { Copies, Part } from "../codec/schema.ts";
@@ -6,7 +7,7 @@ import type { Splats } from "../codec/splats.ts";
 import type { Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
-import { shownPackets, type Choice } from "./losses.ts";
+import { type Choice, shownPackets } from "./losses.ts";
 
 /** The concealer that draws copies. */
 const SKETCH = "sketch";
@@ -68,50 +69,80 @@ export class Received {
 
   /** The Gaussians that a camera sees: of all packets, or of those that are not drawn yet. */
   async seen(camera: Camera, all: boolean, pause: Pause): Promise<Shown | null> {
-    const first = all ? 0 : this.#drawn, end = this.#parts.length, found: Splats[] = [], owners: Int32Array[] = [];
+    const first = all ? 0 : this.#drawn,
+      end = this.#parts.length,
+      found: Splats[] = [],
+      owners: Int32Array[] = [];
     for (let p = first; p < end; p++) {
       if (!(await pause())) return null;
-      const part = this.#parts[p], seen = part.seen(camera);
+      const part = this.#parts[p],
+        seen = part.seen(camera);
       found.push(seen.splats);
       if (seen.owners) owners.push(seen.owners.map((owner) => owner + this.#firsts[p]));
     }
     const fresh = this.#drawn < end;
     this.#drawn = end;
     if (this.decoder.schema.viewDependent) this.#owners = all ? owners : [...(this.#owners ?? []), ...owners];
-    const reached = this.#firsts[end] ?? this.#count, copies = this.#copies;
-    return { parts: found, instead: all, fresh, elements: reached - (copies && copies.first < reached ? copies.part.count : 0) };
+    const reached = this.#firsts[end] ?? this.#count,
+      copies = this.#copies;
+    return {
+      parts: found,
+      instead: all,
+      fresh,
+      elements: reached - (copies && copies.first < reached ? copies.part.count : 0),
+    };
   }
 
   /** Works out gains of elements, 0 for those of packets that are dropped; how many packets are left. */
   async conceal(choice: Choice, pause: Pause): Promise<number | null> {
-    const gains = new Float32Array(2 * this.#count), { schema } = this.decoder;
-    const came = this.#parts.flatMap((part, p) => (part.packet ? [{ part, packet: part.packet, first: this.#firsts[p] }] : []));
-    const shown = shownPackets(came.map(({ packet }) => packet), choice), parts = came.filter((_, p) => shown[p]);
-    const there = parts.map(({ part }) => part), copies = choice.concealer === SKETCH ? this.#copies : null, which = this.#lacking(there);
-    const drawn = copies ? [...there, copies.chosen(which)] : there, received = drawn.reduce((sum, part) => sum + part.count, 0);
-    const found = await (schema.concealers[choice.concealer] ?? schema.concealers["drop"])(received, () => schema.elements(drawn, pause), pause);
+    const gains = new Float32Array(2 * this.#count),
+      { schema } = this.decoder;
+    const came = this.#parts.flatMap((part, p) =>
+      part.packet ? [{ part, packet: part.packet, first: this.#firsts[p] }] : [],
+    );
+    const shown = shownPackets(
+        came.map(({ packet }) => packet),
+        choice,
+      ),
+      parts = came.filter((_, p) => shown[p]);
+    const there = parts.map(({ part }) => part),
+      copies = choice.concealer === SKETCH ? this.#copies : null,
+      which = this.#lacking(there);
+    const drawn = copies ? [...there, copies.chosen(which)] : there,
+      received = drawn.reduce((sum, part) => sum + part.count, 0);
+    const found = await (schema.concealers[choice.concealer] ?? schema.concealers["drop"])(
+      received,
+      () => schema.elements(drawn, pause),
+      pause,
+    );
     if (!found) return null;
     let at = 0;
     for (const { part, first } of parts) {
       gains.set(found.subarray(2 * at, 2 * (at + part.count)), 2 * first);
       at += part.count;
     }
-    if (copies) which.forEach((n, i) => gains.set(found.subarray(2 * (at + i), 2 * (at + i + 1)), 2 * (copies.first + n)));
+    if (copies)
+      which.forEach((n, i) => gains.set(found.subarray(2 * (at + i), 2 * (at + i + 1)), 2 * (copies.first + n)));
     this.#gains = gains;
     return parts.length;
   }
 
   /** The copies of what is not in these parts. */
   #lacking(parts: readonly Part[]): Int32Array {
-    const there = new Uint8Array(this.decoder.head.manifest.count), copied = this.#copies?.part.places ?? new Int32Array();
+    const there = new Uint8Array(this.decoder.head.manifest.count),
+      copied = this.#copies?.part.places ?? new Int32Array();
     for (const { places } of parts) for (const place of places) there[place] = 1;
     return copied.map((_, n) => n).filter((n) => !there[copied[n]]);
   }
 
-  /** Gains of the Gaussians that are drawn, in their order; of elements that came later there are none, they are drawn as they are. */
+  /**
+   * Gains of the Gaussians that are drawn, in their order; of elements that came later there are none, they are drawn
+   * as they are.
+   */
   get gains(): Float32Array | null {
-    const gains = this.#gains, owners = this.#owners;
-    if (!gains || !owners) return gains && gains.slice();
+    const gains = this.#gains,
+      owners = this.#owners;
+    if (!gains || !owners) return gains?.slice() ?? null;
     const all = new Float32Array(2 * owners.reduce((sum, part) => sum + part.length, 0)).fill(1);
     let at = 0;
     for (const part of owners) {

@@ -18,15 +18,22 @@ export function receiveBytes(bytes: Uint8Array<ArrayBuffer>, listener: Listener)
 }
 
 async function receiveStream(body: ReadableStream<Uint8Array>, way: string, listener: Listener): Promise<string> {
-  const reader = body.getReader(), container = new ContainerReader(), began = performance.now();
-  let bytes = 0, packets = 0, told = false, toldAt = 0, waiting: Uint8Array[] = [];
+  const reader = body.getReader(),
+    container = new ContainerReader(),
+    began = performance.now();
+  let bytes = 0,
+    packets = 0,
+    told = false,
+    toldAt = 0,
+    waiting: Uint8Array[] = [];
   const tell = (): void => {
     if (container.head && !told) {
       told = true;
       listener.head(container.head);
     }
     if (waiting.length) listener.packets(waiting.splice(0));
-    const expected = container.head?.manifest.numPackets ?? 0, seconds = (performance.now() - began) / 1000;
+    const expected = container.head?.manifest.numPackets ?? 0,
+      seconds = (performance.now() - began) / 1000;
     listener.counts({ way, bytes, packets, expected, lost: 0, rejected: 0, seconds });
     toldAt = performance.now();
   };
@@ -41,5 +48,9 @@ async function receiveStream(body: ReadableStream<Uint8Array>, way: string, list
   }
   tell();
   if (!container.head) throw new Error("the file ends before its side information does");
-  return container.broken ? "the rest of the file is damaged" : packets >= container.head.manifest.numPackets ? "complete" : "the file ends early";
+  return container.broken
+    ? "the rest of the file is damaged"
+    : packets >= container.head.manifest.numPackets
+      ? "complete"
+      : "the file ends early";
 }

@@ -7,11 +7,33 @@ import { checkHead, type Head } from "../packets/container.ts";
 import { readManifest } from "../packets/manifest.ts";
 import { readPacket } from "../packets/packet.ts";
 import {
-  DATA, END, kindOf, readWelcome, REFUSE, SIDE, viewOf, WELCOME, writeBye, writeFeedback, writeRequest, type Welcome,
+  DATA,
+  END,
+  kindOf,
+  REFUSE,
+  readWelcome,
+  SIDE,
+  viewOf,
+  WELCOME,
+  type Welcome,
+  writeBye,
+  writeFeedback,
+  writeRequest,
 } from "./frames.ts";
 
-const REFUSALS = ["", "no such stream", "the server is full", "the server stopped", "too many transfers from this network"];
-const AGAIN_MS = 120, REORDER = 48, MOST_EARLY = 64, MOST_NACKS = 250, MOST_AHEAD = 2 ** 17, ENDS_IN_VAIN = 25;
+const REFUSALS = [
+  "",
+  "no such stream",
+  "the server is full",
+  "the server stopped",
+  "too many transfers from this network",
+];
+const AGAIN_MS = 120,
+  REORDER = 48,
+  MOST_EARLY = 64,
+  MOST_NACKS = 250,
+  MOST_AHEAD = 2 ** 17,
+  ENDS_IN_VAIN = 25;
 
 export class Transfer {
   welcome: Welcome | null = null;
@@ -39,7 +61,11 @@ export class Transfer {
   /** What overtook the welcome. */
   #early: Uint8Array[] = [];
 
-  constructor(readonly name: string, readonly nonce: bigint, readonly began: number) {
+  constructor(
+    readonly name: string,
+    readonly nonce: bigint,
+    readonly began: number,
+  ) {
     this.#largestAt = began;
     this.#request = writeRequest(nonce, name);
   }
@@ -65,9 +91,11 @@ export class Transfer {
     if (kind === WELCOME && !this.welcome) return this.#welcomed(bytes, now);
     if (kind === WELCOME) return; // once more, another way
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
-    const known = kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
+    const known =
+      kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
     if (!this.welcome && known && this.#early.length < MOST_EARLY) return void this.#early.push(bytes);
-    if (!this.welcome || !known || viewOf(bytes).getUint32(1, true) !== this.welcome.session) return void this.counts.rejected++;
+    if (!this.welcome || !known || viewOf(bytes).getUint32(1, true) !== this.welcome.session)
+      return void this.counts.rejected++;
     if (kind === SIDE) return this.#side(bytes, now);
     const sequence = viewOf(bytes).getUint32(5, true);
     if (sequence > this.#largest + MOST_AHEAD) return void this.counts.rejected++;
@@ -86,10 +114,15 @@ export class Transfer {
   }
 
   feedback(now: number): Uint8Array {
-    const { session, packets, carried } = this.welcome!, lost: number[] = [];
+    const { session, packets, carried } = this.welcome!,
+      lost: number[] = [];
     const stop = this.#ended ? packets : this.#highest + 1 - REORDER;
     while (this.#lowest < packets && this.#there[this.#lowest]) this.#lowest++;
-    for (let place = this.head ? this.#lowest : Math.max(carried, this.#lowest); place < stop && lost.length < MOST_NACKS; place++) {
+    for (
+      let place = this.head ? this.#lowest : Math.max(carried, this.#lowest);
+      place < stop && lost.length < MOST_NACKS;
+      place++
+    ) {
       if (this.#there[place] || now - (this.#asked.get(place) ?? -1e9) < AGAIN_MS) continue;
       this.#asked.set(place, now);
       lost.push(place);
@@ -124,9 +157,12 @@ export class Transfer {
   }
 
   #side(bytes: Uint8Array, now: number): void {
-    const { symbolBytes, headBytes } = this.welcome!, numbers = viewOf(bytes);
-    const segment = numbers.getUint16(9, true), payload = bytes.subarray(15, bytes.length - 4);
-    const first = Math.floor((this.numSymbols * segment) / this.#segments), at = first + numbers.getUint32(11, true);
+    const { symbolBytes, headBytes } = this.welcome!,
+      numbers = viewOf(bytes);
+    const segment = numbers.getUint16(9, true),
+      payload = bytes.subarray(15, bytes.length - 4);
+    const first = Math.floor((this.numSymbols * segment) / this.#segments),
+      at = first + numbers.getUint32(11, true);
     const next = Math.floor((this.numSymbols * (segment + 1)) / this.#segments);
     if (segment >= this.#segments || at >= next || payload.length !== symbolBytes) return void this.counts.rejected++;
     if (this.#seen[at]) return; // once more, another way
@@ -144,11 +180,13 @@ export class Transfer {
 
   /** Manifest, side information, and the packets that travel behind them. */
   #readHead(): void {
-    const object = this.#object, numbers = viewOf(object);
+    const object = this.#object,
+      numbers = viewOf(object);
     if (hex(sha256(object)) !== hex(this.welcome!.digest)) throw new Error("the side information is damaged");
     const manifestEnd = 4 + (object.length >= 4 ? numbers.getUint32(0, true) : 0);
     const manifest = readManifest(object.subarray(4, manifestEnd));
-    let at = manifestEnd + manifest.sideInfoBytes, place = 0;
+    let at = manifestEnd + manifest.sideInfoBytes,
+      place = 0;
     this.head = checkHead(manifest, object.subarray(manifestEnd, at));
     for (; at + 2 <= object.length && place < this.welcome!.carried; place++) {
       const size = numbers.getUint16(at, true);
@@ -160,7 +198,8 @@ export class Transfer {
 
   #take(place: number, packet: Uint8Array): void {
     const { packets, packetBytes, streamId } = this.welcome!;
-    if (place >= packets || packet.length > packetBytes || !readPacket(packet, streamId)) return void this.counts.rejected++;
+    if (place >= packets || packet.length > packetBytes || !readPacket(packet, streamId))
+      return void this.counts.rejected++;
     if (this.#there[place]) return void this.counts.duplicates++;
     this.#there[place] = 1;
     this.fresh.push(packet);

@@ -4,7 +4,9 @@ import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
 import { Transfer } from "./transfer.ts";
 
-const FEEDBACK_MS = 20, PATIENCE_MS = 4000, SILENCE_MS = 10000;
+const FEEDBACK_MS = 20,
+  PATIENCE_MS = 4000,
+  SILENCE_MS = 10000;
 /** Datagrams that wait for a thread that is busy; a browser throws away what is beyond. */
 const MOST_WAITING = 1024;
 /** When handshakes begin, as long as none has come about. */
@@ -33,12 +35,16 @@ export async function askServer(file: URL): Promise<Session | null> {
 /** Receives a stream until it is complete; gives the words for how it ended. Throws where no session comes about. */
 export async function receiveDatagrams(session: Session, name: string, listener: Listener): Promise<string> {
   if (typeof WebTransport === "undefined") throw new Error("this browser or page has no WebTransport");
-  const transport = await open(session), transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now());
-  const end = (error: unknown): void => void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
+  const transport = await open(session),
+    transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now());
+  const end = (error: unknown): void =>
+    void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
   transport.closed.then(end, end);
   transport.datagrams.incomingHighWaterMark = MOST_WAITING;
   const stream = await transport.createBidirectionalStream();
-  const onStream = stream.writable.getWriter(), datagrams = transport.datagrams.writable.getWriter(), request = transfer.request();
+  const onStream = stream.writable.getWriter(),
+    datagrams = transport.datagrams.writable.getWriter(),
+    request = transfer.request();
   datagrams.write(request).catch(() => undefined); // beside the stream, which waits longer where the first is lost
   onStream.write(Uint8Array.of(request.length & 255, request.length >> 8, ...request)).catch(() => undefined);
   let heardAt = performance.now();
@@ -72,7 +78,10 @@ class Progress {
   #preview = false;
   #head = false;
 
-  constructor(readonly transfer: Transfer, readonly listener: Listener) {}
+  constructor(
+    readonly transfer: Transfer,
+    readonly listener: Listener,
+  ) {}
 
   tell(): void {
     const { transfer, listener } = this;
@@ -107,11 +116,12 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
 }
 
 /**
- * The first session that opens. A first flight that loses its first datagram can make the server refuse the handshake, and
- * one that loses a later one waits long: others begin beside it.
+ * The first session that opens. A first flight that loses its first datagram can make the server refuse the handshake,
+ * and one that loses a later one waits long: others begin beside it.
  */
 async function open({ url, fingerprint }: Session): Promise<WebTransport> {
-  const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" }, begun: WebTransport[] = [];
+  const options: WebTransportOptions = { requireUnreliable: true, congestionControl: "low-latency" },
+    begun: WebTransport[] = [];
   if (fingerprint) {
     const value = Uint8Array.from(fingerprint.match(/../g) ?? [], (digits) => parseInt(digits, 16));
     options.serverCertificateHashes = [{ algorithm: "sha-256", value }];

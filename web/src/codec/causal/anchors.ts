@@ -5,25 +5,39 @@ import type { Anchors } from "../../model/anchors.ts";
 import type { Mlp } from "../../model/heads.ts";
 import { BIAS_BITS, WEIGHT_BITS } from "../integer_network.ts";
 import type { QuantisedLinear, QuantisedMlp } from "../weight_bytes.ts";
-import { logOf, type Decoded } from "./packet.ts";
+import { type Decoded, logOf } from "./packet.ts";
 import { FORM, LOG_BITS, type SideInfo } from "./side_info.ts";
 
-const NUMBER = 2 ** 16, LOG = 2 ** LOG_BITS, MAX_LOG = 60, SLOPE = 0.01;
+const NUMBER = 2 ** 16,
+  LOG = 2 ** LOG_BITS,
+  MAX_LOG = 60,
+  SLOPE = 0.01;
 
 /** Anchors, and their features, one anchor's after another's. */
-export function toAnchors({ count, places, masks, numbers }: Decoded, info: SideInfo): { anchors: Anchors; features: Float32Array } {
-  const { features: size, offsets: numOffsets, groups, steps } = info, width = size + FORM + 3 * numOffsets;
-  const units = featureSteps(info).map((step) => step / NUMBER), step = steps[groups.length] / NUMBER;
-  const scales = new Float32Array(count), sizes = new Float32Array(3 * count);
-  const features = new Float32Array(size * count), offsets = new Float32Array(3 * numOffsets * count);
+export function toAnchors(
+  { count, places, masks, numbers }: Decoded,
+  info: SideInfo,
+): { anchors: Anchors; features: Float32Array } {
+  const { features: size, offsets: numOffsets, groups, steps } = info,
+    width = size + FORM + 3 * numOffsets;
+  const units = featureSteps(info).map((step) => step / NUMBER),
+    step = steps[groups.length] / NUMBER;
+  const scales = new Float32Array(count),
+    sizes = new Float32Array(3 * count);
+  const features = new Float32Array(size * count),
+    offsets = new Float32Array(3 * numOffsets * count);
   for (let n = 0; n < count; n++) {
-    const row = n * width, form = row + size;
+    const row = n * width,
+      form = row + size;
     for (let c = 0; c < size; c++) features[n * size + c] = numbers[row + c] * units[c];
     scales[n] = exponential(logOf(info, numbers[form], 0));
     for (let a = 0; a < 3; a++) sizes[3 * n + a] = exponential(logOf(info, numbers[form + 1 + a], 1 + a));
     for (let c = 0; c < 3 * numOffsets; c++) offsets[3 * numOffsets * n + c] = numbers[form + FORM + c] * step;
   }
-  return { anchors: { count, numOffsets, positions: worldPlaces(places, info), scales, sizes, masks, offsets }, features };
+  return {
+    anchors: { count, numOffsets, positions: worldPlaces(places, info), scales, sizes, masks, offsets },
+    features,
+  };
 }
 
 /** Step of each feature. */
@@ -47,6 +61,8 @@ export function floatMlp({ hidden, output, leaky }: QuantisedMlp): Mlp {
 }
 
 function affine({ inputs, outputs, symbols, rowSteps, columnShifts, bias }: QuantisedLinear): Affine {
-  const weights = symbols.map((symbol, at) => (symbol * rowSteps[Math.floor(at / inputs)] * 2 ** columnShifts[at % inputs]) / 2 ** WEIGHT_BITS);
+  const weights = symbols.map(
+    (symbol, at) => (symbol * rowSteps[Math.floor(at / inputs)] * 2 ** columnShifts[at % inputs]) / 2 ** WEIGHT_BITS,
+  );
   return { inputs, outputs, weights, bias: bias.map((value) => value / 2 ** BIAS_BITS) };
 }

@@ -1,4 +1,5 @@
-// Decoding of packets of anchors: an anchor's numbers follow from its own place and its own numbers before. Any bytes decode to something.
+// Decoding of packets of anchors: an anchor's numbers follow from its own place and its own numbers before. Any bytes
+// decode to something.
 
 import { RangeDecoder } from "../../entropy/decoder.ts";
 import { centred } from "../../entropy/mixture.ts";
@@ -8,7 +9,9 @@ import { decodePlaces } from "./positions.ts";
 import { FORM, OCTAVES, type SideInfo, type Stage } from "./side_info.ts";
 import { existsOf, scaleOf } from "./tables.ts";
 
-const ONE = 2 ** ACTIVATION_BITS, FULL = 65536, LARGEST_SYMBOL = 15360;
+const ONE = 2 ** ACTIVATION_BITS,
+  FULL = 65536,
+  LARGEST_SYMBOL = 15360;
 
 /** Decoded integers of some anchors. */
 export interface Decoded {
@@ -21,7 +24,10 @@ export interface Decoded {
   readonly numbers: Int32Array;
 }
 
-/** Of some anchors: logarithms of scale and sizes (24 fractional bits), and binary logarithms of how far features and those are off, in steps (16). */
+/**
+ * Of some anchors: logarithms of scale and sizes (24 fractional bits), and binary logarithms of how far features and
+ * those are off, in steps (16).
+ */
 export interface ExpectedNumbers {
   readonly logs: Float64Array;
   readonly spreads: Int32Array;
@@ -49,12 +55,17 @@ export class PacketDecoder {
 
   /** `ranks` are those of the packet's anchors, in its order. */
   decode(payload: Uint8Array, ranks: Int32Array): Decoded {
-    const { info } = this, count = ranks.length, coder = new RangeDecoder(payload), last = info.stages[info.stages.length - 1];
-    const masks = new Uint8Array(count * info.offsets), numbers = new Int32Array(count * this.width);
+    const { info } = this,
+      count = ranks.length,
+      coder = new RangeDecoder(payload),
+      last = info.stages[info.stages.length - 1];
+    const masks = new Uint8Array(count * info.offsets),
+      numbers = new Int32Array(count * this.width);
     const places = decodePlaces(coder, info.positions, ranks);
     this.#begin(places, count);
     for (const [s, stage] of info.stages.entries()) {
-      const outputs = this.#predict(s, count), width = this.#networks[s].outputs;
+      const outputs = this.#predict(s, count),
+        width = this.#networks[s].outputs;
       if (stage.masks) readMasks(coder, outputs, width, stage.masks, masks);
       this.#read(coder, stage, outputs, width, stage === last ? masks : null, numbers);
       if (stage !== last) this.#tell(stage, numbers, count);
@@ -64,11 +75,17 @@ export class PacketDecoder {
 
   /** What is expected of anchors of which only the place is known, without their offsets. */
   expected(places: Int32Array): ExpectedNumbers {
-    const { info } = this, count = places.length / 3, numbers = new Int32Array(count * this.width), logs = new Float64Array(FORM * count);
-    const known = info.features + FORM, spreads = new Int32Array(known * count);
+    const { info } = this,
+      count = places.length / 3,
+      numbers = new Int32Array(count * this.width),
+      logs = new Float64Array(FORM * count);
+    const known = info.features + FORM,
+      spreads = new Int32Array(known * count);
     this.#begin(places, count);
     for (const [s, stage] of info.stages.slice(0, -1).entries()) {
-      const outputs = this.#predict(s, count), width = this.#networks[s].outputs, { first, size, masks } = stage;
+      const outputs = this.#predict(s, count),
+        width = this.#networks[s].outputs,
+        { first, size, masks } = stage;
       for (let n = 0, row = masks; n < count; n++, row += width) {
         for (let c = 0; c < size; c++) {
           numbers[n * this.width + first + c] = outputs[row + c];
@@ -77,20 +94,29 @@ export class PacketDecoder {
       }
       this.#tell(stage, numbers, count);
     }
-    for (let n = 0; n < count; n++) for (let a = 0; a < FORM; a++) logs[FORM * n + a] = logOf(info, numbers[n * this.width + info.features + a], a);
+    for (let n = 0; n < count; n++)
+      for (let a = 0; a < FORM; a++) logs[FORM * n + a] = logOf(info, numbers[n * this.width + info.features + a], a);
     return { logs, spreads };
   }
 
   /** Evaluates the position network: what each anchor's place says. */
   #begin(places: Int32Array, count: number): void {
-    const rows = Math.ceil(count / ROWS) * ROWS, inputs = 3 * (1 + OCTAVES), { context, middle, spread, positions: { origin } } = this.info;
+    const rows = Math.ceil(count / ROWS) * ROWS,
+      inputs = 3 * (1 + OCTAVES),
+      {
+        context,
+        middle,
+        spread,
+        positions: { origin },
+      } = this.info;
     const widest = Math.max(this.#position.outputs, ...this.#networks.map((network) => network.outputs));
     if (this.#known.length < rows * this.#stride) this.#known = new Float64Array(rows * this.#stride);
     if (this.#places.length < rows * inputs) this.#places = new Float64Array(rows * inputs);
     if (this.#outputs.length < rows * widest) this.#outputs = new Float64Array(rows * widest);
     for (let n = 0; n < count; n++) {
       for (let a = 0; a < 3; a++) {
-        const u = contracted(places[3 * n + a] + origin[a] - middle[a], spread[a]), at = n * inputs + a;
+        const u = contracted(places[3 * n + a] + origin[a] - middle[a], spread[a]),
+          at = n * inputs + a;
         this.#places[at] = u;
         for (let octave = 1; octave <= OCTAVES; octave++) {
           this.#places[at + 3 * octave] = Math.abs((((u << octave) - ONE) & (4 * ONE - 1)) - 2 * ONE) - ONE;
@@ -110,7 +136,14 @@ export class PacketDecoder {
   }
 
   /** Numbers of a stage: the predicted mean, and whole steps from it; of offsets only those that exist. */
-  #read(coder: RangeDecoder, stage: Stage, outputs: Float64Array, width: number, there: Uint8Array | null, numbers: Int32Array): void {
+  #read(
+    coder: RangeDecoder,
+    stage: Stage,
+    outputs: Float64Array,
+    width: number,
+    there: Uint8Array | null,
+    numbers: Int32Array,
+  ): void {
     const { first, size, masks } = stage;
     for (let at = first, row = masks, mask = 0; at < numbers.length; at += this.width, row += width, mask += size / 3) {
       for (let c = 0; c < size; c++) {
@@ -136,7 +169,13 @@ export function logOf({ logSteps, centres }: SideInfo, number: number, form: num
   return Math.floor((number * logSteps[form ? 1 : 0]) / FULL) + centres[form];
 }
 
-function readMasks(coder: RangeDecoder, outputs: Float64Array, width: number, offsets: number, masks: Uint8Array): void {
+function readMasks(
+  coder: RangeDecoder,
+  outputs: Float64Array,
+  width: number,
+  offsets: number,
+  masks: Uint8Array,
+): void {
   for (let at = 0, row = 0; at < masks.length; row += width) {
     for (let k = 0; k < offsets; k++, at++) {
       const size = existsOf(outputs[row + k]);
@@ -155,7 +194,8 @@ function contracted(away: number, spread: number): number {
 
 /** Quotient with 14 fractional bits, rounded down: exact where `a` has at most 41 bits, and `b` too. */
 function quotient(a: number, b: number): number {
-  let whole = Math.floor(a / b), rest = a - whole * b;
+  let whole = Math.floor(a / b),
+    rest = a - whole * b;
   for (let n = 0; n < 2; n++) {
     const part = Math.floor((rest * 128) / b);
     whole = whole * 128 + part;

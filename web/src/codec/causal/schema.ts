@@ -3,7 +3,7 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../../bytes.ts";
-import { ANCHOR_CONCEALERS, grown, type Concealer, type Elements, type Pause } from "../../conceal/conceal.ts";
+import { ANCHOR_CONCEALERS, type Concealer, type Elements, grown, type Pause } from "../../conceal/conceal.ts";
 import { grow } from "../../conceal/grow.ts";
 import { sceneFreeAnchors } from "../../conceal/scene_free_anchors.ts";
 import { Heads } from "../../model/heads.ts";
@@ -13,7 +13,7 @@ import { AnchorPart, chosen, type Known } from "../anchor_part.ts";
 import type { Copies, Schema } from "../schema.ts";
 import { tierFacts } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
-import { Expected, type Arrived } from "./expected.ts";
+import { type Arrived, Expected } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 import { readSketch, type Sketch } from "./sketch.ts";
@@ -25,7 +25,8 @@ class CausalPart extends AnchorPart implements Arrived {
 
   constructor(packet: Packet | null, ranks: Int32Array, known: Known, heads: Heads) {
     super(packet, ranks, known, heads);
-    const { features } = known, size = features.length / Math.max(known.anchors.count, 1);
+    const { features } = known,
+      size = features.length / Math.max(known.anchors.count, 1);
     this.sums = new Float64Array(size);
     this.squares = new Float64Array(size);
     for (let n = 0; n < features.length; n++) {
@@ -45,7 +46,10 @@ export class CausalSchema implements Schema<CausalPart> {
   readonly #expected: Expected;
   #sketch: Sketch | null = null;
 
-  constructor(sideInfo: Uint8Array, readonly plan: Plan) {
+  constructor(
+    sideInfo: Uint8Array,
+    readonly plan: Plan,
+  ) {
     this.info = readSideInfo(sideInfo, plan.manifest.count);
     const tiers = tierFacts(this.info.sections, plan.manifest);
     this.#order = tiers.order;
@@ -65,7 +69,9 @@ export class CausalSchema implements Schema<CausalPart> {
   }
 
   get concealers(): Readonly<Record<string, Concealer>> {
-    return this.info.sections.has("sketch") ? { ...ANCHOR_CONCEALERS, sketch: grown(this.#sketched) } : ANCHOR_CONCEALERS;
+    return this.info.sections.has("sketch")
+      ? { ...ANCHOR_CONCEALERS, sketch: grown(this.#sketched) }
+      : ANCHOR_CONCEALERS;
   }
 
   readonly #sketched = (elements: Elements, pause: Pause): Promise<Float32Array | null> => {
@@ -84,9 +90,12 @@ export class CausalSchema implements Schema<CausalPart> {
 
   /** Places, masks and numbers as 32-bit integers, anchor by anchor. */
   digest(blocks: readonly (readonly Packet[])[]): string {
-    const digest = sha256.create(), { offsets } = this.info, { width } = this.#packets;
+    const digest = sha256.create(),
+      { offsets } = this.info,
+      { width } = this.#packets;
     for (const packet of blocks.flat()) {
-      const { count, places, masks, numbers } = this.#packets.decode(packet.payload, this.#ranks(packet)), bytes = new DataView(new ArrayBuffer(4 * count * (3 + offsets + width)));
+      const { count, places, masks, numbers } = this.#packets.decode(packet.payload, this.#ranks(packet)),
+        bytes = new DataView(new ArrayBuffer(4 * count * (3 + offsets + width)));
       for (let n = 0, at = 0; n < count; n++) {
         for (let a = 0; a < 3; a++, at += 4) bytes.setInt32(at, places[3 * n + a], true);
         for (let k = 0; k < offsets; k++, at += 4) bytes.setInt32(at, masks[n * offsets + k], true);
@@ -98,11 +107,25 @@ export class CausalSchema implements Schema<CausalPart> {
   }
 
   async copies(pause: Pause): Promise<Copies<CausalPart> | null> {
-    const { features, offsets } = this.info, lengths = await this.#expected.lengths(pause), { count } = this.plan.manifest;
+    const { features, offsets } = this.info,
+      lengths = await this.#expected.lengths(pause),
+      { count } = this.plan.manifest;
     if (!lengths) return null;
     const positions = (ranks: Int32Array): Float32Array => this.#expected.positions(ranks);
-    const sketch = (this.#sketch ??= readSketch(this.info.sections.get("sketch")!, { count, features, offsets, lengths, positions }));
-    const part = (which: Int32Array): CausalPart => new CausalPart(null, which.map((n) => sketch.ranks[n]), chosen(sketch, which), this.heads);
+    const sketch = (this.#sketch ??= readSketch(this.info.sections.get("sketch")!, {
+      count,
+      features,
+      offsets,
+      lengths,
+      positions,
+    }));
+    const part = (which: Int32Array): CausalPart =>
+      new CausalPart(
+        null,
+        which.map((n) => sketch.ranks[n]),
+        chosen(sketch, which),
+        this.heads,
+      );
     return { part: part(sketch.ranks.map((_, n) => n)), chosen: part };
   }
 
@@ -111,7 +134,8 @@ export class CausalSchema implements Schema<CausalPart> {
   }
 
   #ranks(packet: Packet): Int32Array {
-    const places = this.plan.members(packet), order = this.#order;
+    const places = this.plan.members(packet),
+      order = this.#order;
     return order ? places.map((place) => order[place]) : places;
   }
 }

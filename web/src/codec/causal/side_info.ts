@@ -2,12 +2,20 @@
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { readSections } from "../../packets/sections.ts";
-import { readNetworks, type QuantisedMlp } from "../weight_bytes.ts";
-import { readPositions, type Positions } from "./positions.ts";
+import { type QuantisedMlp, readNetworks } from "../weight_bytes.ts";
+import { type Positions, readPositions } from "./positions.ts";
 
-export const LOG_BITS = 24, OCTAVES = 4, FORM = 4;
-const VERSION = 2, MAX_GROUPS = 32, MAX_FEATURES = 256, MAX_OFFSETS = 64, MAX_CONTEXT = 256;
-const MAX_LOG_STEP = 4 * 2 ** LOG_BITS, MAX_CENTRE = 32 * 2 ** LOG_BITS, MAX_PLACE = 2 ** 40;
+export const LOG_BITS = 24,
+  OCTAVES = 4,
+  FORM = 4;
+const VERSION = 2,
+  MAX_GROUPS = 32,
+  MAX_FEATURES = 256,
+  MAX_OFFSETS = 64,
+  MAX_CONTEXT = 256;
+const MAX_LOG_STEP = 4 * 2 ** LOG_BITS,
+  MAX_CENTRE = 32 * 2 ** LOG_BITS,
+  MAX_PLACE = 2 ** 40;
 const HEADS = ["opacity", "covariance", "color"];
 
 /** Sizes of an anchor and what stands for its numbers. */
@@ -28,7 +36,9 @@ export interface Header {
   readonly spread: readonly number[];
 }
 
-/** Numbers of an anchor that are predicted together; the logits of the offsets' existence come before means and spreads. */
+/**
+ * Numbers of an anchor that are predicted together; the logits of the offsets' existence come before means and spreads.
+ */
 export interface Stage {
   readonly name: string;
   /** The first of them, counted from the first number of the anchor. */
@@ -50,14 +60,21 @@ export interface SideInfo extends Header {
 
 export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
   const reader = new ByteReader(bytes, "side information");
-  const header = readHeader(reader.blob()), positions = readPositions(reader.blob(), count), networks = new ByteReader(reader.blob(), "networks");
-  const render = new ByteReader(reader.blob(), "render networks"), sections = readSections(reader.rest());
-  const { features, offsets, context } = header, stages = stagesOf(header);
+  const header = readHeader(reader.blob()),
+    positions = readPositions(reader.blob(), count),
+    networks = new ByteReader(reader.blob(), "networks");
+  const render = new ByteReader(reader.blob(), "render networks"),
+    sections = readSections(reader.rest());
+  const { features, offsets, context } = header,
+    stages = stagesOf(header);
   const [position, ...found] = readNetworks(networks, [
     ["position", 3 * (1 + OCTAVES), context],
     ...stages.map(({ name, first, size, masks }) => [name, context + first, masks + 2 * size] as const),
   ]);
-  const heads = readNetworks(render, [1, 7, 3].map((each, n) => [HEADS[n], features + 4, offsets * each] as const));
+  const heads = readNetworks(
+    render,
+    [1, 7, 3].map((each, n) => [HEADS[n], features + 4, offsets * each] as const),
+  );
   checkFar(header, positions);
   return { ...header, positions, position, stages, networks: found, heads, sections };
 }
@@ -71,7 +88,11 @@ function checkFar({ middle, spread }: Header, { origin, bits }: Positions): void
 /** Feature groups, which offsets exist and their scale, the base size, offsets: in the order of coding. */
 function stagesOf({ groups, features, offsets }: Header): Stage[] {
   const stages: Stage[] = [];
-  groups.reduce((first, size, g) => (stages.push({ name: `feature${g}`, first, size, masks: 0 }), first + size), 0);
+  let first = 0;
+  for (const [g, size] of groups.entries()) {
+    stages.push({ name: `feature${g}`, first, size, masks: 0 });
+    first += size;
+  }
   return [
     ...stages,
     { name: "form", first: features, size: 1, masks: offsets },
@@ -81,20 +102,37 @@ function stagesOf({ groups, features, offsets }: Header): Stage[] {
 }
 
 function readHeader(bytes: Uint8Array): Header {
-  const reader = new ByteReader(bytes, "side information header"), version = reader.u8();
-  if (version !== VERSION) throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
-  const offsets = reader.unsigned(), context = reader.unsigned(), numGroups = reader.unsigned();
-  if (numGroups < 1 || numGroups > MAX_GROUPS) throw new BitstreamError(`side information: ${numGroups} feature groups`);
+  const reader = new ByteReader(bytes, "side information header"),
+    version = reader.u8();
+  if (version !== VERSION)
+    throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
+  const offsets = reader.unsigned(),
+    context = reader.unsigned(),
+    numGroups = reader.unsigned();
+  if (numGroups < 1 || numGroups > MAX_GROUPS)
+    throw new BitstreamError(`side information: ${numGroups} feature groups`);
   const take = (count: number, next: () => number): number[] => Array.from({ length: count }, next);
-  const groups = take(numGroups, () => reader.unsigned()), steps = take(numGroups + 1, () => reader.f64()), voxelSize = reader.f64();
-  const logSteps = take(2, () => reader.unsigned()), spread = take(3, () => reader.unsigned());
-  const centres = take(FORM, () => reader.signed()), middle = take(3, () => reader.signed());
+  const groups = take(numGroups, () => reader.unsigned()),
+    steps = take(numGroups + 1, () => reader.f64()),
+    voxelSize = reader.f64();
+  const logSteps = take(2, () => reader.unsigned()),
+    spread = take(3, () => reader.unsigned());
+  const centres = take(FORM, () => reader.signed()),
+    middle = take(3, () => reader.signed());
   reader.finish();
   const features = groups.reduce((sum, size) => sum + size, 0);
-  const within = (values: readonly number[], low: number, high: number): boolean => values.every((value) => value >= low && value <= high);
-  const fine = within(groups, 1, MAX_FEATURES) && features <= MAX_FEATURES && within([offsets], 1, MAX_OFFSETS) && within([context], 1, MAX_CONTEXT) &&
-    within([...steps, voxelSize], 1e-9, 1e9) && within(logSteps, 1, MAX_LOG_STEP) && within(centres, -MAX_CENTRE, MAX_CENTRE) &&
-    within(spread, 1, MAX_PLACE) && within(middle, -MAX_PLACE, MAX_PLACE);
+  const within = (values: readonly number[], low: number, high: number): boolean =>
+    values.every((value) => value >= low && value <= high);
+  const fine =
+    within(groups, 1, MAX_FEATURES) &&
+    features <= MAX_FEATURES &&
+    within([offsets], 1, MAX_OFFSETS) &&
+    within([context], 1, MAX_CONTEXT) &&
+    within([...steps, voxelSize], 1e-9, 1e9) &&
+    within(logSteps, 1, MAX_LOG_STEP) &&
+    within(centres, -MAX_CENTRE, MAX_CENTRE) &&
+    within(spread, 1, MAX_PLACE) &&
+    within(middle, -MAX_PLACE, MAX_PLACE);
   if (!fine) throw new BitstreamError("side information: its header is impossible");
   return { groups, features, offsets, context, steps, voxelSize, logSteps, centres, middle, spread };
 }

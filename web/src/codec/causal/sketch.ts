@@ -7,10 +7,27 @@ import { centred } from "../../entropy/mixture.ts";
 import { NUM_SCALES } from "../../entropy/tables.ts";
 import type { Anchors } from "../../model/anchors.ts";
 
-const VERSION = 2, WHAT = "section 'sketch'", MAX_LEVELS = 8, MAX_VALUE = 2 ** 24, MAX_DIRECTION = 127, MAX_TRUST = 4, OFFSET_STEPS = [2 ** -13, 16];
-const SCALINGS = 6, MAX_LOG_SIZE = 6, LEAST_SHARE = 0.05, LEAST_SIZE = 1e-9, BUCKET_SHARES = [0.01, 0.03, 0.1, 0.25, 0.5], BUCKETS = BUCKET_SHARES.length + 1;
-/** Magnitudes up to `OWN` have models of their own for each column and level; larger ones share those of the level, and are escaped beyond `UNARY`. */
-const OWN = 4, UNARY = 14, SHARED = UNARY - OWN, HISTORY = 4;
+const VERSION = 2,
+  WHAT = "section 'sketch'",
+  MAX_LEVELS = 8,
+  MAX_VALUE = 2 ** 24,
+  MAX_DIRECTION = 127,
+  MAX_TRUST = 4,
+  OFFSET_STEPS = [2 ** -13, 16];
+const SCALINGS = 6,
+  MAX_LOG_SIZE = 6,
+  LEAST_SHARE = 0.05,
+  LEAST_SIZE = 1e-9,
+  BUCKET_SHARES = [0.01, 0.03, 0.1, 0.25, 0.5],
+  BUCKETS = BUCKET_SHARES.length + 1;
+/**
+ * Magnitudes up to `OWN` have models of their own for each column and level; larger ones share those of the level, and
+ * are escaped beyond `UNARY`.
+ */
+const OWN = 4,
+  UNARY = 14,
+  SHARED = UNARY - OWN,
+  HISTORY = 4;
 
 /** What a receiver knows before it reads a sketch. */
 export interface Known {
@@ -49,27 +66,48 @@ interface Rows {
 }
 
 export function readSketch(bytes: Uint8Array, known: Known): Sketch {
-  const reader = new ByteReader(bytes, WHAT), version = reader.u8(), [levels, columns, numOffsets] = [reader.u8(), reader.u8(), reader.u8()];
+  const reader = new ByteReader(bytes, WHAT),
+    version = reader.u8(),
+    [levels, columns, numOffsets] = [reader.u8(), reader.u8(), reader.u8()];
   if (version !== VERSION) throw new BitstreamError(`${WHAT} has version ${version}, this page reads ${VERSION}`);
-  const [count, sketched] = [reader.u32(), reader.u32()], [offsetStep, exponent, maxExcess, trust] = [0, 1, 2, 3].map(() => reader.f32());
-  if (count !== known.count || numOffsets !== known.offsets) throw new BitstreamError(`${WHAT} is of a scene of ${count} anchors with ${numOffsets} offsets`);
-  const channels = known.features + SCALINGS, within = (value: number, low: number, high: number): boolean => value >= low && value <= high;
-  const sane = within(levels, 1, MAX_LEVELS) && within(columns, 1, channels) && sketched <= count && within(offsetStep, OFFSET_STEPS[0], OFFSET_STEPS[1]) &&
-    within(exponent, 0, 4) && within(maxExcess, 1, 16) && within(trust, 0, MAX_TRUST);
+  const [count, sketched] = [reader.u32(), reader.u32()],
+    [offsetStep, exponent, maxExcess, trust] = [0, 1, 2, 3].map(() => reader.f32());
+  if (count !== known.count || numOffsets !== known.offsets)
+    throw new BitstreamError(`${WHAT} is of a scene of ${count} anchors with ${numOffsets} offsets`);
+  const channels = known.features + SCALINGS,
+    within = (value: number, low: number, high: number): boolean => value >= low && value <= high;
+  const sane =
+    within(levels, 1, MAX_LEVELS) &&
+    within(columns, 1, channels) &&
+    sketched <= count &&
+    within(offsetStep, OFFSET_STEPS[0], OFFSET_STEPS[1]) &&
+    within(exponent, 0, 4) &&
+    within(maxExcess, 1, 16) &&
+    within(trust, 0, MAX_TRUST);
   if (!sane) throw new BitstreamError(`${WHAT}: its header is impossible`);
-  const basis = readBasis(reader, { levels, columns, offsetStep }, channels), coder = new RangeDecoder(reader.rest());
-  const level = readLevels(coder, bucketsOf(known), levels), ranks = level.map((_, rank) => rank).filter((rank) => level[rank] > 0);
-  if (ranks.length !== sketched) throw new BitstreamError(`${WHAT}: ${ranks.length} anchors are sketched, and ${sketched} should be`);
-  const chosen = ranks.map((rank) => level[rank]), rows = readRows(coder, basis, chosen, numOffsets);
+  const basis = readBasis(reader, { levels, columns, offsetStep }, channels),
+    coder = new RangeDecoder(reader.rest());
+  const level = readLevels(coder, bucketsOf(known), levels),
+    ranks = level.map((_, rank) => rank).filter((rank) => level[rank] > 0);
+  if (ranks.length !== sketched)
+    throw new BitstreamError(`${WHAT}: ${ranks.length} anchors are sketched, and ${sketched} should be`);
+  const chosen = ranks.map((rank) => level[rank]),
+    rows = readRows(coder, basis, chosen, numOffsets);
   return { ranks, ...toAnchors(basis, chosen, rows, known, ranks), rule: { exponent, maxExcess }, trust };
 }
 
-function readBasis(reader: ByteReader, { levels, columns, offsetStep }: Pick<Basis, "levels" | "columns" | "offsetStep">, channels: number): Basis {
+function readBasis(
+  reader: ByteReader,
+  { levels, columns, offsetStep }: Pick<Basis, "levels" | "columns" | "offsetStep">,
+  channels: number,
+): Basis {
   const numbers = Float64Array.from({ length: channels + columns }, () => reader.f16());
   if (!numbers.every(Number.isFinite)) throw new BitstreamError(`${WHAT}: its tables are impossible`);
   const scales = Array.from({ length: columns }, () => reader.unsigned());
-  if (scales.some((scale) => scale >= NUM_SCALES)) throw new BitstreamError(`${WHAT}: a scale of its basis is impossible`);
-  const coder = new RangeDecoder(reader.blob()), matrix = new Float64Array(channels * columns);
+  if (scales.some((scale) => scale >= NUM_SCALES))
+    throw new BitstreamError(`${WHAT}: a scale of its basis is impossible`);
+  const coder = new RangeDecoder(reader.blob()),
+    matrix = new Float64Array(channels * columns);
   scales.forEach((scale, c) => {
     for (let d = 0; d < channels; d++) {
       const direction = centred(scale).decode(coder);
@@ -82,7 +120,11 @@ function readBasis(reader: ByteReader, { levels, columns, offsetStep }: Pick<Bas
 
 /** Anchors by the size that is expected of them, the largest first. */
 function bucketsOf({ count, lengths }: Known): Uint8Array {
-  const size = Float64Array.from({ length: count }, (_, n) => lengths[4 * n + 1] * lengths[4 * n + 2] * lengths[4 * n + 3]), buckets = new Uint8Array(count);
+  const size = Float64Array.from(
+      { length: count },
+      (_, n) => lengths[4 * n + 1] * lengths[4 * n + 2] * lengths[4 * n + 3],
+    ),
+    buckets = new Uint8Array(count);
   const order = Int32Array.from({ length: count }, (_, n) => n).sort((a, b) => size[b] - size[a] || a - b);
   const edges = BUCKET_SHARES.map((share) => Math.floor(share * count));
   order.forEach((rank, place) => (buckets[rank] = edges.filter((edge) => edge <= place).length));
@@ -93,7 +135,8 @@ const fresh = (contexts: number): Int32Array => new Int32Array(2 * contexts).fil
 
 /** The level of each anchor, 0 for none. */
 function readLevels(coder: RangeDecoder, buckets: Uint8Array, most: number): Int32Array {
-  const models = fresh(BUCKETS * HISTORY + most), levels = new Int32Array(buckets.length);
+  const models = fresh(BUCKETS * HISTORY + most),
+    levels = new Int32Array(buckets.length);
   for (let n = 0; n < levels.length; n++) {
     let before = 0;
     for (let i = Math.max(n - 4, 0); i < n; i++) if (levels[i]) before++;
@@ -104,13 +147,21 @@ function readLevels(coder: RangeDecoder, buckets: Uint8Array, most: number): Int
 }
 
 function readRows(coder: RangeDecoder, { levels: most, columns }: Basis, levels: Int32Array, numOffsets: number): Rows {
-  const wide = (columns + 3) * (1 + OWN), bits = fresh(numOffsets * HISTORY), models = fresh(most * (wide + SHARED)), count = levels.length;
-  const masks = new Uint8Array(count * numOffsets), values = new Int32Array(count * columns), offsets = new Int32Array(3 * count * numOffsets);
+  const wide = (columns + 3) * (1 + OWN),
+    bits = fresh(numOffsets * HISTORY),
+    models = fresh(most * (wide + SHARED)),
+    count = levels.length;
+  const masks = new Uint8Array(count * numOffsets),
+    values = new Int32Array(count * columns),
+    offsets = new Int32Array(3 * count * numOffsets);
   levels.forEach((level, n) => {
-    const first = (level - 1) * (wide + SHARED), value = (column: number): number => readValue(coder, models, first + column * (1 + OWN), first + wide);
-    for (let k = 0, ones = 0; k < numOffsets; k++) ones += masks[n * numOffsets + k] = coder.bit(bits, k * HISTORY + Math.min(ones, HISTORY - 1));
+    const first = (level - 1) * (wide + SHARED),
+      value = (column: number): number => readValue(coder, models, first + column * (1 + OWN), first + wide);
+    for (let k = 0, ones = 0; k < numOffsets; k++)
+      ones += masks[n * numOffsets + k] = coder.bit(bits, k * HISTORY + Math.min(ones, HISTORY - 1));
     for (let c = 0; c < columns; c++) values[n * columns + c] = value(c);
-    for (let k = n * numOffsets; k < (n + 1) * numOffsets; k++) if (masks[k]) for (let a = 0; a < 3; a++) offsets[3 * k + a] = value(columns + a);
+    for (let k = n * numOffsets; k < (n + 1) * numOffsets; k++)
+      if (masks[k]) for (let a = 0; a < 3; a++) offsets[3 * k + a] = value(columns + a);
   });
   return { masks, values, offsets };
 }
@@ -127,26 +178,43 @@ function readValue(coder: RangeDecoder, models: Int32Array, own: number, shared:
 }
 
 /** Offsets are in units of three lengths, which a drawn anchor has one of: their geometric mean. */
-function toAnchors({ columns, mean, matrix, offsetStep }: Basis, levels: Int32Array, rows: Rows, known: Known, ranks: Int32Array): Pick<Sketch, "anchors" | "features"> {
-  const count = levels.length, { features: size, offsets: numOffsets } = known, features = new Float32Array(count * size), least = leastOf(known.lengths);
-  const scales = new Float32Array(count), sizes = new Float32Array(3 * count), offsets = new Float32Array(3 * count * numOffsets);
+function toAnchors(
+  { columns, mean, matrix, offsetStep }: Basis,
+  levels: Int32Array,
+  rows: Rows,
+  known: Known,
+  ranks: Int32Array,
+): Pick<Sketch, "anchors" | "features"> {
+  const count = levels.length,
+    { features: size, offsets: numOffsets } = known,
+    features = new Float32Array(count * size),
+    least = leastOf(known.lengths);
+  const scales = new Float32Array(count),
+    sizes = new Float32Array(3 * count),
+    offsets = new Float32Array(3 * count * numOffsets);
   levels.forEach((level, n) => {
-    const step = 0.5 ** (level - 1), channel = (d: number): number => {
-      let sum = 0;
-      for (let c = 0; c < columns; c++) sum += rows.values[n * columns + c] * step * matrix[d * columns + c];
-      return Math.fround(mean[d] + sum);
-    };
+    const step = 0.5 ** (level - 1),
+      channel = (d: number): number => {
+        let sum = 0;
+        for (let c = 0; c < columns; c++) sum += rows.values[n * columns + c] * step * matrix[d * columns + c];
+        return Math.fround(mean[d] + sum);
+      };
     const length = (a: number): number => {
-      const form = Math.max(a - 2, 0), expected = Math.max(known.lengths[4 * ranks[n] + form], least[form]);
+      const form = Math.max(a - 2, 0),
+        expected = Math.max(known.lengths[4 * ranks[n] + form], least[form]);
       return Math.exp(Math.min(Math.max(channel(size + a), -MAX_LOG_SIZE), MAX_LOG_SIZE)) * expected;
     };
     for (let c = 0; c < size; c++) features[n * size + c] = channel(c);
     const units = [length(0), length(1), length(2)];
     scales[n] = Math.cbrt(units[0] * units[1] * units[2]);
     for (let a = 0; a < 3; a++) sizes[3 * n + a] = length(3 + a);
-    for (let k = 3 * n * numOffsets; k < 3 * (n + 1) * numOffsets; k++) offsets[k] = (rows.offsets[k] * offsetStep * step * units[k % 3]) / scales[n];
+    for (let k = 3 * n * numOffsets; k < 3 * (n + 1) * numOffsets; k++)
+      offsets[k] = (rows.offsets[k] * offsetStep * step * units[k % 3]) / scales[n];
   });
-  return { anchors: { count, numOffsets, positions: known.positions(ranks), scales, sizes, masks: rows.masks, offsets }, features };
+  return {
+    anchors: { count, numOffsets, positions: known.positions(ranks), scales, sizes, masks: rows.masks, offsets },
+    features,
+  };
 }
 
 /** Expected lengths are no smaller than a share of their median. */

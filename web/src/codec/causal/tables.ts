@@ -14,16 +14,27 @@ export function exactExists(index: number): number {
 export const SIXTEENTHS = Int32Array.from({ length: CELLS }, (_, cell) => Math.floor(exactSixteenths(cell)));
 
 /** The logistic function at multiples of 1/16 from -8 on, out of 2^16, kept between 32 and 65504. */
-export const EXISTS = Int32Array.from({ length: 256 }, (_, index) => Math.min(Math.max(Math.round(exactExists(index)), 32), 65504));
+export const EXISTS = Int32Array.from({ length: 256 }, (_, index) =>
+  Math.min(Math.max(Math.round(exactExists(index)), 32), 65504),
+);
 
-const EXP2_CELLS = 10, EXP2_BITS = 40, LOG_BITS = 24, FRACTION = 2 ** (LOG_BITS - EXP2_CELLS), MAX_LOG = 60;
+const EXP2_CELLS = 10,
+  EXP2_BITS = 40,
+  LOG_BITS = 24,
+  FRACTION = 2 ** (LOG_BITS - EXP2_CELLS),
+  MAX_LOG = 60;
 
-/** Powers of two from 1 to 2 at multiples of 1/1024, out of 2^40: by repeated square roots, for doubles round the last bit as they like. */
+/**
+ * Powers of two from 1 to 2 at multiples of 1/1024, out of 2^40: by repeated square roots, for doubles round the last
+ * bit as they like.
+ */
 export const POWERS = powers();
 
 function powers(): Float64Array {
-  const bits = 128n, half = 1n << (bits - BigInt(EXP2_BITS) - 1n);
-  let root = 2n << bits, value = 1n << bits;
+  const bits = 128n,
+    half = 1n << (bits - BigInt(EXP2_BITS) - 1n);
+  let root = 2n << bits,
+    value = 1n << bits;
   for (let n = 0; n < EXP2_CELLS; n++) root = squareRoot(root << bits);
   return Float64Array.from({ length: 2 ** EXP2_CELLS + 1 }, () => {
     const entry = Number((value + half) >> (bits - BigInt(EXP2_BITS)));
@@ -41,9 +52,14 @@ function squareRoot(value: bigint): bigint {
 
 /** Two to the power of a logarithm with 24 fractional bits, a float of 32 bits: the same on every machine. */
 export function exactPower(log: number): number {
-  const clipped = Math.min(Math.max(log, -MAX_LOG * 2 ** LOG_BITS), MAX_LOG * 2 ** LOG_BITS), whole = Math.floor(clipped / 2 ** LOG_BITS), rest = clipped - whole * 2 ** LOG_BITS;
-  const cell = Math.floor(rest / FRACTION), low = POWERS[cell];
-  return Math.fround((low + Math.floor(((POWERS[cell + 1] - low) * (rest % FRACTION)) / FRACTION)) * 2 ** (whole - EXP2_BITS));
+  const clipped = Math.min(Math.max(log, -MAX_LOG * 2 ** LOG_BITS), MAX_LOG * 2 ** LOG_BITS),
+    whole = Math.floor(clipped / 2 ** LOG_BITS),
+    rest = clipped - whole * 2 ** LOG_BITS;
+  const cell = Math.floor(rest / FRACTION),
+    low = POWERS[cell];
+  return Math.fround(
+    (low + Math.floor(((POWERS[cell + 1] - low) * (rest % FRACTION)) / FRACTION)) * 2 ** (whole - EXP2_BITS),
+  );
 }
 
 /** Entry of the scale table for a binary logarithm with 16 fractional bits. */

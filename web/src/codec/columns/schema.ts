@@ -1,6 +1,13 @@
 // Anchors that the server on this machine decoded, because the page does not (format 1): `splatwire view`.
 
-import { ANCHOR_CONCEALERS, grown, type AnchorFacts, type Concealer, type Elements, type Pause } from "../../conceal/conceal.ts";
+import {
+  ANCHOR_CONCEALERS,
+  type AnchorFacts,
+  type Concealer,
+  type Elements,
+  grown,
+  type Pause,
+} from "../../conceal/conceal.ts";
 import { grow } from "../../conceal/grow.ts";
 import { sceneFreeAnchors } from "../../conceal/scene_free_anchors.ts";
 import { Heads } from "../../model/heads.ts";
@@ -8,11 +15,16 @@ import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import { AnchorPart, chosen, givenFirst } from "../anchor_part.ts";
 import type { Copies, Schema } from "../schema.ts";
-import { tierFacts, type TierFacts } from "../tiers.ts";
-import { readRows, readSideInfo, type Rows, type SideInfo } from "./side_info.ts";
+import { type TierFacts, tierFacts } from "../tiers.ts";
+import { type Rows, readRows, readSideInfo, type SideInfo } from "./side_info.ts";
 
 class ColumnPart extends AnchorPart {
-  constructor(packet: Packet | null, ranks: Int32Array, readonly rows: Rows, heads: Heads) {
+  constructor(
+    packet: Packet | null,
+    ranks: Int32Array,
+    readonly rows: Rows,
+    heads: Heads,
+  ) {
     super(packet, ranks, rows, heads);
   }
 }
@@ -24,7 +36,10 @@ export class ColumnsSchema implements Schema<ColumnPart> {
   readonly #heads: Heads;
   readonly #tiers: TierFacts;
 
-  constructor(sideInfo: Uint8Array, readonly plan: Plan) {
+  constructor(
+    sideInfo: Uint8Array,
+    readonly plan: Plan,
+  ) {
     this.#info = readSideInfo(sideInfo, plan.manifest.count);
     this.#tiers = tierFacts(this.#info.sections, plan.manifest);
     const [opacity, covariance, color] = this.#info.heads;
@@ -47,11 +62,16 @@ export class ColumnsSchema implements Schema<ColumnPart> {
     const { copies } = this.#info;
     if (!copies) return ANCHOR_CONCEALERS;
     const { rule, trust } = copies;
-    return { ...ANCHOR_CONCEALERS, sketch: grown((all, pause) => (trust ? sceneFreeAnchors(all, pause, rule, trust) : grow(all, pause, rule))) };
+    return {
+      ...ANCHOR_CONCEALERS,
+      sketch: grown((all, pause) => (trust ? sceneFreeAnchors(all, pause, rule, trust) : grow(all, pause, rule))),
+    };
   }
 
   read(packet: Packet): ColumnPart {
-    const places = this.plan.members(packet), { order } = this.#tiers, ranks = order ? places.map((place) => order[place]) : places;
+    const places = this.plan.members(packet),
+      { order } = this.#tiers,
+      ranks = order ? places.map((place) => order[place]) : places;
     return new ColumnPart(packet, ranks, readRows(packet.payload, this.#positions(ranks), this.#info), this.#heads);
   }
 
@@ -64,14 +84,22 @@ export class ColumnsSchema implements Schema<ColumnPart> {
     const { ranks, rows } = this.#info.copies!;
     const part = (which: Int32Array): ColumnPart => {
       const logScales = Float32Array.from(which, (n) => rows.logScales[n]);
-      return new ColumnPart(null, which.map((n) => ranks[n]), { ...chosen(rows, which), logScales }, this.#heads);
+      return new ColumnPart(
+        null,
+        which.map((n) => ranks[n]),
+        { ...chosen(rows, which), logScales },
+        this.#heads,
+      );
     };
     return { part: part(ranks.map((_, n) => n)), chosen: part };
   }
 
   async elements(parts: readonly ColumnPart[], pause: Pause): Promise<Elements | null> {
     if (!(await pause())) return null;
-    const { count } = this.plan.manifest, { known } = this.#info, { ranks, end } = givenFirst(parts, count), { sizes } = this.#tiers;
+    const { count } = this.plan.manifest,
+      { known } = this.#info,
+      { ranks, end } = givenFirst(parts, count),
+      { sizes } = this.#tiers;
     let facts: AnchorFacts | null = null;
     return {
       positions: this.#positions(ranks),
@@ -86,9 +114,16 @@ export class ColumnsSchema implements Schema<ColumnPart> {
   }
 
   #facts(parts: readonly ColumnPart[], ranks: Int32Array): AnchorFacts {
-    const logs = new Float64Array(4 * ranks.length), active = new Uint8Array(ranks.length), { known } = this.#info;
+    const logs = new Float64Array(4 * ranks.length),
+      active = new Uint8Array(ranks.length),
+      { known } = this.#info;
     let at = 0;
-    for (const { rows: { anchors: { count, numOffsets, sizes, masks }, logScales } } of parts) {
+    for (const {
+      rows: {
+        anchors: { count, numOffsets, sizes, masks },
+        logScales,
+      },
+    } of parts) {
       for (let n = 0; n < count; n++, at++) {
         logs[4 * at] = logScales[n];
         for (let a = 0; a < 3; a++) logs[4 * at + 1 + a] = Math.log(sizes[3 * n + a]);

@@ -5,12 +5,14 @@ import { decodeTree } from "../code_tree.ts";
 import { SLOT_BITS } from "./layout.ts";
 
 /**
- * Fills `cells` (3 each) with places of `depth` bits to an axis. A spread packet holds cells that agree, but for a few bits, in the
- * lowest bits of their Morton codes: these slots follow the tree of the other bits.
+ * Fills `cells` (3 each) with places of `depth` bits to an axis. A spread packet holds cells that agree, but for a few
+ * bits, in the lowest bits of their Morton codes: these slots follow the tree of the other bits.
  */
 export function decodeCells(coder: RangeDecoder, models: Int32Array, cells: Int32Array, depth: number): void {
-  const spread = coder.raw(1), size = spread ? Math.min(3 * depth, SLOT_BITS) : 0;
-  const first = coder.raw(size), count = coder.raw(size) + 1;
+  const spread = coder.raw(1),
+    size = spread ? Math.min(3 * depth, SLOT_BITS) : 0;
+  const first = coder.raw(size),
+    count = coder.raw(size) + 1;
   decodeTree(coder, models, cells.length / 3, 3 * depth, size, 1, (begin, end, bit, prefix) => {
     readBits(coder, prefix, bit, size);
     for (let i = 3 * begin; i < 3 * end; i++) cells[i] = prefix[i % 3];
@@ -25,7 +27,8 @@ export function decodeCells(coder: RangeDecoder, models: Int32Array, cells: Int3
 /** The rest of a lone Gaussian's bits, as they are: at most 16 at a time, the high ones first. */
 function readBits(coder: RangeDecoder, prefix: Int32Array, bit: number, lowest: number): void {
   while (bit >= lowest) {
-    const some = Math.min(bit - lowest + 1, 16), part = coder.raw(some);
+    const some = Math.min(bit - lowest + 1, 16),
+      part = coder.raw(some);
     for (let i = some - 1; i >= 0; i--, bit--) prefix[bit % 3] = prefix[bit % 3] * 2 + ((part >> i) & 1);
   }
 }

@@ -6,7 +6,9 @@ import { hex } from "../../bytes.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Decoded } from "./packet.ts";
 
-/** Rows as 64-bit integers, then harmonics as 32-bit ones, block by block; `blocks` has the packets of each, in order. */
+/**
+ * Rows as 64-bit integers, then harmonics as 32-bit ones, block by block; `blocks` has the packets of each, in order.
+ */
 export function symbolsDigest(blocks: readonly (readonly Packet[])[], decode: (packet: Packet) => Decoded): string {
   const digest = sha256.create();
   for (const block of blocks) {

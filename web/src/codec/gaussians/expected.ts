@@ -7,18 +7,26 @@ import type { GaussianPart } from "./schema.ts";
 import type { SideInfo } from "./side_info.ts";
 import { THINNESS } from "./tables.ts";
 
-const SMALLEST = 1e-9, RECEIVED = 1, COPIED = 2;
+const SMALLEST = 1e-9,
+  RECEIVED = 1,
+  COPIED = 2;
 /** Powers of the plastic number's four-dimensional cousin: multiples of them fill a box evenly (Roberts, 2018). */
 const GOLDEN = [0.8191725134, 0.6710436067, 0.5497004779];
 
 /**
- * The elements of some packets as they are, and of copies, the last part if any; behind them the lost ones, at places of received
- * ones of their block, of its mean size.
+ * The elements of some packets as they are, and of copies, the last part if any; behind them the lost ones, at places
+ * of received ones of their block, of its mean size.
  */
 export function expectedElements(info: SideInfo, plan: Plan, parts: readonly GaussianPart[]): Elements {
-  const { count } = plan.manifest, positions = new Float32Array(3 * count), sizes = new Float32Array(count), known = new Uint8Array(count);
-  const logScales = new Float32Array(3 * count), places = new Int32Array(count), there = new Uint8Array(count);
-  const opacities = new Float32Array(count), blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []);
+  const { count } = plan.manifest,
+    positions = new Float32Array(3 * count),
+    sizes = new Float32Array(count),
+    known = new Uint8Array(count);
+  const logScales = new Float32Array(3 * count),
+    places = new Int32Array(count),
+    there = new Uint8Array(count);
+  const opacities = new Float32Array(count),
+    blocks = Array.from({ length: plan.numBlocks }, (): GaussianPart[] => []);
   let at = 0;
   for (const part of parts) {
     const { splats, packet } = part;
@@ -38,14 +46,22 @@ export function expectedElements(info: SideInfo, plan: Plan, parts: readonly Gau
   }
   blocks.forEach((received, block) => {
     received.sort((a, b) => a.packet!.lane - b.packet!.lane);
-    const near = new Float32Array(received.reduce((sum, part) => sum + 3 * part.splats.count, 0)), size = meanSize(info, block);
-    received.reduce((end, { splats }) => (near.set(splats.means, end), end + 3 * splats.count), 0);
-    plan.order(block).filter((place) => there[place] !== RECEIVED).forEach((place, gone, lost) => {
-      if (there[place] === COPIED) return;
-      sizes[at] = size;
-      places[at] = place;
-      positions.set(placeOf(info, block, near, gone, lost.length), 3 * at++);
-    });
+    const near = new Float32Array(received.reduce((sum, part) => sum + 3 * part.splats.count, 0)),
+      size = meanSize(info, block);
+    let end = 0;
+    for (const { splats } of received) {
+      near.set(splats.means, end);
+      end += 3 * splats.count;
+    }
+    plan
+      .order(block)
+      .filter((place) => there[place] !== RECEIVED)
+      .forEach((place, gone, lost) => {
+        if (there[place] === COPIED) return;
+        sizes[at] = size;
+        places[at] = place;
+        positions.set(placeOf(info, block, near, gone, lost.length), 3 * at++);
+      });
   });
   return { positions, sizes, tierSizes: null, opacities, known, places, logScales, anchors: null };
 }
@@ -55,7 +71,8 @@ function placeOf(info: SideInfo, block: number, near: Float32Array, gone: number
     const from = 3 * Math.floor((gone * (near.length / 3)) / lost);
     return near.subarray(from, from + 3);
   }
-  const unit = 2 ** (info.sizeLog - info.unit), { shifts, corners, extents } = info.boxes;
+  const unit = 2 ** (info.sizeLog - info.unit),
+    { shifts, corners, extents } = info.boxes;
   return GOLDEN.map((step, a) => {
     const side = (extents[3 * block + a] + 1) * 2 ** shifts[block];
     return (corners[3 * block + a] + side * ((0.5 + (gone + 1) * step) % 1)) * unit;
@@ -63,7 +80,9 @@ function placeOf(info: SideInfo, block: number, near: Float32Array, gone: number
 }
 
 function meanSize(info: SideInfo, block: number): number {
-  const [, s0, long, thin] = info.defaults.subarray(7 * block, 7 * block + 7), clip = (v: number, a: number, b: number): number => Math.min(Math.max(v, a), b);
-  const first = clip(s0, -MAX_LOG, MAX_LOG), second = first - clip(long, 0, MAX_LOG);
+  const [, s0, long, thin] = info.defaults.subarray(7 * block, 7 * block + 7),
+    clip = (v: number, a: number, b: number): number => Math.min(Math.max(v, a), b);
+  const first = clip(s0, -MAX_LOG, MAX_LOG),
+    second = first - clip(long, 0, MAX_LOG);
   return 2 ** (info.sizeLog + (first + 2 * second - THINNESS[clip(thin, 0, MAX_THIN)]) / 3 / 2 ** BITS);
 }

@@ -1,4 +1,5 @@
-// Numbers of the harmonics of one Gaussian, three channels of one after another; most are 0, and what came before is the context.
+// Numbers of the harmonics of one Gaussian, three channels of one after another; most are 0, and what came before is
+// the context.
 
 import type { RangeDecoder } from "../../entropy/decoder.ts";
 import { FIRST_HARMONIC, FIRST_MAGNITUDE, MAX_HARMONIC, MAX_RESIDUAL } from "./layout.ts";
@@ -6,7 +7,15 @@ import { FIRST_HARMONIC, FIRST_MAGNITUDE, MAX_HARMONIC, MAX_RESIDUAL } from "./l
 /** Least running magnitude, in sixteenths, of each context but the first. */
 const RUNNING = Int32Array.of(2, 6, 13, 24, 42, 74, 135);
 
-export function decodeHarmonics(coder: RangeDecoder, models: Int32Array, values: Int32Array, first: number, count: number, level: number, shift: number): void {
+export function decodeHarmonics(
+  coder: RangeDecoder,
+  models: Int32Array,
+  values: Int32Array,
+  first: number,
+  count: number,
+  level: number,
+  shift: number,
+): void {
   if (!coder.bit(models, FIRST_HARMONIC + Math.min(level & 7, 7))) return;
   const step = 2 ** shift;
   let running = 0;
@@ -22,7 +31,8 @@ export function decodeHarmonics(coder: RangeDecoder, models: Int32Array, values:
 
 function coefficient(coder: RangeDecoder, models: Int32Array, zero: number, context: number): number {
   if (!coder.bit(models, zero)) return 0;
-  const sign = coder.raw(1) ? -1 : 1, base = FIRST_MAGNITUDE + context * 3;
+  const sign = coder.raw(1) ? -1 : 1,
+    base = FIRST_MAGNITUDE + context * 3;
   for (let size = 1; size < 15; size++) if (!coder.bit(models, base + Math.min(size - 1, 2))) return sign * size;
   return sign * (15 + Math.min(coder.gamma(), MAX_RESIDUAL, 1 << 20));
 }

@@ -12,10 +12,17 @@ export class Neighbours {
   readonly #far = new Float64Array(NUM_NEIGHBOURS);
 
   find(cells: Int32Array, i: number): void {
-    const far = this.#far, who = this.who, cx = cells[3 * i], cy = cells[3 * i + 1], cz = cells[3 * i + 2];
+    const far = this.#far,
+      who = this.who,
+      cx = cells[3 * i],
+      cy = cells[3 * i + 1],
+      cz = cells[3 * i + 2];
     let count = 0;
     for (let j = i - 1, last = Math.max(i - WINDOW, 0); j >= last; j--) {
-      const x = cx - cells[3 * j], y = cy - cells[3 * j + 1], z = cz - cells[3 * j + 2], d = Math.min(x * x + y * y + z * z, FAR);
+      const x = cx - cells[3 * j],
+        y = cy - cells[3 * j + 1],
+        z = cz - cells[3 * j + 2],
+        d = Math.min(x * x + y * y + z * z, FAR);
       if (count === NUM_NEIGHBOURS && d >= far[count - 1]) continue;
       let at = count < NUM_NEIGHBOURS ? count++ : count - 1;
       for (; at > 0 && far[at - 1] > d; at--) {
@@ -34,7 +41,9 @@ export class Neighbours {
     const { count, who, weight } = this;
     this.deviation = 0;
     if (count === 0) return otherwise;
-    let total = 0, sums = 0, deviations = 0;
+    let total = 0,
+      sums = 0,
+      deviations = 0;
     for (let m = 0; m < count; m++) {
       total += weight[m];
       sums += weight[m] * rows[who[m] * columns + column];

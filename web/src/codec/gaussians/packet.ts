@@ -6,9 +6,44 @@ import { NUM_SCALES } from "../../entropy/tables.ts";
 import { decodeCells } from "./cells.ts";
 import { decodeHarmonics } from "./harmonics.ts";
 import {
-  AXIS, BITS, CLASS, COEFFICIENTS, COLUMNS, DIRECTION_BITS, FIRST_CLASS, LATTICE, LUMA, MAX_CELL_BITS, MAX_COLOUR, MAX_LOG,
-  MAX_OPACITY, MAX_RESIDUAL, MAX_THIN, MIN_OPACITY, NARROW_WEIGHT, ONE, OPACITY, PRIMARY, SCALE0, SCALE1, SCALE2, SECONDS, SPIN,
-  SPIN_BITS, SPREADS, STEP_BITS, S_COLOUR, S_DIRECTION, S_HARMONICS, S_OPACITY, S_POSITION, S_SCALE0, S_SCALE1, S_SCALE2, S_SPIN, WIDE,
+  AXIS,
+  BITS,
+  CLASS,
+  COEFFICIENTS,
+  COLUMNS,
+  DIRECTION_BITS,
+  FIRST_CLASS,
+  LATTICE,
+  LUMA,
+  MAX_CELL_BITS,
+  MAX_COLOUR,
+  MAX_LOG,
+  MAX_OPACITY,
+  MAX_RESIDUAL,
+  MAX_THIN,
+  MIN_OPACITY,
+  NARROW_WEIGHT,
+  ONE,
+  OPACITY,
+  PRIMARY,
+  S_COLOUR,
+  S_DIRECTION,
+  S_HARMONICS,
+  S_OPACITY,
+  S_POSITION,
+  S_SCALE0,
+  S_SCALE1,
+  S_SCALE2,
+  S_SPIN,
+  SCALE0,
+  SCALE1,
+  SCALE2,
+  SECONDS,
+  SPIN,
+  SPIN_BITS,
+  SPREADS,
+  STEP_BITS,
+  WIDE,
 } from "./layout.ts";
 import { Neighbours, spreadContext } from "./neighbours.ts";
 import type { SideInfo } from "./side_info.ts";
@@ -61,17 +96,22 @@ export class PacketDecoder {
   }
 
   decode(payload: Uint8Array, block: number, count: number): Decoded {
-    const { info } = this, coder = (this.#coder = new RangeDecoder(payload)), boxBits = info.boxes.bits[block];
-    const rows = (this.#rows = new Float64Array(count * COLUMNS)), harmonics = new Int32Array(count * info.numHarmonics);
+    const { info } = this,
+      coder = (this.#coder = new RangeDecoder(payload)),
+      boxBits = info.boxes.bits[block];
+    const rows = (this.#rows = new Float64Array(count * COLUMNS)),
+      harmonics = new Int32Array(count * info.numHarmonics);
     this.#models.set(info.models);
     const at = Math.min(Math.max(coder.raw(6), boxBits - MAX_CELL_BITS), boxBits);
-    const cells = new Int32Array(3 * count), defaults = info.defaults.subarray(7 * block, 7 * block + 7);
+    const cells = new Int32Array(3 * count),
+      defaults = info.defaults.subarray(7 * block, 7 * block + 7);
     decodeCells(coder, this.#models, cells, boxBits - at);
     for (let i = 0; i < count; i++) {
       this.#near.find(cells, i);
       this.#gaussian(i * COLUMNS, defaults, cells, 3 * i, at, boxBits);
       if (info.numHarmonics) {
-        const level = rows[i * COLUMNS + CLASS], shift = clip(BITS - this.#exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
+        const level = rows[i * COLUMNS + CLASS],
+          shift = clip(BITS - this.#exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
         decodeHarmonics(coder, this.#models, harmonics, i * info.numHarmonics, info.numHarmonics, level, shift);
       }
     }
@@ -80,13 +120,27 @@ export class PacketDecoder {
 
   #gaussian(row: number, defaults: Int32Array, cells: Int32Array, cell: number, at: number, boxBits: number): void {
     this.#running = 16;
-    const rows = this.#rows, { unit } = this.info, level = (rows[row + CLASS] = this.#class());
-    const opacity = clip(this.#value(0, S_OPACITY, OPACITY, defaults[0], level, 0, 0, 0, BITS), MIN_OPACITY, MAX_OPACITY);
+    const rows = this.#rows,
+      { unit } = this.info,
+      level = (rows[row + CLASS] = this.#class());
+    const opacity = clip(
+      this.#value(0, S_OPACITY, OPACITY, defaults[0], level, 0, 0, 0, BITS),
+      MIN_OPACITY,
+      MAX_OPACITY,
+    );
     rows[row + OPACITY] = opacity;
     const expected = this.#absolute ? 0 : 2 * this.#near.predict(rows, COLUMNS, SCALE0, defaults[1]) - (2 << BITS);
-    const s0 = clip(this.#value(1, S_SCALE0, SCALE0, defaults[1], level, expected, 0, opacity, BITS - 1), -MAX_LOG, MAX_LOG);
+    const s0 = clip(
+      this.#value(1, S_SCALE0, SCALE0, defaults[1], level, expected, 0, opacity, BITS - 1),
+      -MAX_LOG,
+      MAX_LOG,
+    );
     rows[row + SCALE0] = s0;
-    const long = clip(this.#value(2, S_SCALE1, SCALE1, defaults[2], level, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1), 0, MAX_LOG);
+    const long = clip(
+      this.#value(2, S_SCALE1, SCALE1, defaults[2], level, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
+      0,
+      MAX_LOG,
+    );
     rows[row + SCALE1] = long;
     const area = 2 * s0 - long;
     const ratio = this.#value(3, S_SCALE2, SCALE2, defaults[3], level, area, long, opacity, BITS - 1);
@@ -94,9 +148,19 @@ export class PacketDecoder {
     rows[row + SCALE2] = companded;
     const thin = THINNESS[companded];
     const finest = Math.max(this.#exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS));
-    this.#place(row, cells, cell, at, Math.min(Math.max(unit - finest, 0), this.#absolute ? this.info.coarsest : boxBits));
+    this.#place(
+      row,
+      cells,
+      cell,
+      at,
+      Math.min(Math.max(unit - finest, 0), this.#absolute ? this.info.coarsest : boxBits),
+    );
     const primary = (rows[row + PRIMARY] = thin >= long ? 2 : 0);
-    const shift = clip(DIRECTION_BITS - this.#exponent(S_DIRECTION, level, area, long, thin, opacity), 0, DIRECTION_BITS - 2);
+    const shift = clip(
+      DIRECTION_BITS - this.#exponent(S_DIRECTION, level, area, long, thin, opacity),
+      0,
+      DIRECTION_BITS - 2,
+    );
     this.#axis(row, primary, shift);
     const bits = clip(this.#exponent(S_SPIN, level, area, long, thin, opacity), 0, DIRECTION_BITS);
     rows[row + SPIN_BITS] = bits;
@@ -106,7 +170,9 @@ export class PacketDecoder {
 
   #class(): number {
     const { count, who, weight } = this.#near;
-    let total = 0, sums = 0, node = 1;
+    let total = 0,
+      sums = 0,
+      node = 1;
     for (let m = 0; m < count; m++) {
       total += weight[m];
       sums += weight[m] * this.#rows[who[m] * COLUMNS + CLASS];
@@ -117,8 +183,19 @@ export class PacketDecoder {
   }
 
   /** A value that is predicted by the neighbours' mean of its column. */
-  #value(stream: number, step: number, column: number, otherwise: number, level: number, area: number, long: number, opacity: number, most: number): number {
-    const near = this.#near, mean = near.predict(this.#rows, COLUMNS, column, otherwise);
+  #value(
+    stream: number,
+    step: number,
+    column: number,
+    otherwise: number,
+    level: number,
+    area: number,
+    long: number,
+    opacity: number,
+    most: number,
+  ): number {
+    const near = this.#near,
+      mean = near.predict(this.#rows, COLUMNS, column, otherwise);
     const shift = clip(BITS - this.#exponent(step, level, area, long, 0, opacity), 0, most);
     return this.#coded(stream, spreadContext(near.count, near.deviation, shift), mean, shift);
   }
@@ -127,15 +204,26 @@ export class PacketDecoder {
   #coded(stream: number, spread: number, mean: number, shift: number): number {
     const step = POWER[(this.#shift = shift)];
     if (!this.#absolute) return mean + this.#residual(stream, spread, shift, 0) * step;
-    const eighths = Math.floor((8 * mean + Math.floor(step / 2)) / step), near = Math.floor((eighths + 4) / 8);
+    const eighths = Math.floor((8 * mean + Math.floor(step / 2)) / step),
+      near = Math.floor((eighths + 4) / 8);
     return (near + this.#residual(stream, spread, shift, eighths - 8 * near)) * step;
   }
 
-  /** A residual in steps, of a mean in eighths; a context of all but the first two streams is how large those before were. */
+  /**
+   * A residual in steps, of a mean in eighths; a context of all but the first two streams is how large those before
+   * were.
+   */
   #residual(stream: number, spread: number, shift: number, mean: number): number {
-    const second = stream < 2 ? shift : Math.min(32 - Math.clz32(this.#running), SECONDS - 1), context = (stream * SPREADS + spread) * SECONDS + second;
-    const scale = this.info.scales[context], kinds = this.#mixtures[context];
-    const mixture = (kinds[mean + 4] ??= new Mixture(mean * 512, scale, Math.min(scale + WIDE, NUM_SCALES - 1), NARROW_WEIGHT));
+    const second = stream < 2 ? shift : Math.min(32 - Math.clz32(this.#running), SECONDS - 1),
+      context = (stream * SPREADS + spread) * SECONDS + second;
+    const scale = this.info.scales[context],
+      kinds = this.#mixtures[context];
+    const mixture = (kinds[mean + 4] ??= new Mixture(
+      mean * 512,
+      scale,
+      Math.min(scale + WIDE, NUM_SCALES - 1),
+      NARROW_WEIGHT,
+    ));
     const q = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
     this.#running = (this.#running + 16 * Math.min(Math.abs(q), 1 << 14)) >> 1;
     return q;
@@ -144,30 +232,53 @@ export class PacketDecoder {
   /** `-log2` of a step, rounded. */
   #exponent(which: number, level: number, area: number, long: number, thin: number, opacity: number): number {
     const c = 4 * which;
-    return (C[c] * area + C[c + 1] * long + C[c + 2] * thin + C[c + 3] * opacity + this.#bases[8 * which + level]) >> (BITS + STEP_BITS);
+    return (
+      (C[c] * area + C[c + 1] * long + C[c + 2] * thin + C[c + 3] * opacity + this.#bases[8 * which + level]) >>
+      (BITS + STEP_BITS)
+    );
   }
 
   /** The bits of a place between cell and step; coordinates are in half lattice units. */
   #place(row: number, cells: Int32Array, cell: number, at: number, shift: number): void {
-    const low = Math.min(at, shift), fine = at - low, size = this.#absolute ? shift : low;
-    const wider = POWER[size - low], unit = POWER[size + 1], half = POWER[size];
+    const low = Math.min(at, shift),
+      fine = at - low,
+      size = this.#absolute ? shift : low;
+    const wider = POWER[size - low],
+      unit = POWER[size + 1],
+      half = POWER[size];
     for (let a = 0; a < 3; a++) {
       const place = fine ? cells[cell + a] * POWER[fine] + this.#coder.raw(fine) : cells[cell + a];
       this.#rows[row + LATTICE + a] = Math.floor(place / wider) * unit + half;
     }
   }
 
-  /** The primary axis, as seen from the coordinate axis nearest to the neighbours' mean axis: two coordinates, or a place on an octahedral square. */
+  /**
+   * The primary axis, as seen from the coordinate axis nearest to the neighbours' mean axis: two coordinates, or a
+   * place on an octahedral square.
+   */
   #axis(row: number, primary: number, shift: number): void {
-    const rows = this.#rows, mean = this.#mean, same = this.#meanAxis(primary);
+    const rows = this.#rows,
+      mean = this.#mean,
+      same = this.#meanAxis(primary);
     let pole = 0;
     for (let a = 1; a < 3; a++) if (Math.abs(mean[a]) > Math.abs(mean[pole])) pole = a;
-    const side = mean[pole] < 0 ? -1 : 1, first = (pole + 1) % 3, second = (pole + 2) % 3;
-    const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]), p = side * mean[first], q = side * mean[second];
-    const spread = spreadContext(same, this.#deviation, shift), square = this.#absolute ? 0 : 1;
-    const e0 = clip(this.#coded(4, spread, Math.floor(((p + square * q) * ONE) / norm), shift), -ONE, ONE), most = square ? ONE : ONE - Math.abs(e0);
-    const e1 = clip(this.#coded(4, spread, Math.floor(((square * p - q) * (square ? 1 : -1) * ONE) / norm), shift), -most, most);
-    const x = square ? (e0 + e1) >> 1 : e0, y = square ? (e0 - e1) >> 1 : e1;
+    const side = mean[pole] < 0 ? -1 : 1,
+      first = (pole + 1) % 3,
+      second = (pole + 2) % 3;
+    const norm = Math.abs(mean[0]) + Math.abs(mean[1]) + Math.abs(mean[2]),
+      p = side * mean[first],
+      q = side * mean[second];
+    const spread = spreadContext(same, this.#deviation, shift),
+      square = this.#absolute ? 0 : 1;
+    const e0 = clip(this.#coded(4, spread, Math.floor(((p + square * q) * ONE) / norm), shift), -ONE, ONE),
+      most = square ? ONE : ONE - Math.abs(e0);
+    const e1 = clip(
+      this.#coded(4, spread, Math.floor(((square * p - q) * (square ? 1 : -1) * ONE) / norm), shift),
+      -most,
+      most,
+    );
+    const x = square ? (e0 + e1) >> 1 : e0,
+      y = square ? (e0 - e1) >> 1 : e1;
     rows[row + AXIS + first] = x;
     rows[row + AXIS + second] = y + 0; // no negative zero
     rows[row + AXIS + pole] = Math.max(ONE - Math.abs(x) - Math.abs(y), 0);
@@ -182,12 +293,24 @@ export class PacketDecoder {
     if (rows[u + pole] < 0) for (let a = 0; a < 3; a++) rows[u + a] = 0 - rows[u + a];
   }
 
-  /** Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; gives how many, sets their mean deviation. */
+  /**
+   * Weighted sum of the neighbours' axes of the same kind, on the nearest one's side; gives how many, sets their mean
+   * deviation.
+   */
   #meanAxis(primary: number): number {
-    const rows = this.#rows, { count, who, weight } = this.#near, mean = this.#mean;
-    let nearest = -1, total = 0, same = 0, deviations = 0, x = 0, y = 0, z = 0;
+    const rows = this.#rows,
+      { count, who, weight } = this.#near,
+      mean = this.#mean;
+    let nearest = -1,
+      total = 0,
+      same = 0,
+      deviations = 0,
+      x = 0,
+      y = 0,
+      z = 0;
     for (let m = 0; m < count; m++) {
-      const row = who[m] * COLUMNS, u = row + AXIS;
+      const row = who[m] * COLUMNS,
+        u = row + AXIS;
       if (rows[row + PRIMARY] !== primary) continue;
       if (nearest < 0) nearest = u;
       const dot = rows[u] * rows[nearest] + rows[u + 1] * rows[nearest + 1] + rows[u + 2] * rows[nearest + 2];
@@ -201,9 +324,12 @@ export class PacketDecoder {
     this.#deviation = mean[0] = mean[1] = 0;
     mean[2] = ONE;
     if (nearest < 0 || !(x || y || z)) return 0;
-    const mx = Math.floor(x / total), my = Math.floor(y / total), mz = Math.floor(z / total);
+    const mx = Math.floor(x / total),
+      my = Math.floor(y / total),
+      mz = Math.floor(z / total);
     for (let m = 0; m < count; m++) {
-      const row = who[m] * COLUMNS, u = row + AXIS;
+      const row = who[m] * COLUMNS,
+        u = row + AXIS;
       if (rows[row + PRIMARY] !== primary) continue;
       const near = Math.abs(rows[u] - mx) + Math.abs(rows[u + 1] - my) + Math.abs(rows[u + 2] - mz);
       const opposite = Math.abs(rows[u] + mx) + Math.abs(rows[u + 1] + my) + Math.abs(rows[u + 2] + mz);
@@ -218,7 +344,8 @@ export class PacketDecoder {
 
   /** Luma and chroma. */
   #colour(row: number, defaults: Int32Array, level: number): void {
-    const near = this.#near, shift = clip(BITS - this.#exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
+    const near = this.#near,
+      shift = clip(BITS - this.#exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
       const mean = near.predict(this.#rows, COLUMNS, LUMA + c, defaults[4 + c]);
       const value = this.#coded(5 + c, spreadContext(near.count, near.deviation, shift), mean, shift);

@@ -1,12 +1,12 @@
 // Explicit Gaussians: every camera sees the same.
 
-import { grown, SPLAT_CONCEALERS, type Concealer, type Elements } from "../../conceal/conceal.ts";
+import { type Concealer, type Elements, grown, SPLAT_CONCEALERS } from "../../conceal/conceal.ts";
 import { sceneFree } from "../../conceal/scene_free.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import type { Copies, Part, Schema, Seen } from "../schema.ts";
 import { chosen, type Splats } from "../splats.ts";
-import { readCopies, type GaussianCopies } from "./copies.ts";
+import { type GaussianCopies, readCopies } from "./copies.ts";
 import { symbolsDigest } from "./digest.ts";
 import { expectedElements } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
@@ -14,7 +14,11 @@ import { readSideInfo, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
 
 export class GaussianPart implements Part {
-  constructor(readonly packet: Packet | null, readonly splats: Splats, readonly where: () => Int32Array) {}
+  constructor(
+    readonly packet: Packet | null,
+    readonly splats: Splats,
+    readonly where: () => Int32Array,
+  ) {}
 
   get places(): Int32Array {
     return this.where();
@@ -37,7 +41,10 @@ export class GaussianSchema implements Schema<GaussianPart> {
   readonly #packets: PacketDecoder;
   #copies: GaussianCopies | null = null;
 
-  constructor(sideInfo: Uint8Array, readonly plan: Plan) {
+  constructor(
+    sideInfo: Uint8Array,
+    readonly plan: Plan,
+  ) {
     this.info = readSideInfo(sideInfo, plan.numBlocks);
     this.#packets = new PacketDecoder(this.info);
     const sketch = grown((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
@@ -66,7 +73,8 @@ export class GaussianSchema implements Schema<GaussianPart> {
   }
 
   copies(): Promise<Copies<GaussianPart>> {
-    const { places, splats } = this.#readCopies(), some = (which: Int32Array): Int32Array => which.map((n) => places[n]);
+    const { places, splats } = this.#readCopies(),
+      some = (which: Int32Array): Int32Array => which.map((n) => places[n]);
     return Promise.resolve({
       part: new GaussianPart(null, splats, () => places),
       chosen: (which) => new GaussianPart(null, chosen(splats, which), () => some(which)),

@@ -6,10 +6,21 @@ import { readIntegers } from "../../entropy/integers.ts";
 import { NUM_SCALES } from "../../entropy/tables.ts";
 import { readSections } from "../../packets/sections.ts";
 import {
-  BITS, BOX_BITS, FIRST_HARMONIC, MAX_LATTICE_BITS, NUM_CONTEXTS, SCALE_UNIT, SECONDS, SPREADS, STEPS, STEP_BITS, STREAMS,
+  BITS,
+  BOX_BITS,
+  FIRST_HARMONIC,
+  MAX_LATTICE_BITS,
+  NUM_CONTEXTS,
+  SCALE_UNIT,
+  SECONDS,
+  SPREADS,
+  STEP_BITS,
+  STEPS,
+  STREAMS,
 } from "./layout.ts";
 
-const VERSION = 3, DEFAULTS = 7;
+const VERSION = 3,
+  DEFAULTS = 7;
 /** Version whose integers are whole steps from what neighbours in the same packet make expect. */
 const RELATIVE = 2;
 
@@ -20,7 +31,10 @@ export interface SideInfo {
   readonly sizeLog: number;
   readonly unit: number;
   readonly bases: Int32Array;
-  /** log2 of the largest cell of a place, in lattice units: integers are multiples of their own steps; -1 in streams of version 2, whose integers depend on packets. */
+  /**
+   * log2 of the largest cell of a place, in lattice units: integers are multiples of their own steps; -1 in streams of
+   * version 2, whose integers depend on packets.
+   */
   readonly coarsest: number;
   /** K x K, out of `TRANSFORM_UNIT`: row k says what the k-th number of a channel adds to its K harmonics. */
   readonly transform: Int8Array;
@@ -48,59 +62,97 @@ const clip = (value: number, low: number, high: number): number => Math.min(Math
 
 export function readSideInfo(bytes: Uint8Array, numBlocks: number): SideInfo {
   const reader = new ByteReader(bytes, "side information");
-  const header = reader.blob(), blocks = reader.blob(), contexts = reader.blob();
+  const header = reader.blob(),
+    blocks = reader.blob(),
+    contexts = reader.blob();
   const sections = readSections(reader.rest());
-  const fields = readHeader(header), { degree } = fields;
+  const fields = readHeader(header),
+    { degree } = fields;
   const { boxes, defaults } = readBlocks(blocks, numBlocks);
   const numHarmonics = 3 * ((degree + 1) ** 2 - 1);
   return { ...fields, numHarmonics, boxes, defaults, ...readContexts(contexts, degree), sections };
 }
 
-function readHeader(bytes: Uint8Array): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases" | "coarsest" | "transform"> {
-  const reader = new ByteReader(bytes, "side information header"), version = reader.u8();
-  if (version !== RELATIVE && version !== VERSION) throw new BitstreamError(`side information has version ${version}, this page reads ${RELATIVE} and ${VERSION}`);
-  const degree = reader.u8(), sizeLog = reader.signed(), unit = reader.signed();
+function readHeader(
+  bytes: Uint8Array,
+): Pick<SideInfo, "degree" | "sizeLog" | "unit" | "bases" | "coarsest" | "transform"> {
+  const reader = new ByteReader(bytes, "side information header"),
+    version = reader.u8();
+  if (version !== RELATIVE && version !== VERSION)
+    throw new BitstreamError(`side information has version ${version}, this page reads ${RELATIVE} and ${VERSION}`);
+  const degree = reader.u8(),
+    sizeLog = reader.signed(),
+    unit = reader.signed();
   const bases = Array.from({ length: STEPS }, () => reader.signed());
   const coarsest = version === RELATIVE ? -1 : reader.u8();
-  const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24), side = (degree + 1) ** 2 - 1;
-  if (degree > 3 || Math.abs(sizeLog) > 32 || unit < 0 || unit > MAX_LATTICE_BITS || coarsest > MAX_LATTICE_BITS || bases.some((base) => Math.abs(base) > 64 << STEP_BITS)) {
+  const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24),
+    side = (degree + 1) ** 2 - 1;
+  if (
+    degree > 3 ||
+    Math.abs(sizeLog) > 32 ||
+    unit < 0 ||
+    unit > MAX_LATTICE_BITS ||
+    coarsest > MAX_LATTICE_BITS ||
+    bases.some((base) => Math.abs(base) > 64 << STEP_BITS)
+  ) {
     throw new BitstreamError("side information: its header is impossible");
   }
-  if (transform.length !== side * side) throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
+  if (transform.length !== side * side)
+    throw new BitstreamError(`side information: a transform of ${transform.length} entries, not ${side * side}`);
   return { degree, sizeLog, unit, bases: Int32Array.from(bases), coarsest, transform };
 }
 
 /** Boxes and means of blocks. */
 export function readBlocks(bytes: Uint8Array, numBlocks: number): Pick<SideInfo, "boxes" | "defaults"> {
   const reader = new ByteReader(bytes, "side information blocks");
-  if (numBlocks * 7 > bytes.length) throw new BitstreamError(`side information: ${bytes.length} bytes cannot hold ${numBlocks} boxes`);
-  const shifts = new Int32Array(numBlocks), corners = new Float64Array(3 * numBlocks), extents = new Uint8Array(3 * numBlocks);
-  const bits = new Int32Array(numBlocks), defaults = new Int32Array(DEFAULTS * numBlocks);
+  if (numBlocks * 7 > bytes.length)
+    throw new BitstreamError(`side information: ${bytes.length} bytes cannot hold ${numBlocks} boxes`);
+  const shifts = new Int32Array(numBlocks),
+    corners = new Float64Array(3 * numBlocks),
+    extents = new Uint8Array(3 * numBlocks);
+  const bits = new Int32Array(numBlocks),
+    defaults = new Int32Array(DEFAULTS * numBlocks);
   for (let block = 0; block < numBlocks; block++) {
-    const shift = (shifts[block] = reader.u8()), unit = 2 ** shift;
+    const shift = (shifts[block] = reader.u8()),
+      unit = 2 ** shift;
     for (let a = 0; a < 3; a++) corners[3 * block + a] = reader.signed() * unit;
     for (let a = 0; a < 3; a++) extents[3 * block + a] = reader.u8();
     const far = corners.subarray(3 * block, 3 * block + 3).some((corner) => Math.abs(corner) > 2 ** MAX_LATTICE_BITS);
-    if (shift > MAX_LATTICE_BITS - BOX_BITS || far) throw new BitstreamError("side information: a block's box is impossible");
+    if (shift > MAX_LATTICE_BITS - BOX_BITS || far)
+      throw new BitstreamError("side information: a block's box is impossible");
     bits[block] = shift + 32 - Math.clz32(Math.max(...extents.subarray(3 * block, 3 * block + 3)));
   }
   for (let c = 0; c < DEFAULTS; c++) {
-    readIntegers(reader, numBlocks).forEach((value, block) => (defaults[DEFAULTS * block + c] = clip(value, -512, 512) * 2 ** (BITS - 4)));
+    readIntegers(reader, numBlocks).forEach(
+      (value, block) => (defaults[DEFAULTS * block + c] = clip(value, -512, 512) * 2 ** (BITS - 4)),
+    );
   }
   reader.finish();
   return { boxes: { shifts, corners, extents, bits }, defaults };
 }
 
 function readContexts(bytes: Uint8Array, degree: number): Pick<SideInfo, "models" | "scales"> {
-  const reader = new ByteReader(bytes, "side information contexts"), zero = reader.blob();
+  const reader = new ByteReader(bytes, "side information contexts"),
+    zero = reader.blob();
   const expected = degree ? NUM_CONTEXTS : FIRST_HARMONIC;
-  if (zero.length !== expected) throw new BitstreamError(`side information: ${zero.length} models of bits, not ${expected}`);
-  const models = Int32Array.from({ length: 2 * NUM_CONTEXTS }, (_, i) => (i >> 1 < zero.length ? clip(zero[i >> 1], 1, 255) : 128) * 256);
-  const coder = new RangeDecoder(reader.blob()), fresh = new Int32Array(4).fill(32768);
-  const changed = Uint8Array.from({ length: STREAMS * SPREADS * SECONDS }, (_, i) => coder.bit(fresh, i % SECONDS ? 0 : 1));
-  const steps = readIntegers(reader, changed.reduce((sum, bit) => sum + bit, 0));
+  if (zero.length !== expected)
+    throw new BitstreamError(`side information: ${zero.length} models of bits, not ${expected}`);
+  const models = Int32Array.from(
+    { length: 2 * NUM_CONTEXTS },
+    (_, i) => (i >> 1 < zero.length ? clip(zero[i >> 1], 1, 255) : 128) * 256,
+  );
+  const coder = new RangeDecoder(reader.blob()),
+    fresh = new Int32Array(4).fill(32768);
+  const changed = Uint8Array.from({ length: STREAMS * SPREADS * SECONDS }, (_, i) =>
+    coder.bit(fresh, i % SECONDS ? 0 : 1),
+  );
+  const steps = readIntegers(
+    reader,
+    changed.reduce((sum, bit) => sum + bit, 0),
+  );
   reader.finish();
-  let next = 0, sum = 0;
+  let next = 0,
+    sum = 0;
   const scales = Int32Array.from(changed, (bit, i) => {
     if (i % SECONDS === 0) sum = 0;
     if (bit) sum += steps[next++];

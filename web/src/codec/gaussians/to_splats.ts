@@ -1,12 +1,30 @@
 // Decoded integers as Gaussians: the only floats of the codec, at its very end.
 
 import { DC, emptySplats, type Splats } from "../splats.ts";
-import { AXIS, BITS, COLUMNS, LATTICE, LUMA, OPACITY, PRIMARY, SCALE0, SCALE1, SCALE2, SPIN, SPIN_BITS, TRANSFORM_UNIT } from "./layout.ts";
+import {
+  AXIS,
+  BITS,
+  COLUMNS,
+  LATTICE,
+  LUMA,
+  OPACITY,
+  PRIMARY,
+  SCALE0,
+  SCALE1,
+  SCALE2,
+  SPIN,
+  SPIN_BITS,
+  TRANSFORM_UNIT,
+} from "./layout.ts";
 import type { Decoded } from "./packet.ts";
 import type { SideInfo } from "./side_info.ts";
 import { THINNESS } from "./tables.ts";
 
-const R2 = Math.sqrt(2), R3 = Math.sqrt(3), R6 = Math.sqrt(6), UNIT = 2 ** BITS, SUMS = UNIT * TRANSFORM_UNIT;
+const R2 = Math.sqrt(2),
+  R3 = Math.sqrt(3),
+  R6 = Math.sqrt(6),
+  UNIT = 2 ** BITS,
+  SUMS = UNIT * TRANSFORM_UNIT;
 /** Of the harmonics of one Gaussian, at most 15 to a channel. */
 const SUM = new Float64Array(45);
 
@@ -18,13 +36,18 @@ function rgb(y: number, co: number, cg: number, out: Float32Array, at: number): 
 }
 
 export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: number): Splats {
-  const count = rows.length / COLUMNS, splats = emptySplats(count, info.degree);
-  const corner = info.boxes.corners.subarray(3 * block, 3 * block + 3), number = info.numHarmonics / 3;
-  const half = 2 ** (info.sizeLog - info.unit - 1), size = 2 ** info.sizeLog;
+  const count = rows.length / COLUMNS,
+    splats = emptySplats(count, info.degree);
+  const corner = info.boxes.corners.subarray(3 * block, 3 * block + 3),
+    number = info.numHarmonics / 3;
+  const half = 2 ** (info.sizeLog - info.unit - 1),
+    size = 2 ** info.sizeLog;
   for (let i = 0; i < count; i++) {
     const row = i * COLUMNS;
     for (let a = 0; a < 3; a++) splats.means[3 * i + a] = (2 * corner[a] + rows[row + LATTICE + a]) * half;
-    const s0 = rows[row + SCALE0], s1 = s0 - rows[row + SCALE1], s2 = s1 - THINNESS[rows[row + SCALE2]];
+    const s0 = rows[row + SCALE0],
+      s1 = s0 - rows[row + SCALE1],
+      s2 = s1 - THINNESS[rows[row + SCALE2]];
     splats.scales[3 * i] = size * 2 ** (s0 / UNIT);
     splats.scales[3 * i + 1] = size * 2 ** (s1 / UNIT);
     splats.scales[3 * i + 2] = size * 2 ** (s2 / UNIT);
@@ -37,10 +60,18 @@ export function toSplats({ rows, harmonics }: Decoded, info: SideInfo, block: nu
 }
 
 /** Harmonics of one Gaussian, `number` to a channel: what their numbers, of which most are 0, add to them. */
-function transformed(numbers: Int32Array, first: number, transform: Int8Array, number: number, out: Float32Array): void {
+function transformed(
+  numbers: Int32Array,
+  first: number,
+  transform: Int8Array,
+  number: number,
+  out: Float32Array,
+): void {
   let empty = true;
   for (let k = 0, at = first; k < number; k++, at += 3) {
-    const y = numbers[at], co = numbers[at + 1], cg = numbers[at + 2];
+    const y = numbers[at],
+      co = numbers[at + 1],
+      cg = numbers[at + 2];
     if (!y && !co && !cg) continue;
     if (empty) SUM.fill(0);
     empty = false;
@@ -60,7 +91,10 @@ export const harmonicOf = (colour: number): number => (colour - 0.5) / DC;
 
 /** Axes from the primary one and the turn about it, as a quaternion (Shepperd, 1978). */
 function quaternion(rows: Float64Array, row: number, out: Float32Array, at: number): void {
-  const ax = rows[row + AXIS], ay = rows[row + AXIS + 1], az = rows[row + AXIS + 2], length = Math.sqrt(ax * ax + ay * ay + az * az) || 1;
+  const ax = rows[row + AXIS],
+    ay = rows[row + AXIS + 1],
+    az = rows[row + AXIS + 2],
+    length = Math.sqrt(ax * ax + ay * ay + az * az) || 1;
   U[0] = ax / length;
   U[1] = ay / length;
   U[2] = az / length;
@@ -69,16 +103,23 @@ function quaternion(rows: Float64Array, row: number, out: Float32Array, at: numb
   const dot = U[least];
   for (let a = 0; a < 3; a++) T[a] = (a === least ? 1 : 0) - dot * U[a];
   cross(U, T, W);
-  const angle = (rows[row + SPIN] * Math.PI) / 2 ** rows[row + SPIN_BITS], norm = Math.sqrt(T[0] * T[0] + T[1] * T[1] + T[2] * T[2]);
-  const cos = Math.cos(angle) / norm, sin = Math.sin(angle) / norm;
+  const angle = (rows[row + SPIN] * Math.PI) / 2 ** rows[row + SPIN_BITS],
+    norm = Math.sqrt(T[0] * T[0] + T[1] * T[1] + T[2] * T[2]);
+  const cos = Math.cos(angle) / norm,
+    sin = Math.sin(angle) / norm;
   for (let a = 0; a < 3; a++) V[a] = cos * T[a] + sin * W[a];
   cross(U, V, W);
-  const primary = rows[row + PRIMARY], x = primary === 0 ? U : primary === 1 ? W : V, y = primary === 0 ? V : primary === 1 ? U : W;
+  const primary = rows[row + PRIMARY],
+    x = primary === 0 ? U : primary === 1 ? W : V,
+    y = primary === 0 ? V : primary === 1 ? U : W;
   const z = primary === 0 ? W : primary === 1 ? V : U;
   fromAxes(x, y, z, out, at);
 }
 
-const U = new Float64Array(3), T = new Float64Array(3), V = new Float64Array(3), W = new Float64Array(3);
+const U = new Float64Array(3),
+  T = new Float64Array(3),
+  V = new Float64Array(3),
+  W = new Float64Array(3);
 
 function cross(a: Float64Array, b: Float64Array, out: Float64Array): void {
   out[0] = a[1] * b[2] - a[2] * b[1];
@@ -89,9 +130,14 @@ function cross(a: Float64Array, b: Float64Array, out: Float64Array): void {
 /** A rotation whose columns are x, y and z, from the largest of the four. */
 function fromAxes(x: Float64Array, y: Float64Array, z: Float64Array, out: Float32Array, at: number): void {
   const trace = x[0] + y[1] + z[2];
-  let qw = 1 + trace, qx = y[2] - z[1], qy = z[0] - x[2], qz = x[1] - y[0];
+  let qw = 1 + trace,
+    qx = y[2] - z[1],
+    qy = z[0] - x[2],
+    qz = x[1] - y[0];
   if (trace < x[0] || trace < y[1] || trace < z[2]) {
-    const xy = x[1] + y[0], xz = z[0] + x[2], yz = y[2] + z[1];
+    const xy = x[1] + y[0],
+      xz = z[0] + x[2],
+      yz = y[2] + z[1];
     if (x[0] >= y[1] && x[0] >= z[2]) [qw, qx, qy, qz] = [qx, 1 + 2 * x[0] - trace, xy, xz];
     else if (y[1] >= z[2]) [qw, qx, qy, qz] = [qy, xy, 1 + 2 * y[1] - trace, yz];
     else [qw, qx, qy, qz] = [qz, xz, yz, 1 + 2 * z[2] - trace];
