@@ -114,6 +114,46 @@ def _twice(x):
     return 2 * x
 
 
+CHAIN = {
+    "limits": "STEP = 1\n",
+    "inner": "from splatwire.ops.compiled import njit\n\n\n@njit()\ndef inner(x):\n    return x + 10\n",
+    "middle": "from chain.inner import inner\nfrom splatwire.ops.compiled import njit\n\n\n"
+    "@njit()\ndef middle(x):\n    return 2 * inner(x)\n",
+    "outer": "from chain.limits import STEP\nfrom chain.middle import middle\n"
+    "from splatwire.ops.compiled import njit\n\n\n@njit()\ndef outer(x):\n    return middle(x) + STEP\n",
+}
+
+
+@pytest.mark.parametrize(("file", "old", "new", "result"), [("inner", "+ 10", "+ 20", 43), ("limits", "1", "5", 27)])
+def test_a_kernel_is_compiled_again_where_what_it_calls_or_reads_changed(file, old, new, result, tmp_path):
+    """What numba itself does not see: the file of the kernel that is called is the same as before."""
+    package = tmp_path / "chain"
+    package.mkdir()
+    for name, text in CHAIN.items():
+        (package / f"{name}.py").write_text(text)
+    program = (
+        "from numba.core import event\n"
+        "class Compiled(event.Listener):\n"
+        "    def on_start(self, e): print(e.data['dispatcher'].py_func.__name__)\n"
+        "    def on_end(self, e): pass\n"
+        "event.register('numba:compile', Compiled())\n"
+        "from chain.outer import outer\nprint(outer(1))\n"
+    )
+    path = os.pathsep.join([str(SOURCE), str(tmp_path)])
+    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def run():
+        command = [sys.executable, "-c", program]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        return done.stdout.split()
+
+    assert run() == ["outer", "middle", "inner", "23"]
+    assert run() == ["23"]
+    (package / f"{file}.py").write_text(CHAIN[file].replace(old, new))
+    assert run()[-1] == str(result)
+    assert run() == [str(result)]
+
+
 def test_no_kernel_goes_around_it():
     for path in (SOURCE / "splatwire").rglob("*.py"):
         if path != Path(compiled.__file__):

@@ -5,9 +5,11 @@ from Python, with what it calls. A kernel that comes out of the cache is silent.
 """
 
 import functools
+import hashlib
 import logging
 import os
 import stat
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -16,7 +18,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+import numpy as np
 from numba.core import event
+from numba.core.dispatcher import Dispatcher
 
 LOG = logging.getLogger(__name__)
 
@@ -31,6 +35,9 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
     it may write to none of these (a container with a read-only root and no home), numba itself raises an error; here a
     temporary folder of the user takes its place, and where there is none either, nothing is kept.
 
+    numba takes machine code for old only where the kernel's own file has changed; here also where one has that its
+    callees or constants come from.
+
     Args:
         borrows: Whether a function only uses the arrays that it is given, makes none, and returns none that it made.
             Then nobody counts who holds them; each such count is an atomic operation, and small functions that pass
@@ -42,15 +49,51 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
     def decorate(function: _F) -> _F:
         try:
-            return numba.njit(cache=True, **options)(function)
+            return _stamped(numba.njit(cache=True, **options)(function))
         except RuntimeError:  # no place for a cache
             folder = private_folder()
         if folder is None:
             return numba.njit(**options)(function)
         with _cache_in(folder):
-            return numba.njit(cache=True, **options)(function)
+            return _stamped(numba.njit(cache=True, **options)(function))
 
     return decorate
+
+
+def _stamped(kernel: Any) -> Any:
+    """Has the cache of a kernel count as old when what it was made of has changed, in whatever file that stands."""
+    if isinstance(kernel, Dispatcher):  # else numba is switched off
+        file = kernel._cache._cache_file
+        file._source_stamp = (file._source_stamp, _made_of(kernel.py_func.__module__))
+    return kernel
+
+
+@functools.cache
+def _made_of(module: str) -> str:
+    """Digests what kernels of a module are made of, as imported before its first one: files of callees, constants."""
+    modules: dict[str, list[str]] = {}
+    _follow(module, modules)
+    digest = hashlib.sha256()
+    for name in sorted(modules):
+        digest.update("\n".join((name, *modules[name])).encode())
+        if name != module:  # its own file has a stamp of numba's, which a module without a file does not need
+            digest.update(Path(sys.modules[name].__file__ or os.devnull).read_bytes())
+    return digest.hexdigest()
+
+
+def _follow(module: str, found: dict[str, list[str]]) -> None:
+    """Notes the constants of a module, and those of all modules of its package that it has functions or types of."""
+    constants: list[str] = []
+    found[module] = constants
+    names = vars(sys.modules[module]) if module in sys.modules else {}
+    for name, value in sorted(names.items()):
+        origin = getattr(value, "__module__", None)
+        if isinstance(value, np.ndarray):
+            constants.append(f"{name} {value.dtype} {value.shape} {hashlib.sha256(value.tobytes()).hexdigest()}")
+        elif isinstance(value, int | float | tuple) and not name.startswith("__"):
+            constants.append(f"{name} {value!r}")
+        elif isinstance(origin, str) and origin not in found and origin.partition(".")[0] == module.partition(".")[0]:
+            _follow(origin, found)
 
 
 @functools.cache
