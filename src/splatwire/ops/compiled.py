@@ -77,7 +77,8 @@ def _made_of(module: str) -> str:
     for name in sorted(modules):
         digest.update("\n".join((name, *modules[name])).encode())
         if name != module:  # its own file has a stamp of numba's, which a module without a file does not need
-            digest.update(Path(sys.modules[name].__file__ or os.devnull).read_bytes())
+            status = Path(sys.modules[name].__file__ or os.devnull).stat()
+            digest.update(f"{status.st_mtime_ns} {status.st_size}".encode())
     return digest.hexdigest()
 
 
