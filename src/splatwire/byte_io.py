@@ -83,11 +83,13 @@ class ByteReader:
         return float(struct.unpack("<d", self.take(8))[0])
 
     def unsigned(self) -> int:
-        """Reads a non-negative integer of at most 63 bits."""
+        """Reads a non-negative integer of at most 53 bits, which a browser's numbers hold, too."""
         value = 0
         for shift in range(0, 63, 7):
             byte = self.u8()
             value |= (byte & 127) << shift
+            if byte < 128 and value >> 53:
+                raise BitstreamError(f"{self._what}: {value} is too large a number")
             if byte < 128:
                 return value
         raise BitstreamError(f"{self._what}: an integer at offset {self._at} does not end")

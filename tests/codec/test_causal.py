@@ -171,7 +171,7 @@ def test_damaged_side_information_is_told(stream: SceneStream, info: SideInfo):
     for wrong in (
         replace(info, steps=np.zeros(5)), replace(info, spread=np.zeros(3, dtype=np.int64)),
         replace(info, voxel_size=0.0), replace(info, log_steps=np.array([0, 5])),
-        replace(info, centres=np.full(4, 1 << 40)),
+        replace(info, centres=np.full(4, 1 << 40)), replace(info, middle=np.array([1 << 39, 0, 0])),
     ):  # fmt: skip
         with pytest.raises(InvalidValueError, match="side information"):
             write_side_info(wrong)

@@ -18,11 +18,13 @@ import numpy as np
 import pytest
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
+from splatwire.byte_io import ByteReader
 from splatwire.codec.decoding import open_decoder
 from splatwire.codec.schema import update_digest as update_anchors
 from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
 from splatwire.codec.schemas.gaussians.digest import update_digest as update_gaussians
-from splatwire.errors import BitstreamError
+from splatwire.codec.weight_bytes import framed
+from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.packets import GAUSSIANS, SceneStream, manifest_from_bytes, read_stream, stream_from_bytes, write_stream
 from splatwire.packets.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
 from web.node import WEB, lacking
@@ -153,6 +155,24 @@ def hostile_packets(stream: SceneStream, cases: int, rng: random.Random) -> list
     return found
 
 
+def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
+    """Side information of which one section that every stream has is something else, and whether it is taken."""
+    manifest, found = stream.manifest, []
+    for _ in range(cases):
+        reader = ByteReader(stream.side_info, "side information")
+        sections = [reader.blob() for _ in SCHEMAS[manifest.codec].sections]
+        hit = rng.randrange(len(sections))
+        sections[hit] = mutated_bytes(sections[hit][:200], rng) + sections[hit][200:]
+        data = b"".join(map(framed, sections)) + reader.rest()
+        try:
+            open_side_info(manifest, data) if manifest.codec == GAUSSIANS else open_decoder(manifest, data)
+        except SplatwireError:
+            found.append((base64.b64encode(data).decode(), False))
+        else:
+            found.append((base64.b64encode(data).decode(), True))
+    return found
+
+
 def test_the_page_has_the_same_tables() -> None:
     spec = importlib.util.spec_from_file_location("make_tables", WEB / "scripts" / "make_tables.py")
     assert spec is not None
@@ -174,17 +194,18 @@ def test_manifests_of_every_kind_are_taken_and_empty_tiers_are_not() -> None:
 def test_python_and_the_page_agree(tmp_path: Path) -> None:
     if reason := lacking():
         pytest.skip(reason)
-    rng, packets, streams = random.Random(7), {}, golden_streams()
+    rng, packets, heads, streams = random.Random(7), {}, {}, golden_streams()
     for name, stream in streams.items():
         if not SCHEMAS[stream.manifest.codec].layout:
             write_stream(stream, tmp_path / f"{name}.swz")
             packets[str(tmp_path / f"{name}.swz")] = hostile_packets(stream, CASES // 5, rng)
+            heads[str(tmp_path / f"{name}.swz")] = hostile_heads(stream, CASES // 5, rng)
     manifests = [mutated_manifest(rng.choice(bases()), rng) for _ in range(CASES)]
     said = [accepted(data) for data in manifests]
     assert CASES / 10 < sum(said) < CASES * 0.9, "too few cases of one kind"
     answers = tmp_path / "answers.json"
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
-    answers.write_text(json.dumps({"manifests": pairs, "packets": packets}))
+    answers.write_text(json.dumps({"manifests": pairs, "packets": packets, "heads": heads}))
     done = subprocess.run(
         ["node", "scripts/test.mjs", "only", "agreement"], cwd=WEB, capture_output=True, text=True, timeout=1200,
         env={**os.environ, "ANSWERS": str(answers)}, check=False,

@@ -23,6 +23,7 @@ export const UPPER_NORMAL =
 """
 LIMITS = "// What a stream may be: the twin of `splatwire.packets.limits`.\n\n"
 NETWORKS = "// How large quantised networks may be: the twin of `splatwire.codec.weight_bytes`.\n\n"
+LINE = 120
 NETWORK_LIMITS = {
     weight_bytes: ("MAX_WIDTH", "MAX_WEIGHTS"), weights: ("MAX_SHIFT", "MAX_STEP"), integers: ("MAX_SYMBOL",),
 }  # fmt: skip
@@ -41,13 +42,22 @@ def limits_module() -> str:
     """Every constant of `splatwire.packets.limits`, and its schemas."""
     found = {name: value for name, value in vars(limits).items() if name.isupper() and type(value) in (int, str, tuple)}
     codecs = ("ANCHORS", "CAUSAL", "GAUSSIANS", "COLUMNS", "FORMAT_1_SECTIONS")
-    lines = [f"export const {name} = {json.dumps(value)};" for name, value in found.items() if name not in codecs]
+    lines = [_laid_out(f"export const {name} = ", value, ";") for name, value in found.items() if name not in codecs]
     schemas = [
-        f"  {schema.name}: {{ formatVersion: {schema.format_version}, elements: {json.dumps(schema.elements)}, "
-        f"sections: {json.dumps(schema.sections)}, elementsPerByte: {schema.elements_per_byte} }},"
+        f"  {schema.name}: {{\n    formatVersion: {schema.format_version},\n"
+        f"    elements: {json.dumps(schema.elements)},\n"
+        f"{_laid_out('    sections: ', schema.sections, ',')}\n    elementsPerByte: {schema.elements_per_byte},\n  }},"
         for schema in limits.SCHEMAS.values()
     ]
     return MADE + LIMITS + "\n".join([*lines, "export const SCHEMAS = {", *schemas, "};"]) + "\n"
+
+
+def _laid_out(before: str, value: object, after: str) -> str:
+    """A value as the formatter lays it out: on one line where it fits."""
+    line = before + json.dumps(value) + after
+    if len(line) <= LINE or not isinstance(value, tuple):
+        return line
+    return "\n".join([before + "[", *(f"  {json.dumps(entry)}," for entry in value), "]" + after])
 
 
 def network_module() -> str:

@@ -12,11 +12,12 @@ import type { Packet } from "../src/packets/packet.ts";
 import { readStream } from "./vectors.ts";
 
 /**
- * Manifests in base64 and whether Python takes them; of streams, packets (block, lane, count, payload in base64) and
- * digests of their integers.
+ * Manifests in base64 and whether Python takes them; of streams, side information and whether it is taken, packets
+ * (block, lane, count, payload in base64) and digests of their integers.
  */
 interface Answers {
   readonly manifests: readonly (readonly [string, boolean])[];
+  readonly heads: Readonly<Record<string, readonly (readonly [string, boolean])[]>>;
   readonly packets: Readonly<Record<string, readonly (readonly [number, number, number, string, string])[]>>;
 }
 
@@ -38,6 +39,22 @@ test("manifests are accepted or refused as Python does", { skip }, () => {
       why = error.message;
     }
     assert.equal(why === "", accepted, `${Buffer.from(text, "base64").toString()}: ${why || "accepted"}`);
+  }
+});
+
+test("side information is accepted or refused as Python does", { skip }, () => {
+  for (const [name, cases] of Object.entries(answers!.heads)) {
+    const { head } = readStream(name);
+    cases.forEach(([text, accepted], n) => {
+      let why = "";
+      try {
+        new StreamDecoder({ ...head!, sideInfo: bytesOf(text) });
+      } catch (error) {
+        assert.ok(error instanceof BitstreamError, `case ${n} of ${name}: ${(error as Error).stack}`);
+        why = error.message;
+      }
+      assert.equal(why === "", accepted, `case ${n} of ${name}: ${why || "accepted"}`);
+    });
   }
 });
 

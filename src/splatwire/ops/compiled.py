@@ -20,7 +20,6 @@ from typing import Any, TypeVar
 import numba
 import numpy as np
 from numba.core import event
-from numba.core.dispatcher import Dispatcher
 
 LOG = logging.getLogger(__name__)
 
@@ -62,7 +61,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
 
 def _stamped(kernel: Any) -> Any:
     """Has the cache of a kernel count as old when what it was made of has changed, in whatever file that stands."""
-    if isinstance(kernel, Dispatcher):  # else numba is switched off
+    if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _made_of(kernel.py_func.__module__))
     return kernel

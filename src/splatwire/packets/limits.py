@@ -39,6 +39,24 @@ MAX_ELEMENTS = 1 << 28
 FREE_ELEMENTS = 1 << 16
 """More elements than these need a byte of side information for every so many of them: see `StreamSchema`."""
 
+MAX_POSITION_BITS = 63
+"""Of the Morton code of an anchor's voxel, counted from the origin."""
+MAX_PLACE = 1 << 40
+"""Of a coordinate of the origin and of the scene's middle, and of its extent, voxels."""
+MAX_FAR = 1 << 25
+"""Extents of the scene between origin and middle: what is relative to the extent is exact in doubles, too."""
+MAX_LEAF = 64
+"""Anchors whose codes the side information does not tell apart."""
+MAX_CAUSAL_GROUPS = 32
+MAX_CAUSAL_FEATURES = 256
+MAX_CAUSAL_OFFSETS = 64
+MAX_CAUSAL_CONTEXT = 256
+MAX_CAUSAL_LOG_STEP, MAX_CAUSAL_CENTRE = 4 << 24, 32 << 24
+"""Logarithms with 24 fractional bits."""
+MAX_DEGREE = 3
+MAX_SIZE_LOG = 32
+MAX_COPIES = (1 << 16) - 1
+
 
 @dataclass(frozen=True)
 class StreamSchema:

@@ -1,6 +1,9 @@
 """Copies of Gaussians in the side information: what is written is read, and lies are told by name."""
 
+import base64
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.conceal import conceal, concealer_names
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model import Copies
+from splatwire.packets import stream_from_bytes
 from splatwire.scene.splats import Splats
 
 GROWTH = (0.25, 0.75, 0.5)
@@ -50,6 +54,23 @@ def test_what_is_written_is_read(stream, section) -> None:
     torch.testing.assert_close(copies.splats.sh, true.sh, atol=0.05, rtol=0)
     size = true.scales.max(dim=1).values[:, None, None] ** 2
     torch.testing.assert_close(covariances(copies.splats) / size, covariances(true) / size, atol=0.1, rtol=0)
+
+
+def test_streams_of_version_2_take_copies_too() -> None:
+    """As the bundled scene's are: integers of another kind, the same section."""
+    pinned = json.loads((Path(__file__).parents[2] / "golden" / "gaussians.json").read_text())["spread"]
+    old = stream_from_bytes(base64.b64decode(pinned["swz"]))[0]
+    info, whole = open_side_info(old.manifest, old.side_info), decode_stream(old).scene.splats
+    places = np.array([3, 17, 42, 89, 0])
+    richer = add_concealment(old, SECTION, write_copies(whole, places, info, level=7, growth=GROWTH))
+    partial = decode_stream(richer.with_packets(richer.packets[1:]))
+    copies, known = partial[Copies], partial.erasures.known
+    assert sorted(copies.places.tolist()) == sorted(places.tolist())
+    torch.testing.assert_close(copies.splats.scales.log(), whole.select(copies.places).scales.log(), atol=0.1, rtol=0)
+    torch.testing.assert_close(copies.splats.sh, whole.select(copies.places).sh, atol=0.05, rtol=0)
+    lost = ~known[copies.places]
+    assert 0 < int(lost.sum()) < len(places)
+    assert torch.equal(conceal(partial, "sketch").splats.means[copies.places[lost]], copies.splats.means[lost])
 
 
 def test_lost_ones_are_drawn_from_copies_and_what_arrived_stays(stream, section) -> None:

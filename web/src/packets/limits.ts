@@ -27,6 +27,19 @@ export const MAX_SECTION_BYTES = 67108864;
 export const MAX_SECTION_NAME = 32;
 export const MAX_ELEMENTS = 268435456;
 export const FREE_ELEMENTS = 65536;
+export const MAX_POSITION_BITS = 63;
+export const MAX_PLACE = 1099511627776;
+export const MAX_FAR = 33554432;
+export const MAX_LEAF = 64;
+export const MAX_CAUSAL_GROUPS = 32;
+export const MAX_CAUSAL_FEATURES = 256;
+export const MAX_CAUSAL_OFFSETS = 64;
+export const MAX_CAUSAL_CONTEXT = 256;
+export const MAX_CAUSAL_LOG_STEP = 67108864;
+export const MAX_CAUSAL_CENTRE = 536870912;
+export const MAX_DEGREE = 3;
+export const MAX_SIZE_LOG = 32;
+export const MAX_COPIES = 65535;
 export const RESERVED_SECTIONS = [
   "header",
   "positions",

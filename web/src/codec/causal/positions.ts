@@ -3,12 +3,10 @@
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { RangeDecoder } from "../../entropy/decoder.ts";
+import { MAX_LEAF, MAX_PLACE, MAX_POSITION_BITS } from "../../packets/limits.ts";
 import { decodeTree, TREE_CONTEXTS } from "../code_tree.ts";
 
-const MAX_BITS = 63,
-  MAX_ORIGIN = 2 ** 40,
-  MAX_LEAF = 64,
-  MAX_ROWS = 21;
+const MAX_ROWS = MAX_POSITION_BITS / 3;
 
 /** What the head says of the places of all anchors, by rank; coordinates are voxels from `origin`. */
 export interface Positions {
@@ -36,7 +34,7 @@ export function readPositions(bytes: Uint8Array, count: number): Positions {
   const origin = [reader.signed(), reader.signed(), reader.signed()],
     bits = reader.u8(),
     code = reader.rest();
-  if (bits > MAX_BITS || bits % 3 || origin.some((value) => Math.abs(value) > MAX_ORIGIN))
+  if (bits > MAX_POSITION_BITS || bits % 3 || origin.some((value) => Math.abs(value) > MAX_PLACE))
     throw new BitstreamError(`positions: an impossible extent of ${bits} bits`);
   if (count > 8 * code.length) throw new BitstreamError(`positions: ${code.length} bytes cannot hold ${count} anchors`);
   const tree = knownPlaces(new RangeDecoder(code), count, bits, leaf);

@@ -1,6 +1,16 @@
 // Side information of a stream of the causal codec: the twin of `splatwire.codec.schemas.causal.side_info`.
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
+import {
+  MAX_CAUSAL_CENTRE,
+  MAX_CAUSAL_CONTEXT,
+  MAX_CAUSAL_FEATURES,
+  MAX_CAUSAL_GROUPS,
+  MAX_CAUSAL_LOG_STEP,
+  MAX_CAUSAL_OFFSETS,
+  MAX_FAR,
+  MAX_PLACE,
+} from "../../packets/limits.ts";
 import { readSections } from "../../packets/sections.ts";
 import { type QuantisedMlp, readNetworks } from "../weight_bytes.ts";
 import { type Positions, readPositions } from "./positions.ts";
@@ -8,14 +18,7 @@ import { type Positions, readPositions } from "./positions.ts";
 export const LOG_BITS = 24,
   OCTAVES = 4,
   FORM = 4;
-const VERSION = 2,
-  MAX_GROUPS = 32,
-  MAX_FEATURES = 256,
-  MAX_OFFSETS = 64,
-  MAX_CONTEXT = 256;
-const MAX_LOG_STEP = 4 * 2 ** LOG_BITS,
-  MAX_CENTRE = 32 * 2 ** LOG_BITS,
-  MAX_PLACE = 2 ** 40;
+const VERSION = 2;
 const HEADS = ["opacity", "covariance", "color"];
 
 /** Sizes of an anchor and what stands for its numbers. */
@@ -80,8 +83,8 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
 }
 
 /** Places relative to the scene's extent are worked out in doubles, exactly as long as they are not this far away. */
-function checkFar({ middle, spread }: Header, { origin, bits }: Positions): void {
-  const far = middle.some((value, a) => Math.abs(origin[a] - value) + 2 ** (bits / 3) > 2 ** 26 * spread[a]);
+function checkFar({ middle, spread }: Header, { origin }: Positions): void {
+  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_FAR * spread[a]);
   if (far) throw new BitstreamError("side information: its anchors are too far away from the scene's middle");
 }
 
@@ -109,7 +112,7 @@ function readHeader(bytes: Uint8Array): Header {
   const offsets = reader.unsigned(),
     context = reader.unsigned(),
     numGroups = reader.unsigned();
-  if (numGroups < 1 || numGroups > MAX_GROUPS)
+  if (numGroups < 1 || numGroups > MAX_CAUSAL_GROUPS)
     throw new BitstreamError(`side information: ${numGroups} feature groups`);
   const take = (count: number, next: () => number): number[] => Array.from({ length: count }, next);
   const groups = take(numGroups, () => reader.unsigned()),
@@ -124,13 +127,13 @@ function readHeader(bytes: Uint8Array): Header {
   const within = (values: readonly number[], low: number, high: number): boolean =>
     values.every((value) => value >= low && value <= high);
   const fine =
-    within(groups, 1, MAX_FEATURES) &&
-    features <= MAX_FEATURES &&
-    within([offsets], 1, MAX_OFFSETS) &&
-    within([context], 1, MAX_CONTEXT) &&
+    within(groups, 1, MAX_CAUSAL_FEATURES) &&
+    features <= MAX_CAUSAL_FEATURES &&
+    within([offsets], 1, MAX_CAUSAL_OFFSETS) &&
+    within([context], 1, MAX_CAUSAL_CONTEXT) &&
     within([...steps, voxelSize], 1e-9, 1e9) &&
-    within(logSteps, 1, MAX_LOG_STEP) &&
-    within(centres, -MAX_CENTRE, MAX_CENTRE) &&
+    within(logSteps, 1, MAX_CAUSAL_LOG_STEP) &&
+    within(centres, -MAX_CAUSAL_CENTRE, MAX_CAUSAL_CENTRE) &&
     within(spread, 1, MAX_PLACE) &&
     within(middle, -MAX_PLACE, MAX_PLACE);
   if (!fine) throw new BitstreamError("side information: its header is impossible");

@@ -3,13 +3,13 @@
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import type { Growth } from "../../conceal/scene_free.ts";
+import { MAX_COPIES } from "../../packets/limits.ts";
 import type { Splats } from "../splats.ts";
 import { PacketDecoder } from "./packet.ts";
 import { readBlocks, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
 
 const VERSION = 1,
-  MAX_COPIES = 65535,
   GROWTH_UNIT = 64,
   WHAT = "section 'sketch'";
 

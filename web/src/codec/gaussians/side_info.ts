@@ -4,6 +4,7 @@ import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { RangeDecoder } from "../../entropy/decoder.ts";
 import { readIntegers } from "../../entropy/integers.ts";
 import { NUM_SCALES } from "../../entropy/tables.ts";
+import { MAX_DEGREE, MAX_SIZE_LOG } from "../../packets/limits.ts";
 import { readSections } from "../../packets/sections.ts";
 import {
   BITS,
@@ -88,8 +89,8 @@ function readHeader(
   const transform = Int8Array.from(reader.rest(), (byte) => (byte << 24) >> 24),
     side = (degree + 1) ** 2 - 1;
   if (
-    degree > 3 ||
-    Math.abs(sizeLog) > 32 ||
+    degree > MAX_DEGREE ||
+    Math.abs(sizeLog) > MAX_SIZE_LOG ||
     unit < 0 ||
     unit > MAX_LATTICE_BITS ||
     coarsest > MAX_LATTICE_BITS ||

@@ -9,10 +9,9 @@ from splatwire.codec.geometry import origin_of
 from splatwire.entropy.coder import fresh_models
 from splatwire.errors import BitstreamError
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode
+from splatwire.packets.limits import MAX_LEAF, MAX_PLACE, MAX_POSITION_BITS
 
-MAX_LEAF = 64
 CHANCES = 256
-MAX_ORIGIN = 1 << 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ def _decode_tree(data: bytes, count: int, leaf: int) -> Places:
     reader = ByteReader(data, "positions")
     origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
     bits = reader.u8()
-    if bits > 3 * MAX_AXIS_BITS or bits % 3 or np.abs(origin).max() > MAX_ORIGIN:
+    if bits > MAX_POSITION_BITS or bits % 3 or np.abs(origin).max() > MAX_PLACE:
         raise BitstreamError(f"positions: impossible extent of {bits} bits at {origin.tolist()}")
     code = reader.rest()
     if count > 8 * len(code):

@@ -11,20 +11,24 @@ from splatwire.codec.weight_bytes import framed, read_heads, read_networks, writ
 from splatwire.codec.weights import QuantisedMlp
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
 from splatwire.model.causal import FORM, CausalConfig
-from splatwire.packets.limits import CAUSAL, SCHEMAS
+from splatwire.packets.limits import (
+    CAUSAL,
+    MAX_CAUSAL_CENTRE,
+    MAX_CAUSAL_CONTEXT,
+    MAX_CAUSAL_FEATURES,
+    MAX_CAUSAL_GROUPS,
+    MAX_CAUSAL_LOG_STEP,
+    MAX_CAUSAL_OFFSETS,
+    MAX_FAR,
+    MAX_PLACE,
+    SCHEMAS,
+)
 from splatwire.packets.sections import read_sections, write_sections
 from splatwire.scene import AnchorLayout
 
 VERSION = 2
 LOG_BITS = 24
 """Fractional bits of binary logarithms of scale and size, and of their steps."""
-MAX_GROUPS = 32
-MAX_FEATURES = 256
-MAX_OFFSETS = 64
-MAX_CONTEXT = 256
-MAX_LOG_STEP = 4 << LOG_BITS
-MAX_CENTRE = 32 << LOG_BITS
-MAX_PLACE = 1 << 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +126,7 @@ def _read_header(data: bytes, places: SharedPlaces) -> SideInfo:
     if version != VERSION:
         raise UnsupportedVersionError(f"side information has version {version}, this release reads version {VERSION}")
     num_offsets, context_dim, num_groups = (reader.unsigned() for _ in range(3))
-    if not 0 < num_groups <= MAX_GROUPS:
+    if not 0 < num_groups <= MAX_CAUSAL_GROUPS:
         raise BitstreamError(f"side information: {num_groups} feature groups")
     groups = tuple(reader.unsigned() for _ in range(num_groups))
     steps = np.array([reader.f64() for _ in range(num_groups + 1)])
@@ -150,18 +154,21 @@ def _clipped(value: int) -> int:
 def _problem(info: SideInfo) -> str | None:
     """What is beyond the format in a header, in words."""
     layout = info.config.layout
-    if not (layout.num_offsets <= MAX_OFFSETS and layout.feature_dim <= MAX_FEATURES):
+    if not (layout.num_offsets <= MAX_CAUSAL_OFFSETS and layout.feature_dim <= MAX_CAUSAL_FEATURES):
         return f"anchors of {layout.feature_dim} features and {layout.num_offsets} offsets"
-    if not (0 < info.config.context_dim <= MAX_CONTEXT and len(layout.feature_groups) <= MAX_GROUPS):
+    if not (0 < info.config.context_dim <= MAX_CAUSAL_CONTEXT and len(layout.feature_groups) <= MAX_CAUSAL_GROUPS):
         return f"{info.config.context_dim} numbers of context, {len(layout.feature_groups)} groups"
     if not (np.isfinite(info.steps).all() and (info.steps > 1e-9).all() and (info.steps < 1e9).all()):
         return f"steps {info.steps.tolist()}"
     if not 1e-9 < info.voxel_size < 1e9:
         return f"voxel size {info.voxel_size}"
-    if not ((info.log_steps > 0).all() and (info.log_steps <= MAX_LOG_STEP).all()):
+    if not ((info.log_steps > 0).all() and (info.log_steps <= MAX_CAUSAL_LOG_STEP).all()):
         return f"logarithmic steps {info.log_steps.tolist()}"
-    if np.abs(info.centres).max() > MAX_CENTRE:
+    if np.abs(info.centres).max() > MAX_CAUSAL_CENTRE:
         return f"sizes around {info.centres.tolist()}"
     if not ((info.spread > 0).all() and (info.spread <= MAX_PLACE).all() and np.abs(info.middle).max() <= MAX_PLACE):
         return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
+    distances = np.abs(info.places.known.origin - info.middle).tolist()
+    if any(distance > MAX_FAR * extent for distance, extent in zip(distances, info.spread.tolist(), strict=True)):
+        return f"anchors {distances} voxels from the middle of a scene of {info.spread.tolist()}"
     return None

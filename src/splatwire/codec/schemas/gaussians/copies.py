@@ -10,10 +10,10 @@ from splatwire.codec.schemas.gaussians.attributes import empty_rows, to_splats
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_blocks
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.model import Copies
+from splatwire.packets.limits import MAX_COPIES
 
 SECTION = "sketch"
 VERSION = 1
-MAX_COPIES = (1 << 16) - 1
 GROWTH_UNIT = 64
 """Numbers of the growth are out of this."""
 

@@ -25,7 +25,7 @@ from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tabl
 from splatwire.entropy.integers import read_integers, write_integers
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError, UnsupportedVersionError
-from splatwire.packets.limits import GAUSSIANS, SCHEMAS
+from splatwire.packets.limits import GAUSSIANS, MAX_DEGREE, MAX_SIZE_LOG, SCHEMAS
 from splatwire.packets.sections import read_sections, write_sections
 
 VERSION = 3
@@ -34,8 +34,6 @@ RELATIVE = 2
 NUM_DEFAULTS = 7
 DEFAULT_SHIFT = BITS - 4
 """Means of a block are in sixteenths."""
-MAX_DEGREE = 3
-MAX_SIZE_LOG = 32
 TABLE_SHAPE = (len(STREAMS), SPREADS, SECONDS)
 
 
