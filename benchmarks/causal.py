@@ -32,7 +32,7 @@ from scipy.interpolate import PchipInterpolator
 from splatwire.byte_io import ByteReader
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.decoding import decode_anchors, open_decoder
+from splatwire.codec.decoding import open_decoder, runs_of
 from splatwire.codec.schemas.causal.context import CodingContext
 from splatwire.codec.schemas.causal.packet_coder import anchor_bits, quantise
 from splatwire.codec.schemas.causal.side_info import read_side_info
@@ -61,7 +61,7 @@ def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
     """Bytes, quality and time of a scene as a stream; `copies` of it side by side, if any, are timed, too."""
     if file.suffix == ".swz":
         stream = plain(read_stream(file)[0])
-        scene = decode_anchors(stream).scene
+        scene = decode_stream(stream).scene
     else:
         scene = load_scene(file)
         stream = encode_scene(scene)
@@ -133,16 +133,12 @@ def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
     """Processor seconds of one thread that decode all packets of a stream whose side information has been read."""
     best = np.inf
     for _ in range(repetitions):
-        decoder, plan = open_decoder(stream.manifest, stream.side_info), stream.manifest.plan
-        decoder.make_room()
-        members = [plan.members(packet.id, packet.num_anchors) for packet in stream.packets]
-        runs = np.array_split(np.arange(len(members)), max(1, stream.manifest.num_anchors // 3000))
+        decoder = open_decoder(stream.manifest, stream.side_info)
+        runs = list(runs_of(decoder, stream.manifest, stream.packets))
         before = time.process_time()
+        decoder.expect(threads=1)
         for run in runs:
-            ranks = np.concatenate([members[i] for i in run])
-            counts = np.array([len(members[i]) for i in run])
-            decoder.predict(ranks)
-            decoder.store(ranks, decoder.decode(ranks, counts, [stream.packets[i].payload for i in run]))
+            decoder.store(run, decoder.decode(run))
         best = min(best, time.process_time() - before)
     return float(best)
 

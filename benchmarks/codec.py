@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 from figures import publish
 
-from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.encoding import scene_in_order
+from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.codec.schemas.hacpp.atomic import predict_packets
 from splatwire.codec.schemas.hacpp.coding_params import CodingContext
 from splatwire.codec.schemas.hacpp.encoder import SymbolSource

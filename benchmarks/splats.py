@@ -32,10 +32,8 @@ import torch
 from figures import publish
 
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec.schemas.gaussians.decoder import decode_splats
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality
-from splatwire.codec.streams import decode_stream
 from splatwire.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.formats import read_splats, write_splats
@@ -66,10 +64,10 @@ def coded(
 ) -> tuple[SceneStream, dict]:
     clock = time.process_time if threads == 1 else time.perf_counter
     before, started = settled_mib(), clock()
-    stream = encode_splats(splats, PRESETS[preset], classes=classes, quality=quality, threads=threads)
+    stream = encode_scene(SplatScene(splats), PRESETS[preset], classes=classes, quality=quality, threads=threads)
     encoding, encode_peak = clock() - started, peak_mib() - before
     before, started = settled_mib(), clock()
-    decoded = decode_splats(stream, threads=threads)[0]
+    decoded = decode_stream(stream, threads=threads).scene.splats
     decoding, decode_peak = clock() - started, peak_mib() - before
     count, output = splats.num_gaussians, sum(values.nbytes for values in vars(decoded).values())
     return stream, {

@@ -11,9 +11,7 @@ from pathlib import Path
 
 from figures import publish
 
-from splatwire.codec import decode_stream, side_info_parts
-from splatwire.codec.encoding import encode_anchors as encode_scene
-from splatwire.codec.encoding import scene_in_order
+from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 

@@ -163,14 +163,14 @@ def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
     import resource
 
     from splatwire.cli.inspect import describe
-    from splatwire.codec import decode_stream, progressive_decoder
+    from splatwire.codec import ProgressiveDecoder, decode_stream
     from splatwire.conceal import conceal
     from splatwire.errors import SplatwireError
     from splatwire.packets import read_stream
     from splatwire.scene_io import save_decoded
 
     def progressive(stream: SceneStream) -> None:
-        decoder = progressive_decoder(stream.manifest, stream.side_info)
+        decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
         for packet in stream.packets:
             decoder.add([packet])
 

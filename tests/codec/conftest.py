@@ -1,7 +1,7 @@
 import pytest
 
 from scenes import tiny_scene
-from splatwire.codec.encoding import scene_in_order
+from splatwire.codec import scene_in_order
 from splatwire.codec.schemas.hacpp.fit import fit_side_info
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.model import AnchorScene

@@ -9,7 +9,7 @@ import torch
 
 from scenes import tiny_causal_scene
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec import decode_stream, encode_scene, progressive_decoder, scene_in_order
+from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
 from splatwire.codec.schemas.causal.context import CodingContext, exponential
 from splatwire.codec.schemas.causal.encoder import HEAD_SHARE, _balanced
 from splatwire.codec.schemas.causal.packet_coder import (
@@ -22,7 +22,6 @@ from splatwire.codec.schemas.causal.places import Places, read_places, share_pla
 from splatwire.codec.schemas.causal.reference import decode_reference
 from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.conceal import conceal
-from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.errors import DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
 from splatwire.model import AnchorScene, Prior
 from splatwire.model.scene_file import load_partial, load_scene, save_partial, save_scene
@@ -101,7 +100,7 @@ def test_a_lost_packet_costs_its_anchors_only(scene: AnchorScene):
 
 
 def test_progressive_is_the_same(stream: SceneStream):
-    decoder, whole = progressive_decoder(stream.manifest, stream.side_info), decode_stream(stream)
+    decoder, whole = ProgressiveDecoder(stream.manifest, stream.side_info), decode_stream(stream)
     for packet in reversed(stream.packets):
         decoder.add([packet])
     assert decoder.complete
@@ -111,18 +110,14 @@ def test_progressive_is_the_same(stream: SceneStream):
 @pytest.mark.parametrize("name", ["drop", "grow", "idw", "prior", "scene_free"])
 def test_concealment_keeps_up_though_places_arrive_late(scene: AnchorScene, name: str):
     stream = encode_scene(scene, PRESETS["datagram"])
-    decoder, whole = progressive_decoder(stream.manifest, stream.side_info), decode_stream(stream)
-    live, some = ProgressiveConcealer(decoder.partial, name), stream.packets[::2]
+    decoder, whole = ProgressiveDecoder(stream.manifest, stream.side_info), decode_stream(stream)
+    some = stream.packets[::2]
     for packet in some:
-        live.arrived(decoder.add([packet]))
-        shown = live.scene()
+        decoder.add([packet])
     known = decoder.partial.erasures.known
     at_once = conceal(decode_stream(replace(stream, packets=some)), name)
-    for other in (
-        conceal(whole.without(known), name),
-        ProgressiveConcealer(whole, name).of(whole.without(known)),
-        shown,
-    ):
+    shown = conceal(decoder.partial, name)
+    for other in (conceal(whole.without(known), name), shown):
         for attribute, values in vars(at_once.anchors).items():
             assert torch.equal(getattr(other.anchors, attribute), values), attribute
     torch.testing.assert_close(shown.hints.size_gain, at_once.hints.size_gain, rtol=1e-6, atol=0)

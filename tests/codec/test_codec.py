@@ -10,8 +10,7 @@ import pytest
 import torch
 
 from scenes import tiny_scene
-from splatwire.codec import decode_stream, encode_scene, side_info_parts
-from splatwire.codec.encoding import scene_in_order
+from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError
 from splatwire.model import AnchorScene, ModelConfig, Prior
 from splatwire.model.prior_field import evaluate_prior

@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from greedy import LARGEST, greedy_streams, of_gaussians
-from splatwire.codec import decode_stream, memory, progressive_decoder
+from splatwire.codec import ProgressiveDecoder, decode_stream, memory
 from splatwire.codec.memory import VARIABLE, allocating, check_memory, threads_within
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import SceneStream, read_stream, stream_from_bytes, write_stream
@@ -53,13 +53,13 @@ def test_no_small_stream_takes_much_memory(greedy: dict[str, SceneStream], codec
 
 def test_lost_elements_take_no_memory_until_somebody_asks(greedy: dict[str, SceneStream]) -> None:
     stream = greedy["gaussians announced in 4000 blocks"]
-    decoder = progressive_decoder(stream.manifest, stream.side_info)
+    decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
     assert (decoder.num_known, decoder.complete) == (0, False)
     with pytest.raises(BitstreamError, match=f"would take 6.*{VARIABLE}="):
         decoder.partial  # noqa: B018
     anchors = greedy["6400000 wide anchors"]
     with pytest.raises(BitstreamError, match=VARIABLE):
-        progressive_decoder(anchors.manifest, anchors.side_info).partial  # noqa: B018
+        ProgressiveDecoder(anchors.manifest, anchors.side_info).partial  # noqa: B018
 
 
 def test_the_limit_is_one_number_that_the_environment_raises(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -87,9 +87,9 @@ def test_anchors_are_refused_before_they_take_memory(name: str, monkeypatch: pyt
     with pytest.raises(BitstreamError, match="anchors"):
         decode_stream(stream)
     with pytest.raises(BitstreamError, match="anchors"):
-        progressive_decoder(stream.manifest, stream.side_info)
+        ProgressiveDecoder(stream.manifest, stream.side_info)
     monkeypatch.undo()
-    decoder = progressive_decoder(stream.manifest, stream.side_info)
+    decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
     monkeypatch.setattr(memory, "FREE_BYTES", 0)
     monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)
     with pytest.raises(BitstreamError, match="that arrived"):

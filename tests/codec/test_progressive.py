@@ -10,8 +10,9 @@ import torch
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from scenes import tiny_scene
-from splatwire.codec import decode_stream, encode_scene, progressive
+from splatwire.codec import decode_stream, decoding, encode_scene
 from splatwire.codec.progressive import ProgressiveDecoder
+from splatwire.codec.schema import Run
 from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
 from splatwire.model import Partial, Prior
 from splatwire.packets import PacketId, Packetization, SceneStream, make_packet
@@ -141,16 +142,16 @@ def test_a_datagram_is_decoded_by_the_thread_that_brings_it(monkeypatch):
     decoder, seen = ProgressiveDecoder(stream.manifest, stream.side_info, threads=2), []
     decode = decoder._decode
 
-    def watched(packets: list) -> object:
+    def watched(run: Run) -> object:
         blas = ThreadpoolController().select(user_api="blas").info()
         seen.append((threading.current_thread() is threading.main_thread(), {b["num_threads"] for b in blas}))
-        return decode(packets)
+        return decode(run)
 
     monkeypatch.setattr(decoder, "_decode", watched)
     with threadpool_limits(limits=2):
         decoder.add(stream.packets[:1])
         assert {b["num_threads"] for b in ThreadpoolController().select(user_api="blas").info()} == {2}
-        monkeypatch.setattr(progressive, "chunks", lambda counts: iter([slice(0, 2), slice(2, None)]))
+        monkeypatch.setattr(decoding, "CHUNK", sum(packet.num_anchors for packet in stream.packets[1:-1]))
         decoder.add(stream.packets[1:])
     assert seen == [(True, {1}), (False, {1}), (False, {1})]
     assert_same(decoder.partial, decode_stream(stream))

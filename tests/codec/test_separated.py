@@ -7,9 +7,7 @@ import pytest
 import torch
 
 from splatwire.channel import parse_loss, transmit
-from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.decoding import open_decoder
-from splatwire.codec.encoding import scene_in_order
+from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
 from splatwire.codec.schemas.hacpp.separated import SECTION
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.model import AnchorScene, Partial
@@ -159,7 +157,7 @@ def test_masks_are_side_information(stream: SceneStream):
     with pytest.raises(BitstreamError, match="lacks the section 'masks'"):
         decode_stream(without_concealment(stream, SECTION))
     with pytest.raises(BitstreamError, match="all at once"):
-        open_decoder(stream.manifest, stream.side_info)
+        ProgressiveDecoder(stream.manifest, stream.side_info)
 
 
 def test_bytes_are_those_of_atomic_packets_within_headers(scene: AnchorScene, stream: SceneStream):

@@ -12,11 +12,10 @@ from splatwire.codec.progressive import ProgressiveDecoder
 from splatwire.codec.tier_sizes import SECTION, encode_tier_sizes, read_tier_sizes
 from splatwire.codec.tiers import read_tiers
 from splatwire.conceal import conceal
-from splatwire.conceal.progressive import ProgressiveConcealer
 from splatwire.conceal.scene_free.signature import near_losses, signatures
 from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.errors import BitstreamError
-from splatwire.model import AnchorScene, Partial, RenderHints, TierSizes
+from splatwire.model import AnchorScene, Partial, TierSizes
 from splatwire.packets import PRESETS, Packetization, SceneStream
 from splatwire.packets.sections import sections_of, without_concealment
 from splatwire.scene import Anchors
@@ -151,18 +150,3 @@ def test_what_the_network_sees_stays_what_it_was(cut: SceneStream):
     ours, theirs = surroundings_of(context, rows), surroundings_of(plain, rows)
     assert torch.equal(signatures(context, ours), signatures(plain, theirs))
     assert bool((near_losses(context, ours) < near_losses(plain, theirs)).any())
-
-
-@pytest.mark.parametrize("name", ["grow", "drop"])
-def test_packet_by_packet_is_concealed_alike(whole: SceneStream, name: str):
-    decoder = ProgressiveDecoder(whole.manifest, whole.side_info)
-    shown, kept = ProgressiveConcealer(decoder.partial, name), []
-    assert shown.incremental
-    for number in np.random.default_rng(0).permutation(len(whole.packets)).tolist():
-        kept.append(whole.packets[number])
-        shown.arrived(decoder.add(kept[-1:]))
-        hints, expected = shown.scene().hints, conceal(decode_stream(whole.with_packets(kept)), name).hints
-        if expected is None:  # nothing is lost any more
-            expected = RenderHints(torch.ones(600), torch.zeros(600, dtype=torch.bool))
-        assert torch.equal(hints.left_out, expected.left_out)
-        torch.testing.assert_close(hints.size_gain, expected.size_gain, rtol=1e-6, atol=0)

@@ -183,7 +183,7 @@ def test_impossible_tiers_are_refused(scene: AnchorScene, tiers: torch.Tensor):
         encode_scene(scene, tiers=torch.ones_like(tiers))
     with pytest.raises(InvalidValueError, match="at most 8"):
         encode_scene(scene, tiers=torch.arange(700).to(torch.uint8) % 9)
-    with pytest.raises(InvalidValueError, match="699 tiers for a scene of 700"):
+    with pytest.raises(InvalidValueError, match=r"tiers of shape .699,. for 700"):
         encode_scene(scene, tiers=tiers[1:])
     with pytest.raises(InvalidValueError, match="knows no tiers"):
         encode_scene(scene, PRESETS["hacpp"], tiers=tiers)

@@ -108,17 +108,6 @@ def test_its_losses_are_concealed_and_drawn(complete: Partial, name: str) -> Non
     assert 0 < float((picture - whole).abs().mean()) < float(whole.mean())
 
 
-def test_states_are_filled_row_by_row(complete: Partial) -> None:
-    known = torch.arange(400) % 2 == 0
-    shown, rows = complete.without(known), (~known).nonzero()[:, 0]
-    shown.fill(rows, complete)
-    assert torch.equal(shown.scene.points.colors, complete.scene.points.colors)
-    assert bool(shown.known.all())
-    shown.fill(rows, None)
-    assert torch.equal(shown.known, known)
-    assert not bool(shown.scene.points.colors[~known].any())
-
-
 def test_who_needs_more_is_not_offered_and_says_so(complete: Partial) -> None:
     partial = complete.without(torch.arange(400) > 100)
     assert set(concealer_names((), partial.offers)) == {"drop", "grow"}

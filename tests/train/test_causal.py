@@ -8,8 +8,7 @@ import pytest
 import torch
 
 from scenes import SMALL_CAUSAL
-from splatwire.codec import decode_stream
-from splatwire.codec.encoding import encode_anchors
+from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.schemas.causal._place_kernels import place_bits
 from splatwire.codec.schemas.causal.side_info import read_side_info
 from splatwire.data import Dataset
@@ -76,7 +75,7 @@ def test_the_rate_is_what_the_encoder_writes(dataset: Dataset, recipe: TrainConf
     calibrate_causal(state, recipe, place_of(state))
     estimate = _estimate(state, recipe)
     assert estimate < 0.8 * before
-    stream = encode_anchors(export_scene(state, recipe), noise=0.005)
+    stream = encode_scene(export_scene(state, recipe), noise=0.005)
     places = read_side_info(stream.side_info, stream.manifest.num_anchors).places
     voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size).numpy()
     codes = morton_encode(voxels - places.known.origin)
@@ -91,14 +90,14 @@ def test_fitting_again_saves_bytes_and_leaves_the_scene(dataset: Dataset, recipe
     scene = export_scene(state, recipe)
     again = refine_context(scene, RefineConfig(steps=60, batch=1000))
     assert again.anchors is scene.anchors
-    sizes = [encode_anchors(one, noise=0.02).parts()["packet_payloads"] for one in (scene, again)]
+    sizes = [encode_scene(one, noise=0.02).parts()["packet_payloads"] for one in (scene, again)]
     assert sizes[1] < 0.999 * sizes[0]
 
 
 def test_a_run_ends_in_a_stream_that_decodes(dataset: Dataset, recipe: TrainConfig) -> None:
     result = train_scene(dataset, dataset, recipe)
     assert result.test is not None
-    partial = decode_stream(encode_anchors(result.scene))
+    partial = decode_stream(encode_scene(result.scene))
     assert partial.erasures.num_lost == 0
     assert partial.scene.anchors.num_anchors == result.scene.anchors.num_anchors
     assert bool((result.scene.causal.steps > 0).all())

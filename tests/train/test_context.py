@@ -1,6 +1,6 @@
 import torch
 
-from splatwire.codec.encoding import encode_anchors as encode_scene
+from splatwire.codec import encode_scene
 from splatwire.data import Dataset
 from splatwire.entropy.rate import binary_entropy_bits
 from splatwire.train.config import TrainConfig

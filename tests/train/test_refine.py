@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from scenes import tiny_scene
-from splatwire.codec import decode_stream, encode_scene
-from splatwire.codec.encoding import scene_in_order
+from splatwire.codec import decode_stream, encode_scene, scene_in_order
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.model import AnchorScene
 from splatwire.train.config import RefineConfig

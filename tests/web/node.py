@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from explicit import decode_splats
 from splatwire.codec import decode_stream
 from splatwire.codec.preview import preview_gaussians
-from splatwire.codec.schemas.gaussians.decoder import decode_splats
 from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.codec.tiers import arrange_stream
 from splatwire.conceal import conceal
@@ -122,7 +122,7 @@ def first_packet(stream: SceneStream) -> list[list[float]]:
     """The Gaussians of a stream's first packet as rows: place, quaternion, scales, opacity, colour, harmonics."""
     if stream.manifest.codec == CAUSAL:
         return first_anchors(stream)
-    splats, known, _ = decode_splats(stream.with_packets(stream.packets[:1]))
+    splats, known = decode_splats(stream.with_packets(stream.packets[:1]))
     colours = 0.5 + DC * splats.sh[:, 0]
     harmonics = splats.sh[:, 1:].flatten(1)
     columns = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], colours, harmonics)

@@ -14,18 +14,22 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
 from splatwire.byte_io import ByteReader
 from splatwire.codec.decoding import open_decoder
-from splatwire.codec.schema import update_digest as update_anchors
-from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
-from splatwire.codec.schemas.gaussians.digest import update_digest as update_gaussians
+from splatwire.codec.schema import Run
 from splatwire.codec.weight_bytes import framed
 from splatwire.errors import BitstreamError, SplatwireError
-from splatwire.packets import GAUSSIANS, SceneStream, manifest_from_bytes, read_stream, stream_from_bytes, write_stream
+from splatwire.packets import (
+    SceneStream,
+    make_packet,
+    manifest_from_bytes,
+    read_stream,
+    stream_from_bytes,
+    write_stream,
+)
 from splatwire.packets.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
 from web.node import WEB, lacking
 
@@ -135,21 +139,15 @@ def hostile_payload(payload: bytes, rng: random.Random) -> bytes:
 def hostile_packets(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[int, int, int, str, str]]:
     """Packets and the digests of what they decode to."""
     manifest, found = stream.manifest, []
-    gaussians = manifest.codec == GAUSSIANS
-    info = open_side_info(manifest, stream.side_info) if gaussians else None
-    decoder = None if gaussians else open_decoder(manifest, stream.side_info)
+    decoder = open_decoder(manifest, stream.side_info)
     for _ in range(cases):
         packet, digest = rng.choice(stream.packets), hashlib.sha256()
         payload, count = hostile_payload(packet.payload, rng), packet.num_anchors
         if manifest.packetization.hashed:
             count = rng.randrange(1, count + 1)
-        counts = np.array([count])
-        if info is not None:
-            update_gaussians(digest, *decode_packets(info, packet.id.block, counts, [payload]))
-        else:
-            assert decoder is not None
-            ranks = manifest.plan.members(packet.id, count)
-            update_anchors(digest, decoder.decode(ranks, counts, [payload]))
+        altered = make_packet(packet.id, count, payload)
+        run = Run(packet.id.block, (altered,), (manifest.plan.members(packet.id, count),))
+        decoder.update_digest(digest, decoder.decode(run))
         text = base64.b64encode(payload).decode()
         found.append((packet.id.block, packet.id.lane, count, text, digest.hexdigest()))
     return found

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from explicit import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import SceneStream
 from splatwire.transport import Program, ServerLimits, make_program

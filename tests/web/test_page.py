@@ -16,9 +16,9 @@ import pytest
 import torch
 from PIL import Image
 
+from explicit import encode_splats
 from scenes import tiny_scene
 from splatwire.codec import add_concealment, encode_scene
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.viewpoint import SECTION
 from splatwire.errors import InvalidValueError

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from explicit import encode_splats
 from scenes import tiny_causal_scene
 from splatwire.codec import encode_scene
 from splatwire.packets import Packetization
@@ -19,7 +20,6 @@ from web.pictures import ELEMENT
 from web.test_page import ball, run
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.transport.certificate import self_signed
 from splatwire.transport.quic import WEBTRANSPORT_PATH

@@ -12,10 +12,10 @@ import pytest
 import torch
 
 import splatwire
+from explicit import encode_splats
 from scenes import tiny_causal_scene
 from splatwire.codec import encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, write_preview
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import Packetization, SceneStream, read_stream, stream_from_bytes
 from splatwire.scene.splats import Splats

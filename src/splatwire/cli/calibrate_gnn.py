@@ -116,7 +116,7 @@ class CalibrateGnn:
 
     def _data(self, show: Reporter) -> "tuple[SceneStream, CalibrationData]":
         from splatwire.calibrate.pseudo_loss import calibration_data
-        from splatwire.codec import decode_anchors
+        from splatwire.codec import decode_stream
         from splatwire.data import load_cameras
 
         cameras, background = None, chosen_background(self.background)
@@ -124,7 +124,7 @@ class CalibrateGnn:
             cameras = load_cameras(self.cameras)
             cameras = cameras.scaled(min(1.0, (self.render_width or _RENDER_WIDTH) / cameras.width))
         stream = complete_stream(self.source, show)
-        complete = decode_anchors(stream, progress=lambda share: show("decoding", share))
+        complete = decode_stream(stream, progress=lambda share: show("decoding", share))
         data = calibration_data(stream, complete, cameras)
         if background is not None:
             scene = dataclasses.replace(data.scene, background=background)

@@ -97,7 +97,7 @@ class Demo:
         Args:
             folder: For temporary files.
         """
-        from splatwire.codec import offers_of
+        from splatwire.codec import schema_named
         from splatwire.conceal import concealer_names
         from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
         from splatwire.packets import read_stream
@@ -105,7 +105,7 @@ class Demo:
 
         source = _bundled_stream(folder)
         stream, _ = read_stream(source)
-        concealers = concealer_names(sections_of(stream), offers_of(stream.manifest.codec))
+        concealers = concealer_names(sections_of(stream), schema_named(stream.manifest.codec).offers)
         contiguous = replace(stream.manifest.packetization, grouping="contiguous")
         loss = Loss(self.loss)
         return Study(

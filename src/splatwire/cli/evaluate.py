@@ -135,7 +135,7 @@ class Evaluate:
         )
 
     def _rows(self, entry: "SceneEntry") -> "tuple[Row, ...]":
-        from splatwire.codec import codec_of, offers_of
+        from splatwire.codec import schema_named, schema_of
         from splatwire.conceal import concealer_names
         from splatwire.evaluate.study import Row, concealment_rows
         from splatwire.model import Partial
@@ -156,10 +156,10 @@ class Evaluate:
                 name = "no loss" if complete else "as it is"
                 return (Row(name, name, None, lossless=complete),)
             scene = scene_of(loaded)
-            codec = codec_of(scene)
+            codec = schema_of(scene).name
             packed = packetization_named(None, scene.ELEMENTS, int(scene.drawable.sum()))
             sections = dict(loaded.sections) if isinstance(loaded, Partial) else {}
-        names = self.conceal or concealer_names(sections, offers_of(codec))
+        names = self.conceal or concealer_names(sections, schema_named(codec).offers)
         if self.loss is None:
             return concealment_rows(() if complete else names, complete=complete)
         contiguous = replace(packed, grouping="contiguous") if self.contiguous else None

@@ -1,31 +1,24 @@
 """Codec: scenes to streams of independently decodable packets, and back."""
 
-from splatwire.codec.encoding import scene_in_order
-from splatwire.codec.streams import (
-    ProgressiveDecoder,
-    codec_of,
-    decode_anchors,
-    decode_stream,
-    encode_scene,
-    offers_of,
-    progressive_decoder,
-    repack,
-    repackable,
-)
+import splatwire.codec.schemas  # noqa: F401
+from splatwire.codec.anchors import scene_in_order
+from splatwire.codec.decoding import decode_stream
+from splatwire.codec.encoding import encode_scene, repack, repackable
+from splatwire.codec.progressive import ProgressiveDecoder
+from splatwire.codec.registry import register_schema, schema_named, schema_of
 from splatwire.packets.sections import add_concealment, side_info_parts, without_concealment
 
 __all__ = [
     "ProgressiveDecoder",
     "add_concealment",
-    "codec_of",
-    "decode_anchors",
     "decode_stream",
     "encode_scene",
-    "offers_of",
-    "progressive_decoder",
+    "register_schema",
     "repack",
     "repackable",
     "scene_in_order",
+    "schema_named",
+    "schema_of",
     "side_info_parts",
     "without_concealment",
 ]

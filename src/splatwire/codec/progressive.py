@@ -2,57 +2,44 @@
 
 import copy
 import hashlib
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 import torch
 
 from splatwire.codec.arrivals import Arrivals
-from splatwire.codec.decoding import open_decoder, predict_all, tier_facts
+from splatwire.codec.decoding import open_decoder, runs_of
 from splatwire.codec.memory import allocating, check_memory, threads_within
-from splatwire.codec.schema import AnchorDecoder, chunks, most_at_once, update_digest
+from splatwire.codec.schema import Decoder, Rows, Run
 from splatwire.codec.threads import ordered_map
-from splatwire.errors import DesyncError
-from splatwire.model import AnchorScene, Partial
-from splatwire.ops.threads import one_blas_thread
+from splatwire.errors import BitstreamError, DesyncError
+from splatwire.model.partial import Partial
 from splatwire.packets import Manifest, Packet, PacketId, PacketIntake
 from splatwire.scene import Erasures
-
-_FILLED = ("positions", "features", "scalings", "offsets", "mask")
-"""Fields of the anchors that arriving packets fill in place."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Decoded:
-    """Some packets' anchors, not yet written anywhere."""
-
-    packets: list[Packet]
-    members: list[np.ndarray]
-    rows: np.ndarray
 
 
 class ProgressiveDecoder(Arrivals):
     """Decodes a stream while it arrives: the same integers as `decode_stream`, in any order of packets.
 
-    Side information is read once; from then on a packet costs what its own anchors cost. Packets may come from several
+    Side information is read once; from then on a packet costs what its own elements cost. Packets may come from several
     threads, twice, damaged or from elsewhere: `report` counts them. Until somebody asks for `partial`, only what
-    arrived takes memory; then the prior of every anchor is evaluated.
+    arrived takes memory; then what is expected of every element is evaluated.
 
     Args:
         manifest: The stream's manifest.
         side_info: Its side information.
         intake: What its packets passed where they arrived; None lets them pass one here.
-        threads: Threads for the prior of all anchors, and for packets of thousands of anchors that come at once; None
-            for one for each processor. What a datagram brings is decoded by the thread that brings it.
-        progress: Called, where somebody asks for `partial`, with the share of the prior that is done, 0 to 1.
+        threads: Threads for what is expected of all elements, and for packets of thousands of elements that come at
+            once; None for one for each processor. What a datagram brings is decoded by the thread that brings it.
+        progress: Called, where somebody asks for `partial`, with the share of the preparation that is done, 0 to 1.
 
     Attributes:
         lock: Held while rows are written. Hold it to read several of them as of one moment.
 
     Raises:
         MissingSideInfoError: If there is no side information.
-        BitstreamError: If it contradicts the manifest.
+        BitstreamError: If it contradicts the manifest, or packets cannot be decoded one by one.
     """
 
     def __init__(
@@ -66,21 +53,22 @@ class ProgressiveDecoder(Arrivals):
     ) -> None:
         super().__init__(manifest, side_info, intake)
         self._decoder = open_decoder(manifest, side_info)
-        self._tiers = tier_facts(self._decoder, manifest)
+        if not self._decoder.alone:
+            raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
-        self._what = f"decoding {manifest.num_anchors:,} anchors"
-        self._found: dict[PacketId, tuple[np.ndarray, np.ndarray]] = {}
-        self._checked = False
-        self._num_known = 0
-        self._room: AnchorDecoder | None = None
-        self._partial: Partial[AnchorScene] | None = None
+        self._what = f"decoding {manifest.num_anchors:,} {manifest.elements}"
+        self._found: dict[PacketId, tuple[Packet, Rows]] = {}
+        self._blocks: dict[int, list[Packet]] = {}
+        self._checked, self._num_known = False, 0
+        self._room: Decoder | None = None
+        self._partial: Partial | None = None
 
     @property
-    def partial(self) -> Partial[AnchorScene]:
+    def partial(self) -> Partial:
         """The scene as it is now and as it will be: its tensors are filled in place (see `lock`).
 
         Raises:
-            BitstreamError: If a scene of all anchors takes too much memory (`splatwire.codec.memory`).
+            BitstreamError: If a scene of all elements takes too much memory (`splatwire.codec.memory`).
         """
         with self.lock:
             if self._partial is None:
@@ -92,47 +80,29 @@ class ProgressiveDecoder(Arrivals):
 
     @property
     def num_known(self) -> int:
-        """Anchors that have arrived."""
+        """Elements that have arrived."""
         return self._num_known
 
     @property
     def complete(self) -> bool:
-        """Whether every anchor has arrived."""
+        """Whether every element has arrived."""
         return self._num_known == self.manifest.num_anchors
 
     def members(self, packet: Packet) -> np.ndarray:
-        """Ranks of a packet's anchors, int64, in the order in which it holds them.
+        """Ranks of a packet's elements, int64, in the order in which it holds them.
 
         Raises:
             InvalidValueError: If the stream has no such packet.
         """
-        places = self.manifest.plan.members(packet.id, packet.num_anchors)
-        return places if self._tiers.order is None else self._tiers.order[places]
+        places, order = self.manifest.plan.members(packet.id, packet.num_anchors), self._decoder.order
+        return places if order is None else order[places]
 
-    def snapshot(self) -> Partial[AnchorScene]:
+    def snapshot(self) -> Partial:
         """The scene as it is now, in tensors of its own that never change."""
         with self.lock:
             live = self.partial
-            erasures = Erasures(live.erasures.received.clone())
-            filled = {name: getattr(live.scene.anchors, name).clone() for name in _FILLED}
-        scene = replace(live.scene, anchors=replace(live.scene.anchors, **filled))
-        return replace(live, scene=scene, erasures=erasures)
-
-    def show(self, shown: Partial, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Brings another state of the scene to the one in which exactly some of what arrived is there.
-
-        Args:
-            shown: The other state, in tensors of its own (`Partial.without`).
-            wanted: Which anchors are to be there, bool (N).
-
-        Returns:
-            Anchors that were taken back and those that are new, int64.
-        """
-        known = shown.erasures.known.numpy()
-        old, new = np.flatnonzero(known & ~wanted), np.flatnonzero(wanted & ~known)
-        shown.fill(torch.from_numpy(new), self.partial)
-        shown.fill(torch.from_numpy(old), None)
-        return old, new
+            everyone = torch.arange(live.scene.num_elements)
+            return replace(live, scene=live.scene.select(everyone), erasures=Erasures(live.erasures.received.clone()))
 
     def add(self, packets: Iterable[Packet]) -> np.ndarray:
         """Decodes packets; several at once cost less than one by one.
@@ -141,66 +111,73 @@ class ProgressiveDecoder(Arrivals):
             packets: What arrived, in any order. What the plan has no place for, or is there already, is counted.
 
         Returns:
-            Ranks of the anchors that are new, int64, in the order of the packets.
+            Ranks of the elements that are new, int64, in the order of the plan.
 
         Raises:
-            BitstreamError: If so many anchors in so few bytes take too much memory (`splatwire.codec.memory`).
+            BitstreamError: If so many elements in so few bytes take too much memory (`splatwire.codec.memory`).
             DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
         """
         taken, new = self.take(packets), [np.empty(0, dtype=np.int64)]
-        held = self.num_taken * (4 * self._decoder.num_symbols + 8)
-        working = most_at_once(taken) * self._decoder.row_bytes
-        what = f"decoding {self.num_taken:,} anchors that arrived"
+        held, working = self.num_taken * (self._decoder.row_bytes + 8), self._decoder.working_bytes(taken)
+        what = f"decoding {self.num_taken:,} {self.manifest.elements} that arrived"
         threads = threads_within(held, working, self.num_bytes, what, self._threads)
+        runs = list(runs_of(self._decoder, self.manifest, taken))
         with allocating(self._what):
-            for decoded in self._decode_all(taken, threads):
+            # What a datagram brings is not worth a thread of its own.
+            for run, rows in ordered_map(self._decode, runs, threads if len(runs) > 1 else 1):
                 with self.lock:
-                    self._keep(decoded)
-                new += decoded.members
+                    self._keep(run, rows)
+                new.append(run.ranks)
         if taken and self.complete:
             self._check()
         return np.concatenate(new)
 
+    def _decode(self, run: Run) -> tuple[Run, Rows]:
+        return run, self._decoder.decode(run)
+
+    def _keep(self, run: Run, rows: Rows) -> None:
+        """Keeps the integers of packets that are new, and writes them, or their block anew."""
+        ends = np.cumsum(run.counts)[:-1]
+        each = zip(*(np.split(part, ends) for part in rows), strict=True)
+        for packet, own in zip(run.packets, each, strict=True):
+            self._found[packet.id] = packet, own
+            self._blocks.setdefault(packet.id.block, []).append(packet)
+        self._num_known += len(run.ranks)
+        if self._room is not None:
+            self._store(self._room, self._blocks[run.block] if self._room.whole_blocks else run.packets)
+
     def _make_room(self) -> None:
-        """Makes a scene of all anchors, and writes into it what has arrived."""
+        """Makes a scene of all elements, and writes into it what has arrived."""
         room = copy.copy(self._decoder)  # which stays as it is: others may be decoding with it
-        predict_all(room, self.manifest.num_anchors, self._threads, self._progress)
-        for ranks, rows in self._found.values():
-            room.store(ranks, rows)
-        self._room, self._partial = room, room.scene().saying(*self._tiers.said)
+        room.expect(self._threads, self._progress)
+        for run in runs_of(room, self.manifest, self._packets(), gaps=True):
+            room.store(run, self._rows(run))
+        self._room, self._partial = room, room.scene()
 
-    def _decode_all(self, packets: list[Packet], threads: int) -> Iterator[_Decoded]:
-        runs = [packets[run] for run in chunks(np.array([packet.num_anchors for packet in packets]))]
-        if len(runs) > 1:
-            yield from ordered_map(self._decode, runs, threads)
-        elif runs:
-            with one_blas_thread():
-                decoded = self._decode(runs[0])
-            yield decoded
+    def _store(self, room: Decoder, packets: Iterable[Packet]) -> None:
+        for run in runs_of(room, self.manifest, packets):
+            room.store(run, self._rows(run))
 
-    def _decode(self, packets: list[Packet]) -> _Decoded:
-        members = [self.members(packet) for packet in packets]
-        counts, payloads = np.array([len(m) for m in members]), [packet.payload for packet in packets]
-        return _Decoded(packets, members, self._decoder.decode(np.concatenate(members), counts, payloads))
+    def _packets(self) -> list[Packet]:
+        return [packet for packet, _ in self._found.values()]
 
-    def _keep(self, decoded: _Decoded) -> None:
-        ends = np.cumsum([len(own) for own in decoded.members])[:-1]
-        for packet, own, rows in zip(decoded.packets, decoded.members, np.split(decoded.rows, ends), strict=True):
-            self._found[packet.id] = own, rows
-            self._num_known += len(own)
-            if self._room is not None:
-                self._room.store(own, rows)
+    def _rows(self, run: Run) -> Rows:
+        """The integers of packets that were decoded before."""
+        if not run.packets:
+            return self._decoder.decode(run)
+        found = (self._found[packet.id][1] for packet in run.packets)
+        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def _check(self) -> None:
         """Compares all decoded integers with the manifest's digest, once."""
         with self.lock:
             if self._checked or not self.has_every_packet:
                 return
-            self._checked = True
-            digest = hashlib.sha256()
-            for packet_id in sorted(self._found):
-                update_digest(digest, self._found[packet_id][1])
+            self._checked, digest = True, hashlib.sha256()
+            for run in runs_of(self._decoder, self.manifest, self._packets()):
+                self._decoder.update_digest(digest, self._rows(run))
             if self._room is not None:  # nobody asks for them any more
                 self._found.clear()
+                self._blocks.clear()
         if digest.hexdigest() != self.manifest.symbols_digest:
             raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")

@@ -1,20 +1,20 @@
-"""What a schema of anchors has to know: how it codes some anchors, and how it reads them again.
+"""What the trunk knows of a kind of element: one record, what codes it, and what reads it again.
 
-Which anchors share a packet, in which order, and what arrived, is the same for all of them (`splatwire.codec.encoding`,
-`splatwire.codec.decoding`).
+Which elements share a packet, in which order, and what arrived, is the same for all of them
+(`splatwire.codec.encoding`, `splatwire.codec.decoding`, `splatwire.codec.progressive`).
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.model import AnchorScene, Partial
-from splatwire.packets import Packet
+from splatwire.model.partial import Partial
+from splatwire.packets import Manifest, Packet, Packetization, PacketPlan, SceneStream
 
-CHUNK_ANCHORS = 3000
-"""Anchors worked on at once: enough to keep the matrix products busy, small enough to stay in the cache."""
+Rows = tuple[np.ndarray, ...]
+"""Decoded integers of some elements: arrays with one row for each of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,92 +22,152 @@ class CodedPackets:
     """Some packets.
 
     Attributes:
-        counts: int64 (packets), anchors of each.
+        counts: int64 (packets), elements of each.
         payloads: Their payloads.
-        rows: int32 (n, symbols), all integers of their anchors, as the digest takes them.
+        rows: All integers of their elements, as a decoder finds them.
     """
 
     counts: np.ndarray
     payloads: list[bytes]
-    rows: np.ndarray
+    rows: Rows
 
 
 @runtime_checkable
-class AnchorEncoder(Protocol):
-    """Codes the anchors of one scene, which are sorted by rank."""
+class Encoder(Protocol):
+    """Codes the elements of one scene, as a plan splits them."""
 
-    def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
-        """Codes groups of anchors; may be called from several threads.
+    def runs(self) -> Iterator[Any]:
+        """Parts of the plan, in its order, that are coded side by side; none is empty."""
 
-        Args:
-            ranks: int64 (n), the anchors of all groups, group by group.
-            counts: int64 (groups), anchors of each.
-            packet_bytes: Most bytes of a payload, if groups are to be cut into packets by size; None for one (or, of
-                separated attributes, one for each part) to a group.
-        """
+    def encode(self, run: Any) -> CodedPackets:
+        """Codes one of them; may be called from several threads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A scene that is ready to be coded.
+
+    Attributes:
+        encoder: What codes it.
+        side_info: What all of its packets share.
+        plan: How they split it.
+        stated: What the manifest says beside the plan, by its field.
+    """
+
+    encoder: Encoder
+    side_info: bytes
+    plan: PacketPlan
+    stated: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """How a scene is to be coded, see `splatwire.codec.encode_scene`."""
+
+    packetization: Packetization | None = None
+    tiers: np.ndarray | None = None
+    quality: Any = None
+    classes: np.ndarray | None = None
+    noise: float | None = None
+    threads: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Packets that are decoded together.
+
+    Attributes:
+        block: The block of the first of them, or, where nothing of a block arrived, that one.
+        packets: They, ascending by id.
+        members: Ranks of the elements of each, int64, in the order in which it holds them.
+    """
+
+    block: int
+    packets: tuple[Packet, ...]
+    members: tuple[np.ndarray, ...]
+
+    @property
+    def ranks(self) -> np.ndarray:
+        """Ranks of all elements, int64, packet by packet."""
+        return np.concatenate([np.empty(0, dtype=np.int64), *self.members])
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Elements of each packet, int64."""
+        return np.array([packet.num_anchors for packet in self.packets], dtype=np.int64)
+
+    @property
+    def payloads(self) -> list[bytes]:
+        """Payload of each packet."""
+        return [packet.payload for packet in self.packets]
 
 
 @runtime_checkable
-class AnchorDecoder(Protocol):
-    """Reads the anchors of one stream; what it keeps of them is by rank, zero where nothing was received.
+class Decoder(Protocol):
+    """Reads the elements of one stream; what it keeps of them is by rank.
 
     Attributes:
         sections: Named sections of the side information.
-        num_symbols: Integers of an anchor.
-        scene_bytes: Memory that `make_room` and `scene` take.
-        row_bytes: Memory that each anchor takes that is being decoded.
+        order: Rank at each place of the manifest's plan, int64 (N); None if they are the same.
+        whole_blocks: Whether a run is what arrived of one block, of all blocks; else packets of any blocks share one.
+        alone: Whether packets of a run can be decoded one by one, too.
+        scene_bytes: Memory that `expect` and `scene` take.
+        row_bytes: Memory that the decoded integers of an element take.
     """
 
     sections: Mapping[str, bytes]
-    num_symbols: int
+    order: np.ndarray | None
+    whole_blocks: bool
+    alone: bool
     scene_bytes: int
     row_bytes: int
 
-    def make_room(self) -> None:
-        """Makes arrays for all anchors, which `predict`, `store` and `scene` work on; `decode` needs none."""
+    def working_bytes(self, packets: Sequence[Packet]) -> int:
+        """Memory that a thread works with when it decodes some of these packets."""
 
-    def predict(self, ranks: np.ndarray) -> None:
-        """Evaluates what is expected of some anchors before any packet; needed once for each of them."""
+    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+        """Makes arrays for all elements, which `store` and `scene` work on; `decode` needs none."""
 
-    def decode(self, ranks: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]) -> np.ndarray:
+    def decode(self, run: Run) -> Rows:
         """Decodes packets; any bytes decode to something. May be called from several threads.
 
-        Args:
-            ranks: int64 (n), anchors of all packets, packet by packet; where there is room, `predict` knows them.
-            counts: int64 (packets), anchors of each.
-            payloads: One for each packet.
-
         Returns:
-            int32 (n, symbols), as `CodedPackets.rows`.
+            The integers of its elements, packet by packet.
         """
 
-    def store(self, ranks: np.ndarray, rows: np.ndarray) -> None:
-        """Writes the attributes of anchors that were decoded and predicted."""
+    def store(self, run: Run, rows: Rows) -> None:
+        """Writes the attributes of elements that were decoded, and of lost ones of a run that is a block."""
 
-    def scene(self) -> Partial[AnchorScene]:
-        """The scene over the arrays, which share its memory."""
+    def update_digest(self, digest: Any, rows: Rows) -> None:
+        """Adds the integers of a complete run to a hashlib object, so that it does not matter how runs were cut."""
+
+    def scene(self) -> Partial:
+        """The scene over the arrays, which share its memory, and all that the stream says of it."""
 
 
-def update_digest(digest: Any, rows: np.ndarray) -> None:
-    """Adds the integers of some anchors to a hashlib object, one anchor after another.
+@dataclass(frozen=True, eq=False)
+class Schema:
+    """One kind of element: registered once (`splatwire.codec.registry`), asked for by name or by a scene.
 
-    Packets are added in plan order, so that the digest does not depend on how they were batched.
+    Attributes:
+        name: What manifests call it, as registered in `splatwire.packets.limits`.
+        codes: Whether a scene is coded with it.
+        offers: Kinds of records that a concealer finds in every decoded stream (`Partial.offers`).
+        prepare: Gets a scene ready to be coded; all of its elements can be drawn.
+        prepare_again: Gets a complete stream ready to be put into other packets: the same integers, side information
+            that says the same.
+        open_decoder: Reads manifest and side information, and how many bytes of the stream are there.
+        update_digest: See `Decoder.update_digest`.
+        repackable: Whether the integers of a stream may be put into other packets.
+        carried: Brings what a stream says of single elements, by their rank, into the same in other packets.
     """
-    digest.update(np.ascontiguousarray(rows.astype("<i4")).data)
 
-
-def most_at_once(packets: Iterable[Packet]) -> int:
-    """Anchors that are worked on at once at most: a chunk, or those of the largest packet."""
-    return max((packet.num_anchors for packet in packets), default=0) + CHUNK_ANCHORS
-
-
-def chunks(sizes: np.ndarray, most: int = CHUNK_ANCHORS) -> Iterator[slice]:
-    """Splits packets of the given sizes into runs of about `most` anchors, at least one packet each."""
-    first, total = 0, 0
-    for p, size in enumerate(sizes):
-        if total and total + size > most:
-            yield slice(first, p)
-            first, total = p, 0
-        total += int(size)
-    if first < len(sizes):
-        yield slice(first, len(sizes))
+    name: str
+    codes: Callable[[Any], bool]
+    offers: frozenset[type]
+    prepare: Callable[[Any, Options], Prepared]
+    prepare_again: Callable[[SceneStream, Packetization, int | None], Prepared]
+    open_decoder: Callable[[Manifest, bytes, int], Decoder]
+    update_digest: Callable[[Any, Rows], None]
+    repackable: Callable[[SceneStream], bool] = lambda stream: True
+    carried: Callable[[SceneStream, SceneStream], SceneStream] = lambda stream, packed: packed

@@ -1,6 +1,7 @@
 """Nothing is invented: what arrived grows over the holes."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import torch
 from jaxtyping import Bool, Float, Int64
@@ -38,12 +39,14 @@ class Grow:
             least 1. A few anchors in the middle of large holes would otherwise grow over what is intact: on an official
             model at 20 % loss, 1.08 was worth 0.14 dB over no limit. Infinite for none.
         max_gain: Upper limit of the gain, which would be infinite where all neighbours are lost.
+        nearest: The neighbours, where they are known (`knowing`).
     """
 
     neighbors: int = 64
     exponent: float = 0.5
     max_excess: float = 1.08
     max_gain: float = 4.0
+    nearest: Int64[Tensor, "N k"] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_at_least("number of neighbours", self.neighbors, 1)
@@ -56,10 +59,18 @@ class Grow:
         """`grow`."""
         return "grow"
 
+    def knowing(self, partial: Partial) -> "Grow":
+        """The same for many states of one scene: finds neighbours once, if what arrives does not change them."""
+        if partial.expectation is None:
+            return self  # where a lost element stands depends on those that arrived
+        everyone = torch.ones(partial.scene.num_elements, dtype=torch.bool)
+        parts = [index for _, index in _neighbors_of(partial.places, everyone, self.neighbors)]
+        return replace(self, nearest=torch.cat(parts))
+
     def __call__(self, partial: Partial) -> Concealed:
         """See `Concealer`."""
         known, coverage = partial.known, partial.scene.COVERAGE
-        left = 1 - lost_share(partial.places, known, self.neighbors, partial.sizes)
+        left = 1 - lost_share(partial.places, known, self.neighbors, partial.sizes, self.nearest)
         left = torch.where(known, self.limited(left, known, partial.tier_sizes), torch.ones_like(left))
         size = left ** -(self.exponent * coverage.size)
         if not coverage.opacity:
@@ -105,6 +116,7 @@ def lost_share(
     known: Bool[Tensor, "N"],
     neighbors: int,
     weights: Float[Tensor, "N"] | None = None,
+    nearest: Int64[Tensor, "N k"] | None = None,
 ) -> Float[Tensor, "N"]:
     """Share of what is lost among the nearest others of each received anchor; 0 for lost and for lonely anchors.
 
@@ -113,18 +125,28 @@ def lost_share(
         known: Which were received.
         neighbors: How many others are looked at.
         weights: How much each anchor counts, above 0; all alike if not given.
+        nearest: Those others, where they are known.
     """
     share = torch.zeros(len(positions), dtype=positions.dtype)
     weight = torch.ones(len(positions), dtype=torch.float64) if weights is None else weights.double()
     lost = weight * ~known
     if bool(known.all()) or not bool(known.any()):
         return share
-    tree = NeighborTree(positions)
-    for own in known.nonzero()[:, 0].split(_CHUNK):
-        index, _ = nearest_others(tree, positions[own], own, neighbors)
+    there = known.nonzero()[:, 0]
+    found = _neighbors_of(positions, known, neighbors) if nearest is None else [(there, nearest[there])]
+    for own, index in found:
         if index.shape[1]:
             share[own] = lost_share_among(index, lost, weight).to(share.dtype)
     return share
+
+
+def _neighbors_of(
+    positions: Float[Tensor, "N 3"], which: Bool[Tensor, "N"], neighbors: int
+) -> Iterator[tuple[Int64[Tensor, "m"], Int64[Tensor, "m k"]]]:
+    """Some elements at a time, and the nearest others of each."""
+    tree = NeighborTree(positions)
+    for own in which.nonzero()[:, 0].split(_CHUNK):
+        yield own, nearest_others(tree, positions[own], own, neighbors)[0]
 
 
 def lost_share_among(

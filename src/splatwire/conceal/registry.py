@@ -93,7 +93,7 @@ def concealer_names(sections: Iterable[str] = (), offers: Collection[type] | Non
 
     Args:
         sections: Named sections that the stream has; concealers that read another one are not listed.
-        offers: Kinds of records that a concealer finds (`Partial.offers`, `splatwire.codec.offers_of`); None for all.
+        offers: Kinds of records that a concealer finds (`Partial.offers`, `Schema.offers`); None for all.
     """
     _load_all()
     there = {None, *sections}

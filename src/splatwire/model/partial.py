@@ -170,18 +170,6 @@ class Partial(Generic[S]):
         there = self.scene.elements.arrived(known, self.places)
         return replace(self, scene=self.scene.with_elements(there), erasures=Erasures.of_anchors(known))
 
-    def fill(self, rows: Int64[Tensor, "M"], source: "Partial[S] | None") -> None:
-        """Copies rows of another state of the same scene into this one's tensors, in place; None takes them back."""
-        own = self.scene.elements
-        if source is not None:
-            new, received = source.scene.elements.select(rows), source.erasures.received[rows]
-        else:
-            received = torch.zeros_like(self.erasures.received[rows])
-            new = own.select(rows).arrived(received.any(dim=1), self.places[rows])
-        for name, values in vars(new).items():
-            getattr(own, name)[rows] = values
-        self.erasures.received[rows] = received
-
     def to_cpu(self) -> "Partial[S]":
         """The same in main memory, where neighbour search and kernels work; networks stay where they are."""
         scene = self.scene.with_elements(moved(self.scene.elements, "cpu"), moved(self.scene.hints, "cpu"))

@@ -11,7 +11,8 @@ from torch import Tensor
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.preview import preview_scene
 from splatwire.codec.tiers import arrange_stream, read_tiers
-from splatwire.conceal.progressive import ProgressiveConcealer
+from splatwire.conceal import conceal, create_concealer
+from splatwire.conceal.grow import Grow
 from splatwire.errors import InvalidValueError
 from splatwire.model.appearance import Partial, Scene
 from splatwire.packets import SceneStream, send_sequence
@@ -29,8 +30,7 @@ ASSUMED_BASE_MSE = 1e-3
 class LossyPictures:
     """Pictures of a scene that lost some elements, compared with the complete one or with photos.
 
-    What a concealer needs to know of positions alone (who is near whom) is found once, where it can be kept
-    (`ProgressiveConcealer.incremental`).
+    Who is near whom is found once, where that does not depend on what is lost.
 
     Args:
         complete: A decoded stream that lost nothing; its concealment sections are what the concealer sees.
@@ -59,17 +59,15 @@ class LossyPictures:
         if photos and len(photos) != cameras.num_views:
             raise InvalidValueError(f"{len(photos)} photos of {cameras.num_views} views")
         self.num_anchors = complete.scene.num_elements
-        self._complete, self._cameras, self._name = complete, cameras, concealer
+        self._complete, self._cameras = complete, cameras
         self._references = list(photos) or list(iterate_views(complete.scene, cameras))
         self._base = 0.0 if photos else base_mse
-        nothing = complete.without(torch.zeros(self.num_anchors, dtype=torch.bool))
-        self._concealed = ProgressiveConcealer(nothing, concealer)
+        chosen = create_concealer(concealer)
+        self._concealer = chosen.knowing(complete) if isinstance(chosen, Grow) else chosen
 
     def scene(self, known: Bool[Tensor, "N"]) -> Scene:
-        """The concealed scene; it is only good until the next one is asked for."""
-        if bool(known.all()):
-            return self._complete.scene
-        return self._concealed.of(self._complete.without(known))
+        """The concealed scene."""
+        return self._complete.scene if bool(known.all()) else conceal(self._complete.without(known), self._concealer)
 
     def errors(self, known: Bool[Tensor, "N"]) -> np.ndarray:
         """Mean squared error of each view for the elements that are there, float64 (views)."""

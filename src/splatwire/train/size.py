@@ -2,7 +2,7 @@
 
 import math
 
-from splatwire.codec.encoding import encode_anchors
+from splatwire.codec import encode_scene
 from splatwire.model import AnchorScene
 from splatwire.packets import stream_to_bytes
 from splatwire.train.config import Marks, TrainConfig
@@ -66,4 +66,4 @@ def steered(before: Steering, miss: float) -> Steering:
 
 def stream_bytes(scene: AnchorScene) -> int:
     """Bytes of a scene's stream in the default packetization, everything counted."""
-    return len(stream_to_bytes(encode_anchors(scene)))
+    return len(stream_to_bytes(encode_scene(scene)))

@@ -16,7 +16,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from splatwire.byte_io import ByteWriter
-from splatwire.codec import decode_anchors
+from splatwire.codec import decode_stream
 from splatwire.codec.tiers import arrange_stream
 from splatwire.codec.weight_bytes import framed
 from splatwire.conceal.sketch.concealer import buckets_of, sizes_of, with_sketch
@@ -50,7 +50,7 @@ def columns_of(stream: SceneStream, progress: Callable[[float], None] | None = N
     """
     if stream.manifest.packetization.separated:
         raise BitstreamError("packets of separated attributes cannot be shown one by one; encode with another --preset")
-    partial = decode_anchors(stream, progress=progress)
+    partial = decode_stream(stream, progress=progress)
     manifest, side_info = columns_head(stream.manifest, stream.side_info, partial)
     groups, packets = arrange_stream(stream)
     pieces = zip(packets, itertools.pairwise(groups.starts), strict=True)

@@ -6,8 +6,7 @@ from typing import TypeAlias
 
 import torch
 
-from splatwire.codec import progressive_decoder
-from splatwire.codec.progressive import ProgressiveDecoder
+from splatwire.codec import ProgressiveDecoder
 from splatwire.errors import MissingSideInfoError
 from splatwire.packets import ANCHORS, Manifest, Packet, file_head, file_record
 from splatwire.transport import Event, PacketArrived, Receiver, SideInfoArrived, Welcomed
@@ -95,8 +94,7 @@ class Relay:
     def _head(self, arrived: SideInfoArrived) -> bytes:
         manifest, side_info = arrived.manifest, arrived.side_info
         if manifest.codec == ANCHORS:
-            decoder = progressive_decoder(manifest, side_info)
-            assert isinstance(decoder, ProgressiveDecoder)
+            decoder = ProgressiveDecoder(manifest, side_info)
             manifest, side_info = columns_head(manifest, side_info, decoder.partial)
             self._columns = decoder, manifest
         return file_head(manifest, side_info)

@@ -10,12 +10,12 @@ import pytest
 import torch
 
 from codec.gaussians.test_gaussians import DATAGRAM, covariances, some_splats
+from explicit import encode_splats
 from splatwire.byte_io import ByteReader
-from splatwire.codec import add_concealment, decode_stream, progressive_decoder
+from splatwire.codec import ProgressiveDecoder, add_concealment, decode_stream
 from splatwire.codec.schemas.gaussians.copies import SECTION, read_copies
 from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
 from splatwire.codec.schemas.gaussians.decoder import open_side_info
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.conceal import conceal, concealer_names
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
@@ -88,7 +88,7 @@ def test_lost_ones_are_drawn_from_copies_and_what_arrived_stays(stream, section)
     assert torch.equal(drawn.splats.means[copies.places[lost]], copies.splats.means[lost])
     assert float(drawn.hints.size_gain[known].max()) > 1
     assert "sketch" in concealer_names(partial.sections, {Splats})
-    arriving = progressive_decoder(lossy.manifest, lossy.side_info)
+    arriving = ProgressiveDecoder(lossy.manifest, lossy.side_info)
     arriving.add(lossy.packets)
     again = conceal(arriving.snapshot(), "sketch")
     assert torch.equal(again.drawn().means, drawn.drawn().means)

@@ -6,9 +6,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from explicit import decode_splats, encode_splats
 from splatwire.codec.schemas.gaussians.attributes import scene_log, to_sources
-from splatwire.codec.schemas.gaussians.decoder import decode_packets, decode_splats, open_side_info
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
 from splatwire.codec.schemas.gaussians.packet_reference import ReferencePacket
 from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
 from splatwire.codec.schemas.gaussians.side_info import read_side_info, write_side_info
@@ -59,7 +59,7 @@ def covariances(splats: Splats) -> torch.Tensor:
 
 
 def test_every_gaussian_comes_back_within_its_steps(stream: SceneStream) -> None:
-    decoded, known, _ = decode_splats(stream)
+    decoded, known = decode_splats(stream)
     source = partners(some_splats(), decoded)
     assert known.all()
     assert float((source.means - decoded.means).abs().max()) < 1e-3
@@ -131,7 +131,7 @@ def test_any_payload_decodes_to_finite_gaussians(fuzzed: SceneStream, seed: int)
         make_packet(p.id, p.num_anchors, rng.bytes(int(rng.integers(0, 300))), fuzzed.manifest.stream_id)
         for p in fuzzed.packets[: len(fuzzed.packets) - 1]
     ]
-    decoded, _, _ = decode_splats(fuzzed.with_packets(lies))
+    decoded, _ = decode_splats(fuzzed.with_packets(lies))
     for values in vars(decoded).values():
         assert bool(values.isfinite().all())
     assert float(decoded.scales.min()) > 0
@@ -147,7 +147,7 @@ def test_damaged_side_information_is_an_error_or_decodes(fuzzed: SceneStream, se
     if seed % 5 == 0:
         del data[rng.integers(len(data)) :]
     try:
-        decoded, _, _ = decode_splats(replace(fuzzed, side_info=bytes(data), packets=fuzzed.packets[:3]))
+        decoded, _ = decode_splats(replace(fuzzed, side_info=bytes(data), packets=fuzzed.packets[:3]))
     except BitstreamError:
         return
     for values in vars(decoded).values():
@@ -157,7 +157,7 @@ def test_damaged_side_information_is_an_error_or_decodes(fuzzed: SceneStream, se
 def test_lost_gaussians_are_where_their_neighbours_are_and_show_nothing() -> None:
     stream = encode_splats(some_splats(), SMALL)
     whole = decode_splats(stream)[0]
-    part, known, _ = decode_splats(stream.with_packets(stream.packets[1:6:2]))
+    part, known = decode_splats(stream.with_packets(stream.packets[1:6:2]))
     assert 0 < known.sum() < len(known)
     for name, values in vars(part).items():
         torch.testing.assert_close(values[known], getattr(whole, name)[known], rtol=0, atol=0)
@@ -170,7 +170,7 @@ def test_lost_gaussians_are_where_their_neighbours_are_and_show_nothing() -> Non
 
 def test_a_stream_of_which_nothing_arrived_has_places_in_the_boxes() -> None:
     stream = encode_splats(some_splats(), SMALL)
-    part, known, _ = decode_splats(stream.with_packets([]))
+    part, known = decode_splats(stream.with_packets([]))
     whole = decode_splats(stream)[0]
     assert not known.any()
     low, high = whole.means.min(dim=0).values - 0.1, whole.means.max(dim=0).values + 0.1
@@ -190,7 +190,7 @@ def test_tiers_have_blocks_of_their_own() -> None:
     splats = replace(some_splats(), opacities=torch.where(torch.from_numpy(tiers) == 0, 0.9, 0.1))
     stream = encode_splats(splats, SMALL, tiers=tiers)
     important = [p for p in stream.packets if stream.manifest.plan.tier_of(p.id.block) == 0]
-    decoded, known, _ = decode_splats(stream.with_packets(important))
+    decoded, known = decode_splats(stream.with_packets(important))
     assert int(known.sum()) == 100
     assert float(decoded.opacities[known].min()) > 0.5
     assert float(decode_splats(stream)[0].opacities[~known].max()) < 0.5
@@ -241,7 +241,7 @@ def test_no_side_information_is_said(stream: SceneStream) -> None:
 def test_few_gaussians_and_equal_places(count: int) -> None:
     splats = some_splats(count, 3)
     splats = replace(splats, means=splats.means[:1].repeat(count, 1))
-    decoded, known, _ = decode_splats(encode_splats(splats, PRESETS["datagram"], quality=QUALITIES["near-lossless"]))
+    decoded, known = decode_splats(encode_splats(splats, PRESETS["datagram"], quality=QUALITIES["near-lossless"]))
     assert known.all()
     torch.testing.assert_close(decoded.means, splats.means, rtol=1e-3, atol=1e-3)
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatwire.codec.schemas.gaussians.decoder import decode_splats
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from explicit import decode_splats, encode_splats
 from splatwire.codec.schemas.gaussians.side_info import read_side_info, write_side_info
 from splatwire.errors import SplatwireError
 from splatwire.packets import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatwire.codec import decode_stream, encode_scene, progressive_decoder
+from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene
 from splatwire.errors import BitstreamError, DesyncError
 from splatwire.model import Partial, SplatScene
 from splatwire.packets import PRESETS, SceneStream
@@ -40,7 +40,7 @@ def assert_same(one: Partial, other: Partial) -> None:
 
 
 def test_every_moment_is_what_a_decoder_makes_of_the_same_packets(stream):
-    decoder = progressive_decoder(stream.manifest, stream.side_info)
+    decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
     order = np.random.default_rng(1).permutation(len(stream.packets))
     assert_same(decoder.snapshot(), of(stream, ()))
     for part in np.array_split(order, 3):
@@ -52,26 +52,10 @@ def test_every_moment_is_what_a_decoder_makes_of_the_same_packets(stream):
     assert decoder.report.num_duplicate == 3
 
 
-def test_any_of_what_arrived_can_be_shown_as_if_no_other_had(stream):
-    decoder = progressive_decoder(stream.manifest, stream.side_info)
-    decoder.add(stream.packets)
-    shown = decoder.snapshot()
-    for seed in range(3):
-        chosen = [p for p in stream.packets if np.random.default_rng([seed, p.id.block, p.id.lane]).random() < 0.6]
-        wanted = np.zeros(COUNT, dtype=np.bool_)
-        for packet in chosen:
-            wanted[decoder.members(packet)] = True
-        known = shown.erasures.known.numpy()
-        old, new = decoder.show(shown, wanted)
-        assert set(old.tolist()) == set(np.flatnonzero(known & ~wanted))
-        assert set(new.tolist()) == set(np.flatnonzero(wanted & ~known))
-        assert_same(shown, of(stream, chosen))
-
-
 def test_wrong_integers_are_noticed_when_everything_is_there(stream):
     wrong = dataclasses.replace(stream.manifest, symbols_digest="0" * 64)
-    decoder = progressive_decoder(wrong, stream.side_info)
+    decoder = ProgressiveDecoder(wrong, stream.side_info)
     with pytest.raises(DesyncError):
         decoder.add(stream.packets)
     with pytest.raises(BitstreamError):
-        progressive_decoder(stream.manifest, stream.side_info[:40])
+        ProgressiveDecoder(stream.manifest, stream.side_info[:40])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatwire.codec.schemas.gaussians.decoder import decode_splats
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from explicit import decode_splats, encode_splats
 from splatwire.formats import read_splats
 from splatwire.model import SplatScene
 from splatwire.packets import PRESETS

@@ -1,1 +1,9 @@
 """Schemas side by side, none of which imports another: which symbols an element is, under which integer models."""
+
+from splatwire.codec.registry import register_schema
+from splatwire.codec.schemas.causal.schema import SCHEMA as CAUSAL
+from splatwire.codec.schemas.gaussians.schema import SCHEMA as GAUSSIANS
+from splatwire.codec.schemas.hacpp.schema import SCHEMA as HACPP
+
+for _schema in (HACPP, CAUSAL, GAUSSIANS):
+    register_schema(_schema)

@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 
 from splatwire.channel import LossMask, draw_mask
-from splatwire.codec import codec_of, decode_stream, encode_scene, repack, repackable
+from splatwire.codec import decode_stream, encode_scene, repack, repackable, schema_of
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
 from splatwire.conceal import create_concealer
@@ -129,7 +129,7 @@ class Source:
         """What codes its elements."""
         if self.entry.kind == "model":
             return ANCHORS
-        return codec_of(self.scene) if self.stream is None else self.stream.manifest.codec
+        return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec
 
     def travels(self, packetization: Packetization) -> bool:
         """Whether it can be packed so."""

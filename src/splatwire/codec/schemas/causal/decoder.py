@@ -1,16 +1,17 @@
 """From packets of schema `causal` to attributes: takes bytes and nothing else."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import torch
 
+from splatwire.codec.anchors import AnchorDecoder
 from splatwire.codec.background import read_background
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.heads import network_of
 from splatwire.codec.memory import check_memory
 from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.schema import Rows, Run
 from splatwire.codec.schemas.causal.context import (
     NUMBER_BITS,
     CodingContext,
@@ -45,8 +46,8 @@ def _row_bytes(info: SideInfo) -> int:
     return 8 * (inputs + hidden + outputs) + 8 * (outputs + _width(info.config)) + 128
 
 
-class CausalDecoder:
-    """See `AnchorDecoder`.
+class CausalDecoder(AnchorDecoder):
+    """See `splatwire.codec.schema.Decoder`.
 
     Args:
         manifest: The stream's manifest.
@@ -63,16 +64,17 @@ class CausalDecoder:
             raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
         if manifest.packetization.order != "morton":
             raise BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise")
-        self._num = manifest.num_anchors
-        check_memory(self._num * PLACE_BYTES, num_bytes, f"reading the places of {self._num:,} anchors")
-        info = read_side_info(side_info, self._num)
+        num = manifest.num_anchors
+        check_memory(num * PLACE_BYTES, num_bytes, f"reading the places of {num:,} anchors")
+        info = read_side_info(side_info, num)
+        super().__init__(manifest, info.sections)
         layout = info.config.layout
-        self._info, self._context, self.sections = info, CodingContext.of(info), info.sections
+        self._info, self._context = info, CodingContext.of(info)
         self._features, self._offsets = layout.feature_dim, layout.num_offsets
         self._step = np.repeat(info.steps[:-1], layout.feature_groups)
-        self.num_symbols = 3 + 4 * self._offsets + self._features + 4
+        self.row_bytes = 4 * (3 + 4 * self._offsets + self._features + 4)
         self.scene_bytes = self._num * (4 * PLACE_BYTES + 4 * (3 * _width(info.config) + info.config.context_dim))
-        self.row_bytes = _row_bytes(info)
+        self.chunk_bytes = _row_bytes(info)
 
     def make_room(self) -> None:
         """See `AnchorDecoder.make_room`."""
@@ -100,13 +102,15 @@ class CausalDecoder:
         self._spreads["scaling"][ranks] = self._means["scaling"][ranks] * relative
         self._spreads["offset"][ranks] = deviations[:, self._features + 4 :] * self._info.steps[-1]
 
-    def decode(self, ranks: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]) -> np.ndarray:
-        """See `AnchorDecoder.decode`."""
-        return anchor_rows(*decode_packets(self._context, self._info.places.known.select(ranks), counts, payloads))
+    def decode(self, run: Run) -> Rows:
+        """See `Decoder.decode`."""
+        places = self._info.places.known.select(run.ranks)
+        return (anchor_rows(*decode_packets(self._context, places, run.counts, run.payloads)),)
 
-    def store(self, ranks: np.ndarray, rows: np.ndarray) -> None:
-        """See `AnchorDecoder.store`."""
-        place, mask, numbers = np.split(rows, [3, 3 + self._offsets], axis=1)
+    def store(self, run: Run, rows: Rows) -> None:
+        """See `Decoder.store`."""
+        ranks = run.ranks
+        place, mask, numbers = np.split(rows[0], [3, 3 + self._offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
         self._positions[ranks] = self._positions_of(place + self._info.places.known.origin)
         for name, values in self._attributes(numbers).items():
@@ -126,7 +130,7 @@ class CausalDecoder:
         }
 
     def scene(self) -> Partial[AnchorScene]:
-        """See `AnchorDecoder.scene`."""
+        """See `Decoder.scene`."""
         info, values = self._info, {name: torch.from_numpy(array) for name, array in self._values.items()}
         offsets = values["offset"].view(len(self._positions), self._offsets, 3)
         positions, mask = torch.from_numpy(self._positions), torch.from_numpy(self._mask)
@@ -135,7 +139,7 @@ class CausalDecoder:
         scene = AnchorScene(anchors, heads, self._coding(), background=read_background(info.sections))
         left = concealer_sections(info.sections)
         guessed = ExpectedPlaces(torch.from_numpy(self._guessed))
-        said = (self._prior(), info.config.layout, guessed)
+        said = (self._prior(), info.config.layout, guessed, *self._said)
         return Partial(scene, Erasures(torch.from_numpy(self._received)), left, said)
 
     def _coding(self) -> CausalCoding:

@@ -102,7 +102,7 @@ def _with_sizes(anchors: Anchors) -> Anchors:
 
 
 class CausalEncoder:
-    """See `AnchorEncoder`.
+    """See `AnchorCoder`.
 
     Args:
         scene: The scene, anchors by rank.
@@ -137,11 +137,11 @@ class CausalEncoder:
         return float(anchor_bits(self._context, self._quantised(ranks)).mean()) * len(self._masks) / 8
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
-        """See `AnchorEncoder.encode`."""
+        """See `AnchorCoder.encode`."""
         found = self._quantised(ranks)
         if packet_bytes is not None:
             counts = cut_packets(self._context, found, counts, packet_bytes)
-        return CodedPackets(counts, encode_packets(self._context, found, counts), found.rows())
+        return CodedPackets(counts, encode_packets(self._context, found, counts), (found.rows(),))
 
     def _quantised(self, ranks: np.ndarray) -> Quantised:
         places = self._places.select(ranks)

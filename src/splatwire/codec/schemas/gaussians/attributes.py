@@ -5,6 +5,7 @@ Only an encoder computes with floats before there are symbols; a decoder turns i
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -174,6 +175,18 @@ def to_splats(
 def empty_rows(count: int, num_harmonics: int) -> tuple[np.ndarray, np.ndarray]:
     """Arrays for decoded integers: rows int64 (count, COLUMNS), harmonics int32 (count, M)."""
     return np.zeros((count, COLUMNS), dtype=np.int64), np.zeros((count, num_harmonics), dtype=np.int32)
+
+
+def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
+    """Adds the integers of one block, in the order of the plan, to a hashlib object.
+
+    Args:
+        digest: The object.
+        rows: As `empty_rows` makes them.
+    """
+    digest.update(np.ascontiguousarray(rows[0].astype("<i8")).data)
+    if rows[1].size:
+        digest.update(np.ascontiguousarray(rows[1].astype("<i4")).data)
 
 
 def _fixed(values: np.ndarray, low: int, high: int) -> np.ndarray:

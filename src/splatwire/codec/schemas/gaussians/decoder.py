@@ -1,15 +1,16 @@
 """Stream to Gaussians: takes bytes and nothing else."""
 
-import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 
-from splatwire.codec.memory import threads_within
-from splatwire.codec.schemas.gaussians.attributes import empty_rows, to_splats
-from splatwire.codec.schemas.gaussians.digest import update_digest
+from splatwire.codec.background import read_background
+from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.schema import Rows, Run
+from splatwire.codec.schemas.gaussians.attributes import empty_rows, to_splats, update_digest
+from splatwire.codec.schemas.gaussians.copies import read_copies
 from splatwire.codec.schemas.gaussians.layout import (
     AXIS,
     CLASS,
@@ -25,11 +26,11 @@ from splatwire.codec.schemas.gaussians.layout import (
     SCALE2,
 )
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info
-from splatwire.codec.threads import ordered_map
-from splatwire.errors import BitstreamError, DesyncError, MissingSideInfoError
-from splatwire.model import SplatCoding
-from splatwire.packets import GAUSSIANS, ArrivedBlock, Manifest, SceneStream, arrived_blocks
+from splatwire.errors import BitstreamError, MissingSideInfoError
+from splatwire.model import Partial, SplatCoding, SplatScene
+from splatwire.packets import GAUSSIANS, Manifest, Packet
 from splatwire.packets.limits import MAX_BLOCK_SIZE
+from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
 
 PIECE = 1 << 13
@@ -38,99 +39,79 @@ _GOLDEN = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 """Powers of the plastic number's four-dimensional cousin: multiples of them fill a box evenly (Roberts, 2018)."""
 
 
-def decode_splats(
-    stream: SceneStream, *, threads: int | None = None, progress: Callable[[float], None] | None = None
-) -> tuple[Splats, np.ndarray, dict[str, bytes]]:
-    """Decodes what arrived of a stream.
+class GaussianDecoder:
+    """See `splatwire.codec.schema.Decoder`.
+
+    A lost Gaussian has no opacity, the mean size and colour of its block, and the place of one that was received.
 
     Args:
-        stream: The stream; packets may be missing, side information may not.
-        threads: Threads to use, which changes no bit; None for one for each processor.
-        progress: Called with the share of the work that is done, 0 to 1.
-
-    Returns:
-        All N Gaussians by place; which of them were received, bool (N); the named sections of the side information.
-        A lost one has no opacity, the mean size and colour of its block, and the place of one that was received.
+        manifest: The stream's manifest.
+        side_info: Its side information.
+        num_bytes: Bytes of the stream that are there.
 
     Raises:
         MissingSideInfoError: If there is no side information.
-        BitstreamError: If the stream contradicts itself.
-        DesyncError: If nothing was lost and yet the decoded integers are not those that were encoded.
-    """
-    found = decode_gaussians(stream, threads=threads, progress=progress)
-    return found.splats, found.known, dict(found.info.sections)
-
-
-@dataclass(frozen=True, eq=False)
-class DecodedGaussians:
-    """What arrived of a stream.
-
-    Attributes:
-        splats: All N Gaussians by place.
-        known: bool (N), which of them were received.
-        levels: uint8 (N), their classes of precision, 0 where lost.
-        info: The side information.
+        BitstreamError: If it is damaged or contradicts the manifest.
     """
 
-    splats: Splats
-    known: np.ndarray
-    levels: np.ndarray
-    info: SideInfo
+    order: np.ndarray | None = None
+    whole_blocks, alone = True, True
 
-    @property
-    def coding(self) -> SplatCoding | None:
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
+        info = open_side_info(manifest, side_info)
+        self._info, self._plan, self._num, self.sections = info, manifest.plan, manifest.num_anchors, info.sections
+        self.scene_bytes = self._num * (4 * (11 + 3 * (info.degree + 1) ** 2) + 8)
+        self.row_bytes = 8 * int(COLUMNS) + 4 * info.num_harmonics
+        copies = read_copies(info, self._num)
+        self._said = () if copies is None else (copies,)
+
+    def working_bytes(self, packets: Sequence[Packet]) -> int:
+        """See `Decoder.working_bytes`: integers of a few blocks, whose results wait for others, floats of `PIECE`."""
+        spans = (span for span in self._plan.spans if span.num_anchors)
+        largest = max((self._plan.block_anchors(span.first_block) for span in spans), default=0)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20)
+
+    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+        """See `Decoder.expect`: what is expected of lost Gaussians hangs on the rest of their block (`store`)."""
+        self._splats = blank_splats(self._num, self._info.degree)
+        self._levels = torch.zeros(self._num, dtype=torch.uint8)
+        self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
+
+    def decode(self, run: Run) -> Rows:
+        """See `Decoder.decode`."""
+        return decode_packets(self._info, run.block, run.counts, run.payloads)
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """See `Decoder.store`."""
+        places = self._plan.block_ranks(run.block)
+        here, known = torch.from_numpy(places), self._erasures.received
+        known[torch.from_numpy(run.ranks)] = True
+        received = known[here].all(dim=1).numpy()
+        if not received.all():
+            gaps = empty_rows(len(places), self._info.num_harmonics)
+            for filled, some in zip(gaps, rows, strict=True):
+                filled[received] = some
+            rows = gaps
+        store_block(self._splats, places, rows[0], rows[1], received, self._info, run.block)
+        if received.any():
+            self._levels[here] = torch.from_numpy(rows[0][:, CLASS].astype(np.uint8))
+
+    def update_digest(self, digest: Any, rows: Rows) -> None:
+        """See `Decoder.update_digest`."""
+        update_digest(digest, rows)
+
+    def scene(self) -> Partial[SplatScene]:
+        """See `Decoder.scene`."""
+        scene = SplatScene(self._splats, background=read_background(self.sections), coding=self._coding())
+        return Partial(scene, self._erasures, concealer_sections(self.sections), self._said)
+
+    def _coding(self) -> SplatCoding | None:
         """What encodes the Gaussians to the same integers again; None in streams whose integers depend on packets."""
-        info = self.info
+        info = self._info
         if info.coarsest < 0:
             return None
-        transform, levels = torch.from_numpy(info.transform), torch.from_numpy(self.levels)
-        return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), transform, levels)
-
-
-def decode_gaussians(
-    stream: SceneStream, *, threads: int | None = None, progress: Callable[[float], None] | None = None
-) -> DecodedGaussians:
-    """Decodes what arrived of a stream, see `decode_splats`."""
-    manifest, plan = stream.manifest, stream.manifest.plan
-    info = open_side_info(manifest, stream.side_info)
-    what, working = f"decoding {manifest.num_anchors:,} Gaussians", working_bytes(info, manifest)
-    threads = threads_within(scene_bytes(info, manifest), working, stream.num_bytes, what, threads)
-    splats, known = blank_splats(manifest.num_anchors, info.degree), np.zeros(manifest.num_anchors, dtype=np.bool_)
-    levels = np.zeros(manifest.num_anchors, dtype=np.uint8)
-    complete, digest = len(stream.packets) == manifest.num_packets, hashlib.sha256()
-
-    def decode(arrived: ArrivedBlock) -> tuple[int, np.ndarray | None, np.ndarray | None]:
-        rows, harmonics, received = decode_block(info, arrived)
-        store_block(splats, arrived.ranks, rows, harmonics, received, info, arrived.number)
-        known[arrived.ranks] = received
-        if received.any():
-            levels[arrived.ranks] = rows[:, CLASS]
-        return arrived.number, *((rows, harmonics) if complete else (None, None))
-
-    for block, rows, harmonics in ordered_map(decode, arrived_blocks(plan, stream.packets, gaps=True), threads):
-        if rows is not None and harmonics is not None:
-            update_digest(digest, rows, harmonics)
-        if progress:
-            progress((block + 1) / plan.num_blocks)
-    if complete and digest.hexdigest() != manifest.symbols_digest:
-        raise DesyncError("all packets arrived, but the decoded integers are not those that were encoded")
-    return DecodedGaussians(splats, known, levels, info)
-
-
-def scene_bytes(info: SideInfo, manifest: Manifest) -> int:
-    """Memory of a scene of all Gaussians, as `blank_splats` makes it, and of what is known of each."""
-    return manifest.num_anchors * (4 * (11 + 3 * (info.degree + 1) ** 2) + 8)
-
-
-def row_bytes(info: SideInfo) -> int:
-    """Memory of the decoded integers of a Gaussian."""
-    return 8 * int(COLUMNS) + 4 * info.num_harmonics
-
-
-def working_bytes(info: SideInfo, manifest: Manifest) -> int:
-    """Memory that a thread works with, and results that wait for it: integers of a few blocks, floats of `PIECE`."""
-    largest = max((span.block_anchors(span.first_block) for span in manifest.plan.spans if span.num_anchors), default=0)
-    return largest * (4 * row_bytes(info) + 64) + (4 << 20)
+        transform = torch.from_numpy(info.transform)
+        return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), transform, self._levels)
 
 
 def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
@@ -145,27 +126,6 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
     return read_side_info(side_info, manifest.plan.num_blocks)
-
-
-def decode_block(info: SideInfo, arrived: ArrivedBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Decodes what arrived of one block; any bytes decode to something.
-
-    Args:
-        info: The stream's side information.
-        arrived: The block's packets.
-
-    Returns:
-        Rows int64 (n, COLUMNS) and harmonics int32 (n, M) by `ArrivedBlock.ranks`, 0 where nothing was received; what
-        was, bool (n).
-    """
-    received = arrived.received
-    if received.all():
-        return *decode_packets(info, arrived.number, arrived.counts, arrived.payloads), received
-    rows, harmonics = empty_rows(len(received), info.num_harmonics)
-    if arrived.packets:
-        found = decode_packets(info, arrived.number, arrived.counts, arrived.payloads)
-        rows[received], harmonics[received] = found
-    return rows, harmonics, received
 
 
 def decode_packets(

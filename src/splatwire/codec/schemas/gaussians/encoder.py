@@ -1,48 +1,26 @@
 """Gaussians to stream."""
 
-import hashlib
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from splatwire.codec.background import background_sections
-from splatwire.codec.schemas.gaussians.attributes import (
-    empty_rows,
-    fit_transform,
-    to_harmonics,
-)
-from splatwire.codec.schemas.gaussians.blocks import (
-    make_boxes,
-)
-from splatwire.codec.schemas.gaussians.digest import update_digest
+from splatwire.codec.schema import CodedPackets, Options, Prepared
+from splatwire.codec.schemas.gaussians.attributes import empty_rows, fit_transform, to_harmonics
+from splatwire.codec.schemas.gaussians.blocks import make_boxes
 from splatwire.codec.schemas.gaussians.fit import empty_statistics, first_scales, fit_bits, fit_scales
-from splatwire.codec.schemas.gaussians.layout import (
-    NUM_CONTEXTS,
-)
-from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality
+from splatwire.codec.schemas.gaussians.layout import NUM_CONTEXTS
+from splatwire.codec.schemas.gaussians.quality import quality_of
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.codec.schemas.gaussians.source_scene import BlockSource, SourceScene
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers
 from splatwire.errors import InvalidValueError
-from splatwire.model import SplatCoding
-from splatwire.packets import (
-    GAUSSIANS,
-    HEADER_BYTES,
-    Packet,
-    Packetization,
-    PacketPlan,
-    SceneStream,
-    make_packet,
-    make_stream,
-    shape_tiers,
-)
-from splatwire.scene.background import BLACK, Background
-from splatwire.scene.splats import Splats
-from splatwire.version import __version__
+from splatwire.model import SplatScene
+from splatwire.packets import HEADER_BYTES, PRESETS, PacketPlan, shape_tiers
 
 FITTED_PACKET = 150
 """Gaussians of a packet while tables are fitted."""
@@ -52,65 +30,42 @@ BYTES_PER_GAUSSIAN = 160
 BYTES_PER_HARMONIC = 12
 
 
-def encode_splats(
-    splats: Splats,
-    packetization: Packetization,
-    *,
-    background: Background = BLACK,
-    classes: np.ndarray | None = None,
-    quality: Quality = QUALITIES["default"],
-    tiers: np.ndarray | None = None,
-    coding: SplatCoding | None = None,
-    like: SideInfo | None = None,
-    threads: int | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> SceneStream:
-    """Encodes Gaussians into independently decodable packets.
+def prepare_splats(scene: SplatScene, options: Options, like: SideInfo | None = None) -> Prepared:
+    """Gets Gaussians ready to be coded.
 
     Which Gaussian is at which place of the stream is the encoder's choice: places travel in packets.
 
     Args:
-        splats: The Gaussians, all of which can be drawn (`splatwire.scene.rows`; `encode_scene` sees to it).
-        packetization: How they are split.
-        background: RGB behind them.
-        classes: Class of precision of each, 0 for the finest and an octave of steps coarser for each below
-            (`precision_classes`); None for the finest everywhere.
-        quality: How finely they are quantised.
-        tiers: Tier of each, 0 for the most important; None for one tier.
-        coding: Steps that the Gaussians have been rounded to before, instead of `classes` and `quality`: then they
+        scene: The Gaussians, all of which can be drawn. With neither quality nor classes, those that were decoded
             become the same integers again.
+        options: How they are to be coded; without a packetization, that of the paper.
         like: Side information whose tables and named sections are taken, of the stream that the Gaussians come from.
-        threads: Threads to use, which changes no bit; None for one for each processor.
-        progress: Called with the share of the work that is done, 0 to 1.
-
-    Returns:
-        The complete stream.
 
     Raises:
-        InvalidValueError: If there is nothing to encode, or the packetization is not for this.
+        InvalidValueError: If there is nothing to encode, or the packetization or an option is not for this.
+        UnknownNameError: If there is no such quality.
     """
+    splats, packetization = scene.splats, options.packetization or PRESETS["paper"]
     if not splats.num_gaussians:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     if not packetization.common:
         raise InvalidValueError("Gaussians travel whole and in Morton order: no separated packaging, no raster order")
-    shapes = shape_tiers(tiers, packetization) if tiers is not None else ()
+    if options.noise is not None:
+        raise InvalidValueError("explicit Gaussians have no networks whose noise could be tolerated")
+    coding = scene.coding if options.quality is None and options.classes is None else None
+    shapes = shape_tiers(options.tiers, packetization) if options.tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
-    scene = SourceScene.of(splats, plan, classes, tiers if shapes else None, quality, coding)
-    sections = {**({} if like is None else like.sections), **background_sections(background)}
+    quality = quality_of(options.quality or "default")
+    source = SourceScene.of(splats, plan, options.classes, options.tiers if shapes else None, quality, coding)
+    sections = {**({} if like is None else like.sections), **background_sections(scene.background)}
     sections.pop(TIERS, None)
     if shapes:
         tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_anchors for shape in shapes])
         sections[TIERS] = encode_tiers(tier_of, len(shapes))
-    side_info = write_side_info(
-        _fit(scene, sections, None if coding is None else coding.transform.numpy(), like, threads)
-    )
+    known = None if coding is None else coding.transform.numpy()
+    side_info = write_side_info(_fit(source, sections, known, like, options.threads))
     # Predict from what a decoder will read, not from what was meant.
-    info = read_side_info(side_info, plan.num_blocks)
-    packets, digest = _encode_packets(scene, plan, info, threads, progress)
-    return make_stream(
-        packetization=packetization, num_anchors=plan.num_anchors, side_info=side_info, packets=_taken(packets),
-        symbols_digest=digest, writer=f"splatwire {__version__}", tiers=plan.tiers, codec=GAUSSIANS,
-    )  # fmt: skip
+    return Prepared(GaussianEncoder(source, plan, read_side_info(side_info, plan.num_blocks)), side_info, plan)
 
 
 def _fit(
@@ -209,40 +164,29 @@ def encode_block(source: BlockSource, info: SideInfo, block: int, sizes: np.ndar
     return CodedBlock(sizes, payloads, rows, harmonics, statistics)
 
 
-def _encode_packets(
-    scene: SourceScene, plan: PacketPlan, info: SideInfo, threads: int | None, progress: Callable[[float], None] | None
-) -> tuple[list[Packet], str]:
-    """All packets in the order of the plan, and the digest of what they hold."""
-    p, digest, packets = plan.packetization, hashlib.sha256(), list[Packet]()
-    most = p.packet_bytes - HEADER_BYTES if p.hashed else 0
-    sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
+class GaussianEncoder:
+    """See `splatwire.codec.schema.Encoder`: a run is a block.
 
-    def encode(block: int) -> CodedBlock:
-        return encode_block(scene.arranged(block, info), info, block, sizes[block], most)
+    Args:
+        scene: The Gaussians, sorted into blocks.
+        plan: How they are split.
+        info: Side information, as a decoder reads it.
+    """
 
-    ids = iter(() if p.hashed else plan.ids)
-    first = 0
-    for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), threads)):
-        update_digest(digest, coded.rows, coded.harmonics)
-        for size, payload in zip(coded.sizes.tolist(), coded.payloads, strict=True):
-            packets.append(make_packet(plan.name_hashed(first) if p.hashed else next(ids), size, payload))
-            first += size
-        if progress:
-            progress((block + 1) / plan.num_blocks)
-    for packet in packets:
-        if p.hashed and packet.num_bytes > p.packet_bytes:
-            raise InvalidValueError(
-                f"a Gaussian of this scene takes {packet.num_bytes} bytes, a packet holds {p.packet_bytes}: "
-                "choose a larger packet size or another preset"
-            )
-    return packets, digest.hexdigest()
+    def __init__(self, scene: SourceScene, plan: PacketPlan, info: SideInfo) -> None:
+        self._scene, self._plan, self._info, p = scene, plan, info, plan.packetization
+        self._most = p.packet_bytes - HEADER_BYTES if p.hashed else 0
+        self._sizes = [np.zeros(0, np.int64)] * plan.num_blocks if p.hashed else _fixed_sizes(plan)
 
+    def runs(self) -> Iterator[int]:
+        """See `Encoder.runs`."""
+        return iter(range(self._plan.num_blocks))
 
-def _taken(packets: list[Packet]) -> Iterator[Packet]:
-    """Packets from the list, which forgets them: what is made of them takes their place in memory."""
-    packets.reverse()
-    while packets:
-        yield packets.pop()
+    def encode(self, run: int) -> CodedPackets:
+        """See `Encoder.encode`."""
+        source = self._scene.arranged(run, self._info)
+        coded = encode_block(source, self._info, run, self._sizes[run], self._most)
+        return CodedPackets(coded.sizes, coded.payloads, (coded.rows, coded.harmonics))
 
 
 def _fixed_sizes(plan: PacketPlan) -> list[np.ndarray]:

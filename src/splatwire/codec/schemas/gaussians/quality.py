@@ -63,12 +63,14 @@ QUALITIES = {
 """Named qualities. Few classes: a picture from where nobody looked when they were chosen is near, too."""
 
 
-def quality_of(name: str) -> Quality:
-    """A quality by its name.
+def quality_of(name: str | Quality) -> Quality:
+    """A quality by its name, or as it is.
 
     Raises:
         UnknownNameError: If there is none of that name.
     """
+    if isinstance(name, Quality):
+        return name
     if name not in QUALITIES:
         raise UnknownNameError("quality", name, tuple(QUALITIES))
     return QUALITIES[name]

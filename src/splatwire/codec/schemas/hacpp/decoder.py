@@ -1,13 +1,13 @@
 """From packets of schema `hacpp` to attributes: takes bytes and nothing else."""
 
-import hashlib
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from splatwire.codec.memory import check_memory, threads_within
-from splatwire.codec.schema import CHUNK_ANCHORS, most_at_once, update_digest
+from splatwire.codec.anchors import AnchorDecoder
+from splatwire.codec.memory import check_memory
+from splatwire.codec.schema import Decoder, Rows, Run
 from splatwire.codec.schemas.hacpp.arrays import DecodedArrays, assemble_scene, store_symbols
 from splatwire.codec.schemas.hacpp.atomic import Symbols, decode_packets
 from splatwire.codec.schemas.hacpp.coding_params import (
@@ -16,13 +16,12 @@ from splatwire.codec.schemas.hacpp.coding_params import (
 )
 from splatwire.codec.schemas.hacpp.separated import decode_masks, decode_parts
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info
-from splatwire.codec.threads import ordered_map
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.model import (
     AnchorScene,
     Partial,
 )
-from splatwire.packets import Manifest, SceneStream, arrived_blocks
+from splatwire.packets import Manifest
 from splatwire.scene import Attribute
 
 PLACE_BYTES = 128
@@ -69,31 +68,36 @@ def row_bytes(info: SideInfo) -> int:
     return 8 * (sum(hidden) + max(hidden) + inputs) + 12 * symbols + 64
 
 
-class HacppDecoder:
-    """See `AnchorDecoder`.
+def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int) -> Decoder:
+    """What reads a stream, whole anchors or single attributes; arguments and errors as of `open_side_info`."""
+    info = open_side_info(manifest, side_info, num_bytes)
+    return (SeparatedDecoder if manifest.packetization.separated else HacppDecoder)(manifest, info)
+
+
+class HacppDecoder(AnchorDecoder):
+    """See `splatwire.codec.schema.Decoder`.
 
     Args:
         manifest: The stream's manifest.
-        side_info: Its side information.
-        num_bytes: Bytes of the stream that are there (`splatwire.codec.memory`).
+        info: Its side information.
 
     Raises:
-        MissingSideInfoError: If there is no side information.
-        BitstreamError: If it is damaged, contradicts the manifest, or has more anchors than so many bytes may take
-            memory for.
+        BitstreamError: If they contradict each other.
     """
 
-    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
-        self._info = open_side_info(manifest, side_info, num_bytes)
-        self._arrays: DecodedArrays | None = None
-        self._context, self._layout = self._info.coding_context(), self._info.config.layout
-        self.sections, self._models = self._info.sections, self._info.mask_models()
-        self.num_symbols = self._layout.feature_dim + 6 + 4 * self._layout.num_offsets
-        self.scene_bytes, self.row_bytes = scene_bytes(self._info), row_bytes(self._info)
+    def __init__(self, manifest: Manifest, info: SideInfo) -> None:
+        super().__init__(manifest, info.sections)
+        self._info, self._arrays = info, None
+        self._context, self._layout = info.coding_context(), info.config.layout
+        self._models = info.mask_models()
+        self.row_bytes = 4 * (self._layout.feature_dim + 6 + 4 * self._layout.num_offsets)
+        self.scene_bytes, self.chunk_bytes = scene_bytes(info), row_bytes(info)
+
+    _arrays: DecodedArrays | None
 
     @property
     def _room(self) -> DecodedArrays:
-        assert self._arrays is not None, "make_room comes first"
+        assert self._arrays is not None, "expect comes first"
         return self._arrays
 
     def make_room(self) -> None:
@@ -105,76 +109,63 @@ class HacppDecoder:
         features, outputs = self._context.predict(self._info.voxels[ranks])
         self._room.outputs[ranks], self._room.context[ranks] = outputs, features
 
-    def decode(self, ranks: np.ndarray, counts: np.ndarray, payloads: Sequence[bytes]) -> np.ndarray:
-        """See `AnchorDecoder.decode`."""
+    def decode(self, run: Run) -> Rows:
+        """See `Decoder.decode`."""
+        ranks = run.ranks
         if self._arrays is None:
             outputs = self._context.predict(self._info.voxels[ranks])[1]
         else:
             outputs = self._arrays.outputs[ranks]
-        return decode_packets(self._context, outputs, counts, list(payloads), self._models)[0].rows()
+        return (decode_packets(self._context, outputs, run.counts, run.payloads, self._models)[0].rows(),)
 
-    def store(self, ranks: np.ndarray, rows: np.ndarray) -> None:
-        """See `AnchorDecoder.store`."""
+    def store(self, run: Run, rows: Rows) -> None:
+        """See `Decoder.store`."""
+        ranks = run.ranks
         factors = factor_table()[step_indices(self._room.outputs[ranks], self._info.config)]
-        store_symbols(self._room, ranks, Symbols.of_rows(rows, self._layout), factors, self._context)
+        store_symbols(self._room, ranks, Symbols.of_rows(rows[0], self._layout), factors, self._context)
 
     def scene(self) -> Partial[AnchorScene]:
-        """See `AnchorDecoder.scene`."""
-        return assemble_scene(self._info, self._room)
+        """See `Decoder.scene`."""
+        return assemble_scene(self._info, self._room).saying(*self._said)
 
 
-def decode_separated(
-    stream: SceneStream, threads: int | None, progress: Callable[[float], None] | None
-) -> tuple[Partial[AnchorScene], str]:
-    """Decodes separated attributes, each group of anchors as far as its parts arrived.
+class SeparatedDecoder(HacppDecoder):
+    """The same of separated attributes, each group of anchors as far as its parts arrived; arguments as there.
 
-    Returns:
-        The scene, and the digest of all integers. Of a feature that arrived in part, the channels before the first
-        missing group are there, though it counts as not received.
-
-    Raises:
-        MissingSideInfoError: If there is no side information.
-        BitstreamError: If it is damaged or contradicts the manifest.
+    Of a feature that arrived in part, the channels before the first missing group are there, though it counts as not
+    received.
     """
-    manifest = stream.manifest
-    info = open_side_info(manifest, stream.side_info, stream.num_bytes)
-    num, what = manifest.num_anchors, f"decoding {manifest.num_anchors:,} anchors"
-    threads = threads_within(
-        scene_bytes(info), most_at_once(stream.packets) * row_bytes(info), stream.num_bytes, what, threads
-    )
-    context, masks, arrays, digest = (
-        info.coding_context(),
-        decode_masks(info),
-        DecodedArrays.empty(info),
-        hashlib.sha256(),
-    )
-    arrays.mask[:], arrays.received[:, Attribute.MASK] = masks, True
 
-    def predict(first: int) -> None:
-        ranks = slice(first, first + CHUNK_ANCHORS)
-        arrays.context[ranks], arrays.outputs[ranks] = context.predict(info.voxels[ranks])
+    whole_blocks, alone = True, False
 
-    def decode_group(group: tuple[np.ndarray, dict[int, bytes]]) -> Symbols:
-        ranks, payloads = group
-        decoded = decode_parts(context, arrays.outputs[ranks], masks[ranks], payloads)
-        store_symbols(arrays, ranks, decoded.symbols, decoded.factors, context, decoded.received)
-        return decoded.symbols
+    def __init__(self, manifest: Manifest, info: SideInfo) -> None:
+        super().__init__(manifest, info)
+        self._masks = decode_masks(info)
 
-    for _ in ordered_map(predict, range(0, num, CHUNK_ANCHORS), threads):
-        pass
-    done = 0
-    for symbols in ordered_map(decode_group, _groups(stream), threads):
-        update_digest(digest, symbols.rows())
-        done += len(symbols.mask)
-        if progress:
-            progress(done / num)
-    return assemble_scene(info, arrays), digest.hexdigest()
+    def make_room(self) -> None:
+        """See `AnchorDecoder.make_room`."""
+        super().make_room()
+        self._room.mask[:], self._room.received[:, Attribute.MASK] = self._masks, True
+
+    def decode(self, run: Run) -> Rows:
+        """See `Decoder.decode`: integers, step factors and what was received of each group of anchors."""
+        empty = Symbols.of_rows(np.empty((0, self.row_bytes // 4), np.int32), self._layout).rows()
+        found: list[Rows] = [(empty, np.empty((0, 3), np.int64), np.empty((0, len(Attribute)), np.bool_))]
+        for ranks, payloads in _groups(run):
+            decoded = decode_parts(self._context, self._room.outputs[ranks], self._masks[ranks], payloads)
+            found.append((decoded.symbols.rows(), decoded.factors, decoded.received))
+        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """See `Decoder.store`."""
+        symbols, factors, received = rows
+        ranks = np.concatenate([np.empty(0, np.int64), *(ranks for ranks, _ in _groups(run))])
+        store_symbols(self._room, ranks, Symbols.of_rows(symbols, self._layout), factors, self._context, received)
 
 
-def _groups(stream: SceneStream) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
+def _groups(run: Run) -> Iterator[tuple[np.ndarray, dict[int, bytes]]]:
     """Ranks of anchors that share packets, and what arrived of them, by `PacketId.part`."""
-    for block in arrived_blocks(stream.manifest.plan, stream.packets):
-        both = zip(block.packets, block.runs, strict=True)
-        for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):
-            pairs = list(same)
-            yield block.ranks[pairs[0][1]], {packet.id.part: packet.payload for packet, _ in pairs}
+    both = zip(run.packets, run.members, strict=True)
+    for _, same in itertools.groupby(both, key=lambda pair: pair[0].id.lane):
+        pairs = list(same)
+        yield pairs[0][1], {packet.id.part: packet.payload for packet, _ in pairs}

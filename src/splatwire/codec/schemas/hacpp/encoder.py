@@ -61,7 +61,7 @@ def hacpp_encoder_again(
 
 
 class HacppEncoder:
-    """See `AnchorEncoder`.
+    """See `AnchorCoder`.
 
     Args:
         source: The scene's symbols.
@@ -74,18 +74,18 @@ class HacppEncoder:
         self._context = info.coding_context()
 
     def encode(self, ranks: np.ndarray, counts: np.ndarray, packet_bytes: int | None) -> CodedPackets:
-        """See `AnchorEncoder.encode`."""
+        """See `AnchorCoder.encode`."""
         context, models = self._context, self._info.mask_models()
         predicted = predict_packets(context, context.predict(self._info.voxels[ranks])[1])
         symbols = self._source.symbols(ranks, predicted.factors, context)
         mixture = predict_mixture(context, predicted, symbols.feature)
         if self._separated:
             coded = encode_parts(context, predicted, mixture, counts, symbols)
-            return CodedPackets(np.repeat(counts, len(coded) // len(counts)), coded, symbols.rows())
+            return CodedPackets(np.repeat(counts, len(coded) // len(counts)), coded, (symbols.rows(),))
         if packet_bytes is not None:
             counts = cut_packets(predicted, mixture, counts, symbols, models, packet_bytes)
         return CodedPackets(
-            counts, encode_packets(context, predicted, counts, symbols, models, mixture), symbols.rows()
+            counts, encode_packets(context, predicted, counts, symbols, models, mixture), (symbols.rows(),)
         )
 
 
