@@ -26,7 +26,7 @@ from splatwire.calibrate.sketch import SketchConfig
 from splatwire.calibrate.sketch_of import sketch_of
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import draw_mask, parse_loss
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec import add_concealment, decode_stream, encode_scene, schema_of
 from splatwire.conceal import conceal
 from splatwire.data import Dataset, open_dataset
 from splatwire.model import AnchorScene
@@ -54,7 +54,7 @@ TIERS = (0.05, 0.08, 0.12, 0.12, 0.13, 0.15, 0.15)
 
 def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: argparse.Namespace) -> dict[str, Any]:
     """PSNR without loss and under each loss with each concealer, means over masks; a sketch of a share of the bytes."""
-    packetization = packetization_named(options.packets, scene.ELEMENTS, int(scene.drawable.sum()))
+    packetization = packetization_named(options.packets, schema_of(scene).name, int(scene.drawable.sum()))
     stream, (train, test), views = encode_scene(scene, packetization), photos, options.views
     complete, concealers = decode_stream(stream), CONCEALERS
     found: dict[str, Any] = {"tested_with": options.packets, "bytes": stream.num_bytes}

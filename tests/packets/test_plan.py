@@ -170,9 +170,9 @@ def test_lanes_spread_over_the_whole_scene_hold_as_many_anchors_as_the_papers(nu
 
 
 def test_packetizations_have_names_and_a_default_for_each_kind_of_element() -> None:
-    assert packetization_named("spread", "Gaussians", 10_000) == spread_packetization(10_000)
-    assert packetization_named(None, "anchors", 10_000) == spread_packetization(10_000)
-    assert packetization_named(None, "Gaussians", 10_000) == PRESETS["paper"]
-    assert all(packetization_named(name, "anchors", 5) == preset for name, preset in PRESETS.items())
+    assert packetization_named("spread", "gaussians", 10_000) == spread_packetization(10_000)
+    assert packetization_named(None, "causal", 10_000) == spread_packetization(10_000)
+    assert packetization_named(None, "gaussians", 10_000) == PRESETS["paper"]
+    assert all(packetization_named(name, "hacpp", 5) == preset for name, preset in PRESETS.items())
     with pytest.raises(UnknownNameError, match="wide"):
-        packetization_named("wide", "anchors", 5)
+        packetization_named("wide", "causal", 5)

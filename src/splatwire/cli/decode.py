@@ -30,7 +30,6 @@ class Decode:
         from splatwire.codec import decode_stream
         from splatwire.conceal import create_concealer
         from splatwire.formats.kinds import writer_for
-        from splatwire.model import AnchorScene
         from splatwire.model.scene_digest import scene_digest
         from splatwire.packets import read_stream
         from splatwire.scene_io import save_decoded
@@ -38,9 +37,9 @@ class Decode:
         concealer = None if self.conceal is None else create_concealer(self.conceal)
         with input_path(self.stream) as source:
             stream, report = read_stream(source)
-        elements = stream.manifest.elements
-        suffix = "" if elements == AnchorScene.ELEMENTS else Path(self.output).suffix
-        if elements != AnchorScene.ELEMENTS:
+        elements, explicit = stream.manifest.elements, stream.manifest.schema.explicit
+        suffix = Path(self.output).suffix if explicit else ""
+        if explicit:
             writer_for(self.output)  # a name that says no format is told before the work
         started = time.perf_counter()
         with progress_bars() as show, output_path(self.output, suffix=suffix, json=self.json) as path:

@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -69,25 +69,26 @@ class Encode:
             quality_of(self.quality)
 
         config = RefineConfig(steps=self.refine)
-        from splatwire.codec import add_concealment, encode_scene
+        from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import viewpoint_section
-        from splatwire.model import AnchorScene
         from splatwire.packets import write_stream
+        from splatwire.packets.limits import SCHEMAS
         from splatwire.render.precision import classes_of
         from splatwire.render.pruning import thinned
         from splatwire.scene_io import open_scene
 
         with input_path(self.scene) as source:
-            scene = open_scene(source)
-        if self.quality is not None and scene.ELEMENTS == AnchorScene.ELEMENTS:
+            scene: Any = open_scene(source)
+        schema = SCHEMAS[schema_of(scene).name]
+        if self.quality is not None and not schema.explicit:
             raise InvalidValueError("--quality is for explicit Gaussians; anchors have steps of their own")
-        if config.steps and not isinstance(scene, AnchorScene):
+        if config.steps and schema.explicit:
             raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
         scene = scene if background is None else replace(scene, background=background)
         cameras = self._cameras()
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
-            if config.steps and isinstance(scene, AnchorScene):
+            if config.steps:
                 from splatwire.train.refine import refine_context
 
                 scene = refine_context(scene, config, progress=lambda share: report("fitting the context model", share))
@@ -98,7 +99,7 @@ class Encode:
             report("looking at the scene", 0.0)
             tiers, classes = self._tiers(scene, cameras), classes_of(scene, cameras, anew=self.quality is not None)
             report("looking at the scene", 1.0)
-            packetization = self.packetization(scene.ELEMENTS, int(scene.drawable.sum()))
+            packetization = self.packetization(schema.name, int(scene.drawable.sum()))
             stream = encode_scene(
                 scene, packetization, tiers=tiers, quality=self.quality, classes=classes,
                 progress=lambda share: report("encoding", share),
@@ -150,11 +151,11 @@ class Encode:
         seen_from = surrounding_cameras(scene) if cameras is None else cameras
         return footprint_importance(scene, seen_from).tiers(self.tiers, scene.drawable)
 
-    def packetization(self, elements: str, num_elements: int) -> "Packetization":
+    def packetization(self, schema: str, num_elements: int) -> "Packetization":
         """The preset with what the user changed.
 
         Args:
-            elements: What the scene consists of.
+            schema: What codes the scene.
             num_elements: How many of them will be coded.
 
         Raises:
@@ -164,6 +165,6 @@ class Encode:
         from splatwire.packets import packetization_named
 
         chosen = self.block_size is not None or self.lanes is not None
-        start = packetization_named(self.preset or ("paper" if chosen else None), elements, num_elements)
+        start = packetization_named(self.preset or ("paper" if chosen else None), schema, num_elements)
         block_size = start.block_size if self.block_size is None else self.block_size
         return replace(start, block_size=block_size, lanes=start.lanes if self.lanes is None else self.lanes)

@@ -157,7 +157,7 @@ class Evaluate:
                 return (Row(name, name, None, lossless=complete),)
             scene = scene_of(loaded)
             codec = schema_of(scene).name
-            packed = packetization_named(None, scene.ELEMENTS, int(scene.drawable.sum()))
+            packed = packetization_named(None, codec, int(scene.drawable.sum()))
             sections = dict(loaded.sections) if isinstance(loaded, Partial) else {}
         names = self.conceal or concealer_names(sections, schema_named(codec).offers)
         if self.loss is None:

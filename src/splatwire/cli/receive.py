@@ -129,11 +129,10 @@ class Receive:
     def _write_scene(self, stream: "SceneStream", concealer: Any, path: Path) -> None:
         from splatwire.codec import decode_stream
         from splatwire.errors import InvalidValueError
-        from splatwire.model import AnchorScene
         from splatwire.packets import write_stream
         from splatwire.scene_io import save_decoded
 
-        if self._explicit == (stream.manifest.elements == AnchorScene.ELEMENTS):
+        if self._explicit != stream.manifest.schema.explicit:
             kept = Path(self.output).resolve().with_suffix(STREAM_SUFFIX)
             write_stream(stream, prepared_output(kept))
             raise InvalidValueError(

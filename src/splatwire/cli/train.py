@@ -4,7 +4,7 @@ import dataclasses
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -16,7 +16,6 @@ from splatwire.errors import BackendUnavailableError, InvalidValueError, Unknown
 
 if TYPE_CHECKING:
     from splatwire.data import Dataset
-    from splatwire.model import AnchorScene
     from splatwire.train import QualityReport, TrainConfig, TrainResult
     from splatwire.train.state import TrainState
 
@@ -131,33 +130,30 @@ class Train:
 
     def _start(self, place: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
         """State and recipe before the first iteration, and the views."""
-        from splatwire.model import AnchorScene, SplatScene
         from splatwire.scene_io import open_scene
-        from splatwire.train.initial import initial_state, points_of_splats
+        from splatwire.train.finetune import model_of
+        from splatwire.train.initial import initial_state, points_of
 
         chosen = " (chosen by the data)" if self.preset == "auto" else ""
         start = None if self.init is None else open_scene(self.init)
-        if isinstance(start, AnchorScene):
-            return self._going_on(start, f"{chosen}, on the {place}")
+        if start is not None and (model := model_of(start)) is not None:
+            return self._going_on(start, model, f"{chosen}, on the {place}")
         config = self._config()
         train, test = self._datasets(config)
         told = f"recipe {config.preset}{chosen}, {config.marks.iterations:,} iterations on the {place}"
         print(told, file=sys.stderr)
-        if isinstance(start, SplatScene):
-            train = dataclasses.replace(train, points=points_of_splats(start.splats))
+        if start is not None:
+            train = dataclasses.replace(train, points=points_of(start))
         if train.points is None or not train.points.num_points:
             print("the data has no points: the first anchors stand at random places", file=sys.stderr)
         return initial_state(train, config), config, train, test
 
-    def _going_on(self, scene: "AnchorScene", told: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
+    def _going_on(self, scene: Any, model: str, told: str) -> "tuple[TrainState, TrainConfig, Dataset, Dataset | None]":
         """The same for a finished scene."""
-        from splatwire.model import CausalCoding
         from splatwire.train.finetune import fine_tuning, state_of_scene
-        from splatwire.train.presets import CAUSAL, HACPP
 
         if self.voxel_size is not None or self.growth_interval is not None:
             raise InvalidValueError("anchors of a finished scene stay: no --voxel-size and no --growth-interval")
-        model = CAUSAL if isinstance(scene.coding, CausalCoding) else HACPP
         if self.model not in (None, model):
             raise InvalidValueError(f"{self.init} is a scene of model {model}, which it keeps")
         iterations = FINE_TUNING_ITERATIONS if self.iterations is None else self.iterations
@@ -190,14 +186,14 @@ class Train:
         from splatwire.scene.background import BLACK
         from splatwire.train import create_config
         from splatwire.train.config import LossTraining
-        from splatwire.train.presets import CAUSAL
+        from splatwire.train.presets import DEFAULT_MODEL
 
         preset = self.preset
         if preset == "auto":
             preset = _PRESET_OF_LAYOUT.get(dataset_layout(Path(self.data)) or "", "mipnerf360")
         return create_config(
             preset,
-            model=self.model or CAUSAL,
+            model=self.model or DEFAULT_MODEL,
             lmbda=self.lmbda,
             size=0 if self.size is None else parsed_size(self.size),
             iterations=CPU_ITERATIONS if self.iterations is None else self.iterations,

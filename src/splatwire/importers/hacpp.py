@@ -25,9 +25,12 @@ from splatwire.importers._hacpp_networks import channel_networks, hash_grid, two
 from splatwire.importers._rows import drawable_anchors
 from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, Mlp, ModelConfig
 from splatwire.model.voxels import voxel_indices, voxel_positions
+from splatwire.packets import ANCHORS
 from splatwire.scene import AnchorLayout, Anchors
 
 _MASK_THRESHOLD = 0.01
+CODEC = ANCHORS
+"""What codes the scenes."""
 
 
 def import_hacpp(model_dir: Path) -> AnchorScene:

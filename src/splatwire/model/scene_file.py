@@ -12,14 +12,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatwire.errors import BitstreamError
+from splatwire.errors import BitstreamError, check_kind
 from splatwire.model._coding_file import coding_header, coding_networks, coding_tensors, read_coding, read_config
 from splatwire.model._scene_reader import SceneReader, open_scene_file
 from splatwire.model.anchor_scene import AnchorScene, GaussianHeads
 from splatwire.model.networks import Mlp
 from splatwire.model.partial import ExpectedPlaces, Partial, TierSizes
 from splatwire.model.prior import AttributePrior, Prior
-from splatwire.model.scene import RenderHints
+from splatwire.model.scene import RenderHints, Scene
 from splatwire.model.tensor_file import write_tensors
 from splatwire.scene import AnchorLayout, Anchors, Attribute, Erasures
 from splatwire.scene.background import BLACK, Background
@@ -31,7 +31,7 @@ _HEADS = ("opacity", "covariance", "color")
 _ATTRIBUTES = ("feature", "scaling", "offset")
 
 
-def save_scene(scene: AnchorScene, path: Path, *, erasures: Erasures | None = None) -> None:
+def save_scene(scene: Scene, path: Path, *, erasures: Erasures | None = None) -> None:
     """Writes `scene` to `path`; the same scene gives the same bytes.
 
     The file appears under its name only when it is complete.
@@ -42,8 +42,11 @@ def save_scene(scene: AnchorScene, path: Path, *, erasures: Erasures | None = No
         erasures: What had been received before losses were concealed, kept for the record; None if it was never sent.
 
     Raises:
+        InvalidValueError: If it is no scene of anchors.
         OSError: If the file cannot be written.
     """
+    check_kind(scene, AnchorScene, "open_scene")
+    assert isinstance(scene, AnchorScene)
     tensors, header = _scene_tensors(scene), _header(scene, SCENE)
     if erasures is not None:
         tensors["erasures.received"], header["erasures"] = erasures.received, True

@@ -8,7 +8,6 @@ from typing import Any
 
 from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
 from splatwire.packets.limits import (
-    ANCHORS,
     FORMAT_VERSION,
     FREE_ELEMENTS,
     MAX_ELEMENTS,
@@ -21,6 +20,7 @@ from splatwire.packets.limits import (
     MAX_WRITER_LENGTH,
     SCHEMA,
     SCHEMAS,
+    UNNAMED_SCHEMA,
     StreamSchema,
 )
 from splatwire.packets.packet_id import PARTS
@@ -64,7 +64,7 @@ class Manifest:
     side_info_digest: str
     symbols_digest: str
     writer: str
-    codec: str = ANCHORS
+    codec: str = UNNAMED_SCHEMA
     feature_dim: int = 0
     num_offsets: int = 0
     feature_groups: tuple[int, ...] = ()
@@ -188,7 +188,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     # The content is flat from here on: a digest of arbitrarily nested lists could exhaust the stack.
     if digest != _digest({**content, "schema": SCHEMA}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
-    schema = SCHEMAS.get(content.get("codec", ANCHORS))
+    schema = SCHEMAS.get(content.get("codec", UNNAMED_SCHEMA))
     if content.pop("format_version") != (schema.format_version if schema else None):
         raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
     try:

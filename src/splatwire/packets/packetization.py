@@ -12,6 +12,7 @@ from splatwire.packets.limits import (
     MIN_PACKET_BYTES,
     ORDERS,
     PACKAGINGS,
+    SCHEMAS,
 )
 
 DATAGRAM_BYTES = 1150
@@ -129,19 +130,18 @@ def spread_packetization(num_anchors: int) -> Packetization:
     return Packetization(block_size=size, lanes=max(_FEWEST_LANES, -(-size // _PACKET_ANCHORS)))
 
 
-def packetization_named(name: str | None, elements: str, num_elements: int) -> Packetization:
+def packetization_named(name: str | None, schema: str, num_elements: int) -> Packetization:
     """Returns a packetization by its name, for a scene.
 
     Args:
-        name: `SPREAD` or a key of `PRESETS`; where absent `SPREAD` for anchors, and `paper` for Gaussians, whose
-            places are in the packets: lanes over the whole scene would take 1 to 9 % more bytes there.
-        elements: What the scene consists of, `anchors` or `Gaussians`.
+        name: `SPREAD` or a key of `PRESETS`; where absent what suits the elements (`StreamSchema.spread`).
+        schema: What codes them, a name in `SCHEMAS`.
         num_elements: How many of them will be coded.
 
     Raises:
         UnknownNameError: If there is no such name.
     """
-    name = name or (SPREAD if elements == "anchors" else "paper")
+    name = name or (SPREAD if SCHEMAS[schema].spread else "paper")
     if name == SPREAD:
         return spread_packetization(num_elements)
     if name not in PRESETS:

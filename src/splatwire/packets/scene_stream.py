@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets.limits import ANCHORS
+from splatwire.packets.limits import UNNAMED_SCHEMA
 from splatwire.packets.manifest import Manifest, manifest_to_bytes, packetization_to_json
 from splatwire.packets.packet import HEADER_BYTES, Packet, make_packet
 from splatwire.packets.packet_id import PacketId
@@ -94,7 +94,7 @@ def make_stream(
     symbols_digest: str,
     writer: str,
     tiers: tuple[TierShape, ...] = (),
-    codec: str = ANCHORS,
+    codec: str = UNNAMED_SCHEMA,
     feature_dim: int = 0,
     num_offsets: int = 0,
     feature_groups: tuple[int, ...] = (),

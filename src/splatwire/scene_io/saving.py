@@ -4,11 +4,11 @@ import os
 from pathlib import Path
 
 from splatwire.conceal import Concealer, conceal
-from splatwire.errors import InvalidValueError, check_kind
+from splatwire.errors import InvalidValueError
 from splatwire.formats import write_splats
 from splatwire.formats.kinds import READERS, WRITERS
-from splatwire.model import AnchorScene, Partial, Prior, SplatScene
-from splatwire.model.appearance import Scene
+from splatwire.model import Partial, Prior
+from splatwire.model.appearance import Scene, explicit_gaussians
 from splatwire.model.scene_file import save_partial
 from splatwire.model.scene_file import save_scene as save_anchors
 from splatwire.packets.stream import FILE_SUFFIX
@@ -36,8 +36,8 @@ def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures
     target = Path(path)
     if isinstance(scene, Partial) and scene.find(Prior) is None:
         scene = conceal(scene, "drop")
-    if isinstance(scene, SplatScene):
-        write_splats([scene.drawn()], target)
+    if not isinstance(scene, Partial) and (splats := explicit_gaussians(scene)) is not None:
+        write_splats([splats], target)
         return
     if target.name.lower().endswith(_OTHERS):
         raise InvalidValueError(
@@ -47,8 +47,6 @@ def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures
     if isinstance(scene, Partial):
         save_partial(scene, target)
     else:
-        check_kind(scene, AnchorScene, "open_scene")
-        assert isinstance(scene, AnchorScene)
         save_anchors(scene, target, erasures=erasures)
 
 

@@ -9,9 +9,11 @@ from torch import Tensor
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, CausalCoding, HacppCoding, Mlp
+from splatwire.model.scene import Scene
 from splatwire.model.voxels import voxel_indices
 from splatwire.train.config import LearningRate, LearningRates, Marks, TrainConfig
 from splatwire.train.initial import camera_extent, parameter_shapes
+from splatwire.train.presets import CAUSAL, HACPP
 from splatwire.train.state import CHANNEL_SLOPE, GrowthStatistics, TrainState
 
 _SMALLEST_SCALING = 1e-6
@@ -20,6 +22,13 @@ _LATENT = 0.01
 """Numbers behind the grid's signs: some forty steps that agree turn one."""
 _MASK_LOGITS = (-8.0, 0.0)
 """Of offsets that do not exist and that do."""
+
+
+def model_of(scene: Scene) -> str | None:
+    """The model that a scene goes on with; None if it is no scene of anchors."""
+    if not isinstance(scene, AnchorScene):
+        return None
+    return CAUSAL if isinstance(scene.coding, CausalCoding) else HACPP
 
 
 def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:

@@ -10,11 +10,12 @@ from torch import Tensor
 
 from splatwire.data import Dataset, SparsePoints
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.model.appearance import explicit_gaussians
 from splatwire.model.causal import FORM, CausalConfig
+from splatwire.model.scene import Scene
 from splatwire.model.voxels import voxel_positions
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
 from splatwire.train.config import TrainConfig
 from splatwire.train.grid import INITIAL_VALUE
 from splatwire.train.state import (
@@ -69,14 +70,17 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
     )
 
 
-def points_of_splats(splats: Splats) -> SparsePoints:
+def points_of(scene: Scene) -> SparsePoints:
     """Takes explicit Gaussians as points to start a training from: centres, and colours without view dependence.
 
     Gaussians under an opacity of 1/255 are left out: they show nothing.
 
     Raises:
-        InvalidValueError: If all are.
+        InvalidValueError: If all are, or the scene has Gaussians for each view alone.
     """
+    splats = explicit_gaussians(scene)
+    if splats is None:
+        raise InvalidValueError(f"a scene of {scene.ELEMENTS} has no Gaussians to start from")
     shown = splats.select(splats.opacities > 1 / 255)
     if not shown.num_gaussians:
         raise InvalidValueError("all Gaussians to start from are transparent")

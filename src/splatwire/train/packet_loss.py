@@ -18,7 +18,7 @@ from splatwire.codec.tier_sizes import relative_sizes
 from splatwire.conceal import Grow
 from splatwire.conceal.grow import lost_share_among
 from splatwire.ops.knn import NeighborTree, nearest_others
-from splatwire.packets import HEADER_BYTES, Packetization, PacketPlan, packetization_named
+from splatwire.packets import CAUSAL, HEADER_BYTES, Packetization, PacketPlan, packetization_named
 from splatwire.scene import Cameras
 from splatwire.scene.anchors import mean_log_size
 from splatwire.train.config import TrainConfig
@@ -110,7 +110,7 @@ class PacketLosses:
         choice = self._choices[int(torch.randint(len(self._choices), (), generator=state.generator))]
         names = self._config.losses.packets
         name = names[int(torch.randint(len(names), (), generator=state.generator))]
-        packetization = packetization_named(name, "anchors", state.num_anchors)
+        packetization = packetization_named(name, CAUSAL, state.num_anchors)
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
             return self.keep_first(state, choice)

@@ -22,6 +22,7 @@ from splatwire.train.config import (
 MIN_ITERATIONS = 20
 HACPP, CAUSAL = "hacpp", "causal"
 MODELS = (HACPP, CAUSAL)
+DEFAULT_MODEL = CAUSAL
 """What a scene is to be coded with: the model of HAC++ (format 1), or the causal one (format 2)."""
 CAUSAL_RATE = 0.008
 CAUSAL_HIDDEN = (50, 32, 32)

@@ -6,7 +6,6 @@ import html
 
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream, stream_to_bytes
-from splatwire.packets.limits import ANCHORS
 from splatwire.transport.page_content import DRAWING, SCRIPT, STYLE, web_file
 
 _PAGE = """\
@@ -38,7 +37,7 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
     Raises:
         InvalidValueError: If the stream has format 1, which the page cannot draw.
     """
-    if stream.manifest.codec == ANCHORS:
+    if not stream.manifest.schema.page:
         raise InvalidValueError(
             "the stream has format 1 (anchors of HAC++), which a browser does not draw: train with --model causal, or "
             "make explicit Gaussians of it (splatwire export ply, then splatwire encode)"

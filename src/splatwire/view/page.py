@@ -3,7 +3,7 @@
 import base64
 
 from splatwire.codec.viewpoint import viewpoint_section
-from splatwire.packets import ANCHORS, SceneStream, send_sequence, stream_to_bytes
+from splatwire.packets import SceneStream, send_sequence, stream_to_bytes
 from splatwire.scene import Cameras
 from splatwire.transport.page_content import PageContent, viewpoint_words
 from splatwire.view.columns import columns_of
@@ -21,7 +21,7 @@ def page_of_stream(stream: SceneStream, cameras: Cameras | None, host: str) -> P
     Raises:
         BitstreamError: If it has to be decoded here, and contradicts itself.
     """
-    shown = columns_of(stream) if stream.manifest.codec == ANCHORS else stream
+    shown = stream if stream.manifest.schema.page else columns_of(stream)
     ordered = stream_to_bytes(shown.with_packets(send_sequence(shown, "tiers")))
     return PageContent({"scene": ordered}, host=host, attributes=_begin(cameras))
 

@@ -8,7 +8,7 @@ import torch
 
 from splatwire.codec import ProgressiveDecoder
 from splatwire.errors import MissingSideInfoError
-from splatwire.packets import ANCHORS, Manifest, Packet, file_head, file_record
+from splatwire.packets import Manifest, Packet, file_head, file_record
 from splatwire.transport import Event, PacketArrived, Receiver, SideInfoArrived, Welcomed
 from splatwire.view.columns import columns_head, columns_packet, rows_of
 
@@ -93,7 +93,7 @@ class Relay:
 
     def _head(self, arrived: SideInfoArrived) -> bytes:
         manifest, side_info = arrived.manifest, arrived.side_info
-        if manifest.codec == ANCHORS:
+        if not manifest.schema.page:
             decoder = ProgressiveDecoder(manifest, side_info)
             manifest, side_info = columns_head(manifest, side_info, decoder.partial)
             self._columns = decoder, manifest

@@ -22,11 +22,12 @@ from splatwire.evaluate.study.records import CODE
 from splatwire.evaluate.study.references import Progress, References, digest_of, digest_of_files, prepare_references
 from splatwire.evaluate.study.store import Store, read_json
 from splatwire.formats import format_of
-from splatwire.importers.hacpp import import_hacpp
+from splatwire.importers.hacpp import CODEC, import_hacpp
 from splatwire.model import AnchorScene
 from splatwire.model.appearance import Scene, scene_of
 from splatwire.model.tensor_file import tensor_bytes
-from splatwire.packets import ANCHORS, Packetization, SceneStream, read_stream, stream_to_bytes
+from splatwire.packets import Packetization, SceneStream, read_stream, stream_to_bytes
+from splatwire.packets.limits import SCHEMAS
 from splatwire.packets.sections import sections_of
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
@@ -128,12 +129,12 @@ class Source:
     def codec(self) -> str:
         """What codes its elements."""
         if self.entry.kind == "model":
-            return ANCHORS
+            return CODEC
         return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec
 
     def travels(self, packetization: Packetization) -> bool:
         """Whether it can be packed so."""
-        return packetization.common or self.codec == ANCHORS
+        return packetization.common or SCHEMAS[self.codec].separable
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
