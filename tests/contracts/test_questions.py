@@ -25,8 +25,13 @@ def test_nobody_else_asks():
 
 
 def test_a_question_is_noticed():
-    asked = ["isinstance(scene, AnchorScene)", "check_kind(scene, SplatScene, '')", "codec == GAUSSIANS", "x == 'anchors'",
-             "scene.ELEMENTS != word"]  # fmt: skip
+    asked = (
+        "isinstance(scene, AnchorScene)",
+        "check_kind(scene, SplatScene, '')",
+        "codec == GAUSSIANS",
+        "x == 'anchors'",
+        "scene.ELEMENTS != word",
+    )
     for text in asked:
         assert any(map(_is_question, ast.walk(ast.parse(text)))), text
 

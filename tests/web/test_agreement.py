@@ -163,7 +163,7 @@ def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[t
         sections[hit] = mutated_bytes(sections[hit][:200], rng) + sections[hit][200:]
         data = b"".join(map(framed, sections)) + reader.rest()
         try:
-            open_side_info(manifest, data) if manifest.codec == GAUSSIANS else open_decoder(manifest, data)
+            open_decoder(manifest, data)
         except SplatwireError:
             found.append((base64.b64encode(data).decode(), False))
         else:
