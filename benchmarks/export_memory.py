@@ -13,13 +13,14 @@ import tempfile
 import time
 from pathlib import Path
 
+from figures import publish
+
 ASSETS = Path(__file__).resolve().parent.parent / "src" / "splatwire" / "assets"
 GOAL_MIB = 4096
 _MEASURED = """
 import resource, sys
 from splatwire.cli.main import main
 
-from figures import publish
 try:
     main(sys.argv[1:])
 finally:

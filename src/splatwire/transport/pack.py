@@ -35,12 +35,12 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
         title: What the page is called.
 
     Raises:
-        InvalidValueError: If the stream has format 1, which the page cannot draw.
+        InvalidValueError: If the page does not decode such streams.
     """
     if not stream.manifest.schema.page:
         raise InvalidValueError(
-            "the stream has format 1 (anchors of HAC++), which a browser does not draw: train with --model causal, or "
-            "make explicit Gaussians of it (splatwire export ply, then splatwire encode)"
+            f"a stream of {stream.manifest.elements} is not for browsers where it has format 1 or a schema of its own: "
+            "train with --model causal, or make explicit Gaussians of it (splatwire export ply, then splatwire encode)"
         )
     script, drawing, style = web_file(SCRIPT), web_file(DRAWING), web_file(STYLE)
     return _PAGE.format(

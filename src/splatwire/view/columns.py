@@ -16,13 +16,13 @@ from jaxtyping import Float, Int64
 from torch import Tensor
 
 from splatwire.byte_io import ByteWriter
-from splatwire.codec import decode_stream
+from splatwire.codec import decode_stream, schema_named
 from splatwire.codec.tiers import arrange_stream
 from splatwire.codec.weight_bytes import framed
 from splatwire.conceal.sketch.concealer import buckets_of, sizes_of, with_sketch
 from splatwire.conceal.sketch.section import SECTION as SKETCH
 from splatwire.conceal.sketch.section import read_sketch
-from splatwire.errors import BitstreamError
+from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene, Mlp, Partial, Prior
 from splatwire.packets import COLUMNS, Manifest, Packet, SceneStream, make_packet
 from splatwire.packets.limits import MAX_DATAGRAM_BYTES
@@ -45,9 +45,12 @@ def columns_of(stream: SceneStream, progress: Callable[[float], None] | None = N
         progress: Called with the share of the decoding that is done, 0 to 1.
 
     Raises:
+        InvalidValueError: If it has no anchors.
         BitstreamError: If the stream contradicts itself, or its packets hold parts of anchors.
         DesyncError: If the decoded integers are not those that were encoded.
     """
+    if Prior not in schema_named(stream.manifest.codec).offers:
+        raise InvalidValueError(f"a stream of {stream.manifest.elements} is not for browsers: no page decodes it")
     if stream.manifest.packetization.separated:
         raise BitstreamError("packets of separated attributes cannot be shown one by one; encode with another --preset")
     partial = decode_stream(stream, progress=progress)
