@@ -126,6 +126,19 @@ def test_bad_files_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     torch.save([1, 2], linear)
     with pytest.raises(DatasetError, match="holds a list"):
         load_lpips(backbone, linear, "alex")
+    for old in (False, True):
+        content = {"lin0.model.1.weight": bytearray(8)}
+        torch.save(content, linear, _use_new_zipfile_serialization=not old)
+        with pytest.raises(DatasetError, match="asks for __builtin__ bytearray"):
+            load_lpips(backbone, linear, "alex")
+
+
+def test_files_of_old_releases_of_pytorch_are_read(tmp_path: Path) -> None:
+    backbone, linear = write_weights(tmp_path, "alex")
+    new = load_lpips(backbone, linear, "alex")
+    for path in (backbone, linear):
+        torch.save(torch.load(path, weights_only=True), path, _use_new_zipfile_serialization=False)
+    assert all(map(torch.equal, load_lpips(backbone, linear, "alex").linear, new.linear))
 
 
 @pytest.mark.data

@@ -4,7 +4,6 @@ import io
 import math
 import re
 from pathlib import Path
-from pickletools import genops
 from typing import Any
 
 import numpy as np
@@ -15,15 +14,11 @@ from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.archive import open_archive
 from splatwire.files.capped import read_capped, read_json
 from splatwire.files.kinds import is_not
+from splatwire.files.tensors import MAX_TENSOR_FILE_BYTES, check_tensor_file
 from splatwire.scene.background import BLACK, WHITE, Background
 
-_MAX_TENSOR_FILE_BYTES = 256 << 20
 _MAX_NUMBER_BYTES = 4096
 _MAX_ARGUMENTS_BYTES = 1 << 20
-_MAX_DESCRIPTION_BYTES = 1 << 20
-_PLAIN = re.compile(r"collections OrderedDict|torch\._utils _rebuild_(tensor_v2|parameter)|torch \w{1,20}Storage")
-"""What `torch.save` names in the description of plain tensors. PyTorch itself lets a description also make byte arrays
-and sets of any size."""
 
 
 def newest_iteration(model_dir: Path) -> Path:
@@ -62,28 +57,12 @@ def load_torch_file(path: Path) -> Any:
     Raises:
         DatasetError: If the file is absent, too large, or is anything but plain tensors.
     """
-    if not path.is_file():
-        raise DatasetError(f"{path}: missing")
-    if path.stat().st_size > _MAX_TENSOR_FILE_BYTES:
-        raise DatasetError(f"{path}: larger than {_MAX_TENSOR_FILE_BYTES >> 20} MiB")
+    check_tensor_file(path, DatasetError)
     try:
-        with open_archive(path, DatasetError) as archive:
-            archive.refuse_packed()
-            for name in archive.sizes:
-                if name.endswith("data.pkl"):
-                    _refuse_calls(archive.read(name, _MAX_DESCRIPTION_BYTES))
         return torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many kinds on a damaged file; all mean the same to the caller
         reason = str(error).strip().split("\n")[0][:200]
         raise DatasetError(f"{path}: not a readable file of plain tensors: {reason}") from error
-
-
-def _refuse_calls(description: bytes) -> None:
-    """Checks that a description names nothing but what plain tensors are made of."""
-    for code, argument, _ in genops(description):
-        odd = code.name == "GLOBAL" and not _PLAIN.fullmatch(str(argument))
-        if odd or code.name in ("STACK_GLOBAL", "INST", "EXT1", "EXT2", "EXT4"):
-            raise ValueError(f"it asks for {str(argument or code.name)[:80]}")
 
 
 def is_plain(value: Any) -> bool:
@@ -93,7 +72,7 @@ def is_plain(value: Any) -> bool:
     """
     if not isinstance(value, Tensor) or value.layout != torch.strided or value.device.type != "cpu":
         return False
-    if value.is_complex() or value.is_quantized or 4 * value.numel() > _MAX_TENSOR_FILE_BYTES:
+    if value.is_complex() or value.is_quantized or 4 * value.numel() > MAX_TENSOR_FILE_BYTES:
         return False
     return bool(torch.isfinite(value).all())
 

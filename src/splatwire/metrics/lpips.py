@@ -11,7 +11,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.errors import DatasetError, UnknownNameError
+from splatwire.files.tensors import check_tensor_file
 
+MAX_WEIGHT_BYTES = 1 << 30
+"""torchvision's VGG16 has half of this."""
 Convolution: TypeAlias = tuple[int, int, int, int, int]
 """Key in `features.N`, outputs, kernel, stride, padding; a rectifier follows each."""
 
@@ -162,6 +165,7 @@ def _layout(network: str) -> _Backbone:
 
 
 def _load(path: Path) -> Mapping[str, object]:
+    check_tensor_file(path, DatasetError, MAX_WEIGHT_BYTES)
     try:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch's loader raises many kinds; each of them means the same here
