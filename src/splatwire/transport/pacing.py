@@ -88,7 +88,9 @@ class _Pause:
 class RateControl:
     """Chooses the rate from feedback.
 
-    The window is CUBIC's (RFC 9438), sent evenly over the round trip. Which losses are congestion is decided by
+    The window is CUBIC's (RFC 9438), sent evenly over the latest round trip: over one that lags behind the queue, a
+    smaller window would drain the queue whole, from which flows that look at delay (BBR) take it that they are alone
+    and lose. Which losses are congestion is decided by
     `LossMeter`: those beyond the path's usual loss while the queue is long. Loss with a short queue is put to a test:
     it is congestion if it goes away at a smaller rate. While nobody else fills the queue, one of `QUEUE_S` is drained.
     A queue that does not drain belongs to somebody who competes, and only loss counts then, until a probe finds the
@@ -102,6 +104,7 @@ class RateControl:
 
     def __init__(self, start: float = START_RATE, most: float = MAX_RATE, *, bounded: bool = False) -> None:
         self.round_trip: float | None = None
+        self._latest = 0.0
         self.window = CubicWindow()
         self.competing = False
         self.queue, self.loss = QueueMeter(), LossMeter()
@@ -154,6 +157,7 @@ class RateControl:
             seconds: Time between the arrivals.
         """
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip
+        self._latest = 0.5 * ((self._latest or round_trip) + round_trip)
         if self._quiet:
             self.window.restart()
             self._pause = self._round = None
@@ -179,7 +183,7 @@ class RateControl:
         if self._pause:
             wanted = max(self._pause.rate, least / 4)
         else:
-            wanted = max(self.window.bytes / max(self.round_trip, ROUND_S / 2), least)
+            wanted = max(self.window.bytes / max(self._latest, ROUND_S / 2), least)
         self.rate = min(wanted, self._most)
 
     def _close(self, done: _Round, now: float) -> None:
