@@ -61,12 +61,14 @@ def attack(path: Path, mutate: Callable[[], bytes], read: Callable[[], object], 
     """
     refused = 0
     for _ in range(times):
-        data = mutate()
+        data, said = mutate(), ""
         path.write_bytes(data)
         try:
             read()
         except SplatwireError as error:
-            refused += bool(str(error))
+            said = str(error)
         except Exception as error:
             raise AssertionError(f"{path.name}: {type(error).__name__}: {error}; bytes {data[:2000]!r}") from error
+        assert len(said) < 1000, f"{path.name}: what a file says is repeated at length: {said[:200]}"
+        refused += bool(said)
     return refused

@@ -36,8 +36,16 @@ def check_kind(value: object, kind: type, reader: str) -> None:
         raise InvalidValueError(f"expected {kind.__name__} (`{reader}` reads one from a file), not {found}")
 
 
+MOST_TEXT = 800
+"""Characters of a message: what somebody's file says is not repeated at whatever length."""
+
+
 class SplatwireError(Exception):
     """Base of all errors that splatwire raises on purpose."""
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        return text if len(text) <= MOST_TEXT else f"{text[: MOST_TEXT // 2]} … {text[-MOST_TEXT // 2 :]}"
 
 
 class BitstreamError(SplatwireError):

@@ -53,7 +53,7 @@ def load_cameras(path: Path) -> Cameras:
         raise DatasetError(is_not(path, "a cameras file", "it has no list 'cameras'"))
     own = content.get("format") == FORMAT
     if own and content.get("version") != VERSION:
-        raise DatasetError(f"{path}: cameras file version {content.get('version')}, this release reads {VERSION}")
+        raise DatasetError(f"{path}: cameras file version {content.get('version')!s:.20}, this release reads {VERSION}")
     views = content["cameras"]
     if not views:
         raise DatasetError(f"{path}: has no views")

@@ -166,7 +166,7 @@ def _read_header(path: Path, metadata: dict[str, str] | None, file_format: str, 
         raise BitstreamError(is_not(path, "a scene file"))
     if header.get("version") != version:
         raise UnsupportedVersionError(
-            f"{path}: scene file version {header.get('version')}, this release reads {version}"
+            f"{path}: scene file version {header.get('version')!s:.20}, this release reads {version}"
         )
     missing = {"kind", "voxel_size", "config", "negative_slopes"} - set(header)
     if missing:

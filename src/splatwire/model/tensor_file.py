@@ -74,7 +74,7 @@ def read_tensors(path: Path, form: str, version: int) -> tuple[dict[str, Tensor]
             if header.get("format") != form:
                 raise BitstreamError(is_not(path, f"a file of {form}"))
             if header.get("version") != version:
-                raise UnsupportedVersionError(f"{path}: version {header.get('version')} of {form} is not read")
+                raise UnsupportedVersionError(f"{path}: version {header.get('version')!s:.20} of {form} is not read")
             return {name: file.get_tensor(name) for name in file.keys()}, header  # noqa: SIM118 - not a dictionary
     except (SafetensorError, OSError) as error:
         raise BitstreamError(is_not(path, f"a file of {form}", str(error))) from error

@@ -40,6 +40,7 @@ export const MAX_CAUSAL_CENTRE = 536870912;
 export const MAX_DEGREE = 3;
 export const MAX_SIZE_LOG = 32;
 export const MAX_COPIES = 65535;
+export const UNNAMED_SCHEMA = "hacpp";
 export const RESERVED_SECTIONS = [
   "header",
   "positions",

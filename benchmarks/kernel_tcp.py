@@ -1,0 +1,150 @@
+"""What the kernel's own TCP gets beside a transfer over a full link; as root, on Linux with network namespaces.
+
+    python benchmarks/kernel_tcp.py [--seconds 40] [--rate 10] > benchmarks/results/kernel_tcp.json
+
+`iperf3` with CUBIC or BBR and a real server and receiver over UDP, in two namespaces. Between them are two TUN devices
+and a link in this process: so many Mbit/s, half a round trip each way, a drop-tail queue of 1 or 4 bandwidth-delay
+products. Shares are of what each would have if both had the same, over the last two thirds. Prints one JSON object.
+"""
+
+import argparse
+import asyncio
+import contextlib
+import fcntl
+import heapq
+import json
+import os
+import select
+import struct
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+sys.path[0] = str(Path(__file__).resolve().parent.parent / "tests")  # `transport` is the tests', not the benchmark
+
+PORT, HERE, THERE = 4840, "10.77.0.1", "10.77.0.2"
+TUNSETIFF, IFF_TUN_WITHOUT_HEADER = 0x400454CA, 0x1001
+TCP, UDP = 6, 17
+JOINS_S = 1.0
+
+
+def shell(*words: str) -> None:
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+
+
+def inside(space: str, *words: str) -> subprocess.Popen[bytes]:
+    """Starts something in a namespace."""
+    return subprocess.Popen(["ip", "netns", "exec", space, *words], stdout=subprocess.DEVNULL)
+
+
+@contextlib.contextmanager
+def ends() -> Iterator[list[int]]:
+    """Two namespaces, each with a TUN device whose other end is a file of this process."""
+    with contextlib.ExitStack() as stack:
+        files = []
+        for space, address in (("splat-a", HERE), ("splat-b", THERE)):
+            shell("ip", "netns", "add", space)
+            stack.callback(shell, "ip", "netns", "del", space)
+            files.append(os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK))
+            stack.callback(os.close, files[-1])
+            fcntl.ioctl(files[-1], TUNSETIFF, struct.pack("16sH", space.encode(), IFF_TUN_WITHOUT_HEADER))
+            shell("ip", "link", "set", space, "netns", space)
+            for words in (["addr", "add", f"{address}/24", "dev", space], ["link", "set", space, "up"]):
+                shell("ip", "-n", space, *words)
+        yield files
+
+
+def carry(files: list[int], rate: float, round_trip: float, queue_bytes: float, seconds: float) -> list[Counter]:
+    """Carries packets for a time; bytes that came through, by protocol, for each second."""
+    arrived: list[Counter] = [Counter() for _ in range(int(seconds) + 1)]
+    under_way: list[tuple[float, int, int, bytes]] = []
+    begin, free_at, number = time.monotonic(), 0.0, 0
+    while (now := time.monotonic()) < begin + seconds:
+        wait = min(under_way[0][0] - now, 0.05) if under_way else 0.05
+        for file in select.select(files, [], [], max(wait, 0.0))[0]:
+            with contextlib.suppress(BlockingIOError):
+                while packet := os.read(file, 2048):
+                    now, number = time.monotonic(), number + 1
+                    if file == files[0]:
+                        if (max(free_at - now, 0.0)) * rate + len(packet) > queue_bytes:
+                            continue
+                        now = free_at = max(free_at, now) + len(packet) / rate
+                        arrived[min(int(now - begin), int(seconds))][packet[9]] += len(packet)
+                    heapq.heappush(under_way, (now + round_trip / 2, number, file, packet))
+        while under_way and under_way[0][0] <= time.monotonic():
+            _, _, file, packet = heapq.heappop(under_way)
+            with contextlib.suppress(OSError):  # nobody listens there
+                os.write(files[1] if file == files[0] else files[0], packet)
+    return arrived
+
+
+def share(kind: str, rate: float, round_trip: float, products: float, seconds: float) -> dict[str, object]:
+    """One TCP flow, joined by a transfer after `JOINS_S`."""
+    with ends() as files, contextlib.ExitStack() as stack:
+        transfer = [sys.executable, __file__, "--seconds", str(seconds), "--rate", str(rate * 8e-6), "--role"]
+        for space, words in (
+            ("splat-b", ["iperf3", "-s", "-1"]), ("splat-a", [*transfer, "serve"]),
+            ("splat-b", [*transfer, "receive"]),
+            ("splat-a", ["sh", "-c", f"sleep 8; exec iperf3 -c {THERE} -C {kind} -t {seconds + 20:.0f}"]),
+        ):  # fmt: skip
+            process = inside(space, *words)
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+        carry(files, rate, round_trip, products * rate * round_trip, 8 + JOINS_S)
+        arrived = carry(files, rate, round_trip, products * rate * round_trip, seconds)
+    late = sum(arrived[int(seconds / 3) : int(seconds)], Counter())
+    equal = rate * (int(seconds) - int(seconds / 3)) / 2
+    return {
+        "flows": f"splatwire beside {kind}", "mbit_s": rate * 8e-6, "round_trip_ms": 1e3 * round_trip,
+        "queue_products": products, "shares": [round(late[UDP] / equal, 2), round(late[TCP] / equal, 2)],
+    }  # fmt: skip
+
+
+async def serve(rate: float, seconds: float) -> None:
+    """A stream that lasts longer than the link is watched."""
+    from splatwire.transport.program import make_program
+    from splatwire.transport.udp import UdpServer
+    from transport.network import datagram_stream
+
+    packets = int(rate * (seconds + 20) / 1100)
+    server = UdpServer({"it": make_program(datagram_stream(40 * packets))}, HERE, PORT)
+    await asyncio.sleep(seconds + 60)
+    server.close()
+
+
+async def receive() -> None:
+    """Asks until there is an answer, then takes what comes."""
+    from splatwire.transport import ReceiverOptions
+    from splatwire.transport.address import parse_url
+    from splatwire.transport.udp import receive_udp
+
+    while True:
+        await receive_udp(parse_url(f"udp://{HERE}:{PORT}"), ReceiverOptions())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=40.0)
+    parser.add_argument("--rate", type=float, default=10.0, help="Mbit/s")
+    parser.add_argument("--role", choices=["serve", "receive"], help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    rate = arguments.rate * 1e6 / 8
+    if arguments.role:
+        asyncio.run(serve(rate, arguments.seconds) if arguments.role == "serve" else receive())
+        return
+    # a link that stands still now and then loses what a real one would not; what is started from here is not so urgent
+    os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(10))
+    rows = [
+        share(kind, rate, round_trip, products, arguments.seconds)
+        for kind in ("cubic", "bbr")
+        for round_trip in (0.02, 0.1)
+        for products in (1, 4)
+    ]
+    print(json.dumps({"kernel": os.uname().release, "seconds": arguments.seconds, "shares": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
