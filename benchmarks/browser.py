@@ -2,6 +2,7 @@
 
     python benchmarks/browser.py [scene.swz] [--pages 20] [--rate 4] > benchmarks/results/browser.json
     python benchmarks/browser.py [scene.swz] --minutes 10 > benchmarks/results/browser_open.json
+    python benchmarks/browser.py [scene.swz] --elements 100 > benchmarks/results/browser_elements.json
 
 The stream is one of explicit Gaussians in datagrams (`splatwire encode scene.ply -o scene.swz --preset datagram`), or
 the bundled scene's.
@@ -18,6 +19,10 @@ the bundled scene's.
 
 The second is a page that is left open over a link that is gone for 3 of every 10 seconds, at a rate at which the stream
 takes most of that time: packets that never came, and megabytes that the page's processes keep, every half minute.
+
+The third makes an element on somebody's page, waits until it draws everything, and removes it, so many times: megabytes
+that the processes of pages and of the GPU keep after each tenth of them, workers that are left, and whether the context
+of the page around it is still there.
 
 Software WebGL on two cores: what draws here would not wait on a graphics card.
 """
@@ -61,6 +66,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
 from chromium import Browser, browser
 from network import bernoulli
 from relay import Relay
+
+from web.host import hosting
 
 WEB = Path(__file__).resolve().parent.parent / "web"
 IDENTITY = self_signed()
@@ -145,9 +152,11 @@ def lossy(first: Browser, url: str, rounds: int = 7) -> dict[str, float]:
         page.open(url)
         page.wait_for(OVER, 300)
         page.wait_for(f"{ELEMENT}.status.times.half > 0")
+        page.resolve("caches.delete('splatwire-1')")  # the next page begins with nothing
+        began = page.evaluate(f"{ELEMENT}.status.began")
         for name, value in json.loads(page.evaluate(f"JSON.stringify({ELEMENT}.status.times)")).items():
             if value is not None:  # what was never on the screen by itself: the next thing came before it was drawn
-                times.setdefault(f"{name}_ms", []).append(value)
+                times.setdefault(f"{name}_ms", []).append(began + value)
         page.close()
     found = {name: round(statistics.median(values)) for name, values in times.items()}
     return found | {"threads_busy": round(os.getloadavg()[0], 1)}
@@ -200,6 +209,38 @@ async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
     return found
 
 
+async def come_and_go(stream: SceneStream, count: int) -> dict[str, Any]:
+    """Elements on somebody's page, one after another."""
+    script = '<script type="module" src="splatwire.js"></script><canvas></canvas>'
+    gone: dict[str, list[int]] = {"after": [], "pages_mb": [], "gpu_mb": []}
+    make = "{const made = document.createElement('splat-wire'); made.src = 'scene.swz'; \
+made.style.height = '20rem'; document.body.append(made)}"
+    async with hosting({"page": script}, {"scene.swz": stream_to_bytes(stream)}) as host:
+
+        def drive() -> dict[str, Any]:
+            with browser() as page:
+                page.open(f"{host.url}page")
+                page.wait_for("customElements.get('splat-wire')", 120)
+                page.evaluate("window.theirs = document.querySelector('canvas').getContext('webgl2'); 0")
+                for n in range(1, count + 1):
+                    page.evaluate(make)
+                    page.wait_for(f"{ELEMENT}.view && {ELEMENT}.status.verified !== null", 300)
+                    page.resolve(f"{ELEMENT}.view.sorted()")
+                    page.evaluate(f"{ELEMENT}.remove()")
+                    page.wait_for("workers === 0", 60)
+                    if n % max(count // 10, 1) == 0:
+                        gone["after"].append(n)
+                        gone["pages_mb"].append(round(page.memory() / 1e6))
+                        gone["gpu_mb"].append(round(page.memory("GPU") / 1e6))
+                left = {
+                    "workers_left": page.evaluate("workers"),
+                    "host_context_lost": page.evaluate("theirs.isContextLost()"),
+                }
+            return {"elements": count, "gaussians": stream.manifest.num_anchors, **gone, **left}
+
+        return await asyncio.to_thread(drive)
+
+
 async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any]:
     program = make_program(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
@@ -247,8 +288,11 @@ def main() -> None:
     parser.add_argument("--pages", type=int, default=20)
     parser.add_argument("--rate", type=float, default=4.0)
     parser.add_argument("--minutes", type=float, default=0.0)
+    parser.add_argument("--elements", type=int, default=0)
     options = parser.parse_args()
-    if options.minutes:
+    if options.elements:
+        found = asyncio.run(come_and_go(read_stream(options.stream)[0], options.elements))
+    elif options.minutes:
         found = asyncio.run(left_open(read_stream(options.stream)[0], options.minutes))
     else:
         found = measured(options.stream, options.rate, options.pages)

@@ -63,13 +63,11 @@ class Browser(Page):
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
-    def memory(self) -> int:
-        """Bytes of memory that are the browser's pages' own."""
+    def memory(self, kind: str = "renderer") -> int:
+        """Bytes of memory that are the own of the browser's pages, or of its `GPU` process."""
         processes = self._call("SystemInfo.getProcessInfo")["processInfo"]
         kept = [
-            Path(f"/proc/{process['id']}/smaps_rollup").read_text()
-            for process in processes
-            if process["type"] == "renderer"
+            Path(f"/proc/{process['id']}/smaps_rollup").read_text() for process in processes if process["type"] == kind
         ]
         return sum(
             int(line.split()[1]) << 10 for text in kept for line in text.splitlines() if line.startswith("Private")

@@ -195,6 +195,33 @@ def test_the_page_server_gives_its_files_and_the_streams_and_nothing_else(
     assert told["port"] == 4840
 
 
+def test_a_part_of_a_stream_is_what_its_range_says(programs: dict[str, Program]) -> None:
+    content, file = PageContent(programs), program_file(programs["ball"])
+    size = len(file)
+    for words, code, first, end in (
+        ("bytes=100-", 206, 100, size),
+        ("bytes=100-199", 206, 100, 200),
+        ("bytes=100-99999999", 206, 100, size),
+        ("bytes=-64", 206, size - 64, size),
+        ("bytes=-0", 416, 0, 0),
+        (f"bytes={size}-", 416, 0, 0),
+        ("bytes=200-100", 200, 0, size),
+        ("bytes=0-1,5-6", 200, 0, size),
+        ("bytes=-", 200, 0, size),
+        ("packets=0-", 200, 0, size),
+    ):
+        request = f"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1\r\nRange: {words}"
+        head, _, body = answered(content, request.encode()).partition(b"\r\n\r\n")
+        assert head.startswith(f"HTTP/1.1 {code} ".encode()), words
+        assert b"Accept-Ranges: bytes" in head
+        if code == 416:
+            assert f"Content-Range: bytes */{size}".encode() in head
+        else:
+            assert body == file[first:end], words
+        if code == 206:
+            assert f"Content-Range: bytes {first}-{end - 1}/{size}".encode() in head
+
+
 def test_other_sites_may_use_streams_as_far_as_origins_say(programs: dict[str, Program]) -> None:
     request = b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1\r\nOrigin: https://a.org"
     allowed = [

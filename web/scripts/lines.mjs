@@ -10,7 +10,9 @@ const files = ["src", "test", "scripts"].flatMap((folder) =>
   readdirSync(join(root, folder), { recursive: true }).map((name) => join(folder, name)),
 );
 for (const file of files.filter((name) => /\.(ts|mjs)$/.test(name))) {
-  for (const [n, line] of readFileSync(join(root, file), "utf8").split("\n").entries()) {
+  const text = readFileSync(join(root, file), "utf8");
+  if (text.startsWith("// Made by ")) continue; // by a script in Python
+  for (const [n, line] of text.split("\n").entries()) {
     if (line.length <= WIDTH) continue;
     console.log(`${file}:${n + 1}: ${line.length} characters`);
     process.exitCode = 1;

@@ -1,4 +1,4 @@
-// The bundle: defines the element.
+// Defines the element.
 
 import { SplatWire } from "./page/element.ts";
 

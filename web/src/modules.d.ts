@@ -1,5 +1,4 @@
-/** The worker's own bundle as text: one file is all that a page loads. */
+/** Starts the worker, out of text or a file of its own (scripts/bundle.mjs). */
 declare module "worker:receiver" {
-  const source: string;
-  export default source;
+  export default function start(): Worker;
 }

@@ -58,12 +58,12 @@ test("side information is accepted or refused as Python does", { skip }, () => {
   }
 });
 
-test("hostile packets are the integers that they are in Python", { skip }, () => {
+test("hostile packets are the integers that they are in Python", { skip }, async () => {
   for (const [name, cases] of Object.entries(answers!.packets)) {
     const { schema } = new StreamDecoder(readStream(name).head);
-    cases.forEach(([block, lane, count, payload, digest], n) => {
+    for (const [n, [block, lane, count, payload, digest]] of cases.entries()) {
       const packet: Packet = { block, lane, count, bytes: new Uint8Array(), payload: bytesOf(payload) };
-      assert.equal(schema.digest([[packet]]), digest, `case ${n} of ${name}`);
-    });
+      assert.equal(await schema.digest([[packet]], async () => true), digest, `case ${n} of ${name}`);
+    }
   }
 });

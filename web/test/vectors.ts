@@ -11,6 +11,8 @@ export function readStream(path: string): { head: Head; packets: Uint8Array[] } 
   return { head: reader.head, packets };
 }
 
+export const fileOf = (path: string): Uint8Array => new Uint8Array(readFileSync(path));
+
 /** Streams that are tested: those beside the tests, and what STREAMS names. */
 export const STREAMS = [...(process.env["STREAMS"] ?? "").split(":").filter(Boolean)];
 

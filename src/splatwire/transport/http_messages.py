@@ -11,6 +11,7 @@ from splatwire.errors import BitstreamError
 
 _REQUEST = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+) (/[!-~]*) HTTP/1\.[01]")
 _FIELD = re.compile(r"([!#$%&'*+.^_`|~0-9A-Za-z-]+):([\t\x20-\x7e\x80-\xff]*)")
+_RANGE = re.compile(r"bytes=([0-9]{0,18})-([0-9]{0,18})")
 _HOST = re.compile(r"(\[[0-9A-Fa-f:.]{2,45}\]|[0-9A-Za-z._-]{1,253})(?::[0-9]{0,5})?")
 """A number or a name, and a port. RFC 3986 lets names have `%` and more, no host has them; what passes here may stand
 in headers and in markup as it is."""
@@ -88,6 +89,40 @@ def _host(text: str) -> str:
 @lru_cache(maxsize=8)
 def _packed(body: bytes) -> bytes:
     return gzip.compress(body, mtime=0)
+
+
+def read_range(text: str, size: int) -> tuple[int, int] | None:
+    """The bytes that a header `Range` asks for, as their first and the one behind the last (RFC 9110, 14).
+
+    Args:
+        text: The header's value; one that is no single range of bytes is ignored, as RFC 9110 says.
+        size: Bytes of the whole.
+
+    Returns:
+        None for the whole; an empty range where nothing of it is there.
+    """
+    match = _RANGE.fullmatch(text)
+    if match is None or not (match[1] or match[2]):
+        return None
+    if not match[1]:
+        return max(size - int(match[2]), 0), size
+    first, last = int(match[1]), int(match[2]) if match[2] else size - 1
+    if last < first and match[2]:
+        return None
+    return (first, min(last + 1, size)) if first < size else (size, size)
+
+
+def make_part(kind: str, body: bytes, headers: str, request: Request) -> Answer:
+    """The part of a file that a request asks for, or the whole of it."""
+    headers, bodiless = f"Accept-Ranges: bytes\r\n{headers}", request.method == "HEAD"
+    wanted = read_range(request.headers.get("range", ""), len(body))
+    if wanted is None:
+        return make_answer("200 OK", kind, body, headers, bodiless=bodiless)
+    first, end = wanted
+    if first == end:
+        return make_answer("416 Range Not Satisfiable", headers=f"Content-Range: bytes */{len(body)}\r\n{headers}")
+    headers = f"Content-Range: bytes {first}-{end - 1}/{len(body)}\r\n{headers}"
+    return make_answer("206 Partial Content", kind, body[first:end], headers, bodiless=bodiless)
 
 
 def make_answer(

@@ -17,7 +17,7 @@ from splatwire.errors import BitstreamError
 from splatwire.packets.container import file_head, file_record
 from splatwire.packets.manifest import Manifest
 from splatwire.packets.sections import split_sections
-from splatwire.transport.http_messages import Answer, Growing, make_answer, read_request
+from splatwire.transport.http_messages import Answer, Growing, make_answer, make_part, read_request
 from splatwire.transport.layout import Segments, split_head_object
 from splatwire.transport.program import Program
 
@@ -82,8 +82,11 @@ class PageContent:
         found = self._find(request.target, request.query, request.host, request.headers.get("origin"))
         if found is None:
             return make_answer("404 Not Found")
+        status, kind, body, headers = found
+        if request.target.startswith(STREAMS) and isinstance(body, bytes):
+            return make_part(kind, body, headers, request)
         packed = request.target[1:] in FILES and "gzip" in request.headers.get("accept-encoding", "")
-        return make_answer(*found, bodiless=request.method == "HEAD", packed=packed)
+        return make_answer(status, kind, body, headers, bodiless=request.method == "HEAD", packed=packed)
 
     def _find(
         self, target: str, query: str, called: str, origin: str | None

@@ -1,6 +1,7 @@
 // From a stream's head and packets to elements.
 
 import { BitstreamError, ByteReader } from "../bytes.ts";
+import type { Pause } from "../conceal/conceal.ts";
 import type { Head } from "../packets/container.ts";
 import { Intake, Plan } from "../packets/plan.ts";
 import { CausalSchema } from "./causal/schema.ts";
@@ -76,9 +77,10 @@ export class StreamDecoder {
   }
 
   /** The digest of everything, decoded once more; equals the manifest's where nothing was lost. */
-  digest(): string {
+  digest(pause: Pause = async () => true): Promise<string> {
     return this.schema.digest(
       Array.from({ length: this.intake.plan.numBlocks }, (_, block) => this.intake.blocks.get(block) ?? []),
+      pause,
     );
   }
 }

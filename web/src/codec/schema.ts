@@ -44,7 +44,7 @@ export interface Schema<P extends Part = Part> {
   /** Decodes a packet that fits the plan; any payload gives something. */
   read(packet: Packet): P;
   /** Digest of all decoded integers, given the packets of each block in order. */
-  digest(blocks: readonly (readonly Packet[])[]): string;
+  digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string>;
   /**
    * What the concealer `sketch` draws, of streams that offer it; null where nobody waits any more. Throws where it is
    * damaged.

@@ -6,7 +6,8 @@ import { BitstreamError, hex } from "../bytes.ts";
 import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";
 import { type Manifest, readManifest } from "./manifest.ts";
 
-const PREFIX = 9;
+const MAGIC = [0x93, 0x53, 0x57, 0x5a, 1],
+  PREFIX = 9;
 
 export interface Head {
   readonly manifest: Manifest;
@@ -21,13 +22,30 @@ export function checkHead(manifest: Manifest, sideInfo: Uint8Array): Head {
   return { manifest, sideInfo };
 }
 
+/** A file up to its first packet. */
+export function fileHead(manifest: Uint8Array, sideInfo: Uint8Array): Uint8Array {
+  const bytes = new Uint8Array(PREFIX + manifest.length + sideInfo.length);
+  bytes.set(MAGIC);
+  new DataView(bytes.buffer).setUint32(5, manifest.length, true);
+  bytes.set(manifest, PREFIX);
+  bytes.set(sideInfo, PREFIX + manifest.length);
+  return bytes;
+}
+
 /** Cuts a file that comes in pieces. After a packet whose size cannot be true the rest is left. */
 export class ContainerReader {
-  head: Head | null = null;
+  head: Head | null;
+  /** The file up to its first packet, once that is there. */
+  headBytes = new Uint8Array();
   /** Whether the rest cannot be read. */
   broken = false;
   #manifest: Manifest | null = null;
   #rest = new Uint8Array();
+
+  /** `head`: where what comes begins with a packet. */
+  constructor(head: Head | null = null) {
+    this.head = head;
+  }
 
   /** Packets (their bytes, unchecked) that are complete now. */
   feed(piece: Uint8Array): Uint8Array[] {
@@ -49,8 +67,7 @@ export class ContainerReader {
   }
 
   #readHead(bytes: Uint8Array, view: DataView): number {
-    const magic = [0x93, 0x53, 0x57, 0x5a, 1];
-    if (magic.some((byte, i) => i < bytes.length && bytes[i] !== byte))
+    if (MAGIC.some((byte, i) => i < bytes.length && bytes[i] !== byte))
       throw new BitstreamError("this is not a splatwire stream");
     if (bytes.length < PREFIX) return 0;
     const size = view.getUint32(5, true);
@@ -60,6 +77,7 @@ export class ContainerReader {
     const end = PREFIX + size + this.#manifest.sideInfoBytes;
     if (bytes.length < end) return 0;
     this.head = checkHead(this.#manifest, bytes.slice(PREFIX + size, end));
+    this.headBytes = bytes.slice(0, end);
     return end;
   }
 }

@@ -16,7 +16,7 @@ export class Comparison {
   constructor(
     readonly stage: Stage,
     readonly wanted: () => Show,
-    readonly tell: (psnr: string) => void,
+    readonly tell: (psnr: string | null) => void,
   ) {
     this.canvas.className = "over";
   }
@@ -25,6 +25,11 @@ export class Comparison {
     this.#gains = gains;
     this.#apply();
     this.moved();
+  }
+
+  /** Compares no more. */
+  destroy(): void {
+    clearTimeout(this.#still);
   }
 
   /** Hears that the picture changed. */
@@ -55,7 +60,7 @@ export class Comparison {
     const gains = this.#gains,
       still = this.#still;
     if (!view) return;
-    if (gains?.every((gain) => gain === 1)) return this.tell("no loss");
+    if (gains?.every((gain) => gain === 1)) return this.tell(null);
     view.setGains(null);
     await view.frame();
     if (still !== this.#still) return this.#apply();
@@ -64,7 +69,7 @@ export class Comparison {
     await view.frame();
     if (still !== this.#still) return;
     const psnr = drawDifference(pixelsOf(view.canvas), lossless, this.canvas);
-    this.tell(psnr === Infinity ? "no loss" : `${psnr.toFixed(1)} dB`);
+    this.tell(psnr === Infinity ? null : `${psnr.toFixed(1)} dB`);
     this.canvas.classList.toggle("shown", this.wanted() === "difference");
   }
 }

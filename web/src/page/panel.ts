@@ -114,6 +114,10 @@ export class Panel {
     this.changed();
   }
 
+  destroy(): void {
+    clearInterval(this.#playing);
+  }
+
   say(text: string, bad = false): void {
     this.#state.textContent = text;
     this.#state.classList.toggle("bad", bad);

@@ -4,6 +4,7 @@ import { Vec3 } from "playcanvas";
 
 import type { Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
+import { acquire, giveBack, type Holder, offer } from "../render/contexts.ts";
 import { frameSplats } from "../render/framing.ts";
 import { loadView } from "../render/load.ts";
 import { cameraOf, Orbit } from "../render/orbit.ts";
@@ -19,6 +20,8 @@ const ENOUGH_GAUSSIANS = 50_000,
   ENOUGH_MS = 3000;
 /** A page that is not visible draws no frames: what should come after one comes then all the same. */
 const PATIENCE_MS = 100;
+/** A context that the browser took is asked for again after a while. */
+const LOST_MS = 1000;
 
 /** Gaussians in front of a background. */
 export interface Shown {
@@ -26,12 +29,14 @@ export interface Shown {
   readonly background: readonly number[];
 }
 
-export class Stage {
-  readonly canvas = document.createElement("canvas");
+export class Stage implements Holder {
+  /** What hands are on; holds the canvases. */
+  readonly surface = document.createElement("div");
   /** Where the first pictures are painted, above the other one until that has something to show. */
   readonly first = document.createElement("canvas");
-  readonly orbit = new Orbit(this.canvas, () => this.touch());
+  readonly orbit = new Orbit(this.surface, () => this.touch());
   view: View | null = null;
+  inSight = true;
   /** Told of the camera of each picture. */
   watcher: ((camera: Camera) => void) | null = null;
   #parts: Packed[] = [];
@@ -44,16 +49,40 @@ export class Stage {
   #painting: Promise<void> | null = null;
   #stale = false;
   #shown: (() => void)[] = [];
+  #opening = false;
+  #destroyed = false;
   #enough: () => void = () => undefined;
   readonly #isEnough = new Promise<void>((resolve) => (this.#enough = resolve));
 
-  constructor() {
-    this.canvas.tabIndex = 0;
+  /** `opened` is told of each view, `failed` why there is none. */
+  constructor(
+    readonly opened: (view: View) => void,
+    readonly failed: (error: Error) => void,
+  ) {
+    this.surface.className = "scene";
+    this.surface.tabIndex = 0;
+    this.surface.setAttribute("role", "application");
+    this.surface.setAttribute("aria-roledescription", "three-dimensional scene");
+    this.surface.setAttribute("aria-label", "Scene: arrow keys turn it, plus and minus zoom");
     this.first.className = "first";
+    this.surface.append(this.first);
   }
 
-  /** Loads what draws and begins to draw. Throws where that cannot be. */
+  /** Loads what draws and begins to draw, if it may. */
   async open(): Promise<void> {
+    if (this.#opening || this.view || this.#destroyed) return;
+    this.#opening = true;
+    try {
+      await this.#open();
+    } catch (error) {
+      giveBack(this);
+      this.failed(error as Error);
+    } finally {
+      this.#opening = false;
+    }
+  }
+
+  async #open(): Promise<void> {
     if (this.#count) await this.shown();
     const Drawing = await loadView().catch(() =>
       Promise.reject(new Error("The part of this page that draws could not be loaded; load the page again.")),
@@ -61,18 +90,66 @@ export class Stage {
     setTimeout(this.#enough, ENOUGH_MS);
     await this.#isEnough;
     if (this.#count) await this.shown();
+    if (this.#destroyed || !this.inSight || !acquire(this)) return;
+    const canvas = document.createElement("canvas");
+    this.surface.prepend(canvas);
     try {
-      this.view = new Drawing(this.canvas, this.orbit);
+      this.view = new Drawing(canvas, this.orbit);
     } catch (error) {
+      canvas.remove();
       throw new Error(`This browser cannot draw: it has no WebGL 2 (${(error as Error).message}).`);
     }
-    this.view.watcher = (camera) => this.watcher?.(camera);
-    this.view.background(this.#background);
-    this.view.begin(this.#size);
-    for (const part of this.#parts) this.view.add(part);
-    for (const work of this.#waiting.splice(0)) work(this.view);
-    await this.view.sorted();
+    const view = this.view;
+    canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
+    view.watcher = (camera) => this.watcher?.(camera);
+    view.background(this.#background);
+    view.begin(this.#size);
+    for (const part of this.#parts) view.add(part);
+    await view.sorted();
+    if (this.view !== view) return;
+    for (const work of this.#waiting.splice(0)) work(view);
+    this.opened(view);
     this.first.classList.remove("shown");
+    for (const resolve of this.#shown.splice(0)) resolve();
+  }
+
+  /** The browser took the context away: the picture is painted until there is another one. */
+  #contextLost(view: View): void {
+    if (this.view !== view) return;
+    this.release();
+    giveBack(this);
+    setTimeout(() => void this.open(), LOST_MS);
+  }
+
+  /** Gives the context back; the picture is painted. */
+  release(): void {
+    const view = this.view;
+    this.view = null;
+    view?.destroy();
+    this.touch();
+  }
+
+  offered(): void {
+    void this.open();
+  }
+
+  /** Whether somebody can see it: a context is for those. */
+  sight(inSight: boolean): void {
+    if (this.inSight === inSight) return;
+    this.inSight = inSight;
+    if (!inSight) return offer();
+    this.touch();
+    void this.open();
+  }
+
+  /** Gives everything back. */
+  destroy(): void {
+    this.#destroyed = true;
+    this.#parts = [];
+    this.#count = 0;
+    this.release();
+    giveBack(this);
+    this.#enough();
     for (const resolve of this.#shown.splice(0)) resolve();
   }
 
@@ -116,7 +193,7 @@ export class Stage {
   /** Where it is seen from, world units. */
   get camera(): Camera {
     return (
-      this.view?.camera ?? cameraOf(this.orbit.pose(), this.#size, this.canvas.clientWidth, this.canvas.clientHeight)
+      this.view?.camera ?? cameraOf(this.orbit.pose(), this.#size, this.surface.clientWidth, this.surface.clientHeight)
     );
   }
 
@@ -166,14 +243,14 @@ export class Stage {
   touch(): void {
     this.#stale = true;
     if (this.view) this.view.touch();
-    else if (this.#count) this.#painting ??= this.#paint();
+    else if (this.#count && this.inSight) this.#painting ??= this.#paint();
   }
 
   /** Paints as long as something changes and there is no view. */
   async #paint(): Promise<void> {
     this.first.classList.add("shown");
     await null; // what else changes in this task is painted with it
-    while (this.#stale && !this.view) {
+    while (this.#stale && !this.view && !this.#destroyed) {
       const shown = this.#shown.splice(0),
         began = performance.now();
       this.#stale = false;

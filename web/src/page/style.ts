@@ -4,7 +4,9 @@ export const STYLE = `
 :host { display: block; position: relative; overflow: hidden; min-height: 8rem; background: #000;
   color-scheme: light dark;
   --paper: color-mix(in srgb, Canvas 88%, transparent); font: 13px/1.45 system-ui, sans-serif; }
-canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; touch-action: none; outline: none; }
+.scene, canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
+.scene { touch-action: none; }
+.scene:focus-visible { outline: 3px solid Highlight; outline-offset: -3px; }
 canvas.over, canvas.first { pointer-events: none; visibility: hidden; }
 canvas.over.shown, canvas.first.shown { visibility: visible; }
 .panel { position: absolute; top: .75rem; right: .75rem; width: 17rem; max-width: calc(100% - 1.5rem);

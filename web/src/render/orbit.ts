@@ -101,9 +101,10 @@ export class Orbit {
     this.placed = true;
   }
 
-  /** Has y up until a stream says what is up. */
-  yUp(): void {
-    this.base.set(0, 0, 0, 1);
+  /** Has y up, or down, until a stream says what is up. */
+  upIs(y: boolean): void {
+    if (y) this.base.set(0, 0, 0, 1);
+    else this.base.copy(UPSIDE_DOWN);
   }
 
   /** Units become so many times smaller. */

@@ -55,6 +55,7 @@ export class View {
    * Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen.
    */
   #replaced = false;
+  #destroyed = false;
   /** Told of the camera of each frame, world units. */
   watcher: ((camera: Camera) => void) | null = null;
 
@@ -108,13 +109,28 @@ export class View {
     return this.#gaussians?.count ?? 0;
   }
 
+  /** Gives everything back: the context, too, for a browser has few and waits long before it collects one. */
+  destroy(): void {
+    if (this.#destroyed) return;
+    this.#destroyed = true;
+    const { gl } = this.#app.graphicsDevice as WebglGraphicsDevice;
+    if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
+    this.#gaussians?.destroy();
+    this.#app.destroy();
+    gl.getExtension("WEBGL_lose_context")?.loseContext();
+    this.canvas.remove();
+    for (const waiting of [this.#frame, this.#sorted, this.#steady]) for (const resolve of waiting.splice(0)) resolve();
+  }
+
   /** Draws a frame soon. */
   touch(): void {
+    if (this.#destroyed) return;
     this.#app.renderNextFrame = true;
   }
 
   /** Takes the size of the element on the page. */
   resize(ratio = Math.min(window.devicePixelRatio, 2)): void {
+    if (this.#destroyed) return;
     const width = Math.max(Math.round(this.canvas.clientWidth * ratio), 1),
       height = Math.max(Math.round(this.canvas.clientHeight * ratio), 1);
     this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
@@ -176,12 +192,13 @@ export class View {
     this.#camera.camera!.fov = camera
       ? (2 * Math.atan(camera.height / 2 / camera.focal) * 180) / Math.PI
       : FIELD_OF_VIEW;
-    this.touch();
+    this.#changed(); // colours are those of the camera before until it moves again
   }
 
   /** Resolves in the task of the next frame, in which the canvas can be read. */
   frame(): Promise<void> {
     this.touch();
+    if (this.#destroyed) return Promise.resolve();
     return new Promise((resolve) => this.#frame.push(resolve));
   }
 

@@ -52,4 +52,7 @@ export type FromWorker =
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }
   | { kind: "failed"; text: string }
-  | { kind: "digest"; found: string; expected: string };
+  /** The link dropped, why, and when it is tried again. */
+  | { kind: "lost"; reason: string; retryMs: number }
+  /** Whether all integers that were decoded are those that were encoded; of a whole stream it is told unasked. */
+  | { kind: "digest"; same: boolean };

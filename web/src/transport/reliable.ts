@@ -1,56 +1,137 @@
 // The reliable way: the stream as a file, over HTTP or out of the page itself; packets are taken as they come.
 
-import { ContainerReader } from "../packets/container.ts";
-import type { Listener } from "./events.ts";
+import { ContainerReader, type Head } from "../packets/container.ts";
+import type { Arrived, Listener } from "./events.ts";
+import type { Held, Rest } from "./held.ts";
 
-const TELL_MS = 50;
+const TELL_MS = 50,
+  SILENCE_MS = 20_000;
+const WAY = "HTTP, in order and without loss";
 
-/** Fetches a stream until its end; gives the words for how it ended. */
-export async function receiveFile(url: string, listener: Listener): Promise<string> {
-  const answer = await fetch(url);
-  if (!answer.ok || !answer.body) throw new Error(`${url} answers ${answer.status} ${answer.statusText}`);
-  return receiveStream(answer.body, "HTTP, in order and without loss", listener);
+/** A server's answer that is no file; asking again helps where `final` is not set. */
+export class Refused extends Error {
+  readonly final: boolean;
+
+  constructor(url: string, { status, statusText }: Response) {
+    super(`${url} answers ${status} ${statusText}`.trim());
+    this.final = status >= 400 && status < 500 && status !== 408 && status !== 429;
+  }
 }
+
+/** The file is another one than that of which a part is there. */
+class Changed extends Error {}
+
+interface From {
+  readonly way: string;
+  readonly keep: boolean;
+  readonly head: Head | null;
+  readonly rest: Rest | null;
+}
+
+/**
+ * Fetches what is lacking of a stream's file; gives the words for how it ended. Throws where the connection breaks, the
+ * server refuses, or the file is no stream.
+ */
+export async function receiveFile(url: string, listener: Listener, held: Held, head: Head | null): Promise<string> {
+  const { rest } = held;
+  if (rest && head) {
+    const aborted = new AbortController(),
+      headers = { Range: `bytes=${rest.offset - rest.tail.length}-` };
+    const answer = await fetch(url, { headers, cache: "no-store", signal: aborted.signal });
+    try {
+      if (answer.status === 206)
+        return await receiveStream(answer, aborted, listener, { way: WAY, keep: true, head, rest });
+      if (answer.status !== 416 && !answer.ok) throw new Refused(url, answer);
+      if (answer.ok) return await receiveStream(answer, aborted, listener, whole(answer));
+    } catch (error) {
+      if (!(error instanceof Changed)) throw error;
+    } finally {
+      aborted.abort();
+    }
+    held.clear();
+  }
+  const aborted = new AbortController(),
+    answer = await fetch(url, { signal: aborted.signal });
+  if (!answer.ok || !answer.body) throw new Refused(url, answer);
+  return receiveStream(answer, aborted, listener, whole(answer));
+}
+
+/** Of a file that still grows, which has no length yet, nothing is kept. */
+const whole = ({ headers }: Response): From => ({
+  way: WAY,
+  keep: headers.has("content-length") || headers.has("content-encoding"),
+  head: null,
+  rest: null,
+});
 
 /** The same for bytes that are there already. */
 export function receiveBytes(bytes: Uint8Array<ArrayBuffer>, listener: Listener): Promise<string> {
-  return receiveStream(new Blob([bytes]).stream(), "in this file", listener);
+  const from = { way: "in this file", keep: false, head: null, rest: null };
+  return receiveStream(new Response(bytes), new AbortController(), listener, from);
 }
 
-async function receiveStream(body: ReadableStream<Uint8Array>, way: string, listener: Listener): Promise<string> {
-  const reader = body.getReader(),
-    container = new ContainerReader(),
+async function receiveStream(
+  answer: Response,
+  aborted: AbortController,
+  listener: Listener,
+  from: From,
+): Promise<string> {
+  const { way, keep, head, rest } = from,
+    reader = answer.body!.getReader(),
+    container = new ContainerReader(head),
     began = performance.now();
   let bytes = 0,
-    packets = 0,
-    told = false,
+    place = rest?.place ?? 0,
+    told = head !== null,
     toldAt = 0,
-    waiting: Uint8Array[] = [];
+    waiting: Arrived[] = [],
+    tail = rest?.tail ?? new Uint8Array();
+  let timer: ReturnType<typeof setTimeout> | undefined;
   const tell = (): void => {
+    clearTimeout(timer);
+    timer = undefined;
     if (container.head && !told) {
       told = true;
-      listener.head(container.head);
+      listener.head(container.head, container.headBytes, keep);
     }
     if (waiting.length) listener.packets(waiting.splice(0));
     const expected = container.head?.manifest.numPackets ?? 0,
       seconds = (performance.now() - began) / 1000;
-    listener.counts({ way, bytes, packets, expected, lost: 0, rejected: 0, seconds });
+    listener.counts({ way, bytes, packets: place, expected, lost: 0, rejected: 0, seconds });
     toldAt = performance.now();
   };
   for (;;) {
-    const { value, done } = await reader.read();
+    const { value, done } = await timely(reader.read(), aborted).catch((error: unknown) => {
+      tell(); // what came before it broke is there
+      throw error;
+    });
     if (done || container.broken || listener.stopped()) break;
     bytes += value.length;
-    const found = container.feed(value);
-    packets += found.length;
+    const again = Math.min(tail.length, value.length);
+    for (let n = 0; n < again; n++) if (value[n] !== tail[n]) throw new Changed();
+    tail = tail.subarray(again);
+    const found = container.feed(value.subarray(again)).map((packet, n) => ({ place: place + n, bytes: packet }));
+    place += found.length;
     waiting = waiting.concat(found);
-    if (performance.now() - toldAt > TELL_MS) tell();
+    if ((container.head && !told) || performance.now() - toldAt > TELL_MS) tell();
+    else timer ??= setTimeout(tell, TELL_MS);
   }
+  clearTimeout(timer);
+  if (tail.length) throw new Changed(); // it ends before what is there already
   tell();
   if (!container.head) throw new Error("the file ends before its side information does");
-  return container.broken
-    ? "the rest of the file is damaged"
-    : packets >= container.head.manifest.numPackets
-      ? "complete"
-      : "the file ends early";
+  if (container.broken) return "the rest of the file is damaged";
+  return place >= container.head.manifest.numPackets ? "complete" : "the file ends early";
+}
+
+/** What a promise comes to, unless that takes too long: a connection that broke somewhere far away does not say so. */
+function timely<T>(work: Promise<T>, aborted: AbortController): Promise<T> {
+  let timer: ReturnType<typeof setTimeout>;
+  const late = new Promise<never>((_, reject) => {
+    timer = setTimeout(() => {
+      reject(new Error("the server fell silent"));
+      aborted.abort();
+    }, SILENCE_MS);
+  });
+  return Promise.race([work, late]).finally(() => clearTimeout(timer));
 }

@@ -3,9 +3,10 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../bytes.ts";
-import { checkHead, type Head } from "../packets/container.ts";
+import { checkHead, fileHead, type Head } from "../packets/container.ts";
 import { readManifest } from "../packets/manifest.ts";
 import { readPacket } from "../packets/packet.ts";
+import type { Arrived } from "./events.ts";
 import {
   DATA,
   END,
@@ -39,7 +40,7 @@ export class Transfer {
   welcome: Welcome | null = null;
   head: Head | null = null;
   /** Packets that were not taken away yet. */
-  fresh: Uint8Array[] = [];
+  fresh: Arrived[] = [];
   /** Why it is over. */
   finished: string | null = null;
   headMs: number | null = null;
@@ -77,6 +78,12 @@ export class Transfer {
   /** Datagrams that the server sent and that never came, as far as their numbers tell. */
   get datagramsLost(): number {
     return Math.max(this.#largest + 1 - this.counts.datagrams, 0);
+  }
+
+  /** The stream's file up to its first packet; once the head is there. */
+  get fileHead(): Uint8Array {
+    const size = viewOf(this.#object).getUint32(0, true);
+    return fileHead(this.#object.subarray(4, 4 + size), this.head!.sideInfo);
   }
 
   /** SHA-256 of the head object, hexadecimal; empty as long as it is not there. */
@@ -202,7 +209,7 @@ export class Transfer {
       return void this.counts.rejected++;
     if (this.#there[place]) return void this.counts.duplicates++;
     this.#there[place] = 1;
-    this.fresh.push(packet);
+    this.fresh.push({ place, bytes: packet });
     this.counts.packets++;
     this.counts.packetBytes += packet.length;
   }

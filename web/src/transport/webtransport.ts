@@ -91,7 +91,7 @@ class Progress {
     }
     if (transfer.head && !this.#head) {
       this.#head = true;
-      listener.head(transfer.head);
+      listener.head(transfer.head, transfer.fileHead, true);
     }
     if (transfer.head && transfer.fresh.length) listener.packets(transfer.fresh.splice(0));
     listener.counts({

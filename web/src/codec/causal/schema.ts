@@ -89,11 +89,12 @@ export class CausalSchema implements Schema<CausalPart> {
   }
 
   /** Places, masks and numbers as 32-bit integers, anchor by anchor. */
-  digest(blocks: readonly (readonly Packet[])[]): string {
+  async digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
     const digest = sha256.create(),
       { offsets } = this.info,
       { width } = this.#packets;
     for (const packet of blocks.flat()) {
+      await pause();
       const { count, places, masks, numbers } = this.#packets.decode(packet.payload, this.#ranks(packet)),
         bytes = new DataView(new ArrayBuffer(4 * count * (3 + offsets + width)));
       for (let n = 0, at = 0; n < count; n++) {

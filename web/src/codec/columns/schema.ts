@@ -76,7 +76,7 @@ export class ColumnsSchema implements Schema<ColumnPart> {
   }
 
   /** The server that decoded them has compared their integers with the manifest's digest; there are none here. */
-  digest(): string {
+  async digest(): Promise<string> {
     return this.plan.manifest.symbolsDigest;
   }
 

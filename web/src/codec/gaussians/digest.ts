@@ -3,16 +3,25 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../../bytes.ts";
+import type { Pause } from "../../conceal/conceal.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Decoded } from "./packet.ts";
 
 /**
  * Rows as 64-bit integers, then harmonics as 32-bit ones, block by block; `blocks` has the packets of each, in order.
  */
-export function symbolsDigest(blocks: readonly (readonly Packet[])[], decode: (packet: Packet) => Decoded): string {
+export async function symbolsDigest(
+  blocks: readonly (readonly Packet[])[],
+  pause: Pause,
+  decode: (packet: Packet) => Decoded,
+): Promise<string> {
   const digest = sha256.create();
   for (const block of blocks) {
-    const packets = block.map(decode);
+    const packets: Decoded[] = [];
+    for (const packet of block) {
+      await pause();
+      packets.push(decode(packet));
+    }
     for (const { rows } of packets) digest.update(integers64(rows));
     for (const { harmonics } of packets) {
       const bytes = new DataView(new ArrayBuffer(4 * harmonics.length));

@@ -1,6 +1,6 @@
 // Explicit Gaussians: every camera sees the same.
 
-import { type Concealer, type Elements, grown, SPLAT_CONCEALERS } from "../../conceal/conceal.ts";
+import { type Concealer, type Elements, grown, type Pause, SPLAT_CONCEALERS } from "../../conceal/conceal.ts";
 import { sceneFree } from "../../conceal/scene_free.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
@@ -68,8 +68,8 @@ export class GaussianSchema implements Schema<GaussianPart> {
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 
-  digest(blocks: readonly (readonly Packet[])[]): string {
-    return symbolsDigest(blocks, (packet) => this.#packets.decode(packet.payload, packet.block, packet.count));
+  digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
+    return symbolsDigest(blocks, pause, (packet) => this.#packets.decode(packet.payload, packet.block, packet.count));
   }
 
   copies(): Promise<Copies<GaussianPart>> {

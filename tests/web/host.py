@@ -1,0 +1,93 @@
+"""A web site of somebody else around the element: its pages, its server, and what that server does to transfers."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import AsyncIterator, Callable
+
+from splatwire.transport.http_messages import Request, read_range, read_request
+from splatwire.transport.page_content import web_file
+
+WATCH = """<script>
+window.workers = 0;
+const Plain = Worker, end = Worker.prototype.terminate;
+window.Worker = class extends Plain { constructor(...given) { super(...given); window.workers++; } };
+Worker.prototype.terminate = function () { window.workers--; end.call(this); };
+window.events = [];
+for (const kind of ["progress", "firstpicture", "load", "error", "lost"])
+  document.addEventListener(kind, ({target, detail}) => {
+    if (target.localName === "splat-wire") events.push([kind, detail]);
+  }, true);
+</script>"""
+"""Counts workers that were started and not ended, and notes what elements tell."""
+
+Deliver = Callable[[Request, bytes], int | None]
+"""How many bytes of a stream's answer are sent before the connection is cut, 0 for no answer; None for all of them."""
+
+
+class Host:
+    """What was asked for and how much of it was sent; `deliver` may be changed while it serves."""
+
+    def __init__(self, pages: dict[str, str], streams: dict[str, bytes]) -> None:
+        self.pages, self.streams = pages, streams
+        self.deliver: Deliver = lambda request, body: None
+        self.asked: list[Request] = []
+        self.cut = threading.Event()
+        self.sent = 0
+        self.port = 0
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    async def answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            request = read_request(await reader.readuntil(b"\r\n\r\n"))
+            answer, cut = self._bytes(request)
+            writer.write(answer)
+            await writer.drain()
+            if cut:  # once the page has it: a browser may throw away what a broken connection had brought
+                await asyncio.to_thread(self.cut.wait, 120)
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass  # a browser that opens connections which it does not need
+        finally:
+            writer.close()
+
+    def _bytes(self, request: Request) -> tuple[bytes, bool]:
+        """What is sent, and whether the connection then waits until it is cut."""
+        name = request.target[1:]
+        if name in self.streams:
+            return self._stream(request, self.streams[name])
+        if name in ("splatwire.js", "splatwire-view.js"):
+            return _answer("200 OK", "text/javascript", web_file(name).encode()), False
+        if name in self.pages:
+            text = f"<!doctype html>{WATCH}{self.pages[name]}"
+            return _answer("200 OK", "text/html; charset=utf-8", text.encode()), False
+        return _answer("404 Not Found", "text/plain", b"none"), False
+
+    def _stream(self, request: Request, file: bytes) -> tuple[bytes, bool]:
+        self.asked.append(request)
+        first, end = read_range(request.headers.get("range", ""), len(file)) or (0, len(file))
+        body, status = file[first:end], "206 Partial Content" if "range" in request.headers else "200 OK"
+        answer, most = _answer(status, "application/octet-stream", body), self.deliver(request, body)
+        head = len(answer) - len(body)
+        if most is None:
+            self.sent += len(body)
+            return answer, False
+        self.sent += most
+        return answer[: head + most] if most else b"", most > 0
+
+
+def _answer(status: str, kind: str, body: bytes) -> bytes:
+    head = f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
+    return head.encode() + body
+
+
+@contextlib.asynccontextmanager
+async def hosting(pages: dict[str, str], streams: dict[str, bytes]) -> AsyncIterator[Host]:
+    """Serves pages and streams, by name."""
+    host = Host(pages, streams)
+    server = await asyncio.start_server(host.answer, "127.0.0.1", 0)
+    host.port = server.sockets[0].getsockname()[1]
+    async with server:
+        yield host

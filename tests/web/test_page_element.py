@@ -1,0 +1,192 @@
+"""The element on somebody else's page: it gives everything back, survives moves and lost links, and says what is so."""
+
+import asyncio
+from collections.abc import Callable
+
+import pytest
+
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.packets.packet import make_packet
+from transport.chromium import Browser, browser, executable
+from web.host import Host, hosting
+from web.pictures import ELEMENT
+from web.test_page import SMALL, ball, run
+
+pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+SCRIPT = '<script type="module" src="splatwire.js"></script>'
+ONE = f'{SCRIPT}<splat-wire src="ball.swz" style="height: 12rem"></splat-wire>'
+NONE = f'{SCRIPT}<canvas id="theirs"></canvas><div id="a"></div><div id="b"></div>'
+BROKEN = f"<script>HTMLCanvasElement.prototype.getContext = new Proxy(HTMLCanvasElement.prototype.getContext, {{apply: \
+(get, canvas, [kind, ...more]) => kind.startsWith('webgl') ? null : get.call(canvas, kind, ...more)}});</script>{ONE}"
+PAGES = {"one": ONE, "none": NONE, "broken": BROKEN}
+PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
+DRAWN = "[...document.querySelectorAll('splat-wire')].filter((one) => one.view)"
+LOADED = "events.find(([kind]) => kind === 'load')"
+MAKE = "(() => {{const made = document.createElement('splat-wire'); made.src = '{src}'; \
+made.style.height = '6rem'; document.querySelector('{where}').append(made); return true}})()"
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    return encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0))
+
+
+def hosted(stream: SceneStream, work: Callable[[Host, Browser], None], **others: bytes) -> None:
+    """Does something with a browser and a site that has the stream as `ball.swz`."""
+
+    async def serve() -> None:
+        async with hosting(PAGES, {"ball.swz": stream_to_bytes(stream), **others}) as host:
+
+            def drive() -> None:
+                with browser() as page:
+                    work(host, page)
+
+            await asyncio.to_thread(drive)
+
+    run(serve())
+
+
+def made(page: Browser, src: str = "ball.swz", where: str = "#a") -> None:
+    page.evaluate(MAKE.format(src=src, where=where))
+
+
+def test_elements_that_come_and_go_leave_nothing(stream: SceneStream) -> None:
+    """More of them than a browser has contexts; what the host page draws stays."""
+
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}none")
+        page.wait_for("customElements.get('splat-wire')")
+        page.evaluate("window.theirs = document.querySelector('#theirs').getContext('webgl2'); 0")
+        for _ in range(18):
+            made(page)
+            page.wait_for(f"{ELEMENT}.view && {LOADED}")
+            page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
+            page.wait_for("window.workers === 0")
+        assert page.evaluate("window.theirs.isContextLost()") is False
+
+    hosted(stream, work)
+
+
+def test_an_element_that_is_moved_goes_on_and_one_that_is_gone_begins_anew(stream: SceneStream) -> None:
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}none")
+        page.wait_for("customElements.get('splat-wire')")
+        made(page)
+        page.evaluate(f"window.before = {ELEMENT}.status; document.querySelector('#b').append({ELEMENT})")
+        page.wait_for(LOADED)
+        assert page.evaluate(f"before === {ELEMENT}.status && before.verified") is True
+        page.wait_for(f"{ELEMENT}.view")
+        started = page.evaluate("window.workers")
+        page.evaluate(f"window.kept = {ELEMENT}; window.view = kept.view; document.querySelector('#a').append(kept)")
+        page.resolve("new Promise((resolve) => setTimeout(resolve, 50))")
+        assert page.evaluate("kept.view === view") is True
+        assert page.evaluate("window.workers") == started
+        page.evaluate("kept.remove(); events.length = 0")
+        page.wait_for("window.workers === 0")
+        page.evaluate("document.querySelector('#a').append(kept)")
+        page.wait_for(f"{LOADED} && kept.view && kept.status !== before")
+
+    hosted(stream, work)
+
+
+def test_attributes_are_followed_properties_reflect_and_events_are_told(stream: SceneStream) -> None:
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}one")
+        detail = page.wait_for(LOADED)[1]
+        assert detail == {"complete": True, "verified": True}
+        kinds = page.wait_for("events.some(([kind]) => kind === 'firstpicture') && events.map(([kind]) => kind)")
+        assert set(kinds) == {"progress", "firstpicture", "load"}
+        assert page.evaluate("events.find(([kind]) => kind === 'firstpicture')[1].ms > 0")
+        progress = page.evaluate("events.filter(([kind]) => kind === 'progress').pop()[1]")
+        assert progress["packets"] == progress["expected"] == len(stream.packets)
+        page.evaluate(f"{ELEMENT}.concealer = 'drop'")
+        assert page.evaluate(f"{ELEMENT}.getAttribute('concealer')") == "drop"
+        assert page.evaluate(f"{ELEMENT}.panel.settings.concealer") == "drop"
+        page.wait_for(f"{ELEMENT}.view")
+        page.evaluate(f"{ELEMENT}.viewpoint = '0 0 -3 0 0 0 0 -1 0'")
+        assert page.evaluate(f"{ELEMENT}.view.orbit.placed")
+        page.evaluate(f"{ELEMENT}.setAttribute('panel', 'none')")
+        assert page.evaluate(f"{ELEMENT}.panel.element.hidden")
+        page.evaluate(f"events.length = 0; {ELEMENT}.src = 'nothing.swz'")
+        assert "404" in page.wait_for("events.find(([kind]) => kind === 'error')")[1]["message"]
+        page.evaluate(f"events.length = 0; {ELEMENT}.src = 'ball.swz'")
+        page.wait_for(LOADED)
+        assert page.evaluate(f"{ELEMENT}.status.failed") is None
+
+    hosted(stream, work)
+
+
+def test_many_elements_share_few_contexts(stream: SceneStream) -> None:
+    """Twelve in sight have eight; the others get theirs when some go. One that was taken away comes again."""
+    views = f"{DRAWN}.length"
+
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}none")
+        page.wait_for("customElements.get('splat-wire')")
+        page.evaluate("document.body.insertAdjacentHTML('beforeend', '<style>#a {display: grid; "
+                      "grid-template-columns: repeat(6, 1fr)}</style>')")  # fmt: skip
+        for _ in range(12):
+            made(page)
+        page.wait_for("events.filter(([kind]) => kind === 'load').length === 12", 120)
+        page.wait_for(f"{views} === 8", 120)
+        painted = "[...document.querySelectorAll('splat-wire')].filter((one) => !one.view && \
+one.shadowRoot.querySelector('.first.shown')).length"
+        page.wait_for(f"{painted} === 4")
+        page.evaluate(f"{DRAWN}.slice(2).forEach((one) => one.remove())")
+        page.wait_for(f"{views} === 6", 120)
+        page.evaluate(f"window.before = {ELEMENT}.view")
+        page.evaluate("before.canvas.getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()")
+        page.wait_for(f"{ELEMENT}.view && {ELEMENT}.view !== before", 120)
+        assert page.evaluate(f"{ELEMENT}.status.failed") is None
+
+    hosted(stream, work)
+
+
+def test_a_link_that_drops_is_tried_again_and_a_page_that_is_loaded_again_goes_on(stream: SceneStream) -> None:
+    size = len(stream_to_bytes(stream))
+
+    def work(host: Host, page: Browser) -> None:
+        host.deliver = lambda request, body: size * 6 // 10 if len(host.asked) == 1 else 0
+        page.open(f"{host.url}one")
+        page.wait_for(f"{ELEMENT}?.status?.packets > 0")
+        host.cut.set()
+        assert page.wait_for("events.find(([kind]) => kind === 'lost')")[1]["retryMs"] > 0
+        told = page.wait_for(f"{ELEMENT}.status.packets > 0 && {PANEL}.includes('The link dropped') && {PANEL}")
+        assert "none" not in told.partition("missing")[2].partition("received")[0]
+        assert "no loss" not in told
+        assert page.evaluate(f"{ELEMENT}.status.finished") is None
+        page.wait_for("events.filter(([kind]) => kind === 'lost').length > 1")
+        host.deliver = lambda request, body: None
+        assert page.wait_for(LOADED)[1] == {"complete": True, "verified": True}
+        assert all("range" in request.headers for request in host.asked[1:])
+        assert host.sent < 1.01 * size + 4096
+        before = host.sent
+        page.open("about:blank")
+        page.open(f"{host.url}one")
+        assert page.wait_for(f"window.events && {LOADED}")[1] == {"complete": True, "verified": True}
+        assert host.sent - before <= 64, "what was there came again"
+
+    hosted(stream, work)
+
+
+def test_what_was_altered_or_cannot_be_drawn_is_not_called_whole(stream: SceneStream) -> None:
+    first = stream.packets[0]
+    payload = bytes(byte ^ 0x55 for byte in first.payload)
+    altered = make_packet(first.id, first.num_anchors, payload, stream.manifest.stream_id)
+    changed = stream.with_packets([altered, *stream.packets[1:]])
+
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}one")
+        assert page.wait_for(LOADED)[1] == {"complete": True, "verified": False}
+        assert "not what was encoded" in page.evaluate(f"{ELEMENT}.status.failed")
+        assert "Everything is there" not in page.evaluate(PANEL)
+        host.streams["ball.swz"] = stream_to_bytes(stream)
+        page.open("about:blank")
+        page.open(f"{host.url}broken")
+        page.wait_for(f"window.events && {LOADED} && {ELEMENT}.status.failed")
+        assert "no WebGL 2" in page.evaluate(PANEL)
+        assert page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.first').classList.contains('shown')")
+
+    hosted(changed, work)

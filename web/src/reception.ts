@@ -1,0 +1,253 @@
+// What a worker has received of one stream: it decodes, conceals, and hands over what is to be drawn.
+
+import { readPreview } from "./codec/preview.ts";
+import type { Pause } from "./conceal/conceal.ts";
+import type { Camera } from "./model/camera.ts";
+import { ContainerReader, type Head } from "./packets/container.ts";
+import { buffersOf, pack } from "./render/packed.ts";
+import type { Arrived, Counts, Listener } from "./transport/events.ts";
+import { Held } from "./transport/held.ts";
+import { Kept } from "./transport/kept.ts";
+import type { FromWorker, ToWorker } from "./transport/messages.ts";
+import { Received } from "./transport/received.ts";
+import { nextTurn } from "./turns.ts";
+
+const SHOW_MS = 30,
+  COUNT_MS = 200,
+  SLICE_MS = 8;
+
+/** For what looks the same to all cameras. */
+const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+
+export const say = (message: FromWorker, hand: ArrayBuffer[] = []): void =>
+  self.postMessage(message, { transfer: hand });
+
+export class Reception implements Listener {
+  /** What of the file is there. */
+  readonly held = new Held();
+  /** Where what arrives is kept for the next time; null where it is not. */
+  kept: Kept | null = null;
+  #received: Received | null = null;
+  #shownAt = 0;
+  #ask = 0;
+  /** Where the page looks from, its number, and whether it was answered. */
+  #camera = ANYWHERE;
+  #look = 0;
+  #looked = 0;
+  #drawing: Promise<void> | null = null;
+  #decodeMs = 0;
+  #counts: Counts | null = null;
+  #bytesBefore = 0;
+  readonly #began = performance.now();
+  #countedAt = 0;
+  #waiting: Uint8Array[] = [];
+  #working: Promise<void> | null = null;
+
+  /** One that is no preview is nothing to fail for. */
+  preview(bytes: Uint8Array): void {
+    try {
+      const { splats, background } = readPreview(bytes),
+        packed = pack([splats], 0, 1);
+      say({ kind: "preview", packed, background }, buffersOf(packed));
+    } catch (error) {
+      say({ kind: "note", text: (error as Error).message });
+    }
+  }
+
+  /** A second way brings the head once more: what is there stays. */
+  head(head: Head, file: Uint8Array, keep: boolean): void {
+    const { streamId } = head.manifest,
+      known = this.#received?.decoder.head.manifest.streamId === streamId,
+      received = known ? this.#received : new Received(head);
+    if (!keep) this.kept = null;
+    if (!this.held.begun) {
+      this.held.begin(file);
+      this.kept?.begin(file);
+    }
+    if (!received || known) return;
+    this.#received = received;
+    this.#waiting = []; // of another stream
+    const { decoder } = received,
+      { manifest } = head,
+      section = decoder.schema.sections.get("preview");
+    if (section) this.preview(section);
+    const facts = {
+      gaussians: manifest.count,
+      packets: manifest.numPackets,
+      degree: decoder.schema.degree,
+      viewDependent: decoder.schema.viewDependent,
+      size: decoder.schema.size,
+      middle: decoder.schema.middle,
+      background: decoder.background,
+      viewpoint: decoder.viewpoint,
+      sideInfoBytes: manifest.sideInfoBytes,
+      concealers: Object.keys(decoder.schema.concealers),
+    };
+    say({ kind: "facts", facts });
+  }
+
+  packets(packets: readonly Arrived[]): void {
+    const fresh = this.held.add(packets);
+    this.kept?.add(fresh);
+    this.#take(fresh);
+  }
+
+  #take(packets: readonly Arrived[]): void {
+    for (const { bytes } of packets) this.#waiting.push(bytes);
+    this.#working ??= this.#decode();
+  }
+
+  /** Begins with what a page before kept of this file. */
+  async resume(file: string): Promise<void> {
+    this.kept = await Kept.open(file);
+    const before = await this.kept?.read().catch(() => null),
+      container = new ContainerReader();
+    try {
+      container.feed(before?.head ?? new Uint8Array());
+      if (before && container.head) {
+        this.held.begin(before.head);
+        this.head(container.head, before.head, true);
+        this.#take(this.held.add(before.packets));
+      }
+    } catch {
+      this.held.clear();
+      await this.kept?.clear(); // damaged there, or kept by another version
+    }
+    await this.kept?.tidy();
+  }
+
+  /** The head of the file of which a part is there. */
+  get headOfHeld(): Head | null {
+    return this.held.begun ? (this.#received?.decoder.head ?? null) : null;
+  }
+
+  counts(counts: Counts): void {
+    if (this.#counts && counts.bytes < this.#counts.bytes) this.#bytesBefore += this.#counts.bytes; // another way
+    this.#counts = counts;
+    if (performance.now() - this.#countedAt > COUNT_MS) this.#tell(counts);
+  }
+
+  #tell(counts: Counts): void {
+    this.#countedAt = performance.now();
+    const intake = this.#received?.decoder.intake,
+      packets = Math.max(counts.packets, intake?.size ?? 0),
+      bytes = this.#bytesBefore + counts.bytes,
+      seconds = (performance.now() - this.#began) / 1000,
+      expected = this.#received?.decoder.head.manifest.numPackets ?? counts.expected;
+    say({
+      kind: "counts",
+      counts: { ...counts, packets, bytes, seconds, expected },
+      decodeMs: this.#decodeMs,
+      corrupt: intake?.counts.corrupt ?? 0,
+    });
+  }
+
+  /** Resolves when everything that came is decoded and handed over. */
+  async settled(): Promise<void> {
+    await this.#working;
+    await this.#draw();
+    await this.kept?.flush();
+    if (this.#counts) this.#tell(this.#counts);
+  }
+
+  /** Decodes what waits, a little at a time: the session must be served meanwhile. */
+  async #decode(): Promise<void> {
+    for (let next = 0; next < this.#waiting.length; ) {
+      const began = performance.now();
+      while (next < this.#waiting.length && performance.now() - began < SLICE_MS)
+        this.#received!.take(this.#waiting[next++]);
+      this.#decodeMs += performance.now() - began;
+      if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
+      await nextTurn();
+    }
+    this.#waiting = [];
+    this.#working = null;
+  }
+
+  stopped(): boolean {
+    return false;
+  }
+
+  look({ camera, ask }: ToWorker & { kind: "look" }): void {
+    this.#camera = camera;
+    this.#look = ask;
+    void this.#draw();
+  }
+
+  /** Hands over what was decoded since the last time, or everything anew where the page looks from somewhere else. */
+  #draw(): Promise<void> {
+    return (this.#drawing ??= this.#drawAll().finally(() => (this.#drawing = null)));
+  }
+
+  async #drawAll(): Promise<void> {
+    const received = this.#received;
+    this.#shownAt = performance.now();
+    if (!received || (received.decoder.schema.viewDependent && !this.#look)) return;
+    while (received.hasNew || this.#looked !== this.#look) {
+      const ask = this.#look,
+        shown = await received.seen(
+          this.#camera,
+          this.#looked !== ask,
+          pausing(() => true),
+        );
+      if (!shown) return;
+      this.#looked = ask;
+      const { parts, instead, fresh, elements } = shown,
+        gains = instead ? received.gains : null,
+        { degree, size } = received.decoder.schema;
+      const packed = pack(parts, degree, size),
+        hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
+      say({ kind: "splats", packed, instead, fresh, elements, gains, ask }, hand);
+    }
+  }
+
+  async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {
+    const received = this.#received;
+    if (!received) return;
+    const pause = pausing(() => this.#ask === ask);
+    this.#ask = ask;
+    try {
+      await received.prepare(choice, pause);
+    } catch (error) {
+      say({
+        kind: "note",
+        text: `The stream's copies cannot be used, nothing is concealed: ${(error as Error).message}.`,
+      });
+      choice = { ...choice, concealer: "drop" };
+    }
+    await this.#draw();
+    const shownPackets = await received.conceal(choice, pause),
+      { gains } = received;
+    if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
+  }
+
+  /** Whether every packet is there and decoded. */
+  get complete(): boolean {
+    return this.#received?.decoder.intake.complete ?? false;
+  }
+
+  /** Tells whether all integers are those that were encoded: decodes all of them once more. */
+  async digest(): Promise<void> {
+    const decoder = this.#received?.decoder,
+      expected = decoder?.head.manifest.symbolsDigest ?? "",
+      same = decoder !== undefined && (await decoder.digest(pausing(() => true))) === expected;
+    if (!same && this.complete) await this.kept?.clear();
+    say({ kind: "digest", same });
+  }
+
+  get begun(): boolean {
+    return this.#received !== null;
+  }
+}
+
+/** Lets other work of this thread through now and then. */
+function pausing(wanted: () => boolean): Pause {
+  let since = performance.now();
+  return async () => {
+    if (performance.now() - since > SLICE_MS) {
+      await nextTurn();
+      since = performance.now();
+    }
+    return wanted();
+  };
+}
