@@ -28,8 +28,8 @@ Deliver = Callable[[Request, bytes], int | None]
 class Host:
     """What was asked for and how much of it was sent; `deliver` may be changed while it serves."""
 
-    def __init__(self, pages: dict[str, str], streams: dict[str, bytes]) -> None:
-        self.pages, self.streams = pages, streams
+    def __init__(self, pages: dict[str, str], streams: dict[str, bytes], scripts: dict[str, str]) -> None:
+        self.pages, self.streams, self.scripts = pages, streams, scripts
         self.deliver: Deliver = lambda request, body: None
         self.asked: list[Request] = []
         self.cut = threading.Event()
@@ -60,6 +60,8 @@ class Host:
             return self._stream(request, self.streams[name])
         if name in ("splatwire.js", "splatwire-view.js"):
             return _answer("200 OK", "text/javascript", web_file(name).encode()), False
+        if name in self.scripts:
+            return _answer("200 OK", "text/javascript", self.scripts[name].encode()), False
         if name in self.pages:
             text = f"<!doctype html>{WATCH}{self.pages[name]}"
             return _answer("200 OK", "text/html; charset=utf-8", text.encode()), False
@@ -84,9 +86,11 @@ def _answer(status: str, kind: str, body: bytes) -> bytes:
 
 
 @contextlib.asynccontextmanager
-async def hosting(pages: dict[str, str], streams: dict[str, bytes]) -> AsyncIterator[Host]:
-    """Serves pages and streams, by name."""
-    host = Host(pages, streams)
+async def hosting(
+    pages: dict[str, str], streams: dict[str, bytes], scripts: dict[str, str] | None = None
+) -> AsyncIterator[Host]:
+    """Serves pages, streams and scripts, by name."""
+    host = Host(pages, streams, scripts or {})
     server = await asyncio.start_server(host.answer, "127.0.0.1", 0)
     host.port = server.sockets[0].getsockname()[1]
     async with server:

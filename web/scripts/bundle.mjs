@@ -67,3 +67,42 @@ export async function bundles(strict = false) {
   const made = await build({ ...common, entryPoints, outdir: ".", format: "esm", plugins: [worker(strict)], banner });
   return made.outputFiles.map(({ path, text }) => [basename(path), text]);
 }
+
+const SORTING = "node_modules/playcanvas/build/playcanvas/src/scene/gsplat-unified";
+/** What PlayCanvas's sorter runs as text, as a file. */
+const SORTER = `
+  import { GSplatSortBinWeights } from "./${SORTING}/gsplat-sort-bin-weights.js";
+  import { UnifiedSortWorker } from "./${SORTING}/gsplat-unified-sort-worker.js";
+  globalThis.GSplatSortBinWeights = GSplatSortBinWeights;
+  UnifiedSortWorker(self);`;
+
+/** In a package what draws is a module that bundlers see. */
+const drawing = (file) => ({
+  name: "drawing",
+  setup(setup) {
+    setup.onResolve({ filter: /^drawing:$/ }, () => ({ path: file, external: true }));
+    setup.onLoad({ filter: /render\/load\.ts$/ }, () => ({
+      contents: 'export const loadView = async () => (await import("drawing:")).View;',
+      loader: "js",
+    }));
+  },
+});
+
+/** Files of the npm package by name: modules with their source maps, and workers for pages without `blob:`. */
+export async function modules() {
+  const found = [];
+  const make = async (entryPoints, more) => {
+    const made = await build({ ...common, entryPoints, outdir: ".", sourcemap: true, banner, ...more });
+    for (const { path, contents } of made.outputFiles) found.push([basename(path), contents]);
+  };
+  const esm = { format: "esm" };
+  await make({ decoder: "src/decoder.ts" }, esm);
+  await make({ index: "src/index.ts" }, { ...esm, plugins: [worker(false), drawing("./view.js")] });
+  await make({ view: "src/render/view.ts" }, { ...esm, plugins: [worker(false)] });
+  await make({ strict: "src/index.ts" }, { ...esm, plugins: [worker(true), drawing("./strict-view.js")] });
+  await make({ "strict-view": "src/render/view.ts" }, { ...esm, plugins: [worker(true)] });
+  await make({ "splatwire-worker": "src/worker.ts" }, { format: "iife" });
+  const stdin = { contents: SORTER, resolveDir: root, sourcefile: "splatwire-sorter.js" };
+  await make(undefined, { format: "iife", stdin, outfile: "splatwire-sorter.js", outdir: undefined });
+  return found;
+}

@@ -1,20 +1,19 @@
 // What a worker has received of one stream: it decodes, conceals, and hands over what is to be drawn.
 
 import { readPreview } from "./codec/preview.ts";
-import type { Pause } from "./conceal/conceal.ts";
 import type { Camera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
 import { buffersOf, pack } from "./render/packed.ts";
-import type { Arrived, Counts, Listener } from "./transport/events.ts";
+import type { Receiver } from "./transport/attempts.ts";
+import type { Arrived, Counts } from "./transport/events.ts";
 import { Held } from "./transport/held.ts";
 import { Kept } from "./transport/kept.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Received } from "./transport/received.ts";
-import { nextTurn } from "./turns.ts";
+import { nextTurn, pausing, SLICE_MS } from "./turns.ts";
 
 const SHOW_MS = 30,
-  COUNT_MS = 200,
-  SLICE_MS = 8;
+  COUNT_MS = 200;
 
 /** For what looks the same to all cameras. */
 const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
@@ -22,7 +21,7 @@ const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0
 export const say = (message: FromWorker, hand: ArrayBuffer[] = []): void =>
   self.postMessage(message, { transfer: hand });
 
-export class Reception implements Listener {
+export class Reception implements Receiver {
   /** What of the file is there. */
   readonly held = new Held();
   /** Where what arrives is kept for the next time; null where it is not. */
@@ -164,6 +163,14 @@ export class Reception implements Listener {
     this.#working = null;
   }
 
+  note(text: string): void {
+    say({ kind: "note", text });
+  }
+
+  lost(reason: string, retryMs: number): void {
+    void this.settled().then(() => say({ kind: "lost", reason, retryMs }));
+  }
+
   stopped(): boolean {
     return false;
   }
@@ -185,11 +192,7 @@ export class Reception implements Listener {
     if (!received || (received.decoder.schema.viewDependent && !this.#look)) return;
     while (received.hasNew || this.#looked !== this.#look) {
       const ask = this.#look,
-        shown = await received.seen(
-          this.#camera,
-          this.#looked !== ask,
-          pausing(() => true),
-        );
+        shown = await received.seen(this.#camera, this.#looked !== ask, pausing());
       if (!shown) return;
       this.#looked = ask;
       const { parts, instead, fresh, elements } = shown,
@@ -230,7 +233,7 @@ export class Reception implements Listener {
   async digest(): Promise<void> {
     const decoder = this.#received?.decoder,
       expected = decoder?.head.manifest.symbolsDigest ?? "",
-      same = decoder !== undefined && (await decoder.digest(pausing(() => true))) === expected;
+      same = decoder !== undefined && (await decoder.digest(pausing())) === expected;
     if (!same && this.complete) await this.kept?.clear();
     say({ kind: "digest", same });
   }
@@ -238,16 +241,4 @@ export class Reception implements Listener {
   get begun(): boolean {
     return this.#received !== null;
   }
-}
-
-/** Lets other work of this thread through now and then. */
-function pausing(wanted: () => boolean): Pause {
-  let since = performance.now();
-  return async () => {
-    if (performance.now() - since > SLICE_MS) {
-      await nextTurn();
-      since = performance.now();
-    }
-    return wanted();
-  };
 }

@@ -16,3 +16,12 @@ export function eyeOf({ viewmat: [x, y, z] }: Pick<Camera, "viewmat">): [number,
   const along = (a: number): number => -(x[a] * x[3] + y[a] * y[3] + z[a] * z[3]);
   return [along(0), along(1), along(2)];
 }
+
+/**
+ * A camera as `splatwire` writes it: world to camera, OpenCV axes; focal length in pixels of a picture of this height.
+ */
+export interface FixedCamera {
+  readonly viewmat: readonly (readonly number[])[];
+  readonly focal: number;
+  readonly height: number;
+}

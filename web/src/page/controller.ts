@@ -4,8 +4,9 @@
 import startReceiver from "worker:receiver";
 
 import { readPreview } from "../codec/preview.ts";
+import type { FixedCamera } from "../model/camera.ts";
 import { pack } from "../render/packed.ts";
-import type { FixedCamera, View } from "../render/view.ts";
+import type { View } from "../render/view.ts";
 import { Watch } from "../render/watch.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
 import { resolveSource } from "./address.ts";

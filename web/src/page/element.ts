@@ -1,8 +1,9 @@
 // <splat-wire src="https://host/streams/scene.swz">: a stream, received and drawn. What it does is in `controller.ts`.
 
-import type { FixedCamera, View } from "../render/view.ts";
+import type { FixedCamera } from "../model/camera.ts";
+import type { View } from "../render/view.ts";
 import { Controller } from "./controller.ts";
-import { type Details, newStatus, type SplatWireEvents, type Status } from "./events.ts";
+import { newStatus, type SplatWireEvents, type Status } from "./events.ts";
 import type { Panel } from "./panel.ts";
 import { STYLE } from "./style.ts";
 
@@ -105,11 +106,12 @@ export class SplatWire extends HTMLElement {
     return this.#status;
   }
 
+  /** @internal */
   get view(): View | null {
     return this.#controller?.stage.view ?? null;
   }
 
-  /** Throws where the element is not in a document. */
+  /** @internal Throws where the element is not in a document. */
   get panel(): Panel {
     return this.#running.panel;
   }
@@ -143,8 +145,6 @@ export class SplatWire extends HTMLElement {
     super.addEventListener(type, listener as EventListener, options);
   }
 }
-
-export type { Details };
 
 declare global {
   interface HTMLElementTagNameMap {

@@ -19,7 +19,7 @@ import {
   WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
-import type { Camera } from "../model/camera.ts";
+import type { Camera, FixedCamera } from "../model/camera.ts";
 import { Gaussians } from "./container.ts";
 import { cameraOf, FIELD_OF_VIEW, type Orbit } from "./orbit.ts";
 import type { Packed } from "./packed.ts";
@@ -28,15 +28,6 @@ import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 const FIRST_ROOM = 4096;
 /** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
 const SORT_MS = 5000;
-
-/**
- * A camera as `splatwire` writes it: world to camera, OpenCV axes; focal length in pixels of a picture of this height.
- */
-export interface FixedCamera {
-  readonly viewmat: readonly (readonly number[])[];
-  readonly focal: number;
-  readonly height: number;
-}
 
 export class View {
   readonly #app: AppBase;

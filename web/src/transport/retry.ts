@@ -34,10 +34,10 @@ export function waitOrOnline(ms: number): Promise<void> {
   return new Promise((resolve) => {
     const go = (): void => {
       clearTimeout(timer);
-      self.removeEventListener("online", go);
+      globalThis.removeEventListener?.("online", go);
       resolve();
     };
     const timer = setTimeout(go, ms);
-    self.addEventListener("online", go);
+    globalThis.addEventListener?.("online", go); // node has none
   });
 }

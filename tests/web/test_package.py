@@ -1,0 +1,193 @@
+"""The npm package: packed, installed into a project of its own, type-checked, built without a warning, and drawn."""
+
+import asyncio
+import json
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import splatwire
+from splatwire.codec import decode_stream
+from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.packets import SceneStream, stream_to_bytes
+from transport.chromium import Browser, browser, executable
+from web.host import hosting
+from web.node import WEB, lacking
+from web.pictures import ELEMENT, half_of
+from web.test_page import SMALL, ball, run
+
+PROJECT = {
+    "name": "theirs", "private": True, "type": "module",
+    "devDependencies": {"typescript": "7.0.2", "vite": "8.3.8"},
+}  # fmt: skip
+TSCONFIG = {
+    "compilerOptions": {
+        "target": "es2022", "module": "esnext", "moduleResolution": "bundler", "lib": ["es2022", "dom"], "types": [],
+        "strict": True, "noEmit": True, "skipLibCheck": False,
+    },
+    "include": ["*.ts"],
+}  # fmt: skip
+PAGE = '<!doctype html><link rel="icon" href="data:,">{element}<script type="module" src="./{script}.ts"></script>'
+VITE = """export default {
+  base: "./",
+  build: {
+    chunkSizeWarningLimit: 1300,
+    rolldownOptions: { input: ["index.html", "strict.html"], checks: { pluginTimings: false } },
+  },
+};
+"""
+"""Warnings about its plugins' times are off: they are of machines, not of the package."""
+POLICY = "default-src 'none'; script-src 'self'; worker-src 'self'; connect-src 'self'; style-src 'unsafe-inline'"
+DECODE = """
+import { readFileSync } from "node:fs";
+import { decode, receive } from "splatwire/decoder";
+const [file, half, url] = process.argv.slice(2), told = {};
+for (const [name, path, options] of [["whole", file, {}], ["half", half, {}], ["grown", half, {concealer: "grow"}]]) {
+  const { gaussians, ...rest } = await decode(new Uint8Array(readFileSync(path)), options);
+  told[name] = { ...rest, count: gaussians.count, centres: [...gaussians.centres], scales: [...gaussians.scales] };
+}
+told.arrived = [];
+told.lost = 0;
+for await (const { gaussians, packets, instead } of receive(url, { lost: () => told.lost++ }))
+  told.arrived.push([gaussians.count, packets, instead]);
+console.log(JSON.stringify(told));
+"""
+
+
+def called(words: list[str], folder: Path) -> str:
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def examples() -> list[str]:
+    """Code of the package's README, block by block."""
+    return re.findall(r"```(?:html|ts)\n(.*?)```", (WEB / "PACKAGE.md").read_text(), re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    return encode_splats(ball(), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0))
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package as a file that `npm publish` would upload."""
+    if reason := lacking():
+        pytest.skip(reason)
+    folder = tmp_path_factory.mktemp("package")
+    called(["node", "scripts/package.mjs", str(folder / "splatwire")], WEB)
+    called(["npm", "pack", "--silent", "./splatwire"], folder)
+    [file] = folder.glob("*.tgz")
+    return file
+
+
+@pytest.fixture(scope="module")
+def project(packed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Somebody's Vite project that has the package installed, and the README's examples as its code."""
+    folder = tmp_path_factory.mktemp("theirs")
+    (folder / "package.json").write_text(json.dumps(PROJECT))
+    (folder / "tsconfig.json").write_text(json.dumps(TSCONFIG))
+    (folder / "vite.config.js").write_text(VITE)
+    viewer, events, decoder = (text.replace("https://example.org/", "./") for text in examples())
+    element = re.search(r"<splat-wire.*</splat-wire>", viewer)
+    assert element
+    for name, script in (("index", "main"), ("strict", "strict")):
+        placed = element[0].replace('src="/', 'src="./')
+        (folder / f"{name}.html").write_text(PAGE.format(element=placed, script=script))
+    (folder / "main.ts").write_text(f"{events}\nimport './decoded.ts';\n")
+    (folder / "strict.ts").write_text('import "splatwire/strict";\n')
+    (folder / "decoded.ts").write_text(decoder)
+    words = ["npm", "install", "--no-audit", "--no-fund", "--loglevel=error", str(packed)]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
+    if done.returncode and ("ENOTFOUND" in done.stderr or "ECONNREFUSED" in done.stderr or "EAI_AGAIN" in done.stderr):
+        pytest.skip(f"npm reaches no registry, so the package was not installed anywhere: {done.stderr[-200:]}")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_the_package_says_what_it_is_and_is_as_small_as_promised(packed: Path) -> None:
+    import gzip
+
+    folder = packed.parent / "splatwire"
+    told = json.loads((folder / "package.json").read_text())
+    assert (told["name"], told["version"], told["license"]) == ("splatwire", splatwire.__version__, "Apache-2.0")
+    assert "private" not in told
+    for entry in told["exports"].values():
+        for path in entry.values() if isinstance(entry, dict) else [entry]:
+            assert (folder / path).is_file(), path
+    for file in ("LICENSE", "LICENSES.txt", "README.md", "index.js.map"):
+        assert (folder / file).is_file(), file
+    size = {name: len(gzip.compress((folder / f"{name}.js").read_bytes(), 9)) for name in ("decoder", "index", "view")}
+    assert size["decoder"] <= 60_000
+    assert size["index"] <= 80_000
+    assert size["index"] + size["view"] <= 400_000
+
+
+def test_the_decoder_in_node_gives_pythons_gaussians(project: Path, stream: SceneStream, tmp_path: Path) -> None:
+    """From bytes, of half of the packets too, and from a server whose connection breaks."""
+    half, file = half_of(stream), stream_to_bytes(stream)
+    (tmp_path / "whole.swz").write_bytes(file)
+    (tmp_path / "half.swz").write_bytes(stream_to_bytes(half))
+    (project / "decode.mjs").write_text(DECODE)
+
+    async def work() -> dict[str, Any]:
+        async with hosting({}, {"ball.swz": file}) as host:
+            host.cut.set()
+            host.deliver = lambda request, body: len(file) // 2 if len(host.asked) == 1 else None
+            words = [
+                "node",
+                "decode.mjs",
+                str(tmp_path / "whole.swz"),
+                str(tmp_path / "half.swz"),
+                f"{host.url}ball.swz",
+            ]
+            return json.loads(await asyncio.to_thread(called, words, project))
+
+    told = asyncio.run(asyncio.wait_for(work(), 240))
+    assert told["whole"]["digest"] == stream.manifest.symbols_digest
+    assert told["whole"]["verified"] is told["whole"]["complete"] is True
+    assert told["half"]["verified"] is told["half"]["complete"] is False
+    for name, python in (("whole", decode_stream(stream)), ("half", decode_stream(half))):
+        known = python.erasures.known.numpy()
+        theirs = np.asarray(told[name]["centres"], dtype=np.float32).reshape(-1, 3)
+        ours = python.scene.positions.numpy()[known]
+        assert told[name]["count"] == len(ours)
+        assert np.array_equal(np.sort(theirs, axis=0), np.sort(ours, axis=0))
+    assert np.mean(told["grown"]["scales"]) > np.mean(told["half"]["scales"])
+    assert sum(count for count, _, _ in told["arrived"]) == len(ball().means)
+    assert told["arrived"][-1][1] == len(stream.packets)
+    assert [instead for _, _, instead in told["arrived"]] == [True] + [False] * (len(told["arrived"]) - 1)
+    assert told["lost"] >= 1
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_a_vite_project_with_the_package_builds_and_draws(project: Path, stream: SceneStream) -> None:
+    called(["node_modules/.bin/tsc"], project)
+    built = called(["node_modules/.bin/vite", "build", "--logLevel", "warn"], project)
+    assert built.strip() == "", built
+    files = {f"assets/{path.name}": path.read_text() for path in (project / "dist" / "assets").iterdir()}
+    pages = {path.name: path.read_text() for path in (project / "dist").glob("*.html")}
+
+    def drive(url: str, page: Browser) -> None:
+        for name in ("index", "strict"):
+            page.open(f"{url}{name}.html")
+            page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.view")
+            page.resolve(f"{ELEMENT}.view.sorted()")
+            wait = "{viewmat: [[1,0,0,0],[0,1,0,0],[0,0,1,3],[0,0,0,1]], focal: 300, height: 300}"
+            assert len(page.resolve(f"{ELEMENT}.picture({wait})")) > 10_000, "an empty picture"
+        assert page.evaluate("document.querySelector('meta[http-equiv]').content") == POLICY
+
+    async def work() -> None:
+        meta = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        pages["strict.html"] = pages["strict.html"].replace("<link", f"{meta}<link", 1)
+        async with hosting(pages, {"scene.swz": stream_to_bytes(stream)}, files) as host:
+            with browser() as page:
+                await asyncio.to_thread(drive, host.url, page)
+
+    run(work())

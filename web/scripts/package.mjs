@@ -1,0 +1,55 @@
+// node scripts/package.mjs FOLDER: writes the npm package `splatwire`.
+
+import { spawnSync } from "node:child_process";
+import { copyFileSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+
+import { modules, version } from "./bundle.mjs";
+
+const root = fileURLToPath(new URL("..", import.meta.url)),
+  out = process.argv[2];
+rmSync(out, { recursive: true, force: true });
+mkdirSync(out, { recursive: true });
+
+for (const [name, bytes] of await modules()) writeFileSync(join(out, name), bytes);
+
+// Types: of what is exported, and of all that their declarations name.
+const tsc = join(root, "node_modules", ".bin", "tsc"),
+  options = ["-p", join(root, "tsconfig.package.json"), "--outDir", join(out, "types")],
+  made = spawnSync(tsc, options, { encoding: "utf8" });
+if (made.status !== 0) throw new Error(made.stdout + made.stderr);
+const reached = new Set();
+const IMPORT = /(from "|import\(")(\.[^"]*)\.ts"/g;
+const reach = (name) => {
+  if (reached.has(name)) return;
+  reached.add(name);
+  const path = join(out, "types", name),
+    text = readFileSync(path, "utf8");
+  for (const [, , target] of text.matchAll(IMPORT)) reach(join(dirname(name), `${target}.d.ts`));
+  writeFileSync(path, text.replace(IMPORT, '$1$2.js"'));
+};
+for (const name of ["index.d.ts", "decoder.d.ts"]) reach(name);
+for (const name of readdirSync(join(out, "types"), { recursive: true }))
+  if (name.endsWith(".d.ts") && !reached.has(name)) rmSync(join(out, "types", name));
+
+const packaged = {
+  name: "splatwire",
+  version,
+  description: "3D Gaussian splats across lossy networks: a viewer element, and a decoder",
+  license: "Apache-2.0",
+  type: "module",
+  exports: {
+    ".": { types: "./types/index.d.ts", default: "./index.js" },
+    "./strict": { types: "./types/index.d.ts", default: "./strict.js" },
+    "./decoder": { types: "./types/decoder.d.ts", default: "./decoder.js" },
+    "./package.json": "./package.json",
+  },
+  sideEffects: ["./index.js", "./strict.js"],
+  keywords: ["gaussian-splatting", "3dgs", "streaming", "webtransport", "web-component", "codec"],
+};
+writeFileSync(join(out, "package.json"), `${JSON.stringify(packaged, null, 2)}\n`);
+copyFileSync(join(root, "PACKAGE.md"), join(out, "README.md"));
+copyFileSync(join(root, "..", "LICENSE"), join(out, "LICENSE"));
+copyFileSync(join(root, "../src/splatwire/transport/web/LICENSES.txt"), join(out, "LICENSES.txt"));
+console.log(`${out}: splatwire ${version}`);
