@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import splatwire
+from explicit import encode_splats
 from splatwire.codec import decode_stream
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import SceneStream, stream_to_bytes
 from transport.chromium import Browser, browser, executable
@@ -37,7 +37,7 @@ VITE = """export default {
   base: "./",
   build: {
     chunkSizeWarningLimit: 1300,
-    rolldownOptions: { input: ["index.html", "strict.html"], checks: { pluginTimings: false } },
+    rolldownOptions: { input: ["index.html", "strict.html"], checks: { bundlerTimings: false } },
   },
 };
 """

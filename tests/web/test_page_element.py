@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from splatwire.codec.schemas.gaussians.encoder import encode_splats
+from explicit import encode_splats
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import SceneStream, stream_to_bytes
 from splatwire.packets.packet import make_packet
