@@ -129,12 +129,14 @@ class Splatwire:
         network: What it sends over.
         begin: When it starts.
         deaf: Times between which no report arrives.
+        late: How much later than it came the receiver notes that a datagram is there.
     """
 
     network: Network
     begin: float = 0.0
     limits: ServerLimits = field(default_factory=lambda: ServerLimits(passes=1e9))
     deaf: tuple[float, float] = (0.0, 0.0)
+    late: Callable[[], float] = lambda: 0.0
     arrived: list[int] = field(default_factory=list)
     sent: list[int] = field(default_factory=list)
     rates: list[tuple[float, float]] = field(default_factory=list)
@@ -184,7 +186,7 @@ class Splatwire:
         count(self.arrived, self.network.now, size)
         self._received += 1
         if sequence > self._largest:
-            self._largest, self._largest_at = sequence, self.network.now
+            self._largest, self._largest_at = sequence, self.network.now + self.late()
 
 
 _PROGRAM = endless()

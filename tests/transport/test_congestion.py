@@ -38,6 +38,18 @@ def test_a_tcp_flow_has_between_half_and_twice_its_share(other, mbit, round_trip
     assert throughput(ours, 15.0, 45.0) + throughput(theirs, 15.0, 45.0) > 0.9 * rate
 
 
+@pytest.mark.parametrize(("other", "mbit", "products"), [(Cubic, 10, 1), (Bbr, 10, 4)])
+def test_a_receiver_that_is_held_up_now_and_then_takes_nothing_from_tcp(other, mbit, products):
+    """A busy host, or Wi-Fi: one report in a hundred says that a datagram was 50 ms late, which is no queue."""
+    rate, rng = mbit * MBIT, random.Random(3)
+    network = Network(rate, products * rate * 0.02, 0.02)
+    ours = Splatwire(network, late=lambda: 0.05 * rng.random() if rng.random() < 0.01 else 0.0)
+    theirs = other(network, 0.1)
+    network.run(45.0)
+    assert 0.5 <= throughput(theirs, 15.0, 45.0) / (rate / 2) <= 2.0
+    assert throughput(ours, 15.0, 45.0) + throughput(theirs, 15.0, 45.0) > 0.9 * rate
+
+
 def test_two_transfers_share_a_link_and_leave_its_queue_short():
     network = Network(4 * MBIT, 4 * 0.1 * 4 * MBIT, 0.1)
     flows = [Splatwire(network), Splatwire(network, 1.0)]
@@ -156,8 +168,9 @@ def test_the_window_grows_as_rfc_9438_says():
 
 def test_an_empty_queue_is_the_shortest_transit_by_any_clock():
     meter = QueueMeter()
-    waits = [meter.add(0.1 * n, -500.0 + wait) for n, wait in enumerate([0.02, 0.0, 0.03, 0.01])]
-    assert waits == pytest.approx([0.0, 0.0, 0.03, 0.01])
+    waits = [meter.add(0.1 * n, -500.0 + wait) for n, wait in enumerate([0.02, 0.0, 0.03, 0.04, 0.03, 0.01, 0.3])]
+    assert waits == pytest.approx([0.0, 0.0, 0.03, 0.04, 0.03, 0.01, 0.3])
+    assert meter.top == pytest.approx(0.03), "a queue that stood for three reports"
     assert meter.high(0.02)
     assert not meter.high(0.014)
     assert meter.low(0.005)

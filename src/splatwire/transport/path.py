@@ -7,6 +7,8 @@ from dataclasses import dataclass
 BASE_WINDOW_S = 30.0
 """The shortest transit of this time is that of an empty queue."""
 TOP_WINDOW_S = 10.0
+STANDING = 3
+"""Reports in a row that are late where a queue stands; fewer may be held up by something else (Wi-Fi, a busy host)."""
 MIN_QUEUE_S = 0.004
 """Shorter queues are not told apart from noise."""
 HIGH, LOW = 0.5, 0.3
@@ -55,12 +57,14 @@ class QueueMeter:
 
     def __init__(self) -> None:
         self._base, self._top = Extremum(BASE_WINDOW_S), Extremum(TOP_WINDOW_S)
+        self._late: deque[float] = deque(maxlen=STANDING)
         self.queue = self.top = 0.0
 
     def add(self, now: float, transit: float) -> float:
         """Takes a transit time (seconds, any offset), gives the wait in the queue (seconds)."""
         self.queue = transit - self._base.add(now, transit)
-        self.top = -self._top.add(now, -self.queue)
+        self._late.append(self.queue)
+        self.top = -self._top.add(now, -min(self._late))
         return self.queue
 
     def high(self, queue: float) -> bool:
