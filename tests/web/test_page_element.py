@@ -101,6 +101,8 @@ def test_attributes_are_followed_properties_reflect_and_events_are_told(stream: 
         assert page.evaluate("events.find(([kind]) => kind === 'firstpicture')[1].ms > 0")
         progress = page.evaluate("events.filter(([kind]) => kind === 'progress').pop()[1]")
         assert progress["packets"] == progress["expected"] == len(stream.packets)
+        sliders = f"{ELEMENT}.shadowRoot.querySelectorAll('input[type=range]')"
+        assert page.evaluate(f"[...{sliders}].every((slider) => slider.ariaLabel)"), "a slider without a name"
         page.evaluate(f"{ELEMENT}.concealer = 'drop'")
         assert page.evaluate(f"{ELEMENT}.getAttribute('concealer')") == "drop"
         assert page.evaluate(f"{ELEMENT}.panel.settings.concealer") == "drop"

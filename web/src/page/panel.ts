@@ -139,7 +139,13 @@ export class Panel {
   }
 
   #slider(name: Slider, words: string, min: number, max: number, step: number): HTMLElement {
-    const slider = make("input", { type: "range", min: String(min), max: String(max), step: String(step) }),
+    const slider = make("input", {
+        type: "range",
+        "aria-label": words.trim(),
+        min: String(min),
+        max: String(max),
+        step: String(step),
+      }),
       told = make("output");
     slider.addEventListener("input", () => this.set({ [name]: Number(slider.value) }));
     this.#sliders.set(name, { slider, told });

@@ -24,5 +24,6 @@ input[type=radio] { margin: 0 .25rem 0 0; }
 fieldset label { margin: 0; }
 select, input[type=range] { width: 100%; box-sizing: border-box; }
 button { font: inherit; margin: .2rem .3rem .2rem 0; }
+@media (pointer: coarse) { button, select, summary, input[type=range], fieldset label { min-height: 44px; } }
 .help { margin: .4rem 0 0; opacity: .75; }
 `;
