@@ -32,7 +32,7 @@ def save_tiny_checkpoint(path):
 
 
 def save_tiny_weights(path):
-    settings = GnnSettings(neighbors=4, pool=8, hidden=8, heads=2)
+    settings = GnnSettings(neighbors=4, hidden=8, heads=2)
     network = InpaintingNetwork(InputSizes(SMALL_CONFIG.layout, SMALL_CONFIG.grid.context_dim), settings)
     save_weights(GnnWeights(network, "0" * 64, {"feature": 1.0}), path)
 

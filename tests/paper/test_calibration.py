@@ -6,15 +6,16 @@ import pytest
 import torch
 
 from conceal.gaps import changed
+from paper.smooth_field import smooth_field
 from scenes import tiny_cameras, tiny_scene
 from splatwire.calibrate.pseudo_loss import calibration_data, pseudo_loss
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import Prior
 from splatwire.packets import Packetization
-from splatwire.paper import Cari, Gnn, GnnSettings
+from splatwire.paper import Cari, Gnn, GnnSettings, GnnWeights, Idw, PriorMean
 from splatwire.paper.calibration.calibrate import calibrate
-from splatwire.paper.calibration.config import CalibrationConfig
+from splatwire.paper.calibration.config import CALIBRATION_PRESETS, CalibrationConfig
 from splatwire.paper.calibration.losses import (
     LossWeights,
     channel_spread,
@@ -27,10 +28,20 @@ from splatwire.paper.gnn.fusion import branches
 from splatwire.paper.gnn.graph import build_graph, prior_rows
 from splatwire.paper.gnn.network import RawResiduals
 
-SETTINGS = GnnSettings(neighbors=6, pool=12, hidden=16, baseline="interpolation")
+SETTINGS = GnnSettings(neighbors=6, hidden=16, baseline="interpolation")
 CONFIG = CalibrationConfig(
     SETTINGS, iterations=12, train_masks=2, validation_masks=1, batch=64, validation_interval=4, patience=99
 )
+
+FIELD = dataclasses.replace(
+    CALIBRATION_PRESETS["paper"],
+    settings=dataclasses.replace(CALIBRATION_PRESETS["paper"].settings, hidden=32),
+    iterations=120,
+    train_masks=6,
+    validation_masks=2,
+    validation_interval=60,
+)
+"""The paper's preset, narrow and short."""
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +136,51 @@ def test_what_does_not_help_is_never_trusted(data) -> None:
     assert result.errors["feature"] <= result.reference["feature"]
 
 
+def test_the_papers_preset_has_its_schedule_and_no_rule_of_ours(data) -> None:
+    preset = CALIBRATION_PRESETS["paper"]
+    assert (preset.iterations, preset.learning_rate, preset.drop_rate, preset.selected) == (15_000, 1e-3, 0.2, False)
+    losses = preset.losses
+    assert (losses.distill, losses.smooth, losses.prior, losses.render) == (0.25, 0.05, 0.1, 0.0)
+    assert (losses.feature, losses.scaling, losses.offset, losses.mask) == (1.0, 0.0, 0.0, 0.0)
+    hopeless = dataclasses.replace(
+        CONFIG, settings=preset.settings, learning_rate=1e-9, patience=1, validation_interval=2, selected=False
+    )
+    result = calibrate(data, hopeless)
+    assert result.iterations == hopeless.iterations  # nothing ends it early
+    assert result.weights.settings == preset.settings
+    assert calibrate(data, dataclasses.replace(hopeless, selected=True)).iterations < hopeless.iterations
+
+
+def test_where_the_prior_knows_half_the_network_beats_every_interpolation() -> None:
+    """Features are half a smooth function that the prior says, half what only neighbours tell, and noise."""
+    data = smooth_field(1000, noise=0.5, known_to_prior=0.5)
+    errors, weights = field_errors(data, FIELD)
+    assert errors["gnn"] < min(errors["cari"], errors["idw"], errors["prior"]) - 0.005
+    assert weights.settings.feature_threshold == 0.10
+
+
+def test_where_neighbours_tell_everything_the_papers_rule_alone_is_worse_than_cari() -> None:
+    """A small residual is full trust in the prior, which says nothing here; the added rule gives CARI instead."""
+    data = smooth_field(1000, noise=0.05, known_to_prior=0.0)
+    alone, _ = field_errors(data, FIELD)
+    assert alone["gnn"] > alone["cari"] + 0.05
+    selected, weights = field_errors(data, dataclasses.replace(FIELD, selected=True))
+    assert selected["gnn"] == selected["cari"]
+    assert weights.settings.feature_threshold == 1.01
+
+
+def field_errors(data, config) -> tuple[dict[str, float], GnnWeights]:
+    """Errors of lost features over their spread, on a loss that calibration did not see."""
+    weights = calibrate(data, config).weights
+    known, anchors = data.pseudo_losses([0.2], seed=77)[0], data.scene.anchors
+    partial, rows = data.complete.without(known), (~known).nonzero()[:, 0]
+    concealers = {"prior": PriorMean(), "idw": Idw(), "cari": Cari(), "gnn": Gnn(weights)}
+    return {
+        name: normalized_errors(c(partial).elements.select(rows), anchors, channel_spread(anchors), rows)["feature"]
+        for name, c in concealers.items()
+    }, weights
+
+
 def test_the_rendering_loss_reaches_the_network(data) -> None:
     losses = LossWeights(feature=1e-30, distill=0.0, smooth=0.0, prior=0.0, render=1.0)
     gradients = []
@@ -153,18 +209,18 @@ def test_the_equations_of_the_loss(data) -> None:
     near = gaps.fill_diagonal_(float("inf")).topk(3, largest=False)
     width = 0.7 * float(near.values.mean())
     for q in range(count):
-        wanted["feature"] += float((f[q] - truth.features[q]).abs().sum()) / count
-        wanted["scaling"] += float((s[q] - truth.scalings[q]).abs().sum()) / count
+        wanted["feature"] += float((f[q] - truth.features[q]).abs().sum())
+        wanted["scaling"] += float((s[q] - truth.scalings[q]).abs().sum())
         for c in range(12):
             wrong = float((o[q, c] - truth.offsets[q].flatten()[c]) ** 2 + 1e-6) ** 0.5
-            wanted["offset"] += wrong * (3 if truth.mask[q, c // 3] else 1) / count
+            wanted["offset"] += wrong * (3 if truth.mask[q, c // 3] else 1)
         p = torch.sigmoid(parts.mask_logit[q].double())
-        wanted["mask"] -= float(torch.where(truth.mask[q], p, 1 - p).log().sum()) / count
+        wanted["mask"] -= float(torch.where(truth.mask[q], p, 1 - p).log().sum())
         for _, branch in parts.continuous():
             estimate = branch.predicted[q].double()
-            wanted["distill"] += float((estimate - branch.interpolated[q]).abs().sum()) / count
+            wanted["distill"] += float((estimate - branch.interpolated[q]).abs().sum())
             z = (estimate - branch.prior.mean[q]) / (branch.prior.scale[q] + 1e-6)
-            wanted["prior"] += float(z.abs().mean()) / count
+            wanted["prior"] += float(z.abs().mean())
         for distance, other in zip(near.values[q].tolist(), near.indices[q].tolist(), strict=True):
             omega = float(torch.exp(torch.tensor(-0.5 * (distance / width) ** 2)))
             wanted["smooth"] += omega * float(sum((v[q] - v[other]).abs().sum() for v in (f, s, o))) / (3 * count)

@@ -83,7 +83,7 @@ def test_the_prior_is_the_prior_and_its_mask_a_vote() -> None:
     assert torch.equal(result.scalings[lost], context[Prior].scaling.mean[lost].maximum(floor))
 
 
-@pytest.mark.parametrize("options", [{"neighbors": 0}, {"power": -1.0}, {"metric": "taxi"}, {"pool": 0}])
+@pytest.mark.parametrize("options", [{"neighbors": 0}, {"power": -1.0}, {"metric": "taxi"}])
 def test_senseless_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):
         Idw(**options)

@@ -37,8 +37,11 @@ class CalibrateGnn:
     bits: int | None = None
     """Bits per weight in a stream, 2 to 6; the last steps are taken with weights that are rounded so. Without it 4 in a
     stream and the preset's in a file."""
-    iterations: int = 2000
-    """Most steps; the paper's are 15000 to 20000."""
+    iterations: int | None = None
+    """Steps (for full and compact: at most); 15000 for paper, as there, and 2000 for the others where absent."""
+    selected: bool | None = None
+    """Whether held-out losses choose the best network, end the run early, and leave attributes that are no better to
+    the interpolation; the paper has no such rule. No for paper, yes for the others where absent."""
     drop_rate: float = 0.2
     """Share of packets that is dropped in training."""
     render_weight: float = 0.0
@@ -111,8 +114,10 @@ class CalibrateGnn:
         if self._embeds:
             check_bits(bits)
         return dataclasses.replace(
-            preset, losses=losses, iterations=self.iterations, drop_rate=self.drop_rate, seed=self.seed, bits=bits
-        )
+            preset, losses=losses, drop_rate=self.drop_rate, seed=self.seed, bits=bits,
+            iterations=preset.iterations if self.iterations is None else self.iterations,
+            selected=preset.selected if self.selected is None else self.selected,
+        )  # fmt: skip
 
     def _data(self, show: Reporter) -> "tuple[SceneStream, CalibrationData]":
         from splatwire.calibrate.pseudo_loss import calibration_data

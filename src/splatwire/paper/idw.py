@@ -13,6 +13,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, Prior
 from splatwire.ops.knn import NeighborTree
 from splatwire.paper.fill import MaskVote, attributes_by_gap, weighted_mean, weighted_mean_of_existing
+from splatwire.paper.mahalanobis import MahalanobisSearch
 from splatwire.scene import Anchors, Attribute
 
 _CHUNK = 1 << 14
@@ -30,21 +31,18 @@ class Idw:
         neighbors: How many neighbours, k.
         power: Exponent of the distance.
         metric: `euclidean`, or `mahalanobis`: distance by the neighbour's own covariance, `diag(scaling[:3] ** 2)`,
-            the spread of its Gaussians along the world axes. Candidates are then the `pool` nearest by Euclid, and a
-            neighbour whose scaling is missing itself counts as round, of mean size.
-        pool: Euclidean candidates for `mahalanobis`.
+            the spread of its Gaussians along the world axes. A neighbour whose scaling is missing itself counts as
+            round, of mean size.
         vote: How the mask is chosen.
     """
 
     neighbors: int = 8
     power: float = 1.0
     metric: str = "euclidean"
-    pool: int = 32
     vote: MaskVote = field(default_factory=MaskVote)
 
     def __post_init__(self) -> None:
         check_at_least("number of neighbours", self.neighbors, 1)
-        check_at_least("pool of neighbours", self.pool, 1)
         check_at_least("power of the distance", self.power, 0)
         if self.metric not in ("euclidean", "mahalanobis"):
             raise InvalidValueError(f"metric must be euclidean or mahalanobis, not {self.metric!r}")
@@ -68,14 +66,12 @@ class Idw:
         if not len(support):
             return
         positions = context.places
-        tree, metric = NeighborTree(positions[support]), _Metric(context) if self.metric == "mahalanobis" else None
+        near: NeighborTree | MahalanobisSearch = NeighborTree(positions[support])
+        if self.metric == "mahalanobis":
+            near = MahalanobisSearch(positions[support], _extents(context)[support])
         for queries in lost.split(_CHUNK):
-            index, distance = tree.query(positions[queries], self.pool if metric else self.neighbors)
-            index = support[index]
-            if metric is not None:
-                distance, order = metric(queries, index).topk(min(self.neighbors, index.shape[1]), largest=False)
-                index = index.gather(1, order)
-            yield queries, index, inverse_distance_weights(distance, self.power)
+            index, distance = near.query(positions[queries], self.neighbors)
+            yield queries, support[index], inverse_distance_weights(distance, self.power)
 
 
 def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int) -> Float[Tensor, "Q k"]:
@@ -87,19 +83,12 @@ def inverse_distance_weights(distance: Float[Tensor, "Q k"], power: float | int)
     return weight / weight.sum(dim=1, keepdim=True)
 
 
-class _Metric:
-    """Mahalanobis distance by the covariance of the neighbour."""
-
-    def __init__(self, context: Partial) -> None:
-        size = context.scene.anchors.scalings[:, :3]
-        known = context.erasures.column(Attribute.SCALING) & (size > 0).all(dim=1)
-        mean = size[known].mean() if bool(known.any()) else size.new_ones(())
-        self._positions = context.places
-        self._size = torch.where(known[:, None], size, mean)
-
-    def __call__(self, queries: Int64[Tensor, "Q"], index: Int64[Tensor, "Q k"]) -> Float[Tensor, "Q k"]:
-        offset = (self._positions[queries, None] - self._positions[index]) / self._size[index]
-        return torch.linalg.vector_norm(offset, dim=2)
+def _extents(context: Partial) -> Float[Tensor, "N 3"]:
+    """The sizes that are the anchors' covariances; the mean size where an anchor's own is missing."""
+    size = context.scene.anchors.scalings[:, :3]
+    known = context.erasures.column(Attribute.SCALING) & (size > 0).all(dim=1)
+    mean = size[known].mean() if bool(known.any()) else size.new_ones(())
+    return torch.where(known[:, None], size, mean)
 
 
 def fill_from_neighbors(

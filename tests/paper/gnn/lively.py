@@ -6,7 +6,7 @@ from conceal.gaps import CONTEXT_DIM, LAYOUT
 from splatwire.paper import GnnSettings
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 
-SMALL = GnnSettings(neighbors=6, pool=18, hidden=16)
+SMALL = GnnSettings(neighbors=6, hidden=16)
 
 
 def lively_network(settings: GnnSettings, seed: int) -> tuple[InpaintingNetwork, torch.Generator]:

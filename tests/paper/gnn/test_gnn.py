@@ -12,9 +12,10 @@ from splatwire.model import Partial, Prior
 from splatwire.paper import Cari, Gnn, GnnSettings, GnnWeights, Idw, PriorMean
 from splatwire.paper.gnn import GNN_PRESETS, load_weights, save_weights
 from splatwire.paper.gnn.fusion import branches, fuse
-from splatwire.paper.gnn.graph import build_graph, prior_rows, query_inputs, source_inputs
+from splatwire.paper.gnn.graph import attribute_columns, build_graph, prior_rows, query_inputs, source_inputs
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes, RawResiduals, edge_conv
 from splatwire.paper.gnn.weights import scene_fingerprint
+from splatwire.paper.mahalanobis import plain_nearest
 
 PARTS = ("features", "scalings", "offsets", "mask")
 
@@ -50,7 +51,7 @@ def test_with_thresholds_above_one_the_result_is_the_interpolation(interpolation
     context = random_context(150, 2, separated=separated)
     never = dataclasses.replace(SMALL, interpolation=interpolation, feature_threshold=1.01)
     result = Gnn(lively(context, never))(context).elements
-    other = Cari() if interpolation == "cari" else Idw(neighbors=6, metric="mahalanobis", pool=18)
+    other = Cari() if interpolation == "cari" else Idw(neighbors=6, metric="mahalanobis")
     expected = other(context).elements
     assert all(torch.equal(getattr(result, part), getattr(expected, part)) for part in PARTS)
 
@@ -118,6 +119,40 @@ def test_inputs_are_those_of_the_paper() -> None:
     assert torch.equal(inputs[:, start : start + 10], context[Prior].feature.mean[graph.queries])
     assert not inputs[:, start + 28 : start + 32].any()  # the mask of a query
     assert bool(context.erasures.known[graph.index].all())
+
+
+def test_in_preset_paper_queries_hold_idw_and_fall_back_to_cari() -> None:
+    context, paper = random_context(120, 6), GNN_PRESETS["paper"]
+    graph = build_graph(context, paper)
+    idw = Idw(neighbors=24, metric="mahalanobis")(context).elements.select(graph.queries)
+    cari = Cari()(context).elements.select(graph.queries)
+    assert torch.equal(attribute_columns(graph.given), attribute_columns(idw))
+    assert torch.equal(attribute_columns(graph.interpolated), attribute_columns(cari))
+    assert torch.equal(query_inputs(context, graph)[:, 3 + CONTEXT_DIM + 32 :][:, :10], idw.features)
+    one = build_graph(context, dataclasses.replace(paper, query_input="interpolation"))
+    assert torch.equal(one.given.features, cari.features)
+    assert not torch.equal(idw.features, cari.features)
+
+
+def test_the_graph_has_the_24_nearest_by_mahalanobis_of_all_received_anchors() -> None:
+    context = random_context(200, 7)
+    graph = build_graph(context, GNN_PRESETS["paper"])
+    known = context.erasures.known.nonzero()[:, 0]
+    sizes = context.scene.anchors.scalings[known, :3]
+    nearest, _ = plain_nearest(context.places[known], sizes, context.places[graph.queries], 24)
+    assert torch.equal(graph.index, known[nearest])
+
+
+def test_an_untrained_network_draws_the_priors_mean() -> None:
+    """Its residual is zero, so its confidence is 1: preset `paper` then takes nothing of the interpolation."""
+    context = random_context(120, 13)
+    for baseline in ("prior", "interpolation"):
+        settings = dataclasses.replace(SMALL, baseline=baseline)
+        untrained = InpaintingNetwork(InputSizes(LAYOUT, CONTEXT_DIM), settings).eval()
+        result = Gnn(GnnWeights(untrained, scene_fingerprint(context), {}))(context).elements
+        expected = context[Prior].feature.mean if baseline == "prior" else Cari()(context).elements.features
+        lost = ~context.erasures.known
+        assert torch.equal(result.features[lost], expected[lost])
 
 
 def test_order_and_chunks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +231,16 @@ def test_without_weights_it_is_not_listed() -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"neighbors": 0}, {"hidden": 10}, {"heads": 0}, {"clip": -1.0}, {"baseline": "x"}, {"metric": "x"}]
+    "options",
+    [
+        {"neighbors": 0},
+        {"hidden": 10},
+        {"heads": 0},
+        {"clip": -1.0},
+        {"baseline": "x"},
+        {"metric": "x"},
+        {"query_input": "x"},
+    ],
 )
 def test_senseless_settings_are_refused(options: dict) -> None:
     with pytest.raises(InvalidValueError):

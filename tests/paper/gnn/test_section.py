@@ -24,7 +24,7 @@ from splatwire.paper.gnn.section import read_section
 from splatwire.paper.gnn.weights import scene_fingerprint
 from splatwire.scene import Erasures
 
-SMALL = GnnSettings(neighbors=6, pool=18, hidden=16, interpolation="kriging", baseline="interpolation")
+SMALL = GnnSettings(neighbors=6, hidden=16, interpolation="kriging", baseline="interpolation")
 FULL = dataclasses.replace(SMALL, scaling_threshold=0.1, offset_threshold=0.1)
 PARTS = ("features", "scalings", "offsets", "mask")
 
@@ -128,7 +128,7 @@ def test_weights_of_another_scene_or_version_are_refused() -> None:
     with pytest.raises(InvalidValueError, match="another scene"):
         Gnn()(carrying(other_layout, section))
     with pytest.raises(UnsupportedVersionError):
-        read_section(b"\x02" + section[1:], context)
+        read_section(b"\x01" + section[1:], context)
 
 
 def test_damaged_weights_are_an_error_or_other_weights_but_never_nan() -> None:

@@ -31,7 +31,7 @@ def calibrate(
         graphs: `pseudo_graphs` of this run, for runs that share them; None to build them.
 
     Returns:
-        The network that was best on held-out losses.
+        The network, and what it does on held-out losses.
 
     Raises:
         DivergedError: If the loss is not finite.

@@ -1,7 +1,7 @@
 """The hybrid loss that calibrates the inpainting network (paper, Section 3.4, "Self-supervised ... Training Strategy").
 
-The paper sums over the queries of a mini-batch; here every sum over queries is divided by their number, so that the
-weights do not depend on the size of the batch. Sums over channels are as in the paper.
+Every term is summed over the queries of a mini-batch and over channels; only smoothness is a mean over edges, as there.
+So its weight relative to the others depends on the size of the batch.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class LossWeights:
         distill: lambda of the pull towards the interpolation.
         smooth: lambda of the smoothness among the queries of a batch.
         prior: lambda of the deviation from the prior in standard deviations.
-        render: lambda of the difference of pictures; 0 draws none.
+        render: lambda of the difference of pictures, a query of the batch; 0 draws none.
         smooth_neighbors: Queries that each query is compared with, k_lap.
         smooth_bandwidth: Width of the Gaussian distance weight in units of the mean neighbour distance; 0 for weight 1.
     """
@@ -97,17 +97,17 @@ def parameter_losses(
         active = truth.mask.repeat_interleave(3, dim=1)
         factor = torch.where(active, weights.active_offset, 1.0)
         wrong = charbonnier(parts.offset.predicted - truth.offsets.flatten(1))
-        terms["offset"] = (factor * wrong).sum(dim=1).mean()
+        terms["offset"] = (factor * wrong).sum()
     if weights.mask:
         target = truth.mask.to(parts.mask_logit.dtype)
         wrong = functional.binary_cross_entropy_with_logits(parts.mask_logit, target, reduction="none")
-        terms["mask"] = wrong.sum(dim=1).mean()
+        terms["mask"] = wrong.sum()
     if trained and weights.distill:
         terms["distill"] = torch.stack([_l1(b.predicted - b.interpolated) for _, b in trained]).sum()
     if trained and weights.smooth:
         terms["smooth"] = _smoothness([b.predicted for _, b in trained], positions, weights)
     if trained and weights.prior:
-        z = [((b.predicted - b.prior.mean) / (b.prior.scale + EPSILON)).abs().mean(dim=1).mean() for _, b in trained]
+        z = [((b.predicted - b.prior.mean) / (b.prior.scale + EPSILON)).abs().mean(dim=1).sum() for _, b in trained]
         terms["prior"] = torch.stack(z).sum()
     return terms
 
@@ -130,7 +130,7 @@ def _smoothness(values: list[Tensor], positions: Float[Tensor, "B 3"], weights: 
 
 
 def _l1(difference: Float[Tensor, "B D"]) -> Float[Tensor, ""]:
-    return difference.abs().sum(dim=1).mean()
+    return difference.abs().sum()
 
 
 def normalized_errors(

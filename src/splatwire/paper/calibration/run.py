@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import torch
 from jaxtyping import Float, Int64
@@ -29,7 +30,7 @@ from splatwire.scene import AnchorLayout, Anchors
 from splatwire.train.schedule import half_cosine
 
 CHECKPOINT_FORMAT = "splatwire-gnn-checkpoint"
-CHECKPOINT_VERSION = 2
+CHECKPOINT_VERSION = 3
 _NEVER = 1.01
 """A threshold that no confidence reaches."""
 _RUN = 64
@@ -41,8 +42,8 @@ class CalibrationResult:
     """What came out.
 
     Attributes:
-        weights: The best network of the run, with thresholds that never trust an attribute which did not get better
-            on held-out losses.
+        weights: The last network of the run; of a selected one the best, with thresholds that never trust an attribute
+            which did not get better on held-out losses.
         errors: Its errors on the held-out losses (`normalized_errors`), by attribute.
         reference: The interpolation's errors on the same losses.
         iterations: Steps taken.
@@ -127,6 +128,7 @@ class CalibrationRun:
         return float(loss.detach())
 
     def _loss(self, part: RepairGraph) -> Float[Tensor, ""]:
+        """The loss of a batch; the rendering term counts once a query, as the sums of the others do."""
         config, context = self.config, self.data.complete
         used, place = part.index.unique(return_inverse=True)
         sources = self.network.encode_sources(source_inputs(context, used))
@@ -134,7 +136,9 @@ class CalibrationRun:
         parts = branches(raw, prior_rows(context[Prior], part.queries), part.interpolated, config.settings)
         truth = context.scene.anchors.select(part.queries)
         loss = weighted_sum(parameter_losses(parts, truth, truth.positions, config.losses), config.losses)
-        return loss + config.losses.render * self._render_loss(parts, part) if config.losses.render else loss
+        if config.losses.render:
+            loss = loss + config.losses.render * len(part.queries) * self._render_loss(parts, part)
+        return loss
 
     def _copy(self) -> dict[str, Tensor]:
         return {name: value.clone() for name, value in self.network.state_dict().items()}
@@ -184,18 +188,20 @@ class CalibrationRun:
 
     def finished(self) -> bool:
         """Whether there is nothing left to do; a stale run goes straight to its rounded steps, if it has some."""
-        if self.stale >= self.config.patience and self.config.bits and not self.rounding:
+        stale = self.config.selected and self.stale >= self.config.patience
+        if stale and self.config.bits and not self.rounding:
             self.network.load_state_dict(self.best)
-            self.iteration, self.stale = self.config.rounded_from - 1, 0
-        return self.iteration >= self.config.iterations or self.stale >= self.config.patience
+            self.iteration, self.stale, stale = self.config.rounded_from - 1, 0, False
+        return self.iteration >= self.config.iterations or stale
 
     def result(self, seconds: float) -> CalibrationResult:
-        """The best network; attributes that it does not improve are left to the interpolation."""
-        self.network.load_state_dict(self.best)
-        settings, kept = self.network.settings, {}
+        """What comes out; attributes that are not trained, or not to be trusted, are left to the interpolation."""
+        config, settings, kept = self.config, self.network.settings, dict[str, Any]()
+        if config.selected:
+            self.network.load_state_dict(self.best)
         for name in ("feature", "scaling", "offset"):
-            untrained = not self.config.losses.trains(name)
-            if untrained or self.best_errors[name] >= self.reference[name]:
+            worse = config.selected and self.best_errors[name] >= self.reference[name]
+            if worse or not config.losses.trains(name):
                 kept[f"{name}_threshold"] = max(_NEVER, getattr(settings, f"{name}_threshold"))
         self.network.settings = replace(settings, **kept)
         self.network = self.network.eval().requires_grad_(False)

@@ -10,9 +10,9 @@ from splatwire.conceal.base import Concealer
 from splatwire.model import Partial, Prior
 from splatwire.paper.cari import Cari
 from splatwire.paper.gnn.settings import GnnSettings
-from splatwire.paper.idw import Idw
+from splatwire.paper.idw import Idw, fill_from_neighbors
 from splatwire.paper.kriging import Kriging
-from splatwire.scene import AnchorLayout, Anchors
+from splatwire.scene import AnchorLayout, Anchors, Attribute
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,16 +22,20 @@ class RepairGraph:
     Attributes:
         queries: Anchors of which an attribute is missing.
         index: Their neighbours among the anchors of which everything is known.
-        interpolated: The queries as the interpolation fills them.
+        interpolated: The queries as the interpolation fills them: the teacher, and what is fallen back to.
+        given: The queries as their inputs hold them.
     """
 
     queries: Int64[Tensor, "Q"]
     index: Int64[Tensor, "Q k"]
     interpolated: Anchors
+    given: Anchors
 
     def select(self, rows: Int64[Tensor, "B"]) -> "RepairGraph":
         """Returns the graph of some of the queries."""
-        return RepairGraph(self.queries[rows], self.index[rows], self.interpolated.select(rows))
+        return RepairGraph(
+            self.queries[rows], self.index[rows], self.interpolated.select(rows), self.given.select(rows)
+        )
 
 
 def interpolator(settings: GnnSettings) -> Concealer:
@@ -46,7 +50,7 @@ def build_graph(context: Partial, settings: GnnSettings, filled: Anchors | None 
 
     Args:
         context: What arrived.
-        settings: Number of neighbours, metric and interpolation.
+        settings: Number of neighbours, metric and interpolations.
         filled: All anchors as the interpolation fills them, if that is known already.
 
     Returns:
@@ -54,16 +58,22 @@ def build_graph(context: Partial, settings: GnnSettings, filled: Anchors | None 
     """
     filled = interpolator(settings)(context).elements if filled is None else filled
     known = context.erasures.known
-    pieces = list(_graph_idw(settings).neighborhoods(context, known))
+    idw = _graph_idw(settings)
+    pieces = list(idw.neighborhoods(context, known))
     queries = (~known).nonzero()[:, 0]
     index = torch.cat([piece[1] for piece in pieces]) if pieces else queries.new_zeros(len(queries), 0)
-    return RepairGraph(queries, index, filled.select(queries))
+    given = filled
+    if settings.query_input == "idw":
+        given = context.filled
+        for rows, near, weight in (piece for piece in pieces if len(piece[0])):
+            fill_from_neighbors(context.scene.anchors, given, tuple(Attribute), rows, near, weight, idw.vote)
+        given = context.elements.kept(context.erasures, given)
+    return RepairGraph(queries, index, filled.select(queries), given.select(queries))
 
 
 def _graph_idw(settings: GnnSettings) -> Idw:
     """Its neighbourhoods are the graph: Mahalanobis by the neighbour's covariance, round where that is unknown."""
-    pool = max(settings.pool, settings.neighbors)
-    return Idw(neighbors=settings.neighbors, metric=settings.metric, pool=pool)
+    return Idw(neighbors=settings.neighbors, metric=settings.metric)
 
 
 def attribute_columns(anchors: Anchors) -> Float[Tensor, "N D"]:
@@ -79,12 +89,12 @@ def source_inputs(context: Partial, rows: Int64[Tensor, "S"]) -> Float[Tensor, "
 
 
 def query_inputs(context: Partial, graph: RepairGraph) -> Float[Tensor, "Q D"]:
-    """Inputs of lost anchors: `[x, hash feature, prior means, 0, interpolation]`."""
+    """Inputs of lost anchors: `[x, hash feature, prior means, 0, interpolation]`, by default IDW's."""
     rows, prior = graph.queries, context[Prior]
     no_mask = prior.context.new_zeros(len(rows), context[AnchorLayout].num_offsets)
     means = [part.mean[rows] for part in (prior.feature, prior.scaling, prior.offset)]
     own = [context.places[rows], prior.context[rows], *means, no_mask]
-    return torch.cat([*own, attribute_columns(graph.interpolated)], dim=1)
+    return torch.cat([*own, attribute_columns(graph.given)], dim=1)
 
 
 def prior_rows(prior: Prior, rows: Int64[Tensor, "Q"]) -> Prior:

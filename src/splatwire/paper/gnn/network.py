@@ -139,7 +139,8 @@ class InpaintingNetwork(nn.Module):
     """Predicts residuals of lost anchors from the graph.
 
     The inputs are brought to mean 0 and spread 1 with constants that belong to the weights. The heads' last layers
-    begin at zero, so an untrained network changes nothing.
+    begin at zero, so an untrained network says the baseline with full confidence: in preset `paper` the prior's mean,
+    not the interpolation.
 
     Args:
         sizes: Widths of the inputs.

@@ -7,17 +7,19 @@ from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersi
 from splatwire.model import Partial, Prior
 from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes
 from splatwire.paper.gnn.quantise import check_bits, read_parameters, write_parameters
-from splatwire.paper.gnn.settings import BASELINES, INTERPOLATIONS, METRICS, GnnSettings
+from splatwire.paper.gnn.settings import BASELINES, INTERPOLATIONS, METRICS, QUERY_INPUTS, GnnSettings
 from splatwire.paper.gnn.weights import GnnWeights, scene_fingerprint
 from splatwire.scene import AnchorLayout
 
 SECTION = "gnn"
-VERSION = 1
+VERSION = 2
 MAX_HIDDEN = 512
 MAX_LAYERS = 8
 _FINGERPRINT_BYTES = 8
-_COUNTS = ("neighbors", "pool", "hidden", "layers", "heads")
-_CHOICES = (("metric", METRICS), ("interpolation", INTERPOLATIONS), ("baseline", BASELINES))
+_COUNTS = ("neighbors", "hidden", "layers", "heads")
+_CHOICES = (
+    ("metric", METRICS), ("interpolation", INTERPOLATIONS), ("query_input", QUERY_INPUTS), ("baseline", BASELINES)
+)  # fmt: skip
 _NUMBERS = ("clip", "sharpness", "feature_threshold", "scaling_threshold", "offset_threshold")
 
 

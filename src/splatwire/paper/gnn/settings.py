@@ -7,6 +7,7 @@ from splatwire.errors import InvalidValueError
 
 BASELINES = ("prior", "interpolation")
 INTERPOLATIONS = ("cari", "idw", "kriging")
+QUERY_INPUTS = ("idw", "interpolation")
 METRICS = ("mahalanobis", "euclidean")
 
 
@@ -17,13 +18,14 @@ class GnnSettings:
     Attributes:
         neighbors: Known anchors that a query is connected to, k.
         metric: `mahalanobis` (by the covariance of the known anchor) or `euclidean`.
-        pool: Euclidean candidates among which the Mahalanobis neighbours are looked for.
         hidden: Width of the network, d_h.
         layers: EdgeConv layers.
         heads: Heads of the cross-attention; divide `hidden`.
         cross_attention: Whether there is one (for the ablation).
-        interpolation: The interpolation that the query input holds, and that is blended with and fallen back to:
-            `cari`, `kriging`, or `idw` over the graph's neighbours.
+        interpolation: The interpolation that teaches the network, is blended with and fallen back to: `cari`,
+            `kriging`, or `idw` over the graph's neighbours.
+        query_input: The interpolation that the input of a query holds: `idw` over the graph's neighbours, or
+            `interpolation` for the one above.
         baseline: What a residual is added to: `prior`, or `interpolation`.
         clip: Largest residual in prior standard deviations, tau.
         sharpness: alpha of the confidence `exp(-alpha z)`; 0 trusts every residual (for the ablation).
@@ -34,12 +36,12 @@ class GnnSettings:
 
     neighbors: int = 24
     metric: str = "mahalanobis"
-    pool: int = 72
     hidden: int = 128
     layers: int = 2
     heads: int = 4
     cross_attention: bool = True
     interpolation: str = "cari"
+    query_input: str = "idw"
     baseline: str = "prior"
     clip: float = 3.0
     sharpness: float = 0.5
@@ -49,8 +51,7 @@ class GnnSettings:
 
     def __post_init__(self) -> None:
         for what, value in (
-            ("number of neighbours", self.neighbors), ("pool of neighbours", self.pool), ("width", self.hidden),
-            ("number of heads", self.heads),
+            ("number of neighbours", self.neighbors), ("width", self.hidden), ("number of heads", self.heads),
         ):  # fmt: skip
             check_at_least(what, value, 1)
         check_at_least("number of layers", self.layers, 0)
@@ -58,11 +59,12 @@ class GnnSettings:
         check_at_least("clip of residuals", self.clip, 0)
         for name in ("feature", "scaling", "offset"):
             check_at_least(f"{name} threshold", getattr(self, f"{name}_threshold"), 0)
-        if self.hidden % self.heads or max(self.hidden, self.pool, self.neighbors, self.layers) > 4096:
+        if self.hidden % self.heads or max(self.hidden, self.neighbors, self.layers) > 4096:
             raise InvalidValueError(f"a width of {self.hidden} with {self.heads} heads is not possible")
         for what, name, known in (
             ("metric", self.metric, METRICS),
             ("interpolation", self.interpolation, INTERPOLATIONS),
+            ("query input", self.query_input, QUERY_INPUTS),
             ("baseline", self.baseline, BASELINES),
         ):
             if name not in known:
@@ -71,8 +73,10 @@ class GnnSettings:
 
 GNN_PRESETS = {
     "paper": GnnSettings(),
-    "full": GnnSettings(baseline="interpolation", scaling_threshold=0.10, offset_threshold=0.10),
-    "compact": GnnSettings(hidden=16, baseline="interpolation", interpolation="kriging"),
+    "full": GnnSettings(
+        query_input="interpolation", baseline="interpolation", scaling_threshold=0.10, offset_threshold=0.10
+    ),
+    "compact": GnnSettings(hidden=16, query_input="interpolation", baseline="interpolation", interpolation="kriging"),
 }
 """`paper`: the paper's constants. `full`: all attributes are predicted, on top of the interpolation. `compact`: few
 weights."""

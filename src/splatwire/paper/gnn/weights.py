@@ -15,7 +15,7 @@ from splatwire.paper.gnn.settings import GnnSettings
 from splatwire.scene import AnchorLayout
 
 FORMAT = "splatwire-gnn"
-VERSION = 1
+VERSION = 2
 FINGERPRINT_DIGITS = 16
 PRECISIONS = {"float32": torch.float32, "float16": torch.float16}
 
