@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from splatwire.model.appearance import Partial
     from splatwire.packets import SceneStream
 
-_NETWORK = "snowmiku.gnn_section"
-"""The GNN's weights for that scene as a stream carries them; the bundled stream carries its best concealer only."""
 _LPIPS_VIEWS = 2
 """LPIPS takes seconds per picture on a CPU; on two views the demo still fits in two minutes."""
 _NOTES = (
@@ -28,6 +26,7 @@ _NOTES = (
     "decoded what had arrived, each concealer dealt with the gaps, and the CPU renderer drew the test views.",
     "The reference pictures are the lossless scene's own renders, not photos: the numbers say what the losses cost. "
     "The row contiguous drop is the same scene with packets of neighbouring anchors; all others use stratified lanes.",
+    "The paper's network has no row: on this scene it learns nothing beyond kriging (docs/cari-findings.md).",
 )
 
 
@@ -60,7 +59,7 @@ class Demo:
 
             show("loading", 1.0)
             store = MemoryStore(Path(folder))
-            result = run_study(self.study(Path(folder)), store, InProcess(_decode, show), show)
+            result = run_study(self.study(), store, InProcess(_decode, show), show)
             content = plain_content(result)
             report = write_report(result, store, self.output, content)
             show("explicit Gaussians, in another process", 0.0)
@@ -91,19 +90,15 @@ class Demo:
         ) as answer:  # fmt: skip
             yield answer
 
-    def study(self, folder: Path) -> "Study":
-        """What is compared.
-
-        Args:
-            folder: For temporary files.
-        """
+    def study(self) -> "Study":
+        """What is compared."""
         from splatwire.codec import schema_named
         from splatwire.conceal import concealer_names
         from splatwire.evaluate.study import Loss, SceneEntry, Study, concealment_rows
         from splatwire.packets import read_stream
         from splatwire.packets.sections import sections_of
 
-        source = _bundled_stream(folder)
+        source = ASSETS / SCENE
         stream, _ = read_stream(source)
         concealers = concealer_names(sections_of(stream), schema_named(stream.manifest.codec).offers)
         contiguous = replace(stream.manifest.packetization, grouping="contiguous")
@@ -120,16 +115,6 @@ class Demo:
             views=self.views,
             lpips_views=_LPIPS_VIEWS,
         )
-
-
-def _bundled_stream(folder: Path) -> Path:
-    """The bundled stream with the network's weights in it."""
-    from splatwire.codec import add_concealment
-    from splatwire.packets import read_stream, write_stream
-
-    stream = add_concealment(read_stream(ASSETS / SCENE)[0], "gnn", (ASSETS / _NETWORK).read_bytes())
-    write_stream(stream, folder / SCENE)
-    return folder / SCENE
 
 
 def _decode(stream: "SceneStream") -> "Partial":

@@ -22,7 +22,7 @@ from splatwire.evaluate.study import (
 )
 from splatwire.evaluate.study.pictures import take_pictures
 from splatwire.evaluate.study.records import parquet
-from splatwire.evaluate.study.sizes import native_parts
+from splatwire.evaluate.study.sizes import SceneSizes, native_attribute_files, native_parts, size_tables
 from splatwire.evaluate.study.summary import Estimate, orderings
 from splatwire.evaluate.study.tables import Table, result_tables
 
@@ -132,10 +132,28 @@ def test_sizes_are_those_of_files(edited, tmp_path):
     files = list((tmp_path / "store").rglob("*.swz"))
     totals = {sum(parts.values()) for parts in sizes.columns.values()}
     assert totals == {file.stat().st_size for file in files}
-    assert sizes.growth("IDW") is None
+    assert sizes.growth("IDW") is sizes.file_growth("IDW") is None
     assert all(min(parts.values()) > 0 for parts in sizes.columns.values())
     found = write_size_outputs(study, [sizes], tmp_path / "out")
     assert "sum, weights in" in found["report"].read_text()
+
+
+def test_the_papers_measure_of_attributes_is_compared_with_the_papers_figure(edited):
+    """Whole packet files over feature, scaling and offset files; the other measure has no figure of the paper."""
+    published = '\n[[published]]\ndataset = "19 scenes"\nrow = "drop"\nattribute_growth_percent = 7.13\n'
+    study = load_study(edited(('name = "tiny"', 'kind = "sizes"'), ("[[row]]", published + "[[row]]")))
+    parts = ("positions and bounds", "hash grid", "attributes and masks", "headers and bookkeeping", "networks")
+    columns = {"HAC++ files": (50, 20, 1000, 0, 30), "none": (40, 15, 990, 30, 5)}
+    by_part = {name: dict(zip(parts, sizes, strict=True)) for name, sizes in columns.items()}
+    sizes = SceneSizes("x", 7, by_part, {"HAC++ files": 900, "none": 1008})
+    scene, growth = size_tables(study, [sizes])
+    assert sizes.file_growth("none") == pytest.approx(12.0)
+    assert ("files with attributes, against HAC++", "+0.00 %", "+12.00 %") in scene.rows
+    assert ("attributes and masks alone, against HAC++", "+0.00 %", "-1.00 %") in scene.rows
+    assert growth.rows == (
+        ("none: files with attributes", "+7.13 % (19 scenes)", "+12.00 %"),
+        ("none: attributes and masks alone", "", "-1.00 %"),
+    )
 
 
 @pytest.mark.data
@@ -147,6 +165,8 @@ def test_official_files_are_counted_as_their_own_total_counts_them(data_dir):
     bounds = sum((folder / "bitstreams" / f"x_bound_{end}.pkl").stat().st_size for end in ("min", "max"))
     assert sum(parts.values()) - bounds + 24 == marks["total_bytes_files_plus_mlps"]
     assert parts["networks"] == marks["bytes"]["mlps_fp32_counted"]
+    masks = sum(file.stat().st_size for file in (folder / "bitstreams").iterdir() if file.name.startswith("masks"))
+    assert native_attribute_files(SceneEntry("x", folder, "model")) == parts["attributes and masks"] - masks > 0
 
 
 def test_pictures_are_those_that_were_scored(done):

@@ -42,11 +42,14 @@ class SceneSizes:
         scene: Its name.
         num_anchors: Anchors, the same for all.
         columns: Bytes by part for the official files (if there are any) and for every packetization.
+        attribute_files: Bytes of the files with attributes in each of these, as the publication counts them: whole
+            packet files, headers and masks included, against the files of features, scalings and offsets alone.
     """
 
     scene: str
     num_anchors: int
     columns: Mapping[str, Mapping[str, int]]
+    attribute_files: Mapping[str, int]
 
     def growth(self, column: str, parts: Sequence[str] | None = None) -> float | None:
         """Percent by which a column is larger than the official files; without networks, or in some parts only."""
@@ -55,6 +58,12 @@ class SceneSizes:
         wanted = parts or [part for part in _ORDER if part != _NETWORKS]
         ours, native = (sum(self.columns[c].get(part, 0) for part in wanted) for c in (column, NATIVE))
         return 100 * (ours / native - 1)
+
+    def file_growth(self, column: str) -> float | None:
+        """Percent by which a column's `attribute_files` are larger than the official ones."""
+        if NATIVE not in self.attribute_files:
+            return None
+        return 100 * (self.attribute_files[column] / self.attribute_files[NATIVE] - 1)
 
 
 _NATIVE_FILES = {
@@ -67,6 +76,8 @@ _NATIVE_FILES = {
     "x_bound_": _GEOMETRY,
 }
 """Where the official files belong, by how their names begin."""
+_ATTRIBUTE_FILES = ("feat_", "scaling_", "offsets_")
+_PACKET_FILES = ("packet_headers", "packet_payloads")
 _ORDER = (_GEOMETRY, _GRID, _ATTRIBUTES, _REST, _NETWORKS)
 
 
@@ -86,10 +97,13 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
         for entry in study.scenes:
             streams = prepare_streams(study, Source(entry), store, progress)
             columns: dict[str, Mapping[str, int]] = {}
+            files: dict[str, int] = {}
             if (native := native_parts(entry)) is not None:
-                columns[NATIVE] = native
-            columns |= {row.label: our_parts(streams[row.variant]) for row in study.rows if row.variant in streams}
-            found.append(SceneSizes(entry.name, next(iter(streams.values())).num_anchors, columns))
+                columns[NATIVE], files[NATIVE] = native, native_attribute_files(entry)
+            for row in (row for row in study.rows if row.variant in streams):
+                columns[row.label] = our_parts(streams[row.variant])
+                files[row.label] = sum(streams[row.variant].parts[part] for part in _PACKET_FILES)
+            found.append(SceneSizes(entry.name, next(iter(streams.values())).num_anchors, columns, files))
         return found
 
 
@@ -115,6 +129,12 @@ def native_parts(entry: SceneEntry) -> dict[str, int] | None:
         parts[_native_part(file)] += file.stat().st_size
     parts[_NETWORKS] = _BYTES_OF_FLOAT32 * num_network_parameters(import_hacpp(entry.source))
     return parts
+
+
+def native_attribute_files(entry: SceneEntry) -> int:
+    """Bytes of the official files of features, scalings and offsets, without that of the masks."""
+    files = (entry.source / "bitstreams").iterdir()
+    return sum(file.stat().st_size for file in files if file.name.startswith(_ATTRIBUTE_FILES))
 
 
 def _native_part(file: Path) -> str:
@@ -151,21 +171,36 @@ def _scene_table(study: Study, sizes: SceneSizes) -> Table:
     if NATIVE in sizes.columns:
         for label, sums in (("weights out, against HAC++", weightless), ("weights in, against HAC++", total)):
             rows.append((label, *(f"{100 * (sums[name] / sums[NATIVE] - 1):+.2f} %" for name in names)))
+        for label, growth in _ATTRIBUTE_MEASURES:
+            rows.append((f"{label}, against HAC++", *(_percent(growth(sizes, name)) for name in names)))
     title += f" (not for this scene: {', '.join(absent)})" if absent else ""
     return Table(title, ("part", *names), tuple(rows))
+
+
+_ATTRIBUTE_MEASURES: tuple[tuple[str, Callable[[SceneSizes, str], float | None]], ...] = (
+    ("files with attributes", SceneSizes.file_growth),
+    ("attributes and masks alone", lambda sizes, column: sizes.growth(column, (_ATTRIBUTES,))),
+)
+"""Two measures of what attributes take; the publication's is the first."""
+
+
+def _percent(value: float | None) -> str:
+    return "no native files" if value is None else f"{value:+.2f} %"
 
 
 def _published_table(study: Study, found: Sequence[SceneSizes]) -> list[Table]:
     lines = []
     for entry in study.published:
         row: Row = study.row(entry.row)
-        for metric, what, parts in (
-            ("growth_percent", "everything but weights", None),
-            ("attribute_growth_percent", "attributes and masks", (_ATTRIBUTES,)),
-        ):
-            if metric in entry.values:
-                ours = [sizes.growth(row.label, parts) for sizes in found]
-                cells = ["no native files" if value is None else f"{value:+.2f} %" for value in ours]
-                lines.append((f"{row.label}: {what}", f"{entry.values[metric]:+.2f} % ({entry.dataset})", *cells))
+        published = f"({entry.dataset})"
+        if "growth_percent" in entry.values:
+            cells = [_percent(sizes.growth(row.label)) for sizes in found]
+            said = f"{entry.values['growth_percent']:+.2f} % {published}"
+            lines.append((f"{row.label}: everything but weights", said, *cells))
+        if "attribute_growth_percent" in entry.values:
+            theirs = (f"{entry.values['attribute_growth_percent']:+.2f} % {published}", "")
+            for (what, growth), said in zip(_ATTRIBUTE_MEASURES, theirs, strict=True):
+                cells = [_percent(growth(sizes, row.label)) for sizes in found]
+                lines.append((f"{row.label}: {what}", said, *cells))
     columns = ("growth over HAC++ files", "paper", *(sizes.scene for sizes in found))
     return [Table("Growth of the bitstream", columns, tuple(lines))] if lines else []
