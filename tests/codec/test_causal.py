@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from reference.causal_packets import decode_reference
 from scenes import tiny_causal_scene
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import ProgressiveDecoder, decode_stream, encode_scene, scene_in_order
@@ -19,7 +20,6 @@ from splatwire.codec.schemas.causal.packet_coder import (
     quantise,
 )
 from splatwire.codec.schemas.causal.places import Places, read_places, share_places
-from splatwire.codec.schemas.causal.reference import decode_reference
 from splatwire.codec.schemas.causal.side_info import LOG_BITS, SideInfo, read_side_info, write_side_info
 from splatwire.conceal import conceal
 from splatwire.errors import DesyncError, InvalidValueError, MissingSideInfoError, SplatwireError

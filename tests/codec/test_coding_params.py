@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 import torch
 
-from splatwire.codec.schemas.hacpp import coding_params_reference as reference
+from reference import hacpp_params as reference
+from reference.hacpp_grid import lookup_reference
 from splatwire.codec.schemas.hacpp.atomic import predict_group, predict_packets
 from splatwire.codec.schemas.hacpp.coding_params import dequantise, factor_table, quantise, step_indices
-from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, lookup, lookup_reference, touched_rows
+from splatwire.codec.schemas.hacpp.grid_lookup import grid_levels, lookup, touched_rows
 from splatwire.codec.schemas.hacpp.side_info import SideInfo, read_side_info, write_side_info
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import AnchorScene

@@ -13,8 +13,8 @@ import pytest
 import torch
 
 from explicit import decode_splats, encode_splats
+from reference.gaussian_packets import ReferencePacket
 from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
-from splatwire.codec.schemas.gaussians.packet_reference import ReferencePacket
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import PRESETS, Packetization, arrived_blocks, stream_from_bytes, stream_to_bytes
 from splatwire.scene.splats import Splats

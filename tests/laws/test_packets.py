@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from reference.splitmix64 import splitmix64_reference
 from splatwire.channel import parse_loss, transmit
 from splatwire.packets import (
     Packetization,
@@ -24,7 +25,6 @@ from splatwire.packets import (
     tier_order,
     write_stream,
 )
-from splatwire.packets.splitmix64 import splitmix64_reference
 
 laws = settings(max_examples=60, deadline=None)
 packetizations = st.builds(

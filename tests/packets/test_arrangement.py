@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from reference.splitmix64 import splitmix64_reference
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.packets import (
     PRESETS,
@@ -20,7 +21,6 @@ from splatwire.packets import (
     stream_from_bytes,
     stream_to_bytes,
 )
-from splatwire.packets.splitmix64 import splitmix64_reference
 
 HASHED = Packetization(block_size=50, lanes=1, grouping="hashed", packet_bytes=128)
 

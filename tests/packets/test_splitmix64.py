@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from splatwire.packets.splitmix64 import GAMMA, MASK64, splitmix64, splitmix64_reference
+from reference.splitmix64 import splitmix64_reference
+from splatwire.packets.splitmix64 import GAMMA, MASK64, splitmix64
 
 PUBLISHED_1234567 = [
     6457827717110365317,

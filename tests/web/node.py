@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from explicit import decode_splats
+from reference.splitmix64 import splitmix64_reference
 from splatwire.codec import decode_stream
 from splatwire.codec.preview import preview_gaussians
 from splatwire.codec.schemas.gaussians.tables import thinness_table
@@ -24,7 +25,6 @@ from splatwire.model.appearance import spawned_gaussians
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.packets import CAUSAL, SceneStream
 from splatwire.packets.sections import sections_of
-from splatwire.packets.splitmix64 import splitmix64_reference
 from splatwire.packets.stream import write_stream
 from splatwire.scene import Cameras
 from splatwire.transport.frames import Request, TierHead, Welcome

@@ -1,6 +1,6 @@
 """Numba kernels between the matrix products of the integer networks; whole numbers carried in float64 throughout.
 
-`splatwire.codec.schemas.hacpp.coding_params_reference` says the same in plain torch.
+`tests/reference/hacpp_params.py` says the same in plain torch.
 """
 
 from typing import no_type_check

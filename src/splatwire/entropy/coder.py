@@ -1,7 +1,7 @@
 """Range coder: arrays of integers under table-indexed distributions to bytes and back.
 
 The coder sees table indices only (`splatwire.entropy.tables`), so the same indices give the same bytes everywhere.
-`splatwire.entropy.reference` is the same coder in plain Python.
+`tests/reference/range_coder.py` is the same coder in plain Python.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Numba kernels for integers under normals and mixtures of two; `splatwire.entropy.reference` is the plain twin."""
+"""Numba kernels for integers under normals and mixtures of two; `tests/reference/range_coder.py` is the plain twin."""
 
 from typing import no_type_check
 

@@ -1,4 +1,4 @@
-"""Numba kernels of the range coder; `splatwire.entropy.reference` says the same in plain Python.
+"""Numba kernels of the range coder; `tests/reference/range_coder.py` says the same in plain Python.
 
 State of one coder is an int64 row: encoder `[low, range, position]`, decoder `[code, range, position]`. Numbers stay
 below 2**49, so signed 64-bit arithmetic never overflows.

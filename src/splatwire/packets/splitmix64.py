@@ -34,11 +34,3 @@ def splitmix64(x: np.ndarray) -> np.ndarray:
     z *= np.uint64(MULTIPLIERS[1])
     z ^= z >> np.uint64(31)
     return z.reshape(x.shape)
-
-
-def splitmix64_reference(x: int) -> int:
-    """Hashes one number in plain Python integers: the oracle of `splitmix64`."""
-    z = (x + GAMMA) & MASK64
-    z = ((z ^ (z >> 30)) * MULTIPLIERS[0]) & MASK64
-    z = ((z ^ (z >> 27)) * MULTIPLIERS[1]) & MASK64
-    return z ^ (z >> 31)

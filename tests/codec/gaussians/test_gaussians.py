@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from explicit import decode_splats, encode_splats
+from reference.gaussian_packets import ReferencePacket
 from splatwire.codec.schemas.gaussians.attributes import scene_log, to_sources
 from splatwire.codec.schemas.gaussians.decoder import decode_packets, open_side_info
-from splatwire.codec.schemas.gaussians.packet_reference import ReferencePacket
 from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
 from splatwire.codec.schemas.gaussians.side_info import read_side_info, write_side_info
 from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, MissingSideInfoError, UnknownNameError

@@ -2,7 +2,7 @@
 
 Arrays of anchors are ordered packet by packet; `starts[p]:starts[p + 1]` are the anchors of packet p. Inside a packet
 the order is places, then the stages, each anchor by anchor; the offsets' existence comes before the scale, and only
-offsets that exist are coded. `splatwire.codec.schemas.causal.reference` is the plain twin.
+offsets that exist are coded. `tests/reference/causal_packets.py` is the plain twin.
 """
 
 from typing import no_type_check

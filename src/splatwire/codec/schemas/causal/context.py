@@ -2,7 +2,7 @@
 
 Everything is integer arithmetic (matrix products are carried in float64, whose mantissa holds every partial sum
 exactly), and an anchor's numbers depend on its own place and its own numbers before, and on nothing else.
-`splatwire.codec.schemas.causal.reference` says the same in plain torch.
+`tests/reference/causal_packets.py` says the same in plain torch.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""Numba kernels of the integer hash-grid lookup; `grid_lookup.lookup_reference` says the same in numpy."""
+"""Numba kernels of the integer hash-grid lookup; `tests/reference/hacpp_grid.py` says the same in numpy."""
 
 from typing import no_type_check
 

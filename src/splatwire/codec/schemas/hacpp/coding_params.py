@@ -2,7 +2,7 @@
 
 Everything here is integer arithmetic (matrix products are carried in float64, whose mantissa holds every partial sum
 exactly), and depends on nothing but the anchor's own position, its own decoded symbols and the side information.
-`splatwire.codec.schemas.hacpp.coding_params_reference` says the same in plain torch.
+`tests/reference/hacpp_params.py` says the same in plain torch.
 """
 
 import functools

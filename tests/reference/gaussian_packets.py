@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians.bits_reference import ReferenceBits
+from reference.gaussian_bits import ReferenceBits
+from reference.range_coder import ReferenceMixture, decode_mixture
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     COEFFICIENTS,
@@ -44,7 +45,6 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.side_info import SideInfo
 from splatwire.codec.schemas.gaussians.tables import thinness_table
-from splatwire.entropy.reference import ReferenceMixture, decode_mixture
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
 
 ONE = 1 << DIRECTION_BITS

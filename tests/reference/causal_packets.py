@@ -6,11 +6,11 @@ from fractions import Fraction
 import torch
 from torch import Tensor
 
+from reference.range_coder import ReferenceDecoder, ReferenceMixture, decode_mixture
 from splatwire.codec.fixed_point import ACTIVATION_BITS, ACTIVATION_LIMIT, OUTPUT_BITS, OUTPUT_LIMIT, WEIGHT_EXPONENT
 from splatwire.codec.integer_network import IntegerLinear, IntegerMlp
 from splatwire.codec.schemas.causal.context import CodingContext
 from splatwire.codec.schemas.causal.places import Places
-from splatwire.entropy.reference import ReferenceDecoder, ReferenceMixture, decode_mixture
 from splatwire.entropy.tables import weight_table
 from splatwire.model.causal import OCTAVES
 

@@ -1,7 +1,7 @@
-"""Bits and whole numbers of a packet in plain Python, as `packet_reference` reads them."""
+"""Bits and whole numbers of a packet in plain Python, as `gaussian_packets` reads them."""
 
+from reference.range_coder import ReferenceDecoder
 from splatwire.codec.schemas.gaussians.layout import MAX_RESIDUAL
-from splatwire.entropy.reference import ReferenceDecoder
 
 
 class ReferenceBits:
