@@ -56,7 +56,9 @@ class Encode:
 
     def run(self) -> None:
         """Runs the verb."""
-        self.packetization("anchors", 1)  # a wrong name or number is told before the scene is read
+        from splatwire.packets.limits import SCHEMAS, UNNAMED_SCHEMA
+
+        self.packetization(UNNAMED_SCHEMA, 1)  # a wrong name or number is told before the scene is read
         background = chosen_background(self.background)
         if not all(0 < share < 1 for share in self.tiers) or sum(self.tiers) >= 1:
             raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
@@ -73,7 +75,6 @@ class Encode:
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import viewpoint_section
         from splatwire.packets import write_stream
-        from splatwire.packets.limits import SCHEMAS
         from splatwire.render.precision import classes_of
         from splatwire.render.pruning import thinned
         from splatwire.scene_io import open_scene
