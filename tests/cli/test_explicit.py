@@ -158,7 +158,7 @@ def test_what_is_for_anchors_says_so(run, ply, stream, tmp_path):
         "this stream of Gaussians has not" in run("decode", stream, "-o", tmp_path / "a.ply", "--conceal", "cari").err
     )
     assert "do not have" in run("encode", ply, "-o", tmp_path / "a.swz", "--refine", "10").err
-    assert "explicit Gaussians, not anchors" in run("calibrate", "gnn", stream, "-o", tmp_path / "gnn.swz").err
+    assert "this stream of Gaussians has none" in run("calibrate", "gnn", stream, "-o", tmp_path / "gnn.swz").err
 
 
 def test_cameras_say_where_the_scene_is_looked_at_first(run, journey, ply, stream, tmp_path):

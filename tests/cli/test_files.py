@@ -138,6 +138,6 @@ def test_a_public_function_that_gets_a_path_says_what_reads_it():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.splitlines() == [
-        "expected AnchorScene (`open_scene` reads one from a file), not str",
+        "expected a scene (`open_scene` reads one from a file), not str",
         *["expected SceneStream (`read_stream` reads one from a file), not str"] * 3,
     ], done.stderr

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from splatwire.entropy import coder, reference
+from reference import range_coder as reference
+from splatwire.entropy import coder
 from splatwire.entropy.tables import MEAN_BITS, NUM_SCALES
 
 

@@ -23,10 +23,11 @@ from splatwire.cli.train import CPU_ITERATIONS, Train, check_device
 from splatwire.data import Dataset
 from splatwire.errors import BackendUnavailableError, InvalidValueError
 from splatwire.formats import read_splats, write_splats
+from splatwire.model import SplatScene
 from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
 from splatwire.train import Progress, create_config
-from splatwire.train.initial import initial_state, points_of_splats
+from splatwire.train.initial import initial_state, points_of
 from splatwire.train.progress import RunningMeans
 from splatwire.train.step import StepReport
 
@@ -122,12 +123,12 @@ def test_the_choice_is_printed_and_recorded(folder: Path, tmp_path: Path, capsys
 def test_points_of_gaussians_are_the_visible_ones(tmp_path: Path) -> None:
     splats = _splats(torch.tensor([0.5, 0.001, 0.9]))
     write_splats([splats], tmp_path / "a.ply")
-    points = points_of_splats(read_splats(tmp_path / "a.ply"))
+    points = points_of(SplatScene(read_splats(tmp_path / "a.ply")))
     assert torch.equal(points.positions, splats.means[[0, 2]])
     assert bool((points.colors == 0.5).all())
     write_splats([_splats(torch.full((3,), 0.001))], tmp_path / "b.ply")
     with pytest.raises(InvalidValueError, match="transparent"):
-        points_of_splats(read_splats(tmp_path / "b.ply"))
+        points_of(SplatScene(read_splats(tmp_path / "b.ply")))
 
 
 def test_a_gpu_is_refused_with_what_is_missing(

@@ -121,14 +121,19 @@ class CalibrateGnn:
 
     def _data(self, show: Reporter) -> "tuple[SceneStream, CalibrationData]":
         from splatwire.calibrate.pseudo_loss import calibration_data
-        from splatwire.codec import decode_stream
+        from splatwire.codec import decode_stream, schema_named
         from splatwire.data import load_cameras
+        from splatwire.model import Prior
 
         cameras, background = None, chosen_background(self.background)
         if self.cameras is not None:
             cameras = load_cameras(self.cameras)
             cameras = cameras.scaled(min(1.0, (self.render_width or _RENDER_WIDTH) / cameras.width))
         stream = complete_stream(self.source, show)
+        if Prior not in schema_named(stream.manifest.codec).offers:
+            raise InvalidValueError(
+                f"the network is for anchors, and this stream of {stream.manifest.elements} has none"
+            )
         complete = decode_stream(stream, progress=lambda share: show("decoding", share))
         data = calibration_data(stream, complete, cameras)
         if background is not None:
