@@ -37,7 +37,7 @@ def legacy_spz(version: int = 2, degree: int = 1, count: int = 2, raw: bytes | N
         rest = 3 * ((degree + 1) ** 2 - 1)
         raw = struct.pack("<4sIIBBBB", b"NGSP", version, count, degree, 12, 0, 0) + positions
         raw += b"\xff\x00" + b"\x80" * 6 + b"\x90" * 6 + rotation * 2 + bytes(range(100, 100 + rest)) * 2
-    return gzip.compress(raw)
+    return gzip.compress(raw, mtime=0)
 
 
 def modern_spz(legacy: bytes) -> bytes:

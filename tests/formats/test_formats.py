@@ -303,6 +303,7 @@ def test_one_scene_in_two_formats_is_one_scene(data_dir: Path) -> None:
         ("a.ksplat", b"\0\1\0\0\1\0\0\0\1\0\0\0\1\0\0\0\1\0\0\0\1\0"),
         ("a.sog", b"PK\3\4"),
     ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_gigabytes_of_zeros_are_not_loaded(name: str, head: bytes, tmp_path: Path) -> None:
     """A sparse file of 3 GiB; the process may hold 1 GiB more than it did, so loading it would fail."""
