@@ -50,6 +50,7 @@ def lacking() -> str:
     done = subprocess.run(
         ["npm", "ci", "--no-audit", "--no-fund"], cwd=WEB, capture_output=True, text=True, timeout=300
     )
+    assert "EUSAGE" not in done.stderr, f"package.json and package-lock.json of web/ disagree:\n{done.stderr}"
     return "" if done.returncode == 0 else f"npm cannot install the packages of web/: {done.stderr.strip()[-200:]}"
 
 
