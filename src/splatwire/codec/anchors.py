@@ -11,7 +11,7 @@ from torch import Tensor
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.background import background_sections
 from splatwire.codec.geometry import anchor_order
-from splatwire.codec.schema import CodedPackets, Options, Prepared, Rows
+from splatwire.codec.schema import CHUNK, CodedPackets, Options, Prepared, Rows
 from splatwire.codec.threads import ordered_map
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tier_sizes import encode_tier_sizes, read_tier_sizes
@@ -32,9 +32,6 @@ from splatwire.packets import (
     tier_order,
 )
 from splatwire.packets.sections import sections_of
-
-CHUNK_ANCHORS = 3000
-"""Anchors worked on at once: enough to keep the matrix products busy, small enough to stay in the cache."""
 
 
 @runtime_checkable
@@ -176,7 +173,7 @@ class AnchorEncoder:
         return self._coder.encode(self._rank_at[starts[0] : starts[-1]], np.diff(starts), self._most)
 
 
-def chunks(sizes: np.ndarray, most: int = CHUNK_ANCHORS) -> Iterator[slice]:
+def chunks(sizes: np.ndarray, most: int = CHUNK) -> Iterator[slice]:
     """Splits packets of the given sizes into runs of about `most` anchors, at least one packet each."""
     first, total = 0, 0
     for p, size in enumerate(sizes):
@@ -216,18 +213,18 @@ class AnchorDecoder:
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """See `Decoder.working_bytes`: a chunk, or the largest packet."""
-        return self.chunk_bytes * (max((packet.num_anchors for packet in packets), default=0) + CHUNK_ANCHORS)
+        return self.chunk_bytes * (max((packet.num_anchors for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """See `Decoder.expect`."""
         self.make_room()
 
         def predict(start: int) -> int:
-            ranks = np.arange(start, min(start + CHUNK_ANCHORS, self._num))
+            ranks = np.arange(start, min(start + CHUNK, self._num))
             self.predict(ranks)
             return int(ranks[-1]) + 1
 
-        for done in ordered_map(predict, range(0, self._num, CHUNK_ANCHORS), threads):
+        for done in ordered_map(predict, range(0, self._num, CHUNK), threads):
             if progress:
                 progress(done / self._num)
 

@@ -3,17 +3,13 @@
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
 
-from splatwire.codec.anchors import CHUNK_ANCHORS
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
-from splatwire.codec.schema import Decoder, Rows, Run
+from splatwire.codec.schema import CHUNK, Decoder, Rows, Run
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import DesyncError, check_kind
 from splatwire.model.partial import Partial
 from splatwire.packets import Manifest, Packet, SceneStream, arrived_blocks
-
-CHUNK = CHUNK_ANCHORS
-"""Elements of a run, where packets of any blocks share one."""
 
 
 def decode_stream(

@@ -13,6 +13,8 @@ import numpy as np
 from splatwire.model.partial import Partial
 from splatwire.packets import Manifest, Packet, Packetization, PacketPlan, SceneStream
 
+CHUNK = 3000
+"""Elements worked on at once: enough to keep matrix products busy, small enough to stay in the cache."""
 Rows = tuple[np.ndarray, ...]
 """Decoded integers of some elements: arrays with one row for each of them."""
 

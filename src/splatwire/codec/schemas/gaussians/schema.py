@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from splatwire.codec.background import read_background
 from splatwire.codec.decoding import decode_stream
 from splatwire.codec.schema import Options, Prepared, Schema
 from splatwire.codec.schemas.gaussians.attributes import update_digest
@@ -26,7 +25,6 @@ def _again(stream: SceneStream, packetization: Packetization, threads: int | Non
     info, shapes = open_side_info(stream.manifest, stream.side_info), stream.manifest.tiers
     tiers = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_anchors for shape in shapes])
     scene = decode_stream(stream, threads=threads).scene
-    assert scene.background == read_background(info.sections)
     options = Options(packetization, tiers=tiers if shapes else None, threads=threads)
     return prepare_splats(scene, options, like=info)
 
