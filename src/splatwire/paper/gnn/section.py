@@ -1,4 +1,13 @@
-"""The section `gnn` of the side information: a stream carries the weights of its own scene (docs/format.md)."""
+"""The section `gnn` of the side information: a stream carries the weights of its own scene.
+
+Version `u8` (2); the first 8 bytes of the SHA-256 over layout and positions; neighbours, width, layers and heads as
+varints; whether there is cross-attention, metric, interpolation, input of the queries and baseline, a byte each; clip,
+sharpness and three thresholds as `f64`. Then for known and for lost anchors the spreads of the inputs, as `index` of
+`(1 + (index mod 8) / 8) * 2 ** floor(index / 8)`, and their means in sixteenths of the spread; then all parameters in
+the order of the network, without the heads of attributes whose threshold is above 1: vectors in units of 1/128,
+matrices as the index of their step (as for spreads), the scale index of each row, and integers of at most 8 bits under
+a zero-mean normal of their row's scale.
+"""
 
 from typing import Any
 
