@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from splatwire.packets import Packet, SceneStream, send_sequence
 
 DATAGRAM_BYTES = 1200
 """Largest datagram that passes every path (RFC 9000, 14)."""
+AGAIN = 1_000_003
+"""Step of the seed from group to group for what is sent again."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,8 @@ def transmit(
 ) -> tuple[SceneStream, TransmitRecord]:
     """Sends every packet of a stream once; side information and manifest always arrive (paper 3.2.2).
 
+    Of a clip, bases that were lost are sent again with each group that follows; motion never is (`sent_again`).
+
     Args:
         stream: What is sent.
         loss: Which packets, or which datagrams of theirs, are lost.
@@ -103,6 +107,8 @@ def transmit(
     """
     check_kind(stream, SceneStream, "read_stream")
     mask = draw_mask(stream, loss, seed=seed, send_order=send_order)
+    if stream.manifest.schema.timed:
+        mask = replace(mask, received=mask.received | sent_again(stream, mask, loss, seed=seed))
     received, parts = mask.apply(stream), stream.parts()
     lost = [packet for packet, ok in zip(stream.packets, mask.received.tolist(), strict=True) if not ok]
     record = TransmitRecord(
@@ -120,6 +126,40 @@ def transmit(
         lost=tuple(packet.id.filename for packet in lost),
     )
     return received, record
+
+
+def sent_again(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
+    """Which lost packets of a clip come later: what lasts is sent again with each group that follows, till it is there.
+
+    Args:
+        stream: The clip.
+        mask: What came of it.
+        loss: What is lost.
+        seed: Seed of the mask.
+
+    Returns:
+        bool, in the order of `SceneStream.packets`.
+    """
+    return arrival_groups(stream, mask, loss, seed=seed) > _groups_of(stream)
+
+
+def arrival_groups(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
+    """Group of frames in whose time each packet of a clip arrives, int64; -1 for never. See `sent_again`."""
+    plan, own = stream.manifest.plan, _groups_of(stream)
+    arrival = np.where(mask.received, own, -1)
+    lasting = np.array([plan.lasting(packet.id.block) for packet in stream.packets], bool)
+    num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
+    for group in range(1, len(plan.spans) // 2):
+        again = np.flatnonzero(lasting & (arrival < 0) & (own < group))
+        came, _ = draw_in_order(num_datagrams[again], loss, seed + group * AGAIN)
+        arrival[again[came]] = group
+    return arrival
+
+
+def _groups_of(stream: SceneStream) -> np.ndarray:
+    """Group of frames of each packet, int64."""
+    plan = stream.manifest.plan
+    return np.array([plan.tier_of(packet.id.block) // 2 for packet in stream.packets], np.int64)
 
 
 def draw_mask(stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved") -> LossMask:

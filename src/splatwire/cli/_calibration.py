@@ -103,7 +103,7 @@ def complete_stream(source: Path, show: Reporter) -> "SceneStream":
     from splatwire.scene_io import open_scene
 
     if is_stream(source):
-        return read_stream(source)[0]
+        return read_stream(source)[0].still(source)
     scene = open_scene(source)
     return encode_scene(scene, classes=classes_of(scene), progress=lambda share: show("encoding", share))
 

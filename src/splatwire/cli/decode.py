@@ -3,12 +3,16 @@
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from splatwire.cli._files import input_path, output_path, read_report_json
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars, tell_lost_harmonics
+from splatwire.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.packets import ReadReport, SceneStream
 
 
 @dataclass(frozen=True)
@@ -18,10 +22,15 @@ class Decode:
     stream: tyro.conf.Positional[str]
     """Stream: a .swz file, a folder, or - for standard input."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Scene file to write; for explicit Gaussians a .ply, .spz, .sog or .splat file."""
+    """Scene file to write; for explicit Gaussians a .ply, .spz, .sog or .splat file; for a clip a folder."""
     conceal: str | None = None
     """Concealer that fills what was lost (drop, prior, idw, cari, grow, ...). Without it the gaps stay marked in the
-    file, and render or evaluate conceal them; explicit Gaussians that were lost are left out."""
+    file, and render or evaluate conceal them; explicit Gaussians that were lost are left out. Of a clip drop, hold,
+    extrapolate, neighbors or motion, which it is where absent."""
+    frame: int | None = None
+    """Of a clip: the one frame to write, to a file."""
+    format: str | None = None
+    """Of a clip: format of the files, ply (where absent), compressed.ply, spz, sog or splat."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -34,9 +43,14 @@ class Decode:
         from splatwire.packets import read_stream
         from splatwire.scene_io import save_decoded
 
-        concealer = None if self.conceal is None else create_concealer(self.conceal)
         with input_path(self.stream) as source:
             stream, report = read_stream(source)
+        if stream.manifest.schema.timed:
+            self._decode_clip(stream, report)
+            return
+        if self.frame is not None or self.format is not None:
+            raise InvalidValueError(f"--frame and --format are for a clip, which {self.stream} is not")
+        concealer = None if self.conceal is None else create_concealer(self.conceal)
         elements, explicit = stream.manifest.elements, stream.manifest.schema.explicit
         suffix = Path(self.output).suffix if explicit else ""
         if explicit:
@@ -63,3 +77,25 @@ class Decode:
         else:
             text = f"{count - num_lost:,} of {count:,} {elements} arrived"
             print_summary(f"{text}, decoded in {decoded - started:.1f} s -> {self.output}", self.output)
+
+    def _decode_clip(self, stream: "SceneStream", report: "ReadReport") -> None:
+        """Decodes a clip, to a file a frame or to one file."""
+        from splatwire.cli._clips import output_folder, write_frames
+        from splatwire.clips.concealment import DEFAULT
+        from splatwire.formats.kinds import writer_for
+
+        if self.frame is not None and self.format is not None:
+            raise InvalidValueError("with --frame the name of the file says its format")
+        suffix = f".{(self.format or 'ply').lstrip('.')}" if self.frame is None else Path(self.output).suffix
+        writer_for(f"x{suffix}" if self.frame is None else self.output)
+        started, method = time.perf_counter(), self.conceal or DEFAULT
+        output = output_folder(self.output) if self.frame is None else output_path(self.output, suffix=suffix, json=self.json)
+        with progress_bars() as show, output as path:
+            facts = write_frames(stream, path, suffix, method, self.frame, show)
+        seconds = time.perf_counter() - started
+        if self.json:
+            packets = read_report_json(report)
+            print_json({"output": self.output, **facts, "concealer": method, "seconds": seconds, "packets": packets})
+            return
+        text = f"{facts['num_frames']} frames of {facts['num_tracks']:,} tracks, {report.num_missing:,} packets missing"
+        print_summary(f"{text}, decoded in {seconds:.1f} s -> {self.output}", self.output)

@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from splatwire.model.appearance import Scene
     from splatwire.packets import Packetization, SceneStream
     from splatwire.scene import Cameras
+    from splatwire.scene.background import Background
+
+
+_STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine")
+"""Options that a clip has no use for."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +30,8 @@ class Encode:
     """Encode a scene into a stream of independently decodable packets."""
 
     scene: tyro.conf.Positional[str]
-    """Scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, .glb; - for standard input."""
+    """Scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, .glb; - for standard input. A
+    folder with such a file for each frame becomes a clip."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise."""
     preset: str | None = None
@@ -51,6 +57,10 @@ class Encode:
     """How finely explicit Gaussians are quantised: small, default or near-lossless."""
     background: BackgroundOption = None
     """RGB from 0 to 1 behind everything, to be recorded in the stream; the scene file's own where absent."""
+    fps: float | None = None
+    """Of a clip: frames a second; 30 where absent."""
+    group: int | None = None
+    """Of a clip: frames of a group, 1 to 64, which a lost packet of motion is missing for; 15 where absent."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -71,6 +81,13 @@ class Encode:
             quality_of(self.quality)
 
         config = RefineConfig(steps=self.refine)
+        from splatwire.clips import is_sequence
+
+        if is_sequence(self.scene):
+            self._encode_clip(background)
+            return
+        if self.fps is not None or self.group is not None:
+            raise InvalidValueError(f"--fps and --group are for a folder with a file a frame, which {self.scene} is not")
         from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import viewpoint_section
@@ -110,6 +127,28 @@ class Encode:
             seconds = time.perf_counter() - started
             write_stream(stream, path)
         self._tell(stream, seconds, lost)
+
+    def _encode_clip(self, background: "Background | None") -> None:
+        """Encodes a folder of frames."""
+        from splatwire.cli._clips import clip_options, describe_clip, encode_folder
+        from splatwire.packets import write_stream
+
+        if still := [name for name in _STILL if getattr(self, name) != getattr(type(self), name)]:
+            raise InvalidValueError(f"--{still[0].replace('_', '-')} is for a still scene, not for a clip")
+        options = clip_options(self.fps, self.group, self.quality, background)
+        with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
+            stream, tracking, seconds = encode_folder(Path(self.scene), options, report)
+            write_stream(stream, path)
+        facts = describe_clip(stream)
+        if self.json:
+            matching = {"frames_matched": tracking.matched, "share_matched": tracking.share, "born": tracking.born}
+            print_json(
+                {"output": self.output, "num_bytes": stream.num_bytes, **facts, **matching, "encoding_seconds": seconds}
+            )
+            return
+        how = f"{tracking.share:.1%} matched" if tracking.matched else "rows keep their Gaussians"
+        text = f"{facts['frames']} frames of {facts['num_tracks']:,} tracks ({how}), {stream.num_bytes:,} bytes"
+        print_summary(f"{text}, {seconds:.1f} s -> {self.output}", self.output)
 
     def _tell(self, stream: "SceneStream", seconds: float, kept_psnr: float | None) -> None:
         from splatwire.packets import measure_sizes

@@ -145,7 +145,7 @@ class Evaluate:
         from splatwire.scene_io import read_scene_file
 
         if entry.kind == "stream":
-            stream, _ = read_stream(entry.source)
+            stream = read_stream(entry.source)[0].still(entry.source)
             manifest, packed = stream.manifest, stream.manifest.packetization
             sections, codec = sections_of(stream), manifest.codec
             complete = len(stream.packets) == manifest.num_packets

@@ -64,7 +64,14 @@ def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, A
         "symbols_digest": manifest.symbols_digest,
         "format_version": manifest.format_version,
         "writer": manifest.writer,
+        **(_describe_clip(stream) if manifest.schema.timed else {}),
     }
+
+
+def _describe_clip(stream: "SceneStream") -> dict[str, Any]:
+    from splatwire.cli._clips import describe_clip
+
+    return {"clip": describe_clip(stream)}
 
 
 def _describe_scene(path: Path) -> dict[str, Any]:

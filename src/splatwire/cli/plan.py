@@ -168,7 +168,7 @@ def _read(path: str) -> "SceneStream":
     from splatwire.packets import read_stream
 
     with input_path(path) as file:
-        stream, _ = read_stream(file)
+        stream = read_stream(file)[0].still(file)
     if len(stream.packets) != stream.manifest.num_packets:
         raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
     return in_datagrams(stream, path)

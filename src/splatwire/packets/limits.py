@@ -6,7 +6,7 @@
 from dataclasses import dataclass
 
 SCHEMA = "splatwire/stream"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 """Newest version of the stream format that this release reads."""
 
 MAX_BLOCK_SIZE = (1 << 16) - 1
@@ -20,6 +20,8 @@ MAX_DATAGRAM_BYTES = 65_507
 MAX_PACKET_BYTES = 1 << 26
 """No packet is larger: more than 1000 bytes for each of the most anchors a block may hold."""
 MAX_TIERS = 8
+MAX_SPANS = 1 << 12
+"""Runs of blocks of a stream whose elements come in time: `StreamSchema.max_tiers` of those."""
 MAX_FEATURE_GROUPS = 64
 ORDERS = ("morton", "raster")
 GROUPINGS = ("stratified", "contiguous", "hashed")
@@ -54,6 +56,10 @@ MAX_CAUSAL_CONTEXT = 256
 MAX_CAUSAL_LOG_STEP, MAX_CAUSAL_CENTRE = 4 << 24, 32 << 24
 """Logarithms with 24 fractional bits."""
 MAX_DEGREE = 3
+MAX_FRAMES = 1 << 20
+MAX_GROUP_FRAMES = 64
+MAX_FRAME_RATE = 1000
+"""Of a clip: its frames, those of a group, and frames a second."""
 MAX_SIZE_LOG = 32
 MAX_COPIES = (1 << 16) - 1
 
@@ -76,6 +82,9 @@ class StreamSchema:
             in their packets where they are: lanes over the whole scene would take 1 to 9 % more bytes of Gaussians.
         explicit: Whether every view sees the same Gaussians, so that files of them hold what was decoded.
         page: Whether the page decodes it by itself.
+        timed: Whether elements belong to groups of frames, two tiers each: what lasts, then what passes with the group.
+            They are sent in that order; what lasts is sent again until it is there.
+        max_tiers: Runs of blocks that a plan may have.
     """
 
     name: str
@@ -88,11 +97,13 @@ class StreamSchema:
     spread: bool = True
     explicit: bool = False
     page: bool = True
+    timed: bool = False
+    max_tiers: int = MAX_TIERS
 
 
-ANCHORS, CAUSAL, GAUSSIANS, COLUMNS = "hacpp", "causal", "gaussians", "columns"
+ANCHORS, CAUSAL, GAUSSIANS, COLUMNS, TRACKS = "hacpp", "causal", "gaussians", "columns", "tracks"
 """Codec schemas: anchors of HAC++ (format 1), anchors of the causal model, explicit Gaussians (format 2); decoded
-anchors on their way to the page of `splatwire view`."""
+anchors on their way to the page of `splatwire view`; Gaussians that move (format 3)."""
 FORMAT_1_SECTIONS = (
     "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
 )  # fmt: skip
@@ -111,6 +122,18 @@ SCHEMAS = {
             explicit=True,
         ),
         StreamSchema(COLUMNS, 2, "anchors", ("header", "render_networks", "expected"), 1),
+        StreamSchema(
+            TRACKS,
+            3,
+            "tracks",
+            ("clip", "bases", "motion"),
+            MAX_BLOCK_SIZE // 7,
+            spread=False,
+            explicit=True,
+            page=False,
+            timed=True,
+            max_tiers=MAX_SPANS,
+        ),
     )
 }
 UNNAMED_SCHEMA = ANCHORS

@@ -16,7 +16,7 @@ from splatwire.packets.limits import (
     MAX_MANIFEST_BYTES,
     MAX_OFFSETS,
     MAX_SIDE_INFO_BYTES,
-    MAX_TIERS,
+    MAX_SPANS,
     MAX_WRITER_LENGTH,
     SCHEMA,
     SCHEMAS,
@@ -96,7 +96,15 @@ class Manifest:
                 raise InvalidValueError(f"{name} is not a SHA-256 in lower-case hexadecimal")
         if not _WRITER.fullmatch(self.writer):
             raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
+        self._check_tiers()
         self._check_num_packets()
+
+    def _check_tiers(self) -> None:
+        """Tiers have somebody in them; groups of frames come in pairs, either of which may be empty."""
+        if self.schema.timed and (len(self.tiers) % 2 or not self.tiers):
+            raise InvalidValueError(f"{len(self.tiers)} tiers are no pairs, one for each group of frames")
+        if not self.schema.timed and not all(tier.num_anchors for tier in self.tiers):
+            raise InvalidValueError("a tier has no anchor")
 
     @property
     def schema(self) -> StreamSchema:
@@ -182,13 +190,13 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     _check_fields(content["packetization"], types, f"{name}: packetization")
     if not all(type(size) is int for size in content.get("feature_groups", [])):
         raise BitstreamError(f"{name}: feature_groups does not hold integers only")
-    tiers = content.get("tiers", [])
-    if ("tiers" in content and not 2 <= len(tiers) <= MAX_TIERS) or not all(_is_pair(tier) for tier in tiers):
-        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, 2 to {MAX_TIERS} of them")
+    schema = SCHEMAS.get(content.get("codec", UNNAMED_SCHEMA))
+    tiers, most = content.get("tiers", []), schema.max_tiers if schema else MAX_SPANS
+    if ("tiers" in content and not 2 <= len(tiers) <= most) or not all(_is_pair(tier) for tier in tiers):
+        raise BitstreamError(f"{name}: tiers does not hold pairs of integers only, 2 to {most} of them")
     # The content is flat from here on: a digest of arbitrarily nested lists could exhaust the stack.
     if digest != _digest({**content, "schema": SCHEMA}):
         raise BitstreamError(f"{name} is damaged: its digest does not match its content")
-    schema = SCHEMAS.get(content.get("codec", UNNAMED_SCHEMA))
     if content.pop("format_version") != (schema.format_version if schema else None):
         raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
     try:

@@ -1,5 +1,6 @@
 """The plan: which anchors share a packet."""
 
+import bisect
 import functools
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -72,6 +73,18 @@ class PacketPlan:
         """Spatial blocks of all tiers, S."""
         return sum(span.num_blocks for span in self.spans)
 
+    @functools.cached_property
+    def _first_blocks(self) -> list[int]:
+        return [span.first_block for span in self.spans]
+
+    @functools.cached_property
+    def _first_places(self) -> list[int]:
+        return [span.first for span in self.spans]
+
+    def lasting(self, block: int) -> bool:
+        """Whether a block of a stream of groups of frames outlives its group (`StreamSchema.timed`)."""
+        return self.tier_of(block) % 2 == 0
+
     def tier_of(self, block: int) -> int:
         """Tier of a block's anchors, 0 for the most important.
 
@@ -79,7 +92,7 @@ class PacketPlan:
             InvalidValueError: If there is no such block.
         """
         check_range("block", block, 0, self.num_blocks - 1)
-        return max(tier for tier, span in enumerate(self.spans) if block >= span.first_block)
+        return bisect.bisect_right(self._first_blocks, block) - 1
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
@@ -184,7 +197,7 @@ class PacketPlan:
 
     def name_hashed(self, place: int) -> PacketId:
         """Name of the packet of hashed grouping that begins with the anchor that is n-th in `groups`."""
-        span = max((span for span in self.spans if span.first <= place), key=lambda span: span.first)
+        span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
         block, position = divmod(place - span.first, span.block_size)
         return PacketId(span.first_block + block, position)
 

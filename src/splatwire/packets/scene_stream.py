@@ -58,6 +58,22 @@ class SceneStream:
             "container": FILE_PREFIX.size + RECORD_PREFIX.size * len(self.packets),
         }
 
+    def still(self, source: object = "the stream") -> "SceneStream":
+        """The stream itself, for what takes a scene and no clip.
+
+        Args:
+            source: Where it is from, for the message.
+
+        Raises:
+            InvalidValueError: If its elements come in time.
+        """
+        if self.manifest.schema.timed:
+            raise InvalidValueError(
+                f"{source} is a clip: `decode`, `transmit` and `inspect` take clips, and what `decode` writes of it is a "
+                "folder of scenes"
+            )
+        return self
+
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
         """The same stream with other packets, in any order."""
         return replace(self, packets=tuple(sorted(packets, key=lambda packet: packet.id)))

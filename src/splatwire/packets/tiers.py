@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets.limits import MAX_ELEMENTS, MAX_TIERS
+from splatwire.packets.limits import MAX_ELEMENTS, MAX_SPANS, MAX_TIERS
 from splatwire.packets.packetization import Packetization, check_range
 
 LANE_ANCHORS = 64
@@ -107,9 +107,9 @@ def check_tiers(tiers: tuple[TierShape, ...], num_anchors: int, packetization: P
     """
     if not tiers:
         return
-    check_range("number of tiers", len(tiers), 2, MAX_TIERS)
+    check_range("number of tiers", len(tiers), 2, MAX_SPANS)
     for tier in tiers:
-        check_range("number of anchors of a tier", tier.num_anchors, 1, MAX_ELEMENTS)
+        check_range("number of anchors of a tier", tier.num_anchors, 0, MAX_ELEMENTS)
         check_range("number of lanes of a tier", tier.lanes, 1, packetization.lanes)
     if sum(tier.num_anchors for tier in tiers) != num_anchors:
         raise InvalidValueError(f"the tiers' anchors do not add up to {num_anchors}")
@@ -124,7 +124,7 @@ def spans_of(tiers: tuple[TierShape, ...], num_anchors: int, packetization: Pack
     spans: list[Span] = []
     for tier in tiers:
         last = spans[-1] if spans else Span(0, 0, 1, 1, 0)
-        size = -(-tier.num_anchors // -(-tier.num_anchors // packetization.block_size))
+        size = -(-tier.num_anchors // max(1, -(-tier.num_anchors // packetization.block_size))) or 1
         first, block = last.first + last.num_anchors, last.first_block + last.num_blocks
         spans.append(Span(first, tier.num_anchors, size, tier.lanes, block))
     return tuple(spans)

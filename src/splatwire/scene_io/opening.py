@@ -63,6 +63,7 @@ def open_scene(path: str | os.PathLike[str], conceal: Concealer | str | None = N
     kind = file_kind(source)
     if kind in STREAMS:  # told before the work of decoding
         stream, report = read_stream(source)
+        stream.still(source)
         if report.num_missing:
             raise _has_gaps(source, report.num_missing, f"stream's {report.num_expected:,} packets")
         return decode_stream(stream).scene
@@ -114,7 +115,7 @@ def _read(path: Path, kind: Kind) -> SceneFile:
     if format_of(kind) is not None:
         return SceneFile(kind, SplatScene(read_splats(path)), None)
     if kind in STREAMS:
-        partial = decode_stream(read_stream(path)[0])
+        partial = decode_stream(read_stream(path)[0].still(path))
         return SceneFile(kind, partial, partial.erasures)
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))

@@ -106,7 +106,7 @@ class Source:
     def stream(self) -> SceneStream | None:
         """The stream that the scene comes with or is, whose named sections rows may ask for."""
         path = self.entry.sections or (self.entry.source if self.entry.kind == "stream" else None)
-        return None if path is None else read_stream(path)[0]
+        return None if path is None else read_stream(path)[0].still(path)
 
     @cached_property
     def scene(self) -> Scene:

@@ -35,7 +35,7 @@ from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
-_LUMA_CHROMA = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3.0], [2.0], [6.0]])
+LUMA_CHROMA = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3.0], [2.0], [6.0]])
 """Orthonormal: brightness, orange to blue, green to purple."""
 
 
@@ -83,7 +83,7 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
         size_log: `scene_log` of the scene.
     """
     order = np.argsort(-splats.scales.numpy(), axis=1, kind="stable")
-    axes = np.take_along_axis(_matrices(splats.quats.numpy().astype(np.float64)), order[:, None, :], axis=2)
+    axes = np.take_along_axis(matrices_of(splats.quats.numpy().astype(np.float64)), order[:, None, :], axis=2)
     return Sources(to_logs(splats, size_log), axes, to_colours(splats), to_harmonics(splats))
 
 
@@ -96,8 +96,8 @@ def to_logs(splats: Splats, size_log: int) -> np.ndarray:
 
 def to_colours(splats: Splats) -> np.ndarray:
     """Y Co Cg in fixed point, int64 (N, 3)."""
-    base = splats.sh[:, 0].numpy().astype(np.float64) @ _LUMA_CHROMA.T
-    return _fixed(_LUMA_CHROMA.sum(axis=1) / 2 + DC * base, -MAX_COLOUR, MAX_COLOUR)
+    base = splats.sh[:, 0].numpy().astype(np.float64) @ LUMA_CHROMA.T
+    return _fixed(LUMA_CHROMA.sum(axis=1) / 2 + DC * base, -MAX_COLOUR, MAX_COLOUR)
 
 
 def to_harmonics(splats: Splats) -> np.ndarray:
@@ -105,7 +105,7 @@ def to_harmonics(splats: Splats) -> np.ndarray:
 
     Not rounded: what the transform of whole numbers gives is none, and its inverse has to find them again.
     """
-    flat = splats.sh[:, 1:].numpy().astype(np.float64).reshape(-1, 3) @ _LUMA_CHROMA.T * (1 << BITS)
+    flat = splats.sh[:, 1:].numpy().astype(np.float64).reshape(-1, 3) @ LUMA_CHROMA.T * (1 << BITS)
     return np.clip(flat, -MAX_COLOUR, MAX_COLOUR, out=flat).reshape(splats.num_gaussians, -1, 3)
 
 
@@ -159,13 +159,13 @@ def to_splats(
     s1 = s0 - rows[:, SCALE1]
     scales = power_of_two(np.stack([s0, s1, s1 - thinness_table()[rows[:, SCALE2]]], axis=1))
     sh = np.empty((len(rows), 3 + harmonics.shape[1]))
-    grey = _LUMA_CHROMA.sum(axis=1) / 2
-    sh[:, :3] = ((rows[:, LUMA : LUMA + 3] * 2.0**-BITS - grey) / DC) @ _LUMA_CHROMA
+    grey = LUMA_CHROMA.sum(axis=1) / 2
+    sh[:, :3] = ((rows[:, LUMA : LUMA + 3] * 2.0**-BITS - grey) / DC) @ LUMA_CHROMA
     # One product of matrices for the transform and for Y Co Cg.
-    sh[:, 3:] = harmonics.astype(np.float64) @ np.kron(transform * (2.0**-BITS / TRANSFORM_UNIT), _LUMA_CHROMA)
+    sh[:, 3:] = harmonics.astype(np.float64) @ np.kron(transform * (2.0**-BITS / TRANSFORM_UNIT), LUMA_CHROMA)
     return Splats(
         torch.from_numpy(means.astype(np.float32)),
-        torch.from_numpy(_quaternions(_frames(rows)).astype(np.float32)),
+        torch.from_numpy(quaternions_of(_frames(rows)).astype(np.float32)),
         torch.from_numpy(scales.astype(np.float32)),
         torch.from_numpy(power_of_two(rows[:, OPACITY]).astype(np.float32)),
         torch.from_numpy(sh.astype(np.float32)).view(len(rows), -1, 3),
@@ -209,7 +209,7 @@ def _frames(rows: np.ndarray) -> np.ndarray:
     return axes
 
 
-def _matrices(quats: np.ndarray) -> np.ndarray:
+def matrices_of(quats: np.ndarray) -> np.ndarray:
     """Rotation matrices of quaternions (w, x, y, z) of any length."""
     w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
     rows = [
@@ -220,7 +220,7 @@ def _matrices(quats: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def _quaternions(m: np.ndarray) -> np.ndarray:
+def quaternions_of(m: np.ndarray) -> np.ndarray:
     """Unit quaternions (w, x, y, z) of rotation matrices (n, 3, 3), by the largest of the four (Shepperd, 1978)."""
     d = np.diagonal(m, axis1=1, axis2=2)
     squares = np.concatenate([d.sum(axis=1)[:, None], 2 * d - d.sum(axis=1)[:, None]], axis=1) + 1

@@ -63,12 +63,12 @@ def prepare_splats(scene: SplatScene, options: Options, like: SideInfo | None = 
         tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_anchors for shape in shapes])
         sections[TIERS] = encode_tiers(tier_of, len(shapes))
     known = None if coding is None else coding.transform.numpy()
-    side_info = write_side_info(_fit(source, sections, known, like, options.threads))
+    side_info = write_side_info(fit_side_info(source, sections, known, like, options.threads))
     # Predict from what a decoder will read, not from what was meant.
     return Prepared(GaussianEncoder(source, plan, read_side_info(side_info, plan.num_blocks)), side_info, plan)
 
 
-def _fit(
+def fit_side_info(
     scene: SourceScene, sections: Mapping[str, bytes], known: np.ndarray | None, like: SideInfo | None,
     threads: int | None,
 ) -> SideInfo:  # fmt: skip

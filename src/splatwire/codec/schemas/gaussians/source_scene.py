@@ -174,12 +174,26 @@ class SourceScene:
         means = np.concatenate([values.mean(axis=0), to_colours(here).mean(axis=0)])
         return np.rint(means / (1 << DEFAULT_SHIFT)).astype(np.int64)
 
+    def ranked(self, block: int, info: SideInfo, sizes: np.ndarray) -> np.ndarray:
+        """Which Gaussian is at which place of a block that was cut into packets of these sizes, int64 (n)."""
+        bits = int(info.boxes.bits[block])
+        places = self.places(block) - info.boxes.corners[block]
+        codes, at = block_codes(places, bits), cell_shift(places, bits)
+        by = self._arrangement(codes, at, bits)
+        # Within a packet they lie along the curve, as the kernels sort them.
+        packet = np.repeat(np.arange(len(sizes)), sizes)
+        return self.order[self.members(block).start + by[np.lexsort((codes[by], packet))]].astype(np.int64)
+
+    def _arrangement(self, codes: np.ndarray, at: int, bits: int) -> np.ndarray:
+        """Order in which packets of a block are filled, from the Morton codes of its places."""
+        return arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)
+
     def arranged(self, block: int, info: SideInfo, some: slice | np.ndarray = slice(None)) -> BlockSource:
         """What the kernels encode of a block, in the order in which packets are filled, or `some` of it."""
         bits = int(info.boxes.bits[block])
         places = self.places(block) - info.boxes.corners[block]
         codes, at = block_codes(places, bits), cell_shift(places, bits)
-        by = arrange_block(codes >> 3 * (at - max(bits - MAX_CELL_BITS, 0)), self.contiguous)[some]
+        by = self._arrangement(codes, at, bits)[some]
         where = self.members(block).start + by
         s = to_sources(self.pick(where), self.size_log)
         return BlockSource(

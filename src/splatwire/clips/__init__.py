@@ -1,0 +1,16 @@
+"""Clips: frames of Gaussians that move, encoded group by group and decoded frame by frame."""
+
+from splatwire.clips.encoding import ClipEncoder, ClipOptions, encode_clip
+from splatwire.clips.frames import Frame, frame_files, is_sequence, read_frames
+from splatwire.clips.tracking import TrackingReport
+
+__all__ = [
+    "ClipEncoder",
+    "ClipOptions",
+    "Frame",
+    "TrackingReport",
+    "encode_clip",
+    "frame_files",
+    "is_sequence",
+    "read_frames",
+]

@@ -1,0 +1,51 @@
+"""The same Gaussian has 24 names; this chooses the one that goes on from the frame before."""
+
+import itertools
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.codec.schemas.gaussians.attributes import matrices_of, quaternions_of
+from splatwire.scene.splats import Splats
+
+_ORDERS = np.array(list(itertools.permutations(range(3))))
+
+
+def continued(
+    previous: Splats, current: Splats, partner: np.ndarray
+) -> tuple[Float[Tensor, "M 4"], Float[Tensor, "M 3"]]:
+    """Quaternions and scales of the same Gaussians, with axes that are nearest to those of their partners.
+
+    Args:
+        previous: A frame.
+        current: The next one.
+        partner: Row of the frame before, or -1, int64 (M).
+    """
+    quats, scales = current.quats.clone(), current.scales.clone()
+    rows = np.flatnonzero(partner >= 0)
+    if not len(rows):
+        return quats, scales
+    old = previous.select(torch.from_numpy(partner[rows]))
+    was = matrices_of(old.quats.numpy().astype(np.float64))
+    now = matrices_of(quats[rows].numpy().astype(np.float64))
+    dots = np.einsum("nij,nik->njk", was, now)  # axis j before with axis k now
+    logs_was, logs_now = np.log(old.scales.numpy()), np.log(scales[rows].numpy())
+    gaps = np.abs(logs_was[:, :, None] - logs_now[:, None, :])
+    worth = np.abs(dots) - gaps
+    axes = np.arange(3)
+    totals = np.stack([worth[:, axes, order].sum(axis=1) for order in _ORDERS], axis=1)
+    order = _ORDERS[totals.argmax(axis=1)]
+    here = np.arange(len(rows))[:, None]
+    along = dots[here, axes, order]
+    signs = np.where(along < 0, -1.0, 1.0)
+    turned = np.take_along_axis(now, order[:, None, :], axis=2) * signs[:, None, :]
+    mirrored = np.linalg.det(turned) < 0
+    weakest = np.abs(along).argmin(axis=1)
+    turned[mirrored, :, weakest[mirrored]] *= -1
+    chosen = torch.from_numpy(quaternions_of(turned).astype(np.float32))
+    sides = torch.where((chosen * old.quats).sum(dim=1, keepdim=True) < 0, -1.0, 1.0)
+    quats[rows] = chosen * sides
+    scales[rows] = torch.from_numpy(np.take_along_axis(scales[rows].numpy(), order, axis=1))
+    return quats, scales

@@ -1,0 +1,235 @@
+"""Concealment in time: what a track does whose motion was lost, from the group before and from its neighbours."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.model.clip import ClipScene, GroupMotion
+
+PLACE, TURN = slice(0, 3), slice(3, 6)
+
+
+@dataclass(frozen=True)
+class ClipConcealer:
+    """What becomes of tracks whose motion was lost.
+
+    Attributes:
+        name: What it is called.
+        shown: Whether they are drawn at all; else they are left out until the next group.
+        neighbors: They move as so many of their nearest neighbours whose motion arrived, by inverse squared distance; 0
+            for none: they stay where they were.
+        momentum: Share of their own last velocity that they go on with, where nobody tells.
+        blend: Frames over which a track goes over from where it was concealed to where the next group has it.
+        grow: Whether Gaussians whose base was never seen are made up for by those around them.
+
+    Raises:
+        InvalidValueError: If a number is out of range.
+    """
+
+    name: str
+    shown: bool = True
+    neighbors: int = 0
+    momentum: float = 0.0
+    blend: int = 0
+    grow: bool = True
+
+    def __post_init__(self) -> None:
+        if self.neighbors < 0 or self.blend < 0 or not 0 <= self.momentum <= 1:
+            raise InvalidValueError(f"neighbours and frames are 0 or more, a momentum is 0 to 1: {self}")
+
+
+CLIP_CONCEALERS = {
+    concealer.name: concealer
+    for concealer in (
+        ClipConcealer("drop", shown=False, grow=False),
+        ClipConcealer("hold"),
+        ClipConcealer("extrapolate", momentum=1.0),
+        ClipConcealer("neighbors", neighbors=8),
+        ClipConcealer("motion", neighbors=8, blend=3),
+    )
+}
+DEFAULT = "motion"
+
+
+def clip_concealer(name: str) -> ClipConcealer:
+    """A concealer of clips by its name.
+
+    Raises:
+        UnknownNameError: If there is none.
+    """
+    if name not in CLIP_CONCEALERS:
+        raise UnknownNameError("concealer of clips", name, CLIP_CONCEALERS)
+    return CLIP_CONCEALERS[name]
+
+
+@dataclass(frozen=True, eq=False)
+class GroupPoses:
+    """Where every track that is drawn is, in each frame of a group.
+
+    Attributes:
+        tracks: They, ascending, int64 (n).
+        begins: First frame of each, counted from the group's, int64 (n).
+        ends: First frame after each, int64 (n).
+        offsets: See `GroupMotion.offsets`, float32 (n, C, F).
+        concealed: Tracks whose motion was lost, bool (n).
+    """
+
+    tracks: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+    offsets: np.ndarray
+    concealed: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What is known when a group ends.
+
+    Attributes:
+        alive: Tracks that are there then, bool (T).
+        offsets: How each differs from its base in the last frame, float32 (T, C).
+        velocity: Change of that from the frame before, float32 (T, C).
+        concealed: Whether that was a guess, bool (T).
+    """
+
+    alive: np.ndarray
+    offsets: np.ndarray
+    velocity: np.ndarray
+    concealed: np.ndarray
+
+
+def conceal_group(
+    clip: ClipScene, motion: GroupMotion, group: int, there: np.ndarray, memory: Memory | None, concealer: ClipConcealer
+) -> tuple[GroupPoses, Memory]:
+    """Poses of all tracks in a group.
+
+    Args:
+        clip: The clip.
+        motion: What arrived of the group's motion.
+        group: The group.
+        there: Which bases are there, bool (T).
+        memory: What was known when the group before ended; None after a seek.
+        concealer: What becomes of those whose motion was lost.
+
+    Returns:
+        The poses, and what is known when the group ends.
+    """
+    frames, born = len(clip.timeline.frames_of(group)), clip.tracks.born
+    poses = _arrived(motion, frames)
+    before = _first_memory(clip) if memory is None else memory
+    waiting = there & ((born == group) | (before.alive if memory is not None else born < group))
+    lost = waiting & ~motion.spoken
+    lost[poses.tracks] = False
+    who = np.flatnonzero(lost)
+    if motion.unchanged:
+        poses = _joined(poses, _standing(who, frames, poses.offsets.shape[1]))
+    elif len(who):
+        guessed = _guessed(clip, poses, who, before, frames, concealer, memory is not None)
+        poses = _joined(poses, guessed)
+    poses = _blended(poses, before, concealer.blend) if memory is not None and concealer.blend else poses
+    after = _remembered(poses, clip.num_gaussians, frames, before)
+    if not concealer.shown:
+        poses = _some(poses, ~poses.concealed)
+    return _some(poses, there[poses.tracks]), after
+
+
+def _first_memory(clip: ClipScene) -> Memory:
+    count = clip.num_gaussians
+    zero = np.zeros((count, 13), np.float32)
+    return Memory(np.zeros(count, bool), zero, zero, np.zeros(count, bool))
+
+
+def _arrived(motion: GroupMotion, frames: int) -> GroupPoses:
+    offsets = np.zeros((len(motion.tracks), motion.offsets.shape[1], frames), np.float32)
+    offsets[motion.moving] = motion.offsets
+    return GroupPoses(
+        motion.tracks, motion.begins, motion.ends, offsets, np.zeros(len(motion.tracks), bool)
+    )
+
+
+def _standing(who: np.ndarray, frames: int, channels: int) -> GroupPoses:
+    """Tracks that stay at their bases."""
+    count = len(who)
+    offsets = np.zeros((count, channels, frames), np.float32)
+    return GroupPoses(who, np.zeros(count, np.int64), np.full(count, frames), offsets, np.zeros(count, bool))
+
+
+def _guessed(
+    clip: ClipScene, arrived: GroupPoses, who: np.ndarray, before: Memory, frames: int, concealer: ClipConcealer,
+    remembers: bool,
+) -> GroupPoses:  # fmt: skip
+    """Poses of tracks whose motion was lost."""
+    offsets = np.repeat(before.offsets[who][:, :, None], frames, axis=2)
+    whole = (arrived.begins == 0) & (arrived.ends == frames)
+    told = np.flatnonzero(whole)
+    if concealer.neighbors and len(told):
+        offsets += _moves_of_neighbors(clip, arrived, told, who, before, concealer.neighbors, remembers)
+    elif concealer.momentum:
+        steps = np.arange(1, frames + 1, dtype=np.float32)
+        offsets[:, PLACE] += concealer.momentum * before.velocity[who][:, PLACE, None] * steps
+    count = len(who)
+    return GroupPoses(who, np.zeros(count, np.int64), np.full(count, frames), offsets, np.ones(count, bool))
+
+
+def _moves_of_neighbors(
+    clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, before: Memory, neighbors: int,
+    remembers: bool,
+) -> np.ndarray:  # fmt: skip
+    """How the nearest tracks whose motion arrived change from where they last were, by inverse squared distance."""
+    places = clip.tracks.splats.means.numpy() + before.offsets[:, PLACE]
+    mine = arrived.tracks[told]
+    starts = before.offsets[mine] if remembers else arrived.offsets[told][:, :, 0]
+    new = ~before.alive[mine]
+    starts = np.where(new[:, None], arrived.offsets[told][:, :, 0], starts)
+    changes = arrived.offsets[told] - starts[:, :, None]
+    count = min(neighbors, len(told))
+    distance, near = cKDTree(places[mine]).query(places[who], k=count, workers=-1)
+    distance, near = distance.reshape(len(who), count), near.reshape(len(who), count)
+    weights = 1.0 / np.maximum(distance, 1e-12 + 0.1 * distance.mean()) ** 2
+    weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+    moves = np.zeros((len(who), *changes.shape[1:]), np.float32)
+    for column in range(count):
+        moves += weights[:, column, None, None] * changes[near[:, column]]
+    return moves
+
+
+def _blended(poses: GroupPoses, before: Memory, frames: int) -> GroupPoses:
+    """Tracks that arrive again go over from where they were concealed within a few frames."""
+    again = np.flatnonzero(before.concealed[poses.tracks] & ~poses.concealed)
+    count = poses.offsets.shape[2]
+    if not len(again) or not count:
+        return poses
+    offsets = poses.offsets.copy()
+    expected = before.offsets[poses.tracks[again]] + before.velocity[poses.tracks[again]]
+    gap = expected - offsets[again, :, 0]
+    fade = np.clip(1 - (np.arange(count) + 1) / (frames + 1), 0, None).astype(np.float32)
+    offsets[again] += gap[:, :, None] * fade
+    return replace(poses, offsets=offsets)
+
+
+def _remembered(poses: GroupPoses, count: int, frames: int, before: Memory) -> Memory:
+    """What is known after a group; places of those that are not there any more stay where they were."""
+    alive, concealed = np.zeros(count, bool), np.zeros(count, bool)
+    offsets, velocity = before.offsets.copy(), np.zeros_like(before.velocity)
+    last = poses.ends == frames
+    rows = poses.tracks[last]
+    alive[rows], concealed[rows] = True, poses.concealed[last]
+    offsets[rows] = poses.offsets[last][:, :, -1]
+    if frames > 1:
+        velocity[rows] = poses.offsets[last][:, :, -1] - poses.offsets[last][:, :, -2]
+    return Memory(alive, offsets, velocity, concealed)
+
+
+def _joined(first: GroupPoses, second: GroupPoses) -> GroupPoses:
+    order = np.argsort(np.concatenate([first.tracks, second.tracks]), kind="stable")
+    return GroupPoses(
+        **{name: np.concatenate([values, getattr(second, name)])[order] for name, values in vars(first).items()}
+    )
+
+
+def _some(poses: GroupPoses, index: np.ndarray) -> GroupPoses:
+    if index.all():
+        return poses
+    return GroupPoses(**{name: values[index] for name, values in vars(poses).items()})

@@ -1,0 +1,126 @@
+"""Clips to frames, group by group: what is held is one group, and where each track was when the one before ended."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, Memory, clip_concealer, conceal_group
+from splatwire.conceal import conceal
+from splatwire.model import Partial, RenderHints, SplatScene
+from splatwire.model.clip import ClipScene
+from splatwire.ops.quaternions import multiply
+from splatwire.scene import Erasures
+from splatwire.scene.splats import Splats
+
+
+@dataclass(frozen=True, eq=False)
+class ClipFrame:
+    """A frame of a clip, decoded and concealed.
+
+    Attributes:
+        number: Which.
+        scene: The Gaussians that are drawn.
+        tracks: Track of each, int64 (M).
+        concealed: Whose motion was lost, bool (M).
+    """
+
+    number: int
+    scene: SplatScene
+    tracks: np.ndarray
+    concealed: np.ndarray
+
+
+def decode_frames(
+    clip: ClipScene,
+    concealer: ClipConcealer | str = DEFAULT,
+    *,
+    first: int = 0,
+    there: Callable[[int], np.ndarray] | None = None,
+) -> Iterator[ClipFrame]:
+    """Frames of a clip, one after another.
+
+    Args:
+        clip: What arrived of it.
+        concealer: What becomes of tracks whose motion was lost, or its name.
+        first: The first frame that is wanted: nothing of groups before its own is decoded.
+        there: Which bases are there when a group begins, bool (T), by group; None for all that arrived.
+
+    Raises:
+        InvalidValueError: If the clip has no such frame.
+        UnknownNameError: If there is no such concealer.
+    """
+    method = clip_concealer(concealer) if isinstance(concealer, str) else concealer
+    begin, memory = clip.timeline.group_of(first), None
+    for group in range(begin, clip.timeline.num_groups):
+        known = clip.tracks.received if there is None else clip.tracks.received & there(group)
+        poses, memory = conceal_group(clip, clip.motion(group, known), group, known, memory, method)
+        hints = grown(clip, known, group) if method.grow else None
+        for index, number in enumerate(clip.timeline.frames_of(group)):
+            if number >= first:
+                yield posed(clip, poses, index, number, hints)
+
+
+def decode_frame(clip: ClipScene, number: int, concealer: ClipConcealer | str = DEFAULT) -> ClipFrame:
+    """One frame; decodes its group alone, so that losses are concealed from that group alone."""
+    return next(decode_frames(clip, concealer, first=number))
+
+
+def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None) -> ClipFrame:
+    """The frame that poses of a group show.
+
+    Args:
+        clip: The clip.
+        poses: Of the group.
+        index: Frame within the group.
+        number: Frame of the clip.
+        hints: How to draw bases while others are missing, by track.
+    """
+    here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
+    tracks = poses.tracks[here]
+    splats = moved(clip.tracks.splats.select(torch.from_numpy(tracks)), torch.from_numpy(poses.offsets[here, :, index]))
+    scene = SplatScene(splats, background=clip.background)
+    if hints is not None:
+        opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
+        own = RenderHints(hints.size_gain[tracks], torch.zeros(len(tracks), dtype=torch.bool), opacity)
+        scene = SplatScene(SplatScene(splats, own).drawn(), background=clip.background)
+    return ClipFrame(number, scene, tracks, poses.concealed[here])
+
+
+def moved(splats: Splats, offsets: Float[Tensor, "n C"]) -> Splats:
+    """Gaussians that differ from these as `splatwire.model.clip.GroupMotion.offsets` says."""
+    turn, order = offsets[:, 3:6] / 4, (-splats.scales).argsort(dim=1, stable=True)
+    square = (turn * turn).sum(dim=1, keepdim=True)
+    rotation = torch.cat([1 - square, 2 * turn], dim=1) / (1 + square)
+    gains = torch.zeros_like(splats.scales).scatter(1, order, offsets[:, 6:9])
+    sh = splats.sh.clone()
+    sh[:, 0] += offsets[:, 10:]
+    return Splats(
+        splats.means + offsets[:, :3],
+        torch.nn.functional.normalize(multiply(rotation, splats.quats), dim=1),
+        splats.scales * gains.exp(),
+        (splats.opacities * offsets[:, 9].exp()).clamp(max=1 - 1e-6),
+        sh,
+    )
+
+
+def grown(clip: ClipScene, there: np.ndarray, group: int) -> RenderHints | None:
+    """How bases that are there make up for those that are not; None where none is missing."""
+    born = clip.tracks.born <= group
+    if bool(there[born].all()):
+        return None
+    index = np.flatnonzero(born)
+    known = torch.from_numpy(there[index])
+    splats = clip.tracks.splats.select(torch.from_numpy(index))
+    scene = conceal(Partial(SplatScene(splats), Erasures.of_anchors(known)), "grow")
+    hints: RenderHints | None = scene.hints
+    if hints is None:
+        return None
+    size, opacity = torch.ones(clip.num_gaussians), torch.ones(clip.num_gaussians)
+    size[index] = hints.size_gain
+    if hints.opacity_gain is not None:
+        opacity[index] = hints.opacity_gain
+    return RenderHints(size, torch.zeros(clip.num_gaussians, dtype=torch.bool), opacity)

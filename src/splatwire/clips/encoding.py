@@ -1,0 +1,135 @@
+"""Frames in, packets out."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from splatwire.clips.frames import Frame
+from splatwire.clips.grouping import NamedFrame, group_of
+from splatwire.clips.tracking import Tracker, TrackingReport
+from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
+from splatwire.codec.schemas.tracks.encoder import ClipWriter
+from splatwire.errors import InvalidValueError
+from splatwire.packets import Packet, SceneStream
+from splatwire.packets.limits import MAX_FRAME_RATE, MAX_GROUP_FRAMES
+from splatwire.render.precision import precision_classes
+from splatwire.scene.background import BLACK, Background
+from splatwire.scene.splats import Splats
+
+GROUP_FRAMES = 15
+FRAME_RATE = Fraction(30)
+
+
+@dataclass(frozen=True)
+class ClipOptions:
+    """How a clip is encoded.
+
+    Attributes:
+        rate: Frames a second.
+        group_frames: Frames of a group: what a lost packet of motion takes, and how long a live viewer waits.
+        order: Whether rows are the same Gaussians in every frame, see `Tracker`.
+        quality: How finely Gaussians are quantised: a name, or a `Quality`.
+        background: RGB behind everything.
+        threads: Threads to use, which changes no bit; None for one for each processor.
+
+    Raises:
+        InvalidValueError: If rate or group are out of range.
+    """
+
+    rate: Fraction = FRAME_RATE
+    group_frames: int = GROUP_FRAMES
+    order: str = "auto"
+    quality: str | Quality = "default"
+    background: Background = BLACK
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rate <= MAX_FRAME_RATE:
+            raise InvalidValueError(f"a clip has up to {MAX_FRAME_RATE} frames a second, not {float(self.rate):g}")
+        if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:
+            raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
+
+
+class ClipEncoder:
+    """Encodes frames as they come; holds those of one group, whatever the length of the clip.
+
+    Args:
+        options: How.
+        classes: Class of precision of each Gaussian of the first group; None looks at them from all sides
+            (`splatwire.render.precision`).
+    """
+
+    def __init__(
+        self, options: ClipOptions = ClipOptions(), classes: Callable[[Splats], np.ndarray] | None = None
+    ) -> None:
+        self._options, self._classes = options, classes or precision_classes
+        self._tracker, self._frames = Tracker(options.order), list[NamedFrame]()
+        self._degree: int | None = None
+        self._groups = 0
+        self._writer = ClipWriter(
+            options.rate, options.group_frames, quality_of(options.quality), options.background, threads=options.threads
+        )
+
+    @property
+    def tracking(self) -> TrackingReport:
+        """How the frames so far belong together."""
+        return self._tracker.report
+
+    def push(self, frame: Frame | Splats) -> list[Packet]:
+        """Takes the next frame.
+
+        Returns:
+            The packets of its group if it is the last of one, of no stream yet; else none.
+
+        Raises:
+            InvalidValueError: If its harmonics have another degree than those before, or it does not fit the order.
+        """
+        taken = frame if isinstance(frame, Frame) else Frame.of(frame)
+        if self._degree not in (None, taken.splats.degree):
+            raise InvalidValueError(
+                f"a frame has harmonics of degree {taken.splats.degree}, those before of {self._degree}"
+            )
+        self._degree = taken.splats.degree
+        self._frames.append(self._tracker.add(taken))
+        return self._flush() if len(self._frames) == self._options.group_frames else []
+
+    def finish(self) -> SceneStream:
+        """Ends the clip; the stream of all that was pushed.
+
+        Raises:
+            InvalidValueError: If nothing was.
+        """
+        if self._frames:
+            self._flush()
+        if not self._groups:
+            raise InvalidValueError("a clip has one frame at least")
+        return self._writer.finish()
+
+    def _flush(self) -> list[Packet]:
+        group = group_of(self._frames)
+        classes = self._classes(group.first) if not self._groups and group.first.num_gaussians else None
+        self._frames, self._groups = [], self._groups + 1
+        return self._writer.add(group, classes)
+
+
+def encode_clip(
+    frames: Iterable[Frame | Splats], options: ClipOptions = ClipOptions(), *, progress: Callable[[int], None] | None = None
+) -> tuple[SceneStream, TrackingReport]:
+    """Encodes frames that are all there.
+
+    Args:
+        frames: They, in order.
+        options: How.
+        progress: Called with the number of frames that are done.
+
+    Raises:
+        InvalidValueError: See `ClipEncoder`.
+    """
+    encoder = ClipEncoder(options)
+    for number, frame in enumerate(frames):
+        encoder.push(frame)
+        if progress:
+            progress(number + 1)
+    return encoder.finish(), encoder.tracking

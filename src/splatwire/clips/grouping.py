@@ -1,0 +1,72 @@
+"""Frames whose Gaussians have names, gathered into groups of tracks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from splatwire.codec.schemas.tracks.encoder import TrackGroup
+from splatwire.codec.schemas.tracks.trajectories import Trajectories
+from splatwire.scene.splats import Splats
+
+
+@dataclass(frozen=True, eq=False)
+class NamedFrame:
+    """A frame of which each Gaussian has a name.
+
+    Attributes:
+        splats: The Gaussians.
+        keys: Name of each, the same in every frame; all different, int64 (M).
+    """
+
+    splats: Splats
+    keys: np.ndarray
+
+
+def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
+    """Gathers the tracks of consecutive frames; a name is in frames that follow each other.
+
+    Before and after a track is there it is held as it is at that end.
+    """
+    keys = np.unique(np.concatenate([frame.keys for frame in frames]))
+    where = [np.searchsorted(keys, frame.keys) for frame in frames]
+    begins, ends = np.full(len(keys), len(frames), np.int64), np.zeros(len(keys), np.int64)
+    for number, rows in enumerate(where):
+        begins[rows] = np.minimum(begins[rows], number)
+        ends[rows] = number + 1
+    moves = Trajectories(
+        *(
+            _stacked([getattr(frame.splats, name).numpy() for frame in frames], where, begins, ends)
+            for name in ("means", "quats", "scales", "opacities")
+        ),
+        _stacked([frame.splats.sh[:, 0].numpy() for frame in frames], where, begins, ends),
+    )
+    return TrackGroup(keys, begins, ends, moves, _first(frames, where, begins))
+
+
+def _stacked(
+    values: Sequence[np.ndarray], where: Sequence[np.ndarray], begins: np.ndarray, ends: np.ndarray
+) -> np.ndarray:
+    """One attribute of all tracks over the frames, float32 (n, F, ...)."""
+    stacked = np.zeros((len(begins), len(values), *values[0].shape[1:]), np.float32)
+    for frame, (some, rows) in enumerate(zip(values, where, strict=True)):
+        stacked[rows, frame] = some
+    for frame in range(1, len(values)):
+        gone = ends <= frame
+        stacked[gone, frame] = stacked[gone, frame - 1]
+    for frame in range(len(values) - 2, -1, -1):
+        unborn = begins > frame
+        stacked[unborn, frame] = stacked[unborn, frame + 1]
+    return stacked
+
+
+def _first(frames: Sequence[NamedFrame], where: Sequence[np.ndarray], begins: np.ndarray) -> Splats:
+    """Each track at its first frame."""
+    parts, order = [], []
+    for number, (frame, rows) in enumerate(zip(frames, where, strict=True)):
+        new = np.flatnonzero(begins[rows] == number)
+        parts.append(frame.splats.select(torch.from_numpy(new)))
+        order.append(rows[new])
+    joined = Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    return joined.select(torch.from_numpy(np.argsort(np.concatenate(order), kind="stable")))

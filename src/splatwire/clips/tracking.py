@@ -1,0 +1,110 @@
+"""Which Gaussian of a frame is which of the frame before."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from splatwire.clips.frames import Frame
+from splatwire.clips.grouping import NamedFrame
+from splatwire.clips.matching import Match, aligned, match, tracked
+from splatwire.errors import InvalidValueError
+from splatwire.scene.splats import Splats
+
+ORDERS = ("auto", "tracked", "shuffled")
+
+
+@dataclass(frozen=True)
+class TrackingReport:
+    """How the frames of a clip were told to belong together.
+
+    Attributes:
+        tracked: Frames whose rows keep their Gaussian.
+        matched: Frames whose Gaussians had to be matched.
+        share: Share of the Gaussians of matched frames that found a partner; 1 where there are none.
+        born: Gaussians that came after the first frame.
+    """
+
+    tracked: int = 0
+    matched: int = 0
+    share: float = 1.0
+    born: int = 0
+
+
+class Tracker:
+    """Names the Gaussians of frames, one frame after another.
+
+    Args:
+        order: `tracked` if row i is the same Gaussian in every frame, `shuffled` if rows say nothing, `auto` to find
+            out for each frame.
+
+    Raises:
+        InvalidValueError: If there is no such order.
+    """
+
+    def __init__(self, order: str = "auto") -> None:
+        if order not in ORDERS:
+            raise InvalidValueError(f"frames are {', '.join(ORDERS)}, not {order!r:.40}")
+        self._order, self._next = order, 0
+        self._rows: Splats | None = None
+        self._keys = np.zeros(0, np.int64)
+        self._last: NamedFrame | None = None
+        self._match: Match | None = None
+        self.report = TrackingReport()
+
+    def add(self, frame: Frame) -> NamedFrame:
+        """Names the Gaussians of the next frame.
+
+        Raises:
+            InvalidValueError: If rows shall be the same Gaussians and their number changes.
+        """
+        named = self._first(frame) if self._last is None else self._next_frame(frame)
+        self._rows, self._last = frame.splats, named
+        return named
+
+    def _first(self, frame: Frame) -> NamedFrame:
+        self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
+        return self._by_rows(frame, count=False)
+
+    def _next_frame(self, frame: Frame) -> NamedFrame:
+        assert self._rows is not None and self._last is not None
+        same = frame.splats.num_gaussians == self._rows.num_gaussians
+        if self._order == "tracked" and not same:
+            raise InvalidValueError(
+                f"a frame has {frame.splats.num_gaussians:,} Gaussians, the one before {self._rows.num_gaussians:,}: rows of "
+                "tracked frames are always the same Gaussians"
+            )
+        if self._order == "tracked" or (self._order == "auto" and same and tracked(self._rows, frame.splats)):
+            self._match = None
+            self.report = replace(self.report, tracked=self.report.tracked + 1)
+            return self._by_rows(frame, count=True)
+        return self._matched(frame)
+
+    def _by_rows(self, frame: Frame, count: bool) -> NamedFrame:
+        """Rows keep their names; one that was not drawn begins anew."""
+        keys = np.where(frame.drawn, self._keys, -1)
+        new = frame.drawn & (keys < 0)
+        keys[new] = self._fresh(int(new.sum()), count)
+        self._keys = keys
+        return NamedFrame(frame.splats.select(torch.from_numpy(frame.drawn)), keys[frame.drawn])
+
+    def _matched(self, frame: Frame) -> NamedFrame:
+        """Names go to partners one to one."""
+        assert self._last is not None
+        here = frame.splats.select(torch.from_numpy(frame.drawn))
+        found = match(self._last.splats, here, self._match)
+        keys = np.where(found.partner >= 0, self._last.keys[found.partner], -1)
+        old = keys >= 0
+        keys[~old] = self._fresh(int((~old).sum()), born=True)
+        self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
+        self._keys[frame.drawn], self._match = keys, found
+        number, share = self.report.matched, float(old.mean()) if len(old) else 1.0
+        mean = (self.report.share * number + share) / (number + 1)
+        self.report = replace(self.report, matched=number + 1, share=mean)
+        return NamedFrame(aligned(self._last.splats, here, found.partner), keys)
+
+    def _fresh(self, count: int, born: bool) -> np.ndarray:
+        first, self._next = self._next, self._next + count
+        if born:
+            self.report = replace(self.report, born=self.report.born + count)
+        return np.arange(first, first + count)

@@ -1,0 +1,204 @@
+"""Numba kernels that predict the motion of a track from that of its neighbours in the packet: integers throughout."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.schemas.tracks.layout import (
+    KIND_OF,
+    MAX_COEFFICIENT,
+    MAX_QUANTISED,
+    MOVING,
+    NUM_CHANNELS,
+    NUM_NEIGHBOURS,
+    PLACE_BITS,
+    WEIGHT_BITS,
+)
+from splatwire.ops.compiled import njit
+
+_RADIUS = 16
+"""Offsets of neighbours are rounded to so many steps of the farthest one's."""
+_RIDGE = 64
+_OCTAVES = 1
+"""Tracks whose steps of place and turn are alike within `2 ** _OCTAVES` octaves in all are predicted side by side."""
+ONE = np.int64(1)
+
+
+@njit(error_model="numpy")
+@no_type_check
+def shrunk(places):
+    """Places relative to the lowest corner, in units so large that `PLACE_BITS` suffice, int64 (M, 3)."""
+    out, extent = places.copy(), np.int64(0)
+    for a in range(3):
+        low, high = places[0, a], places[0, a]
+        for i in range(len(places)):
+            low, high = min(low, places[i, a]), max(high, places[i, a])
+        extent = max(extent, high - low)
+        for i in range(len(places)):
+            out[i, a] -= low
+    shift = 0
+    while extent >> shift >= ONE << PLACE_BITS:
+        shift += 1
+    for i in range(len(places)):
+        for a in range(3):
+            out[i, a] >>= shift
+    return out
+
+
+@njit(error_model="numpy")
+@no_type_check
+def coarse_to_fine(places, moving, shifts):
+    """Order in which moving tracks are predicted, int64 (n): those of fine steps first, for they tell the most.
+
+    Of like steps along a Z-order curve by ever smaller strides, so that most have neighbours on all sides. `places`,
+    int64 (M, 3), are as `shrunk` returns them; `moving`, int64 (n); `shifts`, int64 (M, C).
+    """
+    n = len(moving)
+    codes = np.zeros(n, np.int64)
+    for i in range(n):
+        for bit in range(10):
+            for a in range(3):
+                codes[i] |= ((places[moving[i], a] >> (PLACE_BITS - 10 + bit)) & 1) << (3 * bit + a)
+    by = np.argsort(codes, kind="mergesort")
+    order, count, bits = np.empty(n, np.int64), 0, 0
+    while (1 << bits) < n:
+        bits += 1
+    for slot in range(1 << bits):
+        back = np.int64(0)
+        for bit in range(bits):
+            back |= ((slot >> bit) & 1) << (bits - 1 - bit)
+        if back < n:
+            order[count] = moving[by[back]]
+            count += 1
+    keys = np.empty(n, np.int64)
+    for i in range(n):
+        keys[i] = (shifts[order[i], 0] + shifts[order[i], 3]) >> _OCTAVES
+    return order[np.argsort(keys, kind="mergesort")]
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _nearest(places, known, count, i, who, far):
+    """The nearest of the `count` tracks in `known`, nearest first; returns how many. Of equals the earlier one."""
+    found = 0
+    x, y, z = places[i, 0], places[i, 1], places[i, 2]
+    for m in range(count):
+        j = known[m]
+        dx, dy, dz = places[j, 0] - x, places[j, 1] - y, places[j, 2] - z
+        d = dx * dx + dy * dy + dz * dz
+        if found == NUM_NEIGHBOURS and d >= far[found - 1]:
+            continue
+        at = found if found < NUM_NEIGHBOURS else found - 1
+        while at > 0 and far[at - 1] > d:
+            far[at], who[at] = far[at - 1], who[at - 1]
+            at -= 1
+        far[at], who[at] = d, j
+        found = min(found + 1, NUM_NEIGHBOURS)
+    return found
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _weigh(places, i, who, far, found, offsets, near, weights):
+    """Weights of neighbours, out of `1 << WEIGHT_BITS`, that add up to one: the least-squares plane through them at i.
+
+    Numbers stay below 2**53, so that doubles hold them: see `docs/format.md`.
+    """
+    for m in range(found):
+        weights[m] = (ONE << WEIGHT_BITS) // found
+    if found >= 4:
+        radius = ONE
+        for m in range(found):
+            for a in range(3):
+                radius = max(radius, abs(places[who[m], a] - places[i, a]))
+        _plane(places, i, who, far, found, radius, offsets, near, weights)
+    left = ONE << WEIGHT_BITS
+    for m in range(found):
+        left -= weights[m]
+    if found:
+        weights[0] += left
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _plane(places, i, who, far, found, radius, offsets, near, weights):
+    total = np.int64(0)
+    x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
+    for m in range(found):
+        near[m] = w = 1 + (2 * (far[0] + 1)) // (far[m] + 1)
+        for a in range(3):
+            offsets[m, a] = (places[who[m], a] - places[i, a]) * _RADIUS // radius
+        ox, oy, oz = offsets[m, 0], offsets[m, 1], offsets[m, 2]
+        total += w
+        x, y, z = x + w * ox, y + w * oy, z + w * oz
+        xx, xy, xz = xx + w * ox * ox, xy + w * ox * oy, xz + w * ox * oz
+        yy, yz, zz = yy + w * oy * oy, yz + w * oy * oz, zz + w * oz * oz
+    xx, xy, xz = total * xx - x * x, total * xy - x * y, total * xz - x * z
+    yy, yz, zz = total * yy - y * y, total * yz - y * z, total * zz - z * z
+    ridge = (xx + yy + zz) // _RIDGE + 1
+    xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    determinant = max((xx * a + xy * b + xz * c) >> 8, ONE)
+    hx, hy, hz = (a * x + b * y + c * z) >> 8, (b * x + d * y + e * z) >> 8, (c * x + e * y + f * z) >> 8
+    for m in range(found):
+        turn = hx * (total * offsets[m, 0] - x) + hy * (total * offsets[m, 1] - y) + hz * (total * offsets[m, 2] - z)
+        share = np.float64(near[m] * (determinant - turn)) / np.float64(total * determinant)
+        scaled = np.int64(np.floor(share * (1 << WEIGHT_BITS) + 0.5))
+        weights[m] = min(max(scaled, -(ONE << WEIGHT_BITS)), ONE << WEIGHT_BITS)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _quantised(value, shift, dead):
+    """A residual in steps; what is less than half a step and `dead` out of 64 steps more becomes 0."""
+    magnitude = abs(value)
+    steps = (magnitude + ((ONE << shift) >> 1) - ((dead << shift) >> 6)) >> shift
+    steps = min(max(steps, 0), MAX_QUANTISED)
+    return steps if value >= 0 else -steps
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, coefficients):
+    """Coefficients of a packet's tracks from their residuals, or, of an encoder, both from what is wanted.
+
+    Args:
+        places: int64 (M, 3), of the bases.
+        states: int64 (M).
+        shifts: int64 (M, C), log2 of the steps.
+        orders: int64 (kinds), how many coefficients of each kind are coded.
+        quantised: int32 (M, C, F), residuals in steps; filled by an encoder.
+        targets: float64 (M, C, F) of an encoder; of length 0 for a decoder.
+        dead: How much an encoder favours 0, out of 64 steps.
+        coefficients: int64 (M, C, F), zero before; filled.
+    """
+    if not len(places):
+        return
+    near = shrunk(places)
+    moving = np.flatnonzero(states == MOVING)
+    known = np.empty(len(places), np.int64)
+    count = 0
+    for i in range(len(places)):
+        if states[i] != MOVING:
+            known[count] = i
+            count += 1
+    who, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
+    offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
+    weights = np.empty(NUM_NEIGHBOURS, np.int64)
+    for i in coarse_to_fine(near, moving, shifts):
+        found = _nearest(near, known, count, i, who, far)
+        _weigh(near, i, who, far, found, offsets, closeness, weights)
+        for c in range(NUM_CHANNELS):
+            shift = shifts[i, c]
+            for k in range(orders[KIND_OF[c]]):
+                mean = np.int64(0)
+                for m in range(found):
+                    mean += weights[m] * coefficients[who[m], c, k]
+                mean = (mean + (ONE << (WEIGHT_BITS - 1))) >> WEIGHT_BITS
+                if len(targets):
+                    quantised[i, c, k] = _quantised(np.int64(np.rint(targets[i, c, k])) - mean, shift, dead)
+                value = mean + (np.int64(quantised[i, c, k]) << shift)
+                coefficients[i, c, k] = min(max(value, -MAX_COEFFICIENT), MAX_COEFFICIENT)
+        known[count] = i
+        count += 1

@@ -1,0 +1,117 @@
+"""Bases of tracks: explicit Gaussians, coded as those of a still scene are, some of them with each group."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from splatwire.codec.schemas.gaussians.blocks import Boxes
+from splatwire.codec.schemas.gaussians.encoder import encode_block, fit_side_info
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info, write_side_info
+from splatwire.codec.schemas.gaussians.source_scene import SourceScene
+from splatwire.codec.threads import ordered_map
+from splatwire.model import SplatCoding
+from splatwire.packets import HEADER_BYTES, Packet, Packetization, PacketId, PacketPlan, make_packet
+from splatwire.scene.splats import Splats
+
+
+@dataclass(frozen=True, eq=False)
+class CodedBases:
+    """Tracks that are born in a group.
+
+    Attributes:
+        order: Which of the given Gaussians each track is, in the order of the tracks, int64 (n).
+        rows: Their integers, int64 (n, COLUMNS); places are in half lattice units, of the scene.
+        digested: What the stream's digest takes, rows and harmonics block by block.
+        packets: Their packets, of blocks from 0.
+        num_blocks: How many blocks these are.
+    """
+
+    order: np.ndarray
+    rows: np.ndarray
+    digested: list[tuple[np.ndarray, np.ndarray]]
+    packets: list[Packet]
+    num_blocks: int
+
+
+def span_size(count: int, block_size: int) -> int:
+    """Most elements of a block of a run of so many: all are as large, as `splatwire.packets.tiers.spans_of` has them."""
+    return -(-count // -(-count // block_size))
+
+
+class BaseEncoder:
+    """Codes births, group after group; steps, lattice and tables are those of the first.
+
+    Args:
+        quality: How finely they are quantised.
+        packetization: How they are split.
+        threads: Threads to use, which changes no bit.
+    """
+
+    def __init__(self, quality: Quality, packetization: Packetization, threads: int | None) -> None:
+        self._quality, self._packetization, self._threads = quality, packetization, threads
+        self._infos: list[SideInfo] = []
+        self._level = 0
+
+    @property
+    def info(self) -> SideInfo:
+        """Side information of all bases so far."""
+        boxes = [info.boxes for info in self._infos]
+        joined = Boxes(*(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents")))
+        return replace(self._infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in self._infos]))
+
+    def encode(self, splats: Splats, classes: np.ndarray | None, sections: Mapping[str, bytes]) -> CodedBases:
+        """Codes the Gaussians that are born with a group.
+
+        Args:
+            splats: They, at least one; all can be drawn.
+            classes: Class of precision of each, of the first group; None for the finest, and later for a middle one.
+            sections: Named sections, of the first group.
+
+        Raises:
+            InvalidValueError: If one is too far away from the others.
+        """
+        size = span_size(splats.num_gaussians, self._packetization.block_size)
+        plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
+        source = SourceScene.of(splats, plan, classes, None, self._quality, self._coding(splats.num_gaussians))
+        like = self._infos[0] if self._infos else None
+        known = None if like is None else like.transform
+        fitted = fit_side_info(source, sections if like is None else {}, known, like, self._threads)
+        info = read_side_info(write_side_info(fitted), plan.num_blocks)
+        if like is None:
+            self._level = int(np.median(source.classes))
+        self._infos.append(info)
+        return self._coded(source, plan, info)
+
+    def _coding(self, count: int) -> SplatCoding | None:
+        if not self._infos:
+            return None
+        info = self._infos[0]
+        classes = torch.full((count,), self._level, dtype=torch.uint8)
+        transform, bases = torch.from_numpy(info.transform), tuple(info.bases.tolist())
+        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, classes)
+
+    def _coded(self, source: SourceScene, plan: PacketPlan, info: SideInfo) -> CodedBases:
+        most = plan.packetization.packet_bytes - HEADER_BYTES
+
+        def encode(block: int):  # type: ignore[no-untyped-def]
+            return encode_block(source.arranged(block, info), info, block, np.zeros(0, np.int64), most)
+
+        order, rows, digested, packets = [], [], [], []
+        for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads)):
+            starts = np.cumsum(coded.sizes) - coded.sizes
+            for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
+                packets.append(make_packet(PacketId(block, start), count, payload))
+            order.append(source.ranked(block, info, coded.sizes))
+            digested.append((coded.rows, coded.harmonics))
+            rows.append(placed(coded.rows, info, block))
+        return CodedBases(np.concatenate(order), np.concatenate(rows), digested, packets, plan.num_blocks)
+
+
+def placed(rows: np.ndarray, info: SideInfo, block: int) -> np.ndarray:
+    """Integers of a block with places in half lattice units of the scene, int64 (n, COLUMNS)."""
+    whole = rows.copy()
+    whole[:, :3] += 2 * info.boxes.corners[block]
+    return whole

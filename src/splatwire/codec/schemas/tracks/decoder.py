@@ -1,0 +1,228 @@
+"""Stream to clip: takes bytes and nothing else."""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from splatwire.codec.background import read_background
+from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.schema import Rows, Run
+from splatwire.codec.schemas.gaussians.attributes import empty_rows as empty_bases
+from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
+from splatwire.codec.schemas.gaussians.decoder import blank_splats, decode_packets, store_block
+from splatwire.codec.schemas.gaussians.layout import COLUMNS
+from splatwire.codec.schemas.tracks.bases import placed
+from splatwire.codec.schemas.tracks.layout import (
+    AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK,
+)
+from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, empty_rows
+from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
+from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
+from splatwire.codec.schemas.tracks.steps import motion_shifts
+from splatwire.codec.schemas.tracks.trajectories import offsets_of
+from splatwire.model import Partial
+from splatwire.model.clip import ClipScene, GroupMotion, Tracks
+from splatwire.packets import Manifest, Packet
+from splatwire.scene import Erasures
+
+
+class TracksDecoder:
+    """See `splatwire.codec.schema.Decoder`; a run is what arrived of a block, of bases or of a group's motion.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: Its side information.
+        num_bytes: Bytes of the stream that are there.
+
+    Raises:
+        MissingSideInfoError: If there is no side information.
+        BitstreamError: If it is damaged or contradicts the manifest.
+    """
+
+    order: np.ndarray | None = None
+    whole_blocks, alone = True, True
+
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
+        info = open_side_info(manifest, side_info)
+        self.info, self._plan, self._num = info, manifest.plan, manifest.num_anchors
+        self.sections = info.sections
+        self._spans = _Spans(info, manifest)
+        self._num_tracks = sum(group.births for group in info.groups)
+        degree = info.bases.degree
+        self.scene_bytes = self._num_tracks * (4 * (11 + 3 * (degree + 1) ** 2) + 8 * int(COLUMNS) + 8) + self._num
+        frames = info.timeline.group_frames
+        self.row_bytes = max(8 * int(COLUMNS) + 4 * info.bases.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
+
+    def working_bytes(self, packets: Sequence[Packet]) -> int:
+        """See `Decoder.working_bytes`: rows of a few blocks, whose results wait for others."""
+        largest = max((span.block_size for span in self._plan.spans if span.num_anchors), default=0)
+        return largest * (4 * self.row_bytes + 64) + (4 << 20)
+
+    def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
+        """See `Decoder.expect`."""
+        self._splats = blank_splats(self._num_tracks, self.info.bases.degree)
+        self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
+        self._received = torch.zeros(self._num_tracks, dtype=torch.bool)
+        self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
+        self._packets: dict[int, tuple[Packet, ...]] = {}
+
+    def decode(self, run: Run) -> Rows:
+        """See `Decoder.decode`."""
+        group, base = self._spans.of(run.block)
+        if base is not None:
+            return decode_packets(self.info.bases, base, run.counts, run.payloads)
+        return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])
+
+    def store(self, run: Run, rows: Rows) -> None:
+        """See `Decoder.store`: of motion the packets are kept, which are a hundredth of what is in them."""
+        group, base = self._spans.of(run.block)
+        self._erasures.received[torch.from_numpy(run.ranks)] = True
+        if base is None:
+            self._packets[run.block] = run.packets
+            return
+        first, count = self._spans.tracks_of(base)
+        received = np.zeros(count, dtype=bool)
+        whole, harmonics = empty_bases(count, self.info.bases.num_harmonics)
+        begin = 0
+        for packet in run.packets:
+            here, end = slice(packet.id.lane, packet.id.lane + packet.num_anchors), begin + packet.num_anchors
+            received[here], whole[here], harmonics[here] = True, rows[0][begin:end], rows[1][begin:end]
+            begin = end
+        here = np.arange(first, first + count)
+        store_block(self._splats, here, whole, harmonics, received, self.info.bases, base)
+        self._rows[here] = placed(whole, self.info.bases, base)
+        self._received[here] = torch.from_numpy(received)
+
+    def update_digest(self, digest: Any, rows: Rows) -> None:
+        """See `Decoder.update_digest`."""
+        update_digest(digest, rows)
+
+    def scene(self) -> Partial[ClipScene]:
+        """See `Decoder.scene`."""
+        tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), self._spans.blocks_of_tracks())
+        clip = ClipScene(
+            self.info.timeline, tracks, self._motion, self._num, read_background(self.sections)
+        )
+        return Partial(clip, self._erasures, concealer_sections(self.sections))
+
+    def _motion(self, group: int, there: np.ndarray) -> GroupMotion:
+        """What arrived of a group's motion, of tracks whose bases are there."""
+        frames, blocks = len(self.info.timeline.frames_of(group)), self._spans.motion_blocks(group)
+        heads, offsets, spoken, num = [], [], np.zeros(self._num_tracks, bool), 0
+        for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
+            counts = np.array([packet.num_anchors])
+            rows, residuals = decode_motion(self.info, group, counts, [packet.payload], self._spans.first_new[group])
+            rows, residuals = _valid(rows, residuals, self._num_tracks)
+            num += packet.num_anchors
+            if not len(rows):
+                continue
+            if not there[rows[:, TRACK]].all():
+                continue  # until its bases are there
+            spoken[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
+            own = self._rows[rows[:, TRACK]]
+            shifts = motion_shifts(own, self.info.bases, self.info.coarser)
+            coefficients = coefficients_of(rows, residuals, own[:, :3], shifts)
+            heads.append(rows)
+            offsets.append(offsets_of(coefficients, self.info.bases.unit, self.info.bases.size_log))
+        joined = np.concatenate([np.zeros((0, HEAD), np.int64), *heads])
+        moves = np.concatenate([np.zeros((0, NUM_CHANNELS, frames)), *offsets])
+        return _sorted(joined, moves, frames, spoken, num == self.info.groups[group].motions, not blocks)
+
+
+def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of tracks that there are: bytes that no encoder wrote may name others."""
+    good = (heads[:, TRACK] >= 0) & (heads[:, TRACK] < num_tracks)
+    return heads[good], residuals[good]
+
+
+def _sorted(
+    heads: np.ndarray, moves: np.ndarray, frames: int, spoken: np.ndarray, complete: bool, unchanged: bool
+) -> GroupMotion:
+    """Puts tracks of all packets in order; of one that is there twice the first counts."""
+    tracks, first = np.unique(heads[:, TRACK], return_index=True)
+    moving = heads[:, STATE] == MOVING
+    row_of = np.cumsum(moving) - 1
+    some = heads[first]
+    begins = np.clip(some[:, BEGINS], 0, frames - 1)
+    return GroupMotion(
+        tracks, moving[first], begins, np.clip(some[:, ENDS], begins, frames), moves[row_of[first][moving[first]]],
+        spoken, complete, unchanged,
+    )  # fmt: skip
+
+
+class _Spans:
+    """Which block of a plan is what."""
+
+    def __init__(self, info: ClipInfo, manifest: Manifest) -> None:
+        plan = manifest.plan
+        self._blocks: list[tuple[int, int | None]] = []
+        self._tracks: list[tuple[int, int]] = []
+        self._motion: dict[int, range] = {}
+        births = [group.births for group in info.groups]
+        self.first_new = np.concatenate([[0], np.cumsum(births)]).astype(np.int64).tolist()
+        self.born = np.repeat(np.arange(len(births)), births)
+        track = 0
+        for tier, span in enumerate(plan.spans):
+            group, bases = tier // 2, tier % 2 == 0
+            blocks = range(span.first_block, span.first_block + span.num_blocks)
+            if not bases:
+                self._motion[group] = blocks
+            for block in blocks:
+                self._blocks.append((group, len(self._tracks) if bases else None))
+                if bases:
+                    self._tracks.append((track, span.block_anchors(block)))
+                    track += span.block_anchors(block)
+
+    def of(self, block: int) -> tuple[int, int | None]:
+        """Group of a block, and which block of bases it is; None for motion."""
+        return self._blocks[block]
+
+    def blocks_of_tracks(self) -> np.ndarray:
+        """Block of the plan that each track's base is in, int64 (T)."""
+        blocks = [block for block, (_, base) in enumerate(self._blocks) if base is not None]
+        return np.repeat(np.array(blocks, np.int64), [count for _, count in self._tracks])
+
+    def tracks_of(self, base: int) -> tuple[int, int]:
+        """First track of a block of bases, and how many there are."""
+        return self._tracks[base]
+
+    def motion_blocks(self, group: int) -> range:
+        """Blocks of a group's motion."""
+        return self._motion.get(group, range(0))
+
+
+def update_digest(digest: Any, rows: Rows) -> None:
+    """Adds the integers of one block, of bases or of motion, to a hashlib object."""
+    (digest_motion if rows[0].shape[1] == HEAD else digest_bases)(digest, rows)
+
+
+def decode_motion(
+    info: ClipInfo, group: int, counts: np.ndarray, payloads: Sequence[bytes], first_new: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Decodes packets of a group's motion; any bytes decode to something.
+
+    Args:
+        info: The stream's side information.
+        group: The group.
+        counts: int64 (packets), tracks of each.
+        payloads: One for each packet.
+        first_new: First track that is born in the group.
+
+    Returns:
+        Heads int64 (n, HEAD) and residuals int32 (n, C F), packet by packet.
+    """
+    from splatwire.codec.schemas.tracks import _packet_kernels as kernels
+
+    frames = len(info.timeline.frames_of(group))
+    data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
+    ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    heads, residuals = empty_rows(int(starts[-1]), frames)
+    kernels.decode_packets(
+        info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, heads,
+        np.zeros((len(payloads), 5), np.int64), residuals.reshape(len(heads), NUM_CHANNELS, frames),
+    )  # fmt: skip
+    return heads, residuals

@@ -1,0 +1,316 @@
+"""Groups of frames to packets, one group after another: what is there at the end is a stream."""
+
+import hashlib
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from splatwire.codec.background import background_sections
+from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
+from splatwire.codec.schemas.gaussians.fit import fit_bits
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.codec.schemas.tracks.bases import BaseEncoder, CodedBases, span_size
+from splatwire.codec.schemas.tracks.layout import (
+    AFTER,
+    BEFORE,
+    BEGINS,
+    ENDS,
+    HEAD,
+    MAX_COEFFICIENT,
+    MAX_QUANTISED,
+    MOVING,
+    NUM_CHANNELS,
+    NUM_CONTEXTS,
+    STATE,
+    TRACK,
+)
+from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
+from splatwire.codec.schemas.tracks.side_info import ClipInfo, Group, write_side_info
+from splatwire.codec.schemas.tracks.steps import motion_shifts
+from splatwire.codec.schemas.tracks.trajectories import Trajectories, targets_of
+from splatwire.codec.threads import ordered_map
+from splatwire.errors import InvalidValueError
+from splatwire.model.clip import Timeline
+from splatwire.packets import HEADER_BYTES, Packet, Packetization, PacketId, SceneStream, make_packet, make_stream
+from splatwire.packets.limits import TRACKS
+from splatwire.packets.tiers import TierShape
+from splatwire.scene.background import BLACK, Background
+from splatwire.scene.splats import Splats
+from splatwire.version import __version__
+
+DATAGRAMS = Packetization(block_size=1200, lanes=1, grouping="hashed", packet_bytes=1150)
+"""How clips are split: into packets that fit a datagram, each of what is spread over a thousand tracks. Larger blocks hold
+what is further apart, which tells less of each other: 4096 take 1.17 times the bytes of a bent capture, 300 take 0.92."""
+COARSER = np.array([2, 3, 2, 2, 2], dtype=np.int64)
+"""Octaves by which steps of motion are larger than those of bases, by kind."""
+DEAD = 8
+"""See `follow_neighbours`: what an encoder favours 0 by, out of 64 steps."""
+FITTED_ROUNDS, FITTED_BLOCKS = 2, 16
+BYTES_PER_COEFFICIENT = 5
+WIDEST_TURN = 2.0
+"""Tangent of a quarter of the largest rotation from a base, about 254 degrees: what turned further begins anew."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackGroup:
+    """Tracks over a group of frames.
+
+    Attributes:
+        keys: Name of each track, the same in every group that it is in, ascending, int64 (n).
+        begins: First frame of each, counted from the group's, int64 (n).
+        ends: First frame after each, int64 (n).
+        moves: What they do.
+        first: Each as it is at its first frame of the group, with all harmonics.
+    """
+
+    keys: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
+    moves: Trajectories
+    first: Splats
+
+
+class ClipWriter:
+    """Codes groups of frames one after another.
+
+    Args:
+        timeline_rate: Frames a second.
+        group_frames: Frames of a group; only the last one may have fewer.
+        quality: How finely Gaussians are quantised.
+        background: RGB behind everything.
+        packetization: How tracks are split; packets cut by their size.
+        threads: Threads to use, which changes no bit; None for one for each processor.
+    """
+
+    def __init__(
+        self, rate: object, group_frames: int, quality: Quality, background: Background = BLACK,
+        packetization: Packetization = DATAGRAMS, threads: int | None = None,
+    ) -> None:  # fmt: skip
+        if not packetization.hashed:
+            raise InvalidValueError("packets of a clip are cut by their size: choose hashed grouping")
+        self._rate, self._group_frames = rate, group_frames
+        self._packetization, self._threads = packetization, threads
+        self._sections: Mapping[str, bytes] = background_sections(background)
+        self._bases = BaseEncoder(quality, packetization, threads)
+        self._zero: np.ndarray | None = None
+        self._groups: list[Group] = []
+        self._packets: list[Packet] = []
+        self._num_blocks = self._num_frames = self._num_tracks = 0
+        self._digest = hashlib.sha256()
+        self._known = _Known.empty()
+
+    def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
+        """Codes the next group.
+
+        Args:
+            group: Its tracks.
+            classes: Class of precision of each, for the first group; None for the finest.
+
+        Returns:
+            Its packets, of no stream yet.
+
+        Raises:
+            InvalidValueError: If nothing in the first group draws anything, or a track is too far away.
+        """
+        if not len(group.keys) and not self._groups:
+            raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
+        born = self._births(group, classes)
+        births = len(self._known.keys) - self._num_tracks
+        first_new, self._num_tracks = self._num_tracks, len(self._known.keys)
+        motions, moved = self._motions(group, first_new)
+        self._groups.append(Group(births, motions))
+        self._num_frames += group.moves.num_frames
+        packets = [*born, *moved]
+        self._packets += packets
+        return packets
+
+    def finish(self) -> SceneStream:
+        """The stream of all groups."""
+        timeline = Timeline(self._rate, self._num_frames, self._group_frames)
+        zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
+        info = ClipInfo(timeline, tuple(self._groups), self._bases.info, COARSER, zero, self._sections)
+        tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
+        return make_stream(
+            packetization=self._packetization, num_anchors=sum(tier.num_anchors for tier in tiers),
+            side_info=write_side_info(info), packets=self._packets, symbols_digest=self._digest.hexdigest(),
+            writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
+        )  # fmt: skip
+
+    def _births(self, group: TrackGroup, classes: np.ndarray | None) -> list[Packet]:
+        """Codes tracks that are new, or that went further than their bases allow."""
+        new = ~np.isin(group.keys, self._known.keys)
+        if not new.all() and self._known.keys.size:
+            new[~new] = self._strayed(group, ~new)
+        where = np.flatnonzero(new)
+        if not len(where):
+            return []
+        coded = self._bases.encode(
+            group.first.select(torch.from_numpy(where)), None if classes is None else classes[where], {}
+        )
+        born = where[coded.order]
+        self._known = self._known.with_births(group, born, coded.rows)
+        for rows in coded.digested:
+            digest_bases(self._digest, rows)
+        return self._named(coded.packets, coded.num_blocks)
+
+    def _strayed(self, group: TrackGroup, old: np.ndarray) -> np.ndarray:
+        """Which of the old tracks need a new base, bool."""
+        numbers = self._known.numbers_of(group.keys[old])
+        targets, turns = self._targets(group.moves.select(old), numbers)
+        steps = np.abs(targets) / np.exp2(self._shifts(numbers))[:, :, None]
+        far = (steps > MAX_QUANTISED / 2).any(axis=(1, 2)) | (np.abs(targets) > MAX_COEFFICIENT / 2).any(axis=(1, 2))
+        return far | (turns > WIDEST_TURN)
+
+    def _targets(self, moves: Trajectories, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        info = self._bases.info
+        return targets_of(moves, self._known.bases.select(numbers), info.unit, info.size_log)
+
+    def _shifts(self, numbers: np.ndarray) -> np.ndarray:
+        return motion_shifts(self._known.rows[numbers], self._bases.info, COARSER)
+
+    def _motions(self, group: TrackGroup, first_new: int) -> tuple[int, list[Packet]]:
+        """Codes what tracks do; nothing where all stay as they were."""
+        numbers = self._known.numbers_of(group.keys)
+        by = np.argsort(numbers)
+        numbers, frames = numbers[by], group.moves.num_frames
+        targets, _ = self._targets(group.moves.select(by), numbers)
+        shifts = self._shifts(numbers)
+        heads = np.zeros((len(by), HEAD), dtype=np.int64)
+        heads[:, TRACK], heads[:, BEGINS], heads[:, ENDS] = numbers, group.begins[by], group.ends[by]
+        heads[:, BEFORE] = np.diff(numbers, prepend=-1) - 1
+        if len(numbers):
+            heads[-1, AFTER] = self._num_tracks - 1 - numbers[-1]
+        worth = np.abs(targets) * 64 >= np.exp2(shifts)[:, :, None] * (32 + DEAD)
+        heads[:, STATE] = np.where(worth.any(axis=(1, 2)), MOVING, 0)
+        constant = (heads[:, STATE] == 0) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)
+        unchanged = constant.all() and np.array_equal(self._known.alive, numbers[numbers < first_new])
+        self._known = replace(self._known, alive=numbers[heads[:, ENDS] == frames])
+        if unchanged:
+            return 0, []
+        places = np.ascontiguousarray(self._known.rows[numbers, :3])
+        return len(numbers), self._cut(heads, places, shifts, targets, first_new)
+
+    def _cut(
+        self, heads: np.ndarray, places: np.ndarray, shifts: np.ndarray, targets: np.ndarray, first_new: int
+    ) -> list[Packet]:
+        size = span_size(len(heads), self._packetization.block_size)
+        edges = [*range(0, len(heads), size), len(heads)]
+        most = self._packetization.packet_bytes - HEADER_BYTES
+        coder = _MotionCoder(heads, places, shifts, targets, first_new, most)
+        if self._zero is None:
+            self._zero = coder.fitted(edges)
+        parts = list(itertools.pairwise(edges))
+        packets = []
+        zero = self._zero
+        coded = ordered_map(lambda ends: coder.encode(zero, *ends), parts, self._threads)
+        for block, (begin, (sizes, payloads, residuals)) in enumerate(zip(edges, coded, strict=False)):
+            starts = np.cumsum(sizes) - sizes
+            for start, count, payload in zip(starts.tolist(), sizes.tolist(), payloads, strict=True):
+                packets.append(make_packet(PacketId(block, start), count, payload))
+            digest_motion(self._digest, (heads[begin : begin + len(residuals)], residuals))
+        return self._named(packets, len(parts))
+
+    def _named(self, packets: list[Packet], num_blocks: int) -> list[Packet]:
+        """Packets of a run of blocks at its place in the stream."""
+        first = self._num_blocks
+        self._num_blocks += num_blocks
+        return [
+            make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class _MotionCoder:
+    """Codes the blocks of a group's motion.
+
+    Attributes:
+        heads: Of all tracks that are there, int64 (n, HEAD), ascending by track.
+        places: Places of their bases, half lattice units, int64 (n, 3).
+        shifts: log2 of their steps, int64 (n, C).
+        targets: What they do, float64 (n, C, F).
+        first_new: First track that is born in the group.
+        most: Bytes of a payload.
+    """
+
+    heads: np.ndarray
+    places: np.ndarray
+    shifts: np.ndarray
+    targets: np.ndarray
+    first_new: int
+    most: int
+
+    def fitted(self, edges: list[int]) -> np.ndarray:
+        """Initial P(0) of the models out of 2**8, int64 (contexts), from some of the blocks between these edges."""
+        zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
+        blocks = list(itertools.pairwise(edges))
+        some = [blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})]
+        for _ in range(FITTED_ROUNDS):
+            counts = np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
+            for begin, end in some:
+                self._encode(zero, begin, end, counts)
+            zero = fit_bits(counts)
+        return zero
+
+    def encode(self, zero: np.ndarray, begin: int, end: int) -> tuple[np.ndarray, list[bytes], np.ndarray]:
+        """Tracks and payloads of each packet of a block, and the residuals, int32 (n, C F)."""
+        return self._encode(zero, begin, end, np.zeros((NUM_CONTEXTS, 2), dtype=np.int64))
+
+    def _encode(
+        self, zero: np.ndarray, begin: int, end: int, counts: np.ndarray
+    ) -> tuple[np.ndarray, list[bytes], np.ndarray]:
+        from splatwire.codec.schemas.tracks import _packet_kernels as kernels
+
+        count, frames, some = end - begin, self.targets.shape[2], slice(begin, end)
+        models = np.repeat(zero[:, None] << 8, 2, axis=1)
+        residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)
+        room = kernels.SLACK + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
+        buffer, sizes, ends = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
+        used = kernels.encode_cut(
+            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
+            self.places[some], self.shifts[some], self.targets[some], np.int64(self.most), buffer, residuals, sizes, ends,
+        )  # fmt: skip
+        bounds = [0, *ends[:used].tolist()]
+        payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]
+        return sizes[:used], payloads, residuals.reshape(count, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Tracks that were born so far.
+
+    Attributes:
+        keys: Key of each, int64 (T).
+        bases: How each looked when it was born.
+        rows: Integers of each, int64 (T, COLUMNS).
+        alive: Those that are there at the end of the last group, ascending, int64.
+    """
+
+    keys: np.ndarray
+    bases: Trajectories
+    rows: np.ndarray
+    alive: np.ndarray
+
+    @staticmethod
+    def empty() -> "_Known":
+        """Nobody."""
+        empty = Trajectories(
+            *(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,)))
+        )
+        none = np.zeros(0, np.int64)
+        return _Known(none, empty, np.zeros((0, 17), np.int64), none)
+
+    def numbers_of(self, keys: np.ndarray) -> np.ndarray:
+        """The track of each key, the last one that it was given, int64."""
+        order = np.argsort(self.keys, kind="stable")
+        return order[np.searchsorted(self.keys[order], keys, side="right") - 1]
+
+    def with_births(self, group: TrackGroup, born: np.ndarray, rows: np.ndarray) -> "_Known":
+        """With the tracks of a group that are born, in the order of their numbers."""
+        bases = group.moves.select(born).at(group.begins[born])
+        joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
+        return _Known(
+            np.concatenate([self.keys, group.keys[born]]), Trajectories(**joined), np.concatenate([self.rows, rows]), self.alive
+        )

@@ -1,0 +1,146 @@
+"""Side information of a clip: its timeline, how many are born and move in each group, tables (docs/format.md)."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+
+from splatwire.byte_io import ByteReader, ByteWriter
+from splatwire.codec.schemas.gaussians.side_info import SideInfo as BaseInfo
+from splatwire.codec.schemas.gaussians.side_info import read_side_info as read_bases
+from splatwire.codec.schemas.gaussians.side_info import write_side_info as write_bases
+from splatwire.codec.schemas.tracks.layout import NUM_CONTEXTS, NUM_KINDS
+from splatwire.errors import BitstreamError, MissingSideInfoError, UnsupportedVersionError
+from splatwire.model.clip import Timeline
+from splatwire.packets import Manifest
+from splatwire.packets.limits import (
+    MAX_FRAME_RATE,
+    MAX_FRAMES,
+    MAX_GROUP_FRAMES,
+    SCHEMAS,
+    TRACKS,
+)
+from splatwire.packets.sections import read_sections, write_sections
+
+VERSION = 1
+MAX_OFFSET = 16
+
+
+@dataclass(frozen=True)
+class Group:
+    """What a group of frames has.
+
+    Attributes:
+        births: Tracks that are born in it.
+        motions: Tracks that are there in it, each of which is an element; 0 if all stay as they were.
+    """
+
+    births: int
+    motions: int
+
+
+@dataclass(frozen=True, eq=False)
+class ClipInfo:
+    """What all packets of a clip share.
+
+    Attributes:
+        timeline: When the frames are.
+        groups: What each group has.
+        bases: Side information of the bases: a block for each of theirs, in the order of the plan.
+        coarser: Octaves by which steps of motion are larger than those of the base, by kind of channel, int64 (kinds).
+        bit_zero: Initial P(0) of the adaptive models of motion out of 2**8, int64 (contexts).
+        sections: Named sections, content by name.
+    """
+
+    timeline: Timeline
+    groups: tuple[Group, ...]
+    bases: BaseInfo
+    coarser: np.ndarray
+    bit_zero: np.ndarray
+    sections: Mapping[str, bytes] = field(default_factory=dict)
+
+    def models(self) -> np.ndarray:
+        """Initial adaptive models of every packet of motion, int64 (contexts, 2)."""
+        return np.repeat(self.bit_zero[:, None] << 8, 2, axis=1)
+
+
+def write_side_info(info: ClipInfo) -> bytes:
+    """Writes side information."""
+    clip, motion, time = ByteWriter(), ByteWriter(), info.timeline
+    clip.u8(VERSION)
+    for value in (time.rate.numerator, time.rate.denominator, time.num_frames, time.group_frames):
+        clip.unsigned(value)
+    for octaves in info.coarser.tolist():
+        motion.signed(octaves)
+    writer = ByteWriter()
+    for part in (
+        clip.bytes(),
+        write_bases(info.bases),
+        motion.bytes() + bytes(info.bit_zero.astype(np.uint8)),
+    ):
+        writer.blob(part)
+    return writer.bytes() + write_sections(info.sections)
+
+
+def open_side_info(manifest: Manifest, side_info: bytes) -> ClipInfo:
+    """Reads the side information of a clip; the inverse of `write_side_info`.
+
+    Raises:
+        MissingSideInfoError: If there is none.
+        UnsupportedVersionError: If a newer release wrote it.
+        BitstreamError: If it is damaged, or contradicts the manifest.
+    """
+    if not side_info:
+        raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
+    if not manifest.packetization.hashed:
+        raise BitstreamError("packets of a clip are cut by their size, those of this manifest are not")
+    reader = ByteReader(side_info, "side information")
+    clip, bases, motion = (reader.blob() for _ in SCHEMAS[TRACKS].sections)
+    timeline, groups = _read_clip(clip), _groups(manifest)
+    if len(groups) != timeline.num_groups:
+        raise BitstreamError(
+            f"side information: {timeline.num_groups} groups of frames, the manifest has {len(groups)}"
+        )
+    coarser, bit_zero = _read_motion(motion)
+    sections = read_sections(reader.rest())
+    size = manifest.packetization.block_size
+    base = read_bases(bases, sum(-(-group.births // size) for group in groups))
+    return ClipInfo(timeline, groups, base, coarser, bit_zero, sections)
+
+
+def _groups(manifest: Manifest) -> tuple[Group, ...]:
+    """What each group has, from the sizes of tiers."""
+    counts = [tier.num_anchors for tier in manifest.tiers]
+    groups, alive = tuple(itertools.starmap(Group, zip(counts[::2], counts[1::2], strict=True))), 0
+    for group in groups:
+        alive += group.births
+        if group.motions > alive:
+            raise BitstreamError(f"{group.motions} tracks move in a group where {alive} are born")
+    return groups
+
+
+def _read_clip(data: bytes) -> Timeline:
+    reader = ByteReader(data, "side information of the clip")
+    version = reader.u8()
+    if version != VERSION:
+        raise UnsupportedVersionError(f"side information has version {version}, this release reads version {VERSION}")
+    numerator, denominator, frames, size = (reader.unsigned() for _ in range(4))
+    possible = 0 < denominator <= MAX_FRAMES and 0 < numerator <= MAX_FRAME_RATE * denominator
+    if not (possible and 0 < frames <= MAX_FRAMES and 0 < size <= MAX_GROUP_FRAMES):
+        raise BitstreamError(
+            f"side information: {frames} frames in groups of {size} at {numerator}/{denominator} are impossible"
+        )
+    reader.finish()
+    return Timeline(Fraction(numerator, denominator), frames, size)
+
+
+def _read_motion(data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    reader = ByteReader(data, "side information of motion")
+    coarser = np.array([reader.signed() for _ in range(NUM_KINDS)], dtype=np.int64)
+    if np.abs(coarser).max() > MAX_OFFSET:
+        raise BitstreamError(f"side information: impossible steps of motion {coarser.tolist()}")
+    zero = np.frombuffer(reader.take(NUM_CONTEXTS), np.uint8).astype(np.int64)
+    reader.finish()
+    return coarser, np.clip(zero, 1, 255)
