@@ -89,7 +89,11 @@ class Decode:
         suffix = f".{(self.format or 'ply').lstrip('.')}" if self.frame is None else Path(self.output).suffix
         writer_for(f"x{suffix}" if self.frame is None else self.output)
         started, method = time.perf_counter(), self.conceal or DEFAULT
-        output = output_folder(self.output) if self.frame is None else output_path(self.output, suffix=suffix, json=self.json)
+        output = (
+            output_folder(self.output)
+            if self.frame is None
+            else output_path(self.output, suffix=suffix, json=self.json)
+        )
         with progress_bars() as show, output as path:
             facts = write_frames(stream, path, suffix, method, self.frame, show)
         seconds = time.perf_counter() - started

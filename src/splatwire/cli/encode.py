@@ -87,7 +87,9 @@ class Encode:
             self._encode_clip(background)
             return
         if self.fps is not None or self.group is not None:
-            raise InvalidValueError(f"--fps and --group are for a folder with a file a frame, which {self.scene} is not")
+            raise InvalidValueError(
+                f"--fps and --group are for a folder with a file a frame, which {self.scene} is not"
+            )
         from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import viewpoint_section

@@ -1,6 +1,6 @@
 """Concealment in time: what a track does whose motion was lost, from the group before and from its neighbours."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -144,9 +144,7 @@ def _first_memory(clip: ClipScene) -> Memory:
 def _arrived(motion: GroupMotion, frames: int) -> GroupPoses:
     offsets = np.zeros((len(motion.tracks), motion.offsets.shape[1], frames), np.float32)
     offsets[motion.moving] = motion.offsets
-    return GroupPoses(
-        motion.tracks, motion.begins, motion.ends, offsets, np.zeros(len(motion.tracks), bool)
-    )
+    return GroupPoses(motion.tracks, motion.begins, motion.ends, offsets, np.zeros(len(motion.tracks), bool))
 
 
 def _standing(who: np.ndarray, frames: int, channels: int) -> GroupPoses:

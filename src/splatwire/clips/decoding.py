@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, Memory, clip_concealer, conceal_group
+from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, clip_concealer, conceal_group
 from splatwire.conceal import conceal
 from splatwire.model import Partial, RenderHints, SplatScene
 from splatwire.model.clip import ClipScene

@@ -115,7 +115,10 @@ class ClipEncoder:
 
 
 def encode_clip(
-    frames: Iterable[Frame | Splats], options: ClipOptions = ClipOptions(), *, progress: Callable[[int], None] | None = None
+    frames: Iterable[Frame | Splats],
+    options: ClipOptions = ClipOptions(),
+    *,
+    progress: Callable[[int], None] | None = None,
 ) -> tuple[SceneStream, TrackingReport]:
     """Encodes frames that are all there.
 

@@ -82,7 +82,7 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
             degree = splats.degree
         if splats.degree != degree:
             raise DatasetError(
-                f"{path} has harmonics of degree {splats.degree}, {files[0].name} of {degree}: frames must have the same"
+                f"{path} has harmonics of degree {splats.degree}, {files[0].name} of {degree}: frames share one"
             )
         yield Frame.of(splats, path)
 

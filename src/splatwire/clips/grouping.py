@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from splatwire.codec.schemas.tracks.encoder import TrackGroup
 from splatwire.codec.schemas.tracks.trajectories import Trajectories
@@ -36,13 +37,17 @@ def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
         begins[rows] = np.minimum(begins[rows], number)
         ends[rows] = number + 1
     moves = Trajectories(
-        *(
-            _stacked([getattr(frame.splats, name).numpy() for frame in frames], where, begins, ends)
-            for name in ("means", "quats", "scales", "opacities")
-        ),
-        _stacked([frame.splats.sh[:, 0].numpy() for frame in frames], where, begins, ends),
+        **{
+            name: _stacked([_moving(frame.splats, name).numpy() for frame in frames], where, begins, ends)
+            for name in ("means", "quats", "scales", "opacities", "colours")
+        }
     )
     return TrackGroup(keys, begins, ends, moves, _first(frames, where, begins))
+
+
+def _moving(splats: Splats, name: str) -> Tensor:
+    values: Tensor = splats.sh[:, 0] if name == "colours" else getattr(splats, name)
+    return values
 
 
 def _stacked(

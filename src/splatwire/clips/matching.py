@@ -1,4 +1,4 @@
-"""Partners of Gaussians from frame to frame, where rows do not say: a smooth motion first, then one to one within it."""
+"""Partners of Gaussians from frame to frame, where rows do not say: a smooth motion, then one to one within it."""
 
 from dataclasses import dataclass
 

@@ -67,12 +67,13 @@ class Tracker:
         return self._by_rows(frame, count=False)
 
     def _next_frame(self, frame: Frame) -> NamedFrame:
-        assert self._rows is not None and self._last is not None
+        assert self._rows is not None
+        assert self._last is not None
         same = frame.splats.num_gaussians == self._rows.num_gaussians
         if self._order == "tracked" and not same:
             raise InvalidValueError(
-                f"a frame has {frame.splats.num_gaussians:,} Gaussians, the one before {self._rows.num_gaussians:,}: rows of "
-                "tracked frames are always the same Gaussians"
+                f"a frame has {frame.splats.num_gaussians:,} Gaussians, the one before "
+                f"{self._rows.num_gaussians:,}: rows of tracked frames are always the same Gaussians"
             )
         if self._order == "tracked" or (self._order == "auto" and same and tracked(self._rows, frame.splats)):
             self._match = None

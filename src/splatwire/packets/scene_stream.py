@@ -69,8 +69,8 @@ class SceneStream:
         """
         if self.manifest.schema.timed:
             raise InvalidValueError(
-                f"{source} is a clip: `decode`, `transmit` and `inspect` take clips, and what `decode` writes of it is a "
-                "folder of scenes"
+                f"{source} is a clip: `decode`, `transmit` and `inspect` take clips, and `decode` makes a folder of "
+                "scenes of it"
             )
         return self
 

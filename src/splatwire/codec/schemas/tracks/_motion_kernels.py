@@ -28,7 +28,6 @@ from splatwire.codec.schemas.tracks.layout import (
     NUM_KINDS,
     ORDERS,
     STATE,
-    STILL,
     TRACK,
     TRACK_BITS,
 )

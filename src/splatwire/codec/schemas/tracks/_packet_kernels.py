@@ -8,7 +8,6 @@ from splatwire.codec.schemas.gaussians._coder_kernels import DECODING, ENCODING,
 from splatwire.codec.schemas.tracks._motion_kernels import code_motion
 from splatwire.codec.schemas.tracks._predict_kernels import follow_neighbours
 from splatwire.codec.schemas.tracks.layout import (
-    HEAD,
     KIND_OF,
     MAX_CANDIDATES,
     NUM_CHANNELS,
@@ -72,7 +71,9 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
     orders = np.zeros(NUM_KINDS, np.int64)
     _needed_orders(targets, shifts, frames, orders)
     out[:] = 0
-    follow_neighbours(places, heads[:, STATE].copy(), shifts, orders, out, targets, dead, np.zeros(targets.shape, np.int64))
+    follow_neighbours(
+        places, heads[:, STATE].copy(), shifts, orders, out, targets, dead, np.zeros(targets.shape, np.int64)
+    )
     _trim(out, orders)
     coder = new_coder(
         ENCODING, buffer, ZERO, models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()

@@ -2,8 +2,6 @@
 
 from typing import no_type_check
 
-import numpy as np
-
 from splatwire.codec.schemas.gaussians._gaussian_kernels import exponent, place_shift, shift_of
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,

@@ -13,7 +13,7 @@ from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info
 from splatwire.codec.schemas.gaussians.source_scene import SourceScene
 from splatwire.codec.threads import ordered_map
 from splatwire.model import SplatCoding
-from splatwire.packets import HEADER_BYTES, Packet, Packetization, PacketId, PacketPlan, make_packet
+from splatwire.packets import HEADER_BYTES, Packet, PacketId, Packetization, PacketPlan, make_packet
 from splatwire.scene.splats import Splats
 
 
@@ -37,7 +37,7 @@ class CodedBases:
 
 
 def span_size(count: int, block_size: int) -> int:
-    """Most elements of a block of a run of so many: all are as large, as `splatwire.packets.tiers.spans_of` has them."""
+    """Most elements of a block of a run of so many: all are as large, see `splatwire.packets.tiers.spans_of`."""
     return -(-count // -(-count // block_size))
 
 
@@ -59,7 +59,9 @@ class BaseEncoder:
     def info(self) -> SideInfo:
         """Side information of all bases so far."""
         boxes = [info.boxes for info in self._infos]
-        joined = Boxes(*(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents")))
+        joined = Boxes(
+            *(np.concatenate([getattr(b, name) for b in boxes]) for name in ("shifts", "origins", "extents"))
+        )
         return replace(self._infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in self._infos]))
 
     def encode(self, splats: Splats, classes: np.ndarray | None, sections: Mapping[str, bytes]) -> CodedBases:

@@ -1,6 +1,5 @@
 """Stream to clip: takes bytes and nothing else."""
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,7 +15,15 @@ from splatwire.codec.schemas.gaussians.decoder import blank_splats, decode_packe
 from splatwire.codec.schemas.gaussians.layout import COLUMNS
 from splatwire.codec.schemas.tracks.bases import placed
 from splatwire.codec.schemas.tracks.layout import (
-    AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK,
+    AFTER,
+    BEFORE,
+    BEGINS,
+    ENDS,
+    HEAD,
+    MOVING,
+    NUM_CHANNELS,
+    STATE,
+    TRACK,
 )
 from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, empty_rows
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
@@ -78,7 +85,7 @@ class TracksDecoder:
 
     def store(self, run: Run, rows: Rows) -> None:
         """See `Decoder.store`: of motion the packets are kept, which are a hundredth of what is in them."""
-        group, base = self._spans.of(run.block)
+        _, base = self._spans.of(run.block)
         self._erasures.received[torch.from_numpy(run.ranks)] = True
         if base is None:
             self._packets[run.block] = run.packets
@@ -88,8 +95,8 @@ class TracksDecoder:
         whole, harmonics = empty_bases(count, self.info.bases.num_harmonics)
         begin = 0
         for packet in run.packets:
-            here, end = slice(packet.id.lane, packet.id.lane + packet.num_anchors), begin + packet.num_anchors
-            received[here], whole[here], harmonics[here] = True, rows[0][begin:end], rows[1][begin:end]
+            own, end = slice(packet.id.lane, packet.id.lane + packet.num_anchors), begin + packet.num_anchors
+            received[own], whole[own], harmonics[own] = True, rows[0][begin:end], rows[1][begin:end]
             begin = end
         here = np.arange(first, first + count)
         store_block(self._splats, here, whole, harmonics, received, self.info.bases, base)
@@ -103,9 +110,7 @@ class TracksDecoder:
     def scene(self) -> Partial[ClipScene]:
         """See `Decoder.scene`."""
         tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), self._spans.blocks_of_tracks())
-        clip = ClipScene(
-            self.info.timeline, tracks, self._motion, self._num, read_background(self.sections)
-        )
+        clip = ClipScene(self.info.timeline, tracks, self._motion, self._num, read_background(self.sections))
         return Partial(clip, self._erasures, concealer_sections(self.sections))
 
     def _motion(self, group: int, there: np.ndarray) -> GroupMotion:

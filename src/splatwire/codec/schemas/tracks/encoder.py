@@ -4,6 +4,7 @@ import hashlib
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from splatwire.codec.background import background_sections
 from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
 from splatwire.codec.schemas.gaussians.fit import fit_bits
 from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.codec.schemas.tracks.bases import BaseEncoder, CodedBases, span_size
+from splatwire.codec.schemas.tracks.bases import BaseEncoder, span_size
 from splatwire.codec.schemas.tracks.layout import (
     AFTER,
     BEFORE,
@@ -34,7 +35,7 @@ from splatwire.codec.schemas.tracks.trajectories import Trajectories, targets_of
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
 from splatwire.model.clip import Timeline
-from splatwire.packets import HEADER_BYTES, Packet, Packetization, PacketId, SceneStream, make_packet, make_stream
+from splatwire.packets import HEADER_BYTES, Packet, PacketId, Packetization, SceneStream, make_packet, make_stream
 from splatwire.packets.limits import TRACKS
 from splatwire.packets.tiers import TierShape
 from splatwire.scene.background import BLACK, Background
@@ -42,8 +43,8 @@ from splatwire.scene.splats import Splats
 from splatwire.version import __version__
 
 DATAGRAMS = Packetization(block_size=1200, lanes=1, grouping="hashed", packet_bytes=1150)
-"""How clips are split: into packets that fit a datagram, each of what is spread over a thousand tracks. Larger blocks hold
-what is further apart, which tells less of each other: 4096 take 1.17 times the bytes of a bent capture, 300 take 0.92."""
+"""How clips are split: into packets that fit a datagram, each spread over a thousand tracks. Tracks of larger blocks
+are further apart and tell less of each other: 4096 take 1.17 times the bytes of a bent capture, 300 take 0.92."""
 COARSER = np.array([2, 3, 2, 2, 2], dtype=np.int64)
 """Octaves by which steps of motion are larger than those of bases, by kind."""
 DEAD = 8
@@ -77,7 +78,7 @@ class ClipWriter:
     """Codes groups of frames one after another.
 
     Args:
-        timeline_rate: Frames a second.
+        rate: Frames a second.
         group_frames: Frames of a group; only the last one may have fewer.
         quality: How finely Gaussians are quantised.
         background: RGB behind everything.
@@ -86,7 +87,7 @@ class ClipWriter:
     """
 
     def __init__(
-        self, rate: object, group_frames: int, quality: Quality, background: Background = BLACK,
+        self, rate: Fraction, group_frames: int, quality: Quality, background: Background = BLACK,
         packetization: Packetization = DATAGRAMS, threads: int | None = None,
     ) -> None:  # fmt: skip
         if not packetization.hashed:
@@ -217,9 +218,7 @@ class ClipWriter:
         """Packets of a run of blocks at its place in the stream."""
         first = self._num_blocks
         self._num_blocks += num_blocks
-        return [
-            make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets
-        ]
+        return [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets]
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,7 +245,9 @@ class _MotionCoder:
         """Initial P(0) of the models out of 2**8, int64 (contexts), from some of the blocks between these edges."""
         zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
         blocks = list(itertools.pairwise(edges))
-        some = [blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})]
+        some = [
+            blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})
+        ]
         for _ in range(FITTED_ROUNDS):
             counts = np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
             for begin, end in some:
@@ -270,7 +271,8 @@ class _MotionCoder:
         buffer, sizes, ends = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_cut(
             models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
-            self.places[some], self.shifts[some], self.targets[some], np.int64(self.most), buffer, residuals, sizes, ends,
+            self.places[some], self.shifts[some], self.targets[some], np.int64(self.most),
+            buffer, residuals, sizes, ends,
         )  # fmt: skip
         bounds = [0, *ends[:used].tolist()]
         payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]
@@ -296,9 +298,7 @@ class _Known:
     @staticmethod
     def empty() -> "_Known":
         """Nobody."""
-        empty = Trajectories(
-            *(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,)))
-        )
+        empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
         return _Known(none, empty, np.zeros((0, 17), np.int64), none)
 
@@ -312,5 +312,8 @@ class _Known:
         bases = group.moves.select(born).at(group.begins[born])
         joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
         return _Known(
-            np.concatenate([self.keys, group.keys[born]]), Trajectories(**joined), np.concatenate([self.rows, rows]), self.alive
+            np.concatenate([self.keys, group.keys[born]]),
+            Trajectories(**joined),
+            np.concatenate([self.rows, rows]),
+            self.alive,
         )

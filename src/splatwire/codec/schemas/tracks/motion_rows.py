@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.codec.schemas.tracks.layout import HEAD, MOVING, NUM_CHANNELS, NUM_KINDS, KIND_OF, STATE
+from splatwire.codec.schemas.tracks.layout import HEAD, KIND_OF, MOVING, NUM_CHANNELS, NUM_KINDS, STATE
 
 
 def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
@@ -13,7 +13,7 @@ def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
-    """Adds the integers of one block, in the order of the plan, to a hashlib object; `rows` as `empty_rows` makes them."""
+    """Adds the integers of one block, in the plan's order, to a hashlib object; `rows` as `empty_rows` makes them."""
     digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
     digest.update(np.ascontiguousarray(rows[1].astype("<i4")).data)
 

@@ -104,7 +104,11 @@ def rotation_vectors(quats: np.ndarray, bases: np.ndarray) -> np.ndarray:
     b = torch.from_numpy(np.asarray(bases, np.float64))
     q, b = q / q.norm(dim=2, keepdim=True), b / b.norm(dim=2, keepdim=True)
     w = (q * b).sum(dim=2)
-    v = b[..., :1] * q[..., 1:] - q[..., :1] * b[..., 1:] - torch.linalg.cross(q[..., 1:], b[..., 1:].expand_as(q[..., 1:]))
+    v = (
+        b[..., :1] * q[..., 1:]
+        - q[..., :1] * b[..., 1:]
+        - torch.linalg.cross(q[..., 1:], b[..., 1:].expand_as(q[..., 1:]))
+    )
     turn = torch.cat([w[..., None], v], dim=2)
     signs = torch.ones(turn.shape[:2], dtype=torch.float64)
     signs[:, 0] = torch.where(w[:, 0] < 0, -1.0, 1.0)
