@@ -16,9 +16,14 @@ from splatwire.codec.schemas.tracks.layout import (
 )
 from splatwire.ops.compiled import njit
 
-_RADIUS = 16
+_RADIUS = 1 << 10
 """Offsets of neighbours are rounded to so many steps of the farthest one's."""
-_RIDGE = 64
+_SPREAD_BITS, _PULL_BITS = 16, 33
+"""Bits that are left of second moments, and of what they are multiplied with: products of both stay below 2**53."""
+_RIDGE_BITS, _LEAST_RIDGE = 14, 4
+"""Second moments are raised by so small a share of theirs, so that a slope is known even of neighbours in a line. What
+moves far moves much more than a step: an eighth of it added would cost six times the bytes of an object that turns."""
+_TURN_BITS = 20
 _OCTAVES = 1
 """Tracks whose steps of place and turn are alike within `2 ** _OCTAVES` octaves in all are predicted side by side."""
 ONE = np.int64(1)
@@ -135,17 +140,26 @@ def _plane(places, i, who, far, found, radius, offsets, near, weights):
         yy, yz, zz = yy + w * oy * oy, yz + w * oy * oz, zz + w * oz * oz
     xx, xy, xz = total * xx - x * x, total * xy - x * y, total * xz - x * z
     yy, yz, zz = total * yy - y * y, total * yz - y * z, total * zz - z * z
-    ridge = (xx + yy + zz) // _RIDGE + 1
-    xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
+    trace, spread = xx + yy + zz, 0
+    while trace >> spread >= ONE << _SPREAD_BITS:
+        spread += 1
+    ridge = (trace >> (spread + _RIDGE_BITS)) + _LEAST_RIDGE
+    xx, yy, zz = (xx >> spread) + ridge, (yy >> spread) + ridge, (zz >> spread) + ridge
+    xy, xz, yz = xy >> spread, xz >> spread, yz >> spread
     a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    determinant = max((xx * a + xy * b + xz * c) >> 8, ONE)
-    hx, hy, hz = (a * x + b * y + c * z) >> 8, (b * x + d * y + e * z) >> 8, (c * x + e * y + f * z) >> 8
+    determinant = max(xx * a + xy * b + xz * c, ONE)
+    hx, hy, hz = a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + f * z
+    pull = 0
+    while max(abs(hx), abs(hy), abs(hz)) >> pull >= ONE << _PULL_BITS:
+        pull += 1
+    hx, hy, hz = hx >> pull, hy >> pull, hz >> pull
+    scale = 2.0 ** (_TURN_BITS + pull - spread)
     for m in range(found):
-        turn = hx * (total * offsets[m, 0] - x) + hy * (total * offsets[m, 1] - y) + hz * (total * offsets[m, 2] - z)
-        share = np.float64(near[m] * (determinant - turn)) / np.float64(total * determinant)
-        scaled = np.int64(np.floor(share * (1 << WEIGHT_BITS) + 0.5))
-        weights[m] = min(max(scaled, -(ONE << WEIGHT_BITS)), ONE << WEIGHT_BITS)
+        moment = hx * (total * offsets[m, 0] - x) + hy * (total * offsets[m, 1] - y) + hz * (total * offsets[m, 2] - z)
+        turn = np.int64(np.floor(np.float64(moment) / np.float64(determinant) * scale + 0.5))
+        share = (near[m] * ((ONE << _TURN_BITS) - turn)) // (total << (_TURN_BITS - WEIGHT_BITS))
+        weights[m] = min(max(share, -(ONE << WEIGHT_BITS)), ONE << WEIGHT_BITS)
 
 
 @njit(borrows=True, error_model="numpy")

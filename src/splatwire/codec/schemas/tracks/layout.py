@@ -23,10 +23,10 @@ MAX_CANDIDATES = 4096
 CANDIDATE_BITS, TRACK_BITS = np.int64(13), np.int64(28)
 
 NUM_NEIGHBOURS = 8
-WEIGHT_BITS = 8
+WEIGHT_BITS = 12
 PLACE_BITS = 20
 """Places of a packet's tracks have so many bits while neighbours are searched."""
-MAX_COEFFICIENT = 1 << 38
+MAX_COEFFICIENT = 1 << 36
 MAX_QUANTISED = (1 << 30) - 1
 
 ORDERS, LEVELS, MAGNITUDES = 8, 10, 16
