@@ -14,7 +14,9 @@ from splatwire.packets import Packet, SceneStream, send_sequence
 DATAGRAM_BYTES = 1200
 """Largest datagram that passes every path (RFC 9000, 14)."""
 AGAIN = 1_000_003
-"""Step of the seed from group to group for what is sent again."""
+"""Step of the seed from try to try for what is sent again."""
+TRIES = 4
+"""How often what lasts is sent in the time of a group until it is there: half a second is four round trips."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def transmit(
 ) -> tuple[SceneStream, TransmitRecord]:
     """Sends every packet of a stream once; side information and manifest always arrive (paper 3.2.2).
 
-    Of a clip, bases that were lost are sent again with each group that follows; motion never is (`sent_again`).
+    Of a clip, what lasts is sent again until it is there, `TRIES` times a group; what passes never is (`sent_again`).
 
     Args:
         stream: What is sent.
@@ -129,7 +131,7 @@ def transmit(
 
 
 def sent_again(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
-    """Which lost packets of a clip come later: what lasts is sent again with each group that follows, till it is there.
+    """Which lost packets of a clip come after all: what lasts is sent again until it is there.
 
     Args:
         stream: The clip.
@@ -140,7 +142,7 @@ def sent_again(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: in
     Returns:
         bool, in the order of `SceneStream.packets`.
     """
-    return arrival_groups(stream, mask, loss, seed=seed) > _groups_of(stream)
+    return ~mask.received & (arrival_groups(stream, mask, loss, seed=seed) >= 0)
 
 
 def arrival_groups(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed: int) -> np.ndarray:
@@ -149,9 +151,11 @@ def arrival_groups(stream: SceneStream, mask: LossMask, loss: LossModel, *, seed
     arrival = np.where(mask.received, own, -1)
     lasting = np.array([plan.lasting(packet.id.block) for packet in stream.packets], bool)
     num_datagrams = datagrams_of(np.array([packet.num_bytes for packet in stream.packets], np.int64))
-    for group in range(1, len(plan.spans) // 2):
-        again = np.flatnonzero(lasting & (arrival < 0) & (own < group))
-        came, _ = draw_in_order(num_datagrams[again], loss, seed + group * AGAIN)
+    for turn in range(1, TRIES * len(plan.spans) // 2):
+        group = turn // TRIES
+        sent_before = (own < group) | ((own == group) & (turn % TRIES > 0))
+        again = np.flatnonzero(lasting & (arrival < 0) & sent_before)
+        came, _ = draw_in_order(num_datagrams[again], loss, seed + turn * AGAIN)
         arrival[again[came]] = group
     return arrival
 

@@ -1,6 +1,6 @@
 """Concealment in time: what a track does whose motion was lost, from the group before and from its neighbours."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -9,6 +9,10 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.clip import ClipScene, GroupMotion
 
 PLACE, TURN = slice(0, 3), slice(3, 6)
+NEAREST = 0.1
+"""A neighbour counts no more than one at a third of the mean distance does."""
+RIDGE = 1e-3
+"""How much planes through neighbours are kept level, by the spread of these."""
 
 
 @dataclass(frozen=True)
@@ -18,10 +22,11 @@ class ClipConcealer:
     Attributes:
         name: What it is called.
         shown: Whether they are drawn at all; else they are left out until the next group.
-        neighbors: They move as so many of their nearest neighbours whose motion arrived, by inverse squared distance; 0
-            for none: they stay where they were.
+        neighbors: They move as so many of their nearest neighbours whose motion arrived; 0 for none: they stay where
+            they were.
+        plane: Whether neighbours say so by the plane that fits their motions best (`plane_weights`), not by their mean
+            (inverse squared distance).
         momentum: Share of their own last velocity that they go on with, where nobody tells.
-        blend: Frames over which a track goes over from where it was concealed to where the next group has it.
         grow: Whether Gaussians whose base was never seen are made up for by those around them.
 
     Raises:
@@ -31,13 +36,13 @@ class ClipConcealer:
     name: str
     shown: bool = True
     neighbors: int = 0
+    plane: bool = False
     momentum: float = 0.0
-    blend: int = 0
     grow: bool = True
 
     def __post_init__(self) -> None:
-        if self.neighbors < 0 or self.blend < 0 or not 0 <= self.momentum <= 1:
-            raise InvalidValueError(f"neighbours and frames are 0 or more, a momentum is 0 to 1: {self}")
+        if self.neighbors < 0 or not 0 <= self.momentum <= 1:
+            raise InvalidValueError(f"neighbours are 0 or more, a momentum is 0 to 1: {self}")
 
 
 CLIP_CONCEALERS = {
@@ -47,7 +52,7 @@ CLIP_CONCEALERS = {
         ClipConcealer("hold"),
         ClipConcealer("extrapolate", momentum=1.0),
         ClipConcealer("neighbors", neighbors=8),
-        ClipConcealer("motion", neighbors=8, blend=3),
+        ClipConcealer("motion", neighbors=16, plane=True),
     )
 }
 DEFAULT = "motion"
@@ -126,9 +131,8 @@ def conceal_group(
     if motion.unchanged:
         poses = _joined(poses, _standing(who, frames, poses.offsets.shape[1]))
     elif len(who):
-        guessed = _guessed(clip, poses, who, before, frames, concealer, memory is not None)
+        guessed = _guessed(clip, poses, who, before, frames, concealer)
         poses = _joined(poses, guessed)
-    poses = _blended(poses, before, concealer.blend) if memory is not None and concealer.blend else poses
     after = _remembered(poses, clip.num_gaussians, frames, before)
     if not concealer.shown:
         poses = _some(poses, ~poses.concealed)
@@ -156,14 +160,13 @@ def _standing(who: np.ndarray, frames: int, channels: int) -> GroupPoses:
 
 def _guessed(
     clip: ClipScene, arrived: GroupPoses, who: np.ndarray, before: Memory, frames: int, concealer: ClipConcealer,
-    remembers: bool,
 ) -> GroupPoses:  # fmt: skip
     """Poses of tracks whose motion was lost."""
     offsets = np.repeat(before.offsets[who][:, :, None], frames, axis=2)
     whole = (arrived.begins == 0) & (arrived.ends == frames)
-    told = np.flatnonzero(whole)
+    told = np.flatnonzero(whole & ~before.concealed[arrived.tracks])  # what was a guess jumps to where it is
     if concealer.neighbors and len(told):
-        offsets += _moves_of_neighbors(clip, arrived, told, who, before, concealer.neighbors, remembers)
+        offsets += _moves_of_neighbors(clip, arrived, told, who, before, concealer)
     elif concealer.momentum:
         steps = np.arange(1, frames + 1, dtype=np.float32)
         offsets[:, PLACE] += concealer.momentum * before.velocity[who][:, PLACE, None] * steps
@@ -172,39 +175,60 @@ def _guessed(
 
 
 def _moves_of_neighbors(
-    clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, before: Memory, neighbors: int,
-    remembers: bool,
+    clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, before: Memory,
+    concealer: ClipConcealer,
 ) -> np.ndarray:  # fmt: skip
-    """How the nearest tracks whose motion arrived change from where they last were, by inverse squared distance."""
+    """How the nearest tracks whose motion arrived change, as `concealer` says.
+
+    From where they last were, or from their bases if that is not known.
+    """
     places = clip.tracks.splats.means.numpy() + before.offsets[:, PLACE]
     mine = arrived.tracks[told]
-    starts = before.offsets[mine] if remembers else arrived.offsets[told][:, :, 0]
-    new = ~before.alive[mine]
-    starts = np.where(new[:, None], arrived.offsets[told][:, :, 0], starts)
-    changes = arrived.offsets[told] - starts[:, :, None]
-    count = min(neighbors, len(told))
-    distance, near = cKDTree(places[mine]).query(places[who], k=count, workers=-1)
-    distance, near = distance.reshape(len(who), count), near.reshape(len(who), count)
-    weights = 1.0 / np.maximum(distance, 1e-12 + 0.1 * distance.mean()) ** 2
-    weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+    changes = arrived.offsets[told] - before.offsets[mine][:, :, None]
+    count = min(concealer.neighbors, len(told))
+    _, near = cKDTree(places[mine]).query(places[who], k=count, workers=-1)
+    near = near.reshape(len(who), count)
+    weigh = plane_weights if concealer.plane else distance_weights
+    weights = weigh(places[mine][near] - places[who][:, None])
     moves = np.zeros((len(who), *changes.shape[1:]), np.float32)
     for column in range(count):
         moves += weights[:, column, None, None] * changes[near[:, column]]
     return moves
 
 
-def _blended(poses: GroupPoses, before: Memory, frames: int) -> GroupPoses:
-    """Tracks that arrive again go over from where they were concealed within a few frames."""
-    again = np.flatnonzero(before.concealed[poses.tracks] & ~poses.concealed)
-    count = poses.offsets.shape[2]
-    if not len(again) or not count:
-        return poses
-    offsets = poses.offsets.copy()
-    expected = before.offsets[poses.tracks[again]] + before.velocity[poses.tracks[again]]
-    gap = expected - offsets[again, :, 0]
-    fade = np.clip(1 - (np.arange(count) + 1) / (frames + 1), 0, None).astype(np.float32)
-    offsets[again] += gap[:, :, None] * fade
-    return replace(poses, offsets=offsets)
+def distance_weights(offsets: np.ndarray) -> np.ndarray:
+    """Weights by inverse squared distance (Shepard, 1968); as `plane_weights`."""
+    return _closeness((offsets.astype(np.float64) ** 2).sum(axis=2))[0].astype(np.float32)
+
+
+def _closeness(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Weights by inverse squared distance that add up to one, (n, k), and the mean squared distance, (n, 1)."""
+    scale = square.mean(axis=1, keepdims=True) + 1e-30
+    near = 1 / (square / scale + NEAREST)
+    return near / near.sum(axis=1, keepdims=True), scale
+
+
+def plane_weights(offsets: np.ndarray) -> np.ndarray:
+    """Weights that give a smooth motion's value here from its neighbours': of the plane that fits them best.
+
+    What turns or grows as a whole moves as a linear function of place, of which a weighted mean of neighbours on one
+    side is wrong and a plane is right. Near neighbours count more, by inverse squared distance.
+
+    Args:
+        offsets: Where neighbours are from here, (n, k, 3).
+
+    Returns:
+        float32 (n, k); each row adds up to one.
+    """
+    offsets = offsets.astype(np.float64)
+    near, scale = _closeness((offsets**2).sum(axis=2))
+    offsets /= np.sqrt(scale)[:, :, None]
+    middle = np.einsum("nk,nka->na", near, offsets)
+    apart = offsets - middle[:, None]
+    spread = np.einsum("nk,nka,nkb->nab", near, apart, apart)
+    spread += (RIDGE * np.trace(spread, axis1=1, axis2=2) + 1e-12)[:, None, None] * np.eye(3)
+    slope = np.linalg.solve(spread, middle[:, :, None])
+    return (near * (1 - np.einsum("nka,na->nk", apart, slope[:, :, 0]))).astype(np.float32)
 
 
 def _remembered(poses: GroupPoses, count: int, frames: int, before: Memory) -> Memory:

@@ -42,9 +42,9 @@ from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
 from splatwire.version import __version__
 
-DATAGRAMS = Packetization(block_size=1200, lanes=1, grouping="hashed", packet_bytes=1150)
-"""How clips are split: into packets that fit a datagram, each spread over a thousand tracks. Tracks of larger blocks
-are further apart and tell less of each other: 4096 take 1.17 times the bytes of a bent capture, 300 take 0.92."""
+DATAGRAMS = Packetization(block_size=4800, lanes=1, grouping="hashed", packet_bytes=1150)
+"""How clips are split: into packets that fit a datagram, of thousands of tracks, so that around a lost one most arrive.
+Of blocks of 1200, which take 0.82 to 0.93 of the bytes, a packet is most: 20 % lost cost 4.7 dB there, 0.6 dB here."""
 COARSER = np.array([2, 3, 2, 2, 2], dtype=np.int64)
 """Octaves by which steps of motion are larger than those of bases, by kind."""
 DEAD = 8
