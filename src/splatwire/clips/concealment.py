@@ -164,9 +164,14 @@ def _guessed(
     """Poses of tracks whose motion was lost."""
     offsets = np.repeat(before.offsets[who][:, :, None], frames, axis=2)
     whole = (arrived.begins == 0) & (arrived.ends == frames)
-    told = np.flatnonzero(whole & ~before.concealed[arrived.tracks])  # what was a guess jumps to where it is
-    if concealer.neighbors and len(told):
-        offsets += _moves_of_neighbors(clip, arrived, told, who, before, concealer)
+    if concealer.neighbors and whole.any():
+        # From where they were, unless that is a guess itself: then from their bases, so that errors do not add up.
+        known = ~before.concealed[who]
+        told = np.flatnonzero(whole & ~before.concealed[arrived.tracks])
+        if len(told):
+            offsets[known] += _moves_of_neighbors(clip, arrived, told, who[known], before.offsets, concealer)
+        bases, told = np.zeros_like(before.offsets), np.flatnonzero(whole)
+        offsets[~known] = _moves_of_neighbors(clip, arrived, told, who[~known], bases, concealer)
     elif concealer.momentum:
         steps = np.arange(1, frames + 1, dtype=np.float32)
         offsets[:, PLACE] += concealer.momentum * before.velocity[who][:, PLACE, None] * steps
@@ -175,22 +180,21 @@ def _guessed(
 
 
 def _moves_of_neighbors(
-    clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, before: Memory,
+    clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, since: np.ndarray,
     concealer: ClipConcealer,
 ) -> np.ndarray:  # fmt: skip
-    """How the nearest tracks whose motion arrived change, as `concealer` says.
-
-    From where they last were, or from their bases if that is not known.
-    """
-    places = clip.tracks.splats.means.numpy() + before.offsets[:, PLACE]
+    """How the nearest of the tracks that are told about differ from offsets, float32 (T, C): (n, C, F) for `who`."""
+    places = clip.tracks.splats.means.numpy() + since[:, PLACE]
     mine = arrived.tracks[told]
-    changes = arrived.offsets[told] - before.offsets[mine][:, :, None]
+    changes = arrived.offsets[told] - since[mine][:, :, None]
     count = min(concealer.neighbors, len(told))
+    moves = np.zeros((len(who), *changes.shape[1:]), np.float32)
+    if not len(who):
+        return moves
     _, near = cKDTree(places[mine]).query(places[who], k=count, workers=-1)
     near = near.reshape(len(who), count)
     weigh = plane_weights if concealer.plane else distance_weights
     weights = weigh(places[mine][near] - places[who][:, None])
-    moves = np.zeros((len(who), *changes.shape[1:]), np.float32)
     for column in range(count):
         moves += weights[:, column, None, None] * changes[near[:, column]]
     return moves
