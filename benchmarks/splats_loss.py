@@ -23,8 +23,8 @@ from splatwire.calibrate.sketch_of import sketch_of
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.codec.schemas._coder_kernels import ENCODING, new_coder
 from splatwire.codec.schemas.gaussians import _packet_kernels as kernels
-from splatwire.codec.schemas.gaussians._coder_kernels import ENCODING, new_coder
 from splatwire.codec.schemas.gaussians.attributes import empty_rows
 from splatwire.codec.schemas.gaussians.fit import empty_statistics
 from splatwire.codec.schemas.gaussians.layout import MAX_CELL_BITS

@@ -15,9 +15,9 @@ SOURCE = Path(splatwire.__file__).parent
 MAY_ASK = ("codec/schemas/", "model/appearance.py", "train/", "formats/", "importers/", "exporters/",
            "model/scene_file.py", "model/_scene_reader.py", "model/_coding_file.py",
            "model/anchor_scene.py", "packets/limits.py", "view/columns.py")  # fmt: skip
-KINDS = {"AnchorScene", "SplatScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}
-SCHEMAS = {"ANCHORS", "CAUSAL", "COLUMNS", "GAUSSIANS"}
-WORDS = {"anchors", "Gaussians", "hacpp", "causal", "gaussians"}
+KINDS = {"AnchorScene", "SplatScene", "ClipScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}
+SCHEMAS = {"ANCHORS", "CAUSAL", "COLUMNS", "GAUSSIANS", "TRACKS"}
+WORDS = {"anchors", "Gaussians", "hacpp", "causal", "gaussians", "tracks"}
 
 
 def test_nobody_else_asks():

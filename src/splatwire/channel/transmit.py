@@ -16,7 +16,7 @@ DATAGRAM_BYTES = 1200
 AGAIN = 1_000_003
 """Step of the seed from try to try for what is sent again."""
 TRIES = 8
-"""How often what lasts is sent in the time of a group until it is there: half a second is eight round trips of 62 ms."""
+"""How often what lasts is sent in the time of a group, until it is there: half a second is eight trips of 62 ms."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """What verbs do with clips: folders of frames in, folders of frames out."""
 
-import shutil
-import tempfile
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
     from splatwire.clips import TrackingReport
     from splatwire.clips.encoding import ClipOptions
     from splatwire.packets import SceneStream
+    from splatwire.scene import Cameras
     from splatwire.scene.background import Background
 
 Report = Callable[[str, float], None]
@@ -59,7 +59,8 @@ def encode_folder(
 
 
 def describe_clip(stream: "SceneStream") -> dict[str, Any]:
-    """Facts about a clip: its frames, how many tracks are born and move in each group, bytes of either."""
+    """Facts about a clip: frames, tracks that are born, die and stand still, bytes of bases and of motion, matching."""
+    from splatwire.clips.tracking import SECTION, TrackingReport
     from splatwire.codec.schemas.tracks.side_info import open_side_info
 
     manifest, plan = stream.manifest, stream.manifest.plan
@@ -68,6 +69,7 @@ def describe_clip(stream: "SceneStream") -> dict[str, Any]:
     for packet in stream.packets:
         sizes[plan.lasting(packet.id.block)] += packet.num_bytes
     births, time_ = [group.births for group in info.groups], info.timeline
+    tracking = TrackingReport.read(info.sections[SECTION]) if SECTION in info.sections else None
     return {
         "frames": time_.num_frames,
         "frame_rate": float(time_.rate),
@@ -80,7 +82,30 @@ def describe_clip(stream: "SceneStream") -> dict[str, Any]:
         "base_bytes": sizes[True],
         "motion_bytes": sizes[False],
         "bytes_per_track_and_frame": stream.num_bytes / max(sum(births) * time_.num_frames, 1),
+        "frames_matched": None if tracking is None else tracking.matched,
+        "share_matched": None if tracking is None else tracking.share,
     }
+
+
+def count_motions(stream: "SceneStream") -> dict[str, Any]:
+    """Facts about a clip that its packets have to be read for: tracks that stand still in a group, and that die."""
+    import numpy as np
+
+    from splatwire.codec import decode_stream
+
+    clip = decode_stream(stream).scene
+    alive, there, still = np.zeros(clip.num_gaussians, bool), 0, 0
+    for group in range(clip.timeline.num_groups):
+        motion = clip.motion(group, clip.tracks.received)
+        if motion.unchanged:
+            alive |= clip.tracks.born == group
+            here = standing = int(alive.sum())
+        else:
+            alive[:] = False
+            alive[motion.tracks[motion.ends == len(clip.timeline.frames_of(group))]] = True
+            here, standing = len(motion.tracks), int((~motion.moving).sum())
+        there, still = there + here, still + standing
+    return {"died": int((~alive).sum()), "still_share": still / there if there else 1.0}
 
 
 def write_frames(
@@ -112,6 +137,47 @@ def write_frames(
     return {"num_frames": written, "num_tracks": clip.num_gaussians, "num_lost": lost, "num_concealed": concealed}
 
 
+def draw_clip(
+    stream: "SceneStream", path: Path, cameras: "Cameras | None", scale: float, concealer: str | None, renderer: str,
+    report: Report,
+) -> dict[str, Any]:  # fmt: skip
+    """Draws a clip as an animated WebP: from one camera after another, or on a walk around it.
+
+    Raises:
+        UnknownNameError: If there is no such concealer or renderer.
+    """
+    from PIL import Image
+
+    from splatwire.clips.concealment import DEFAULT, clip_concealer
+    from splatwire.clips.decoding import decode_frames
+    from splatwire.codec import decode_stream
+    from splatwire.evaluate.pixels import to_pixels
+    from splatwire.files.whole import written_whole
+    from splatwire.render import iterate_views
+    from splatwire.render.importance import orbiting_cameras
+
+    method = clip_concealer(concealer or DEFAULT)
+    clip = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
+    count = clip.timeline.num_frames
+    orbit = orbiting_cameras(clip.positions, count) if cameras is None else cameras
+    orbit = orbit if scale == 1 else orbit.scaled(scale)
+
+    def pictures() -> Iterator[Image.Image]:
+        for frame in decode_frames(clip, method):
+            view = orbit.select([frame.number * orbit.num_views // count])
+            image = next(iter(iterate_views(frame.scene, view, renderer=renderer)))
+            report("drawing", (frame.number + 1) / count)
+            yield Image.fromarray(to_pixels(image.cpu()))
+
+    drawn, times = pictures(), [round(number * 1000 / clip.timeline.rate) for number in range(count + 1)]
+    durations = [after - before for before, after in itertools.pairwise(times)]
+    with written_whole(path) as target:
+        next(drawn).save(
+            target, "WEBP", save_all=True, append_images=drawn, duration=durations, loop=0, quality=85, method=2
+        )
+    return {"num_frames": count, "width": orbit.width, "height": orbit.height}
+
+
 @contextmanager
 def output_folder(name: str) -> Iterator[Path]:
     """A new folder that is there as a whole or not at all.
@@ -119,16 +185,11 @@ def output_folder(name: str) -> Iterator[Path]:
     Raises:
         InvalidValueError: If there is one with something in it.
     """
+    from splatwire.files.whole import written_whole
+
     target = Path(name)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise InvalidValueError(f"{target} is there already and not empty: frames go into a new folder")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    made = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent))
-    try:
+    with written_whole(target) as made:
+        made.mkdir()
         yield made
-        if target.exists():
-            target.rmdir()
-        made.chmod(0o755)
-        made.rename(target)
-    finally:
-        shutil.rmtree(made, ignore_errors=True)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from splatwire.model.appearance import Scene
     from splatwire.packets import Packetization, SceneStream
     from splatwire.scene import Cameras
-    from splatwire.scene.background import Background
 
 
 _STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine")
@@ -66,37 +65,45 @@ class Encode:
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.packets.limits import SCHEMAS, UNNAMED_SCHEMA
-
-        self.packetization(UNNAMED_SCHEMA, 1)  # a wrong name or number is told before the scene is read
-        background = chosen_background(self.background)
-        if not all(0 < share < 1 for share in self.tiers) or sum(self.tiers) >= 1:
-            raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
-        if not 0 < self.keep <= 1:
-            raise InvalidValueError(f"--keep takes a share above 0 and at most 1, not {self.keep:g}")
-        from splatwire.codec.schemas.gaussians.quality import quality_of
-        from splatwire.train.config import RefineConfig
-
-        if self.quality is not None:
-            quality_of(self.quality)
-
-        config = RefineConfig(steps=self.refine)
         from splatwire.clips import is_sequence
 
+        self._check()
         if is_sequence(self.scene):
-            self._encode_clip(background)
+            self._encode_clip()
             return
         if self.fps is not None or self.group is not None:
             raise InvalidValueError(
                 f"--fps and --group are for a folder with a file a frame, which {self.scene} is not"
             )
+        self._encode_scene()
+
+    def _check(self) -> None:
+        """Tells a wrong name or number before the scene is read."""
+        from splatwire.codec.schemas.gaussians.quality import quality_of
+        from splatwire.packets.limits import UNNAMED_SCHEMA
+
+        self.packetization(UNNAMED_SCHEMA, 1)
+        chosen_background(self.background)
+        if not all(0 < share < 1 for share in self.tiers) or sum(self.tiers) >= 1:
+            raise InvalidValueError(f"--tiers takes shares above 0 that add up to less than 1, not {self.tiers}")
+        if not 0 < self.keep <= 1:
+            raise InvalidValueError(f"--keep takes a share above 0 and at most 1, not {self.keep:g}")
+        if self.quality is not None:
+            quality_of(self.quality)
+
+    def _encode_scene(self) -> None:
+        """Encodes a scene that stands still."""
         from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import viewpoint_section
         from splatwire.packets import write_stream
+        from splatwire.packets.limits import SCHEMAS
         from splatwire.render.precision import classes_of
         from splatwire.render.pruning import thinned
         from splatwire.scene_io import open_scene
+        from splatwire.train.config import RefineConfig
+
+        background, config = chosen_background(self.background), RefineConfig(steps=self.refine)
 
         with input_path(self.scene) as source:
             scene: Any = open_scene(source)
@@ -130,23 +137,20 @@ class Encode:
             write_stream(stream, path)
         self._tell(stream, seconds, lost)
 
-    def _encode_clip(self, background: "Background | None") -> None:
+    def _encode_clip(self) -> None:
         """Encodes a folder of frames."""
         from splatwire.cli._clips import clip_options, describe_clip, encode_folder
         from splatwire.packets import write_stream
 
         if still := [name for name in _STILL if getattr(self, name) != getattr(type(self), name)]:
             raise InvalidValueError(f"--{still[0].replace('_', '-')} is for a still scene, not for a clip")
-        options = clip_options(self.fps, self.group, self.quality, background)
+        options = clip_options(self.fps, self.group, self.quality, chosen_background(self.background))
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
             stream, tracking, seconds = encode_folder(Path(self.scene), options, report)
             write_stream(stream, path)
         facts = describe_clip(stream)
         if self.json:
-            matching = {"frames_matched": tracking.matched, "share_matched": tracking.share, "born": tracking.born}
-            print_json(
-                {"output": self.output, "num_bytes": stream.num_bytes, **facts, **matching, "encoding_seconds": seconds}
-            )
+            print_json({"output": self.output, "num_bytes": stream.num_bytes, **facts, "encoding_seconds": seconds})
             return
         how = f"{tracking.share:.1%} matched" if tracking.matched else "rows keep their Gaussians"
         text = f"{facts['frames']} frames of {facts['num_tracks']:,} tracks ({how}), {stream.num_bytes:,} bytes"

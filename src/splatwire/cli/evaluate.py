@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.evaluate.study import Row, SceneEntry, Study
+    from splatwire.packets import SceneStream
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,8 @@ class Evaluate:
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder: its test photos are the references, inside their masks where they have some."""
     reference: Path | None = None
-    """Scene file, stream, or explicit Gaussians (PLY, SPZ, SOG, ...) whose renders are the references, not photos."""
+    """Scene file, stream, or explicit Gaussians (PLY, SPZ, SOG, ...) whose renders are the references, not
+    photos; for a clip the folder of its frames."""
     cameras: Path | None = None
     """Cameras file for --reference; without it those of --data, or views around the reference."""
     loss: str | None = None
@@ -53,13 +55,35 @@ class Evaluate:
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
+        from splatwire.packets import read_stream
 
         self._check()
+        with input_path(self.source) as path:
+            if is_stream(path) and (stream := read_stream(path)[0]).manifest.schema.timed:
+                self._evaluate_clip(stream)
+            else:
+                self._evaluate_scene(path)
+
+    def _evaluate_clip(self, stream: "SceneStream") -> None:
+        from splatwire.cli._clip_evaluation import check_clip_options, evaluate_clip, print_clip_rows
+
+        check_clip_options(self)
+        with progress_bars() as show:
+            content = evaluate_clip(self, stream, show)
+        if self.json:
+            print_json(content)
+            return
+        print_clip_rows(content, Path(self.source).name)
+        if content["report"] is not None:
+            print(f"report: {content['report']}")
+
+    def _evaluate_scene(self, path: Path) -> None:
+        from splatwire.evaluate.study import InProcess, MemoryStore, plain_content, run_study, write_report
+
+        self._check_scene_options()
         with progress_bars() as show, tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
             store = MemoryStore(Path(folder))
-            with input_path(self.source) as path:
-                result = run_study(self.study(path), store, InProcess(progress=show), show)
+            result = run_study(self.study(path), store, InProcess(progress=show), show)
             content = plain_content(result)
             report = None if self.output is None else write_report(result, store, self.output, content)
         if self.json:
@@ -76,9 +100,8 @@ class Evaluate:
 
         Raises:
             InvalidValueError: If options are missing, or mean nothing here.
-            UnknownNameError: If there is no such concealer or renderer.
+            UnknownNameError: If there is no such renderer.
         """
-        from splatwire.conceal import create_concealer
         from splatwire.render import create_renderer
 
         if self.source.endswith(".toml"):
@@ -92,13 +115,17 @@ class Evaluate:
             for name in ("seeds", "contiguous"):
                 if getattr(self, name):
                     raise InvalidValueError(f"--{name} needs --loss: without it nothing is sent")
+        create_renderer(self.renderer)
+
+    def _check_scene_options(self) -> None:
+        from splatwire.conceal import create_concealer
+
         if self.reference is None and (self.data is None or self.cameras is not None):
             raise InvalidValueError("give --data FOLDER, or --reference SCENE (with --cameras FILE or --data FOLDER)")
         if self.cameras is not None and self.data is not None:
             raise InvalidValueError("give either --cameras FILE or --data FOLDER")
         for concealer in self.conceal:
             create_concealer(concealer)
-        create_renderer(self.renderer)
 
     def study(self, path: Path) -> "Study":
         """What is compared.

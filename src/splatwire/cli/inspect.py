@@ -69,9 +69,10 @@ def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, A
 
 
 def _describe_clip(stream: "SceneStream") -> dict[str, Any]:
-    from splatwire.cli._clips import describe_clip
+    from splatwire.cli._clips import count_motions, describe_clip
 
-    return {"clip": describe_clip(stream)}
+    complete = len(stream.packets) == stream.manifest.num_packets
+    return {"clip": {**describe_clip(stream), **(count_motions(stream) if complete else {})}}
 
 
 def _describe_scene(path: Path) -> dict[str, Any]:

@@ -7,31 +7,33 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import check_folder, input_path
+from splatwire.cli._files import check_folder, input_path, is_stream
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from splatwire.packets import SceneStream
     from splatwire.scene import Cameras
+    from splatwire.scene.background import Background
 
 
 @dataclass(frozen=True)
 class Render:
-    """Draw a scene from every camera and save the pictures as PNG files."""
+    """Draw a scene from every camera and save the pictures as PNG files; of a clip a moving picture."""
 
     scene: tyro.conf.Positional[str]
     """Scene file, decoded scene with gaps, stream, or explicit Gaussians (PLY, SPZ, SOG, ...); - for standard input."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder for the pictures and a cameras.json."""
+    """Folder for the pictures and a cameras.json; for a clip a .webp file."""
     cameras: Path | None = None
-    """Cameras file; without it and --data, views around the scene."""
+    """Cameras file; without it and --data, views around the scene. A clip is drawn from one after another."""
     data: Annotated[Path | None, tyro.conf.arg(aliases=["-s"])] = None
     """Dataset folder whose test views are drawn, instead of a cameras file."""
     scale: float = 1.0
     """Factor on the size of the pictures."""
-    conceal: str = "drop"
-    """Concealer for a scene with gaps."""
+    conceal: str | None = None
+    """Concealer for a scene with gaps; drop where absent, of a clip motion."""
     renderer: str = "cpu"
     """Renderer: cpu, reference or gsplat."""
     background: BackgroundOption = None
@@ -44,7 +46,33 @@ class Render:
         cameras = find_cameras(self.cameras, self.data)
         if not 0 < self.scale <= 16:
             raise InvalidValueError(f"--scale must be above 0 and at most 16, not {self.scale:g}")
+        from splatwire.packets import read_stream
+
         background = chosen_background(self.background)
+        if is_stream(Path(self.scene)) and (stream := read_stream(self.scene)[0]).manifest.schema.timed:
+            self._draw_clip(stream, cameras)
+            return
+        self._draw_scene(cameras, background)
+
+    def _draw_clip(self, stream: "SceneStream", cameras: "Cameras | None") -> None:
+        from splatwire.cli._clips import draw_clip
+
+        if self.output.suffix.lower() != ".webp":
+            raise InvalidValueError(
+                f"a clip becomes a moving picture: give a name such as name.webp, not {self.output}"
+            )
+        if self.background is not None:
+            raise InvalidValueError("--background is for a still scene; a clip has its own from `encode`")
+        started = time.perf_counter()
+        with progress_bars() as show:
+            facts = draw_clip(stream, self.output, cameras, self.scale, self.conceal, self.renderer, show)
+        seconds = time.perf_counter() - started
+        if self.json:
+            print_json({"output": str(self.output), **facts, "seconds": seconds})
+        else:
+            print_summary(f"{facts['num_frames']} frames in {seconds:.1f} s -> {self.output}")
+
+    def _draw_scene(self, cameras: "Cameras | None", background: "Background | None") -> None:
         from splatwire.conceal import create_concealer
         from splatwire.data import save_cameras
         from splatwire.evaluate.pixels import png_bytes, to_pixels
@@ -54,7 +82,7 @@ class Render:
         from splatwire.render.importance import surrounding_cameras
         from splatwire.scene_io import drawable_scene
 
-        concealer = create_concealer(self.conceal)
+        concealer = create_concealer(self.conceal or "drop")
         check_folder(self.output)
         with input_path(self.scene) as source:
             scene, num_lost = drawable_scene(source, concealer)

@@ -8,7 +8,7 @@ import numpy as np
 
 from splatwire.clips.frames import Frame
 from splatwire.clips.grouping import NamedFrame, group_of
-from splatwire.clips.tracking import Tracker, TrackingReport
+from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.codec.schemas.tracks.encoder import ClipWriter
 from splatwire.errors import InvalidValueError
@@ -105,7 +105,7 @@ class ClipEncoder:
             self._flush()
         if not self._groups:
             raise InvalidValueError("a clip has one frame at least")
-        return self._writer.finish()
+        return self._writer.finish({SECTION: self.tracking.section()})
 
     def _flush(self) -> list[Packet]:
         group = group_of(self._frames)

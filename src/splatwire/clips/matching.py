@@ -16,6 +16,8 @@ SMOOTHED = 12
 """A Gaussian is expected to move as so many of its neighbours whose partners are sure."""
 FARTHEST = 36.0
 """Squared distance of partners, in units of the usual one, from which on it is another Gaussian."""
+NEARLY = 0.3
+"""Share of how far candidates are, and of how much they differ, that tells nobody apart."""
 _AFFINE_STEPS, _TRIMMED = 20, 0.7
 
 
@@ -158,7 +160,9 @@ def _partners(
     differ = ((looks_now[:, None, :] - looks[near]) ** 2).sum(axis=2)
     best = np.argmin(differ + (distance / _typical(distance[:, 0])) ** 2 * weight, axis=1)
     here = np.arange(len(now))
-    unit, look = _typical(distance[here, best]), _typical(np.sqrt(differ[here, best])) ** 2
+    # Where most stand still or look as before, what is usual is nothing, and still who moves a little is nobody else.
+    unit = max(_typical(distance[here, best]), NEARLY * float(np.median(distance[:, -1])))
+    look = max(_typical(np.sqrt(differ[here, best])), NEARLY * float(np.median(np.sqrt(differ)))) ** 2
     score = (distance / unit) ** 2 * weight + differ / look
     partner = _one_to_one(score, near, len(expected))
     found = partner >= 0

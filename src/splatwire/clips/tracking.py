@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.clips.frames import Frame
 from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.matching import Match, aligned, match, tracked
@@ -12,6 +13,9 @@ from splatwire.errors import InvalidValueError
 from splatwire.scene.splats import Splats
 
 ORDERS = ("auto", "tracked", "shuffled")
+SECTION = "tracking"
+"""Name of the section of the side information that says how frames were told to belong together."""
+_SHARE = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,25 @@ class TrackingReport:
     matched: int = 0
     share: float = 1.0
     born: int = 0
+
+    def section(self) -> bytes:
+        """As a section: frames that kept their rows, frames that were matched, millionths that matched, born ones."""
+        writer = ByteWriter()
+        for value in (self.tracked, self.matched, round(self.share * _SHARE), self.born):
+            writer.unsigned(value)
+        return writer.bytes()
+
+    @staticmethod
+    def read(section: bytes) -> "TrackingReport":
+        """The inverse of `section`.
+
+        Raises:
+            BitstreamError: If it is damaged.
+        """
+        reader = ByteReader(section, f"section '{SECTION}'")
+        tracked, matched, share, born = (reader.unsigned() for _ in range(4))
+        reader.finish()
+        return TrackingReport(tracked, matched, share / _SHARE, born)
 
 
 class Tracker:

@@ -64,7 +64,20 @@ def _stamped(kernel: Any) -> Any:
     if not numba.config.DISABLE_JIT:
         file = kernel._cache._cache_file
         file._source_stamp = (file._source_stamp, _made_of(kernel.py_func.__module__))
+        file._load_index = _forgiving(file._load_index)
     return kernel
+
+
+def _forgiving(load: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+    """Has an index that cannot be read count as empty: one of another release names types that are gone by now."""
+
+    def index() -> dict[Any, str]:
+        try:
+            return load()
+        except Exception:  # pickle raises whatever it meets
+            return {}
+
+    return index
 
 
 @functools.cache

@@ -26,7 +26,7 @@ from splatwire.packets.limits import (
 from splatwire.packets.packet_id import PARTS
 from splatwire.packets.packetization import Packetization
 from splatwire.packets.plan import PacketPlan
-from splatwire.packets.tiers import TierShape
+from splatwire.packets.tiers import TierShape, check_pairs
 
 _LAYOUT_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
 
@@ -89,22 +89,14 @@ class Manifest:
         for size in self.feature_groups:
             _check_integer("a size in feature_groups", size, 1, self.feature_dim)
         if sum(self.feature_groups) != self.feature_dim:
-            what = f"feature_groups {list(self.feature_groups)} do not add up to feature_dim {self.feature_dim}"
-            raise InvalidValueError(what)
+            raise InvalidValueError(f"feature_groups {self.feature_groups} do not add up to {self.feature_dim}")
         for name in ("side_info_digest", "symbols_digest"):
             if not _SHA256.fullmatch(getattr(self, name)):
                 raise InvalidValueError(f"{name} is not a SHA-256 in lower-case hexadecimal")
         if not _WRITER.fullmatch(self.writer):
             raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
-        self._check_tiers()
+        check_pairs(self.tiers, timed=self.schema.timed)
         self._check_num_packets()
-
-    def _check_tiers(self) -> None:
-        """Tiers have somebody in them; groups of frames come in pairs, either of which may be empty."""
-        if self.schema.timed and (len(self.tiers) % 2 or not self.tiers):
-            raise InvalidValueError(f"{len(self.tiers)} tiers are no pairs, one for each group of frames")
-        if not self.schema.timed and not all(tier.num_anchors for tier in self.tiers):
-            raise InvalidValueError("a tier has no anchor")
 
     @property
     def schema(self) -> StreamSchema:

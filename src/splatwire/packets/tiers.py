@@ -99,6 +99,22 @@ def tier_order(tiers: np.ndarray) -> np.ndarray:
     return np.argsort(tiers, kind="stable").astype(np.int64)
 
 
+def check_pairs(tiers: tuple[TierShape, ...], *, timed: bool) -> None:
+    """Tiers have somebody in them; groups of frames come in pairs, either of which may be empty.
+
+    Args:
+        tiers: Sizes of the tiers; empty if there is one.
+        timed: Whether they are groups of frames, see `StreamSchema.timed`.
+
+    Raises:
+        InvalidValueError: If not.
+    """
+    if timed and (len(tiers) % 2 or not tiers):
+        raise InvalidValueError(f"{len(tiers)} tiers are no pairs, one for each group of frames")
+    if not timed and not all(tier.num_anchors for tier in tiers):
+        raise InvalidValueError("a tier has no anchor")
+
+
 def check_tiers(tiers: tuple[TierShape, ...], num_anchors: int, packetization: Packetization) -> None:
     """Checks tiers by arithmetic alone.
 

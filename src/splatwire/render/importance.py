@@ -105,14 +105,35 @@ def cameras_around(positions: Float[Tensor, "N 3"], num_views: int = 16, size: i
     Raises:
         InvalidValueError: If there is no view, no pixel or no anchor.
     """
+    place = torch.arange(num_views, dtype=torch.float64) + 0.5
+    return _around(positions, 1 - 2 * place / max(num_views, 1), place * math.pi * (3 - math.sqrt(5)), size)
+
+
+def orbiting_cameras(positions: Float[Tensor, "N 3"], num_views: int, size: int = 512) -> Cameras:
+    """Cameras of a walk around the middle of a scene, a little from above (y points down), at the same distance.
+
+    Args:
+        positions: As for `cameras_around`.
+        num_views: As there; the last one is next to the first.
+        size: As there.
+
+    Raises:
+        InvalidValueError: As there.
+    """
+    place = torch.arange(num_views, dtype=torch.float64)
+    return _around(positions, torch.full_like(place, -0.25), place * 2 * math.pi / max(num_views, 1), size)
+
+
+def _around(
+    positions: Float[Tensor, "N 3"], height: Float[Tensor, "V"], turn: Float[Tensor, "V"], size: int
+) -> Cameras:
+    """Cameras that look inwards from these heights and angles on a sphere; see `cameras_around`."""
+    num_views = len(height)
     if num_views < 1 or size < 1 or len(positions) < 1:
         raise InvalidValueError(f"{num_views} views of {size} pixels of {len(positions)} anchors show nothing")
     positions = positions.detach().cpu().double()
     middle = positions.median(dim=0).values
     radius = max(2 * float((positions - middle).norm(dim=1).median()), 0.5)
-    place = torch.arange(num_views, dtype=torch.float64) + 0.5
-    height = 1 - 2 * place / num_views
-    turn = place * math.pi * (3 - math.sqrt(5))
     ring = (1 - height * height).sqrt()
     outwards = torch.stack([ring * turn.cos(), height, ring * turn.sin()], dim=1)
     right = torch.linalg.cross(torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64).expand_as(outwards), -outwards)

@@ -4,7 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians._coder_kernels import code_value
+from splatwire.codec.schemas._coder_kernels import code_value
 from splatwire.codec.schemas.gaussians._gaussian_kernels import follow, octave_of, spread_context
 from splatwire.codec.schemas.gaussians.layout import AXIS, DIRECTION_BITS, PRIMARY, R_DIRECTION
 from splatwire.ops.compiled import njit

@@ -7,7 +7,7 @@ and if not, how many have a zero there. What order they are in is not sent: a pa
 from typing import no_type_check
 
 from splatwire.codec._geometry_kernels import split
-from splatwire.codec.schemas.gaussians._coder_kernels import code_below, code_bit, code_raw
+from splatwire.codec.schemas._coder_kernels import code_below, code_bit, code_raw
 from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 

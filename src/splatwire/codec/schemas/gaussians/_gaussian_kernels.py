@@ -4,11 +4,11 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_value
+from splatwire.codec.schemas._coder_kernels import code_bit, code_value
+from splatwire.codec.schemas._step_kernels import place_shift, shift_of
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     CLASS,
-    COEFFICIENTS,
     FAR,
     FIRST_CLASS,
     LUMA,
@@ -27,7 +27,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     R_SCALE2,
     S_COLOUR,
     S_OPACITY,
-    S_POSITION,
     S_SCALE0,
     S_SCALE1,
     S_SCALE2,
@@ -36,7 +35,6 @@ from splatwire.codec.schemas.gaussians.layout import (
     SCALE2,
     SECONDS,
     SPREADS,
-    STEP_BITS,
     WINDOW,
 )
 from splatwire.entropy.range_kernels import ZERO
@@ -115,16 +113,6 @@ def octave_of(running):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def exponent(bases, which, level, area, long, thin, opacity):
-    """`-log2` of a step, rounded: finer with the class, and as `COEFFICIENTS` says."""
-    c = COEFFICIENTS[which]
-    sums = c[0] * area + c[1] * long + c[2] * thin + c[3] * opacity
-    sums += (bases[which] + (level << STEP_BITS)) << BITS
-    return (sums + (1 << (BITS + STEP_BITS - 1))) >> (BITS + STEP_BITS)
-
-
-@njit(borrows=True, error_model="numpy")
-@no_type_check
 def code_class(coder, rows, value, near):
     """Codes the class as three bits, in the context of the mean class of the neighbours in half classes."""
     who, weight = near
@@ -137,13 +125,6 @@ def code_class(coder, rows, value, near):
     for shift in range(2, -1, -1):
         node = 2 * node + code_bit(coder, base + node, (value >> shift) & 1)
     return node - MAX_CLASSES
-
-
-@njit(borrows=True, error_model="numpy")
-@no_type_check
-def shift_of(bases, which, level, area, long, thin, opacity, most):
-    """log2 of a step in units of the fixed point, from 0 to `most`."""
-    return min(max(BITS - exponent(bases, which, level, area, long, thin, opacity), 0), most)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -234,11 +215,3 @@ def place_shifts(logs, levels, bases, unit, coarsest, thinness, shifts):
 @no_type_check
 def _rounded(value, shift):
     return ((value + ((1 << shift) >> 1)) >> shift) << shift
-
-
-@njit(borrows=True, error_model="numpy")
-@no_type_check
-def place_shift(bases, level, s0, long, thin, opacity, unit, most):
-    """log2 of the cell of a place, in lattice units, from 0 to `most`."""
-    e = max(exponent(bases, S_POSITION, level, 2 * s0 - long, long, thin, opacity), 1 - ((s0 - long) >> BITS))
-    return min(max(unit - e, 0), most)

@@ -4,8 +4,8 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians._coder_kernels import code_bit, code_escape, code_flag
-from splatwire.codec.schemas.gaussians._gaussian_kernels import exponent
+from splatwire.codec.schemas._coder_kernels import code_bit, code_escape, code_flag
+from splatwire.codec.schemas._step_kernels import exponent
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     FIRST_HARMONIC,

@@ -4,14 +4,14 @@ from typing import no_type_check
 
 import numpy as np
 
+from splatwire.codec.schemas._coder_kernels import DECODING, ENCODING, code_below, code_raw, new_coder
+from splatwire.codec.schemas._step_kernels import exponent
 from splatwire.codec.schemas.gaussians._axis_kernels import code_axis
 from splatwire.codec.schemas.gaussians._cell_kernels import code_cells
-from splatwire.codec.schemas.gaussians._coder_kernels import DECODING, ENCODING, code_below, code_raw, new_coder
 from splatwire.codec.schemas.gaussians._gaussian_kernels import (
     code_class,
     code_colour,
     code_logs,
-    exponent,
     find_neighbours,
     place_shift,
 )

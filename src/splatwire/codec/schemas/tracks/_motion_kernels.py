@@ -4,7 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians._coder_kernels import code_below, code_bit, code_escape, code_flag, code_raw
+from splatwire.codec.schemas._coder_kernels import code_below, code_bit, code_escape, code_flag, code_raw
 from splatwire.codec.schemas.tracks.layout import (
     AFTER,
     BEFORE,

@@ -4,7 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.gaussians._coder_kernels import DECODING, ENCODING, new_coder
+from splatwire.codec.schemas._coder_kernels import DECODING, ENCODING, new_coder
 from splatwire.codec.schemas.tracks._motion_kernels import code_motion
 from splatwire.codec.schemas.tracks._predict_kernels import follow_neighbours
 from splatwire.codec.schemas.tracks.layout import (

@@ -2,7 +2,7 @@
 
 from typing import no_type_check
 
-from splatwire.codec.schemas.gaussians._gaussian_kernels import exponent, place_shift, shift_of
+from splatwire.codec.schemas._step_kernels import exponent, place_shift, shift_of
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     DIRECTION_BITS,

@@ -11,9 +11,9 @@ import torch
 
 from splatwire.codec.background import background_sections
 from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
-from splatwire.codec.schemas.gaussians.fit import fit_bits
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.tracks.bases import BaseEncoder, span_size
+from splatwire.codec.schemas.tracks.known_tracks import KnownTracks
 from splatwire.codec.schemas.tracks.layout import (
     AFTER,
     BEFORE,
@@ -23,11 +23,11 @@ from splatwire.codec.schemas.tracks.layout import (
     MAX_COEFFICIENT,
     MAX_QUANTISED,
     MOVING,
-    NUM_CHANNELS,
     NUM_CONTEXTS,
     STATE,
     TRACK,
 )
+from splatwire.codec.schemas.tracks.motion_coder import DEAD, MotionCoder
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, Group, write_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
@@ -47,10 +47,6 @@ DATAGRAMS = Packetization(block_size=4800, lanes=1, grouping="hashed", packet_by
 Of blocks of 1200, which take 0.82 to 0.93 of the bytes, a packet is most: 20 % lost cost 4.7 dB there, 0.6 dB here."""
 COARSER = np.array([2, 3, 2, 2, 2], dtype=np.int64)
 """Octaves by which steps of motion are larger than those of bases, by kind."""
-DEAD = 8
-"""See `follow_neighbours`: what an encoder favours 0 by, out of 64 steps."""
-FITTED_ROUNDS, FITTED_BLOCKS = 2, 16
-BYTES_PER_COEFFICIENT = 5
 WIDEST_TURN = 2.0
 """Tangent of a quarter of the largest rotation from a base, about 254 degrees: what turned further begins anew."""
 
@@ -101,7 +97,7 @@ class ClipWriter:
         self._packets: list[Packet] = []
         self._num_blocks = self._num_frames = self._num_tracks = 0
         self._digest = hashlib.sha256()
-        self._known = _Known.empty()
+        self._known = KnownTracks.empty()
 
     def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
         """Codes the next group.
@@ -128,11 +124,11 @@ class ClipWriter:
         self._packets += packets
         return packets
 
-    def finish(self) -> SceneStream:
-        """The stream of all groups."""
+    def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
+        """The stream of all groups, with more named sections."""
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
-        info = ClipInfo(timeline, tuple(self._groups), self._bases.info, COARSER, zero, self._sections)
+        info = ClipInfo(timeline, tuple(self._groups), self._bases.info, COARSER, zero, {**self._sections, **sections})
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return make_stream(
             packetization=self._packetization, num_anchors=sum(tier.num_anchors for tier in tiers),
@@ -152,7 +148,8 @@ class ClipWriter:
             group.first.select(torch.from_numpy(where)), None if classes is None else classes[where], {}
         )
         born = where[coded.order]
-        self._known = self._known.with_births(group, born, coded.rows)
+        bases = group.moves.select(born).at(group.begins[born])
+        self._known = self._known.with_births(bases, group.keys[born], coded.rows)
         for rows in coded.digested:
             digest_bases(self._digest, rows)
         return self._named(coded.packets, coded.num_blocks)
@@ -200,7 +197,7 @@ class ClipWriter:
         size = span_size(len(heads), self._packetization.block_size)
         edges = [*range(0, len(heads), size), len(heads)]
         most = self._packetization.packet_bytes - HEADER_BYTES
-        coder = _MotionCoder(heads, places, shifts, targets, first_new, most)
+        coder = MotionCoder(heads, places, shifts, targets, first_new, most)
         if self._zero is None:
             self._zero = coder.fitted(edges)
         parts = list(itertools.pairwise(edges))
@@ -219,101 +216,3 @@ class ClipWriter:
         first = self._num_blocks
         self._num_blocks += num_blocks
         return [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets]
-
-
-@dataclass(frozen=True, eq=False)
-class _MotionCoder:
-    """Codes the blocks of a group's motion.
-
-    Attributes:
-        heads: Of all tracks that are there, int64 (n, HEAD), ascending by track.
-        places: Places of their bases, half lattice units, int64 (n, 3).
-        shifts: log2 of their steps, int64 (n, C).
-        targets: What they do, float64 (n, C, F).
-        first_new: First track that is born in the group.
-        most: Bytes of a payload.
-    """
-
-    heads: np.ndarray
-    places: np.ndarray
-    shifts: np.ndarray
-    targets: np.ndarray
-    first_new: int
-    most: int
-
-    def fitted(self, edges: list[int]) -> np.ndarray:
-        """Initial P(0) of the models out of 2**8, int64 (contexts), from some of the blocks between these edges."""
-        zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
-        blocks = list(itertools.pairwise(edges))
-        some = [
-            blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})
-        ]
-        for _ in range(FITTED_ROUNDS):
-            counts = np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
-            for begin, end in some:
-                self._encode(zero, begin, end, counts)
-            zero = fit_bits(counts)
-        return zero
-
-    def encode(self, zero: np.ndarray, begin: int, end: int) -> tuple[np.ndarray, list[bytes], np.ndarray]:
-        """Tracks and payloads of each packet of a block, and the residuals, int32 (n, C F)."""
-        return self._encode(zero, begin, end, np.zeros((NUM_CONTEXTS, 2), dtype=np.int64))
-
-    def _encode(
-        self, zero: np.ndarray, begin: int, end: int, counts: np.ndarray
-    ) -> tuple[np.ndarray, list[bytes], np.ndarray]:
-        from splatwire.codec.schemas.tracks import _packet_kernels as kernels
-
-        count, frames, some = end - begin, self.targets.shape[2], slice(begin, end)
-        models = np.repeat(zero[:, None] << 8, 2, axis=1)
-        residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)
-        room = kernels.SLACK + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
-        buffer, sizes, ends = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
-        used = kernels.encode_cut(
-            models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
-            self.places[some], self.shifts[some], self.targets[some], np.int64(self.most),
-            buffer, residuals, sizes, ends,
-        )  # fmt: skip
-        bounds = [0, *ends[:used].tolist()]
-        payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]
-        return sizes[:used], payloads, residuals.reshape(count, -1)
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """Tracks that were born so far.
-
-    Attributes:
-        keys: Key of each, int64 (T).
-        bases: How each looked when it was born.
-        rows: Integers of each, int64 (T, COLUMNS).
-        alive: Those that are there at the end of the last group, ascending, int64.
-    """
-
-    keys: np.ndarray
-    bases: Trajectories
-    rows: np.ndarray
-    alive: np.ndarray
-
-    @staticmethod
-    def empty() -> "_Known":
-        """Nobody."""
-        empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
-        none = np.zeros(0, np.int64)
-        return _Known(none, empty, np.zeros((0, 17), np.int64), none)
-
-    def numbers_of(self, keys: np.ndarray) -> np.ndarray:
-        """The track of each key, the last one that it was given, int64."""
-        order = np.argsort(self.keys, kind="stable")
-        return order[np.searchsorted(self.keys[order], keys, side="right") - 1]
-
-    def with_births(self, group: TrackGroup, born: np.ndarray, rows: np.ndarray) -> "_Known":
-        """With the tracks of a group that are born, in the order of their numbers."""
-        bases = group.moves.select(born).at(group.begins[born])
-        joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
-        return _Known(
-            np.concatenate([self.keys, group.keys[born]]),
-            Trajectories(**joined),
-            np.concatenate([self.rows, rows]),
-            self.alive,
-        )

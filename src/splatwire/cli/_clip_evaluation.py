@@ -1,0 +1,120 @@
+"""`splatwire evaluate` of a clip."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from splatwire.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from splatwire.cli._output import Reporter
+    from splatwire.cli.evaluate import Evaluate
+    from splatwire.clips.evaluation import ClipRow
+    from splatwire.packets import SceneStream
+    from splatwire.scene import Cameras
+
+UNIT = "datagram"
+_STILL = ("data", "contiguous", "background", "lpips_views")
+"""Options that a clip has no use for."""
+
+
+def check_clip_options(options: "Evaluate") -> None:
+    """Tells what is wrong with the options before any work.
+
+    Raises:
+        InvalidValueError: If they are not for a clip.
+        UnknownNameError: If there is no such concealer.
+    """
+    from splatwire.clips.concealment import clip_concealer
+
+    for name in _STILL:
+        if getattr(options, name) != getattr(type(options), name):
+            raise InvalidValueError(f"--{name.replace('_', '-')} is for a still scene, not for a clip")
+    if options.reference is None or not options.reference.is_dir():
+        raise InvalidValueError("a clip is compared with what it was made of: give --reference FOLDER of its frames")
+    for concealer in options.conceal:
+        clip_concealer(concealer)
+
+
+def evaluate_clip(options: "Evaluate", stream: "SceneStream", report: "Reporter") -> dict[str, Any]:
+    """Scores a clip; what `--json` prints.
+
+    Raises:
+        SplatwireError: If frames or cameras cannot be read, or do not fit.
+    """
+    from splatwire.clips import frame_files, read_frames
+    from splatwire.clips.evaluation import score_clip
+    from splatwire.clips.report import Film, render_clip_report, score_rows
+    from splatwire.codec.schemas.tracks.side_info import open_side_info
+    from splatwire.evaluate.pixels import to_pixels
+    from splatwire.files.whole import write_whole
+
+    assert options.reference is not None
+    files = frame_files(options.reference)
+    timeline = open_side_info(stream.manifest, stream.side_info).timeline
+    if len(files) != timeline.num_frames:
+        raise InvalidValueError(f"the clip has {timeline.num_frames} frames, {options.reference} has {len(files)}")
+    rows = _rows(options, complete=len(stream.packets) == stream.manifest.num_packets)
+    film, cameras = Film(len(rows)), _cameras(options, files[0])
+    scores = score_clip(
+        stream, read_frames(files), cameras, rows, renderer=options.renderer,
+        on_picture=None if options.output is None else lambda row, frame, image: film.add(row, frame, to_pixels(image)),
+        progress=lambda done: report("comparing frames", done / len(files)),
+    )  # fmt: skip
+    content: dict[str, Any] = {
+        "frames": timeline.num_frames, "frame_rate": float(timeline.rate), "group_frames": timeline.group_frames,
+        "num_bytes": stream.num_bytes, "views": cameras.num_views, "rows": score_rows(scores), "report": None,
+    }  # fmt: skip
+    if options.output is not None:
+        text = f"{timeline.num_frames} frames in groups of {timeline.group_frames}, {cameras.num_views} views"
+        page = render_clip_report(Path(options.source).name, text, timeline, scores, film)
+        write_whole(options.output / "report.html", page.encode())
+        content["report"] = str(options.output / "report.html")
+    return content
+
+
+def print_clip_rows(content: dict[str, Any], title: str) -> None:
+    """Prints the rows as a table on standard output."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from splatwire.clips.report import HEADINGS, cells
+
+    table = Table(title=f"{title}, from the second group on", title_justify="left")
+    for number, name in enumerate(HEADINGS):
+        table.add_column(name, justify="left" if number < 2 else "right")
+    for row in content["rows"]:
+        table.add_row(*cells(row))
+    Console().print(table)
+
+
+def _rows(options: "Evaluate", *, complete: bool) -> "list[ClipRow]":
+    """How the clip is shown: as it is, then under every loss with every concealer."""
+    from splatwire.channel import parse_loss
+    from splatwire.clips.concealment import CLIP_CONCEALERS, DEFAULT
+    from splatwire.clips.evaluation import ClipRow
+
+    names = options.conceal or tuple(CLIP_CONCEALERS)
+    if options.loss is None:
+        return [ClipRow(DEFAULT)] if complete else [ClipRow(name) for name in names]
+    loss = parse_loss(options.loss, UNIT)
+    lossy = [ClipRow(name, loss, seed, options.loss) for name in names for seed in options.seeds or (0,)]
+    return [ClipRow(DEFAULT), *lossy]
+
+
+def _cameras(options: "Evaluate", first: Path) -> "Cameras":
+    """Those of a file, or some around the first frame."""
+    import torch
+
+    from splatwire.clips import read_frames
+    from splatwire.clips.evaluation import NUM_VIEWS, VIEW_SIZE
+    from splatwire.data import load_cameras
+    from splatwire.evaluate.views import spread
+    from splatwire.model import SplatScene
+    from splatwire.render.importance import surrounding_cameras
+
+    if options.cameras is not None:
+        cameras = load_cameras(options.cameras)
+        return cameras.select(spread(cameras.num_views, options.views))
+    frame = next(read_frames([first]))
+    scene = SplatScene(frame.splats.select(torch.from_numpy(frame.drawn)))
+    return surrounding_cameras(scene, NUM_VIEWS if options.views is None else options.views, VIEW_SIZE)

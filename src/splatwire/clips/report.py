@@ -1,0 +1,108 @@
+"""The report of a clip: what each frame lost, as a table, a chart and a player; one HTML file that fetches nothing."""
+
+import base64
+import io
+import json
+from collections.abc import Sequence
+from importlib import resources
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from PIL import Image
+
+import splatwire
+from splatwire.clips.evaluation import ClipScore
+from splatwire.evaluate.study.charts import PALETTE, STYLE, svg
+from splatwire.model.clip import Timeline
+
+HEADINGS = ("method", "loss", "PSNR dB", "below complete", "worst below", "first group dB", "flicker", "packets lost")
+
+
+class Film:
+    """Pictures of the first view, as small files, row by row.
+
+    Args:
+        num_rows: Rows beside the reference.
+    """
+
+    def __init__(self, num_rows: int) -> None:
+        self.pictures: list[list[str]] = [[] for _ in range(num_rows + 1)]
+
+    def add(self, row: int, frame: int, pixels: np.ndarray) -> None:
+        """Takes the picture of a frame, RGB, uint8; of the reference for row -1."""
+        buffer = io.BytesIO()
+        Image.fromarray(pixels).save(buffer, "WEBP", quality=80, method=2)
+        self.pictures[row + 1].append("data:image/webp;base64," + base64.b64encode(buffer.getvalue()).decode("ascii"))
+
+
+def score_rows(scores: Sequence[ClipScore]) -> list[dict[str, Any]]:
+    """What tables and JSON say of each score; the first one is that of the complete clip."""
+    complete = scores[0]
+    return [
+        {
+            "method": score.row.concealer if score.num_lost else "complete",
+            "loss": score.row.told or None,
+            "seed": score.row.seed,
+            "psnr": score.mean,
+            "below_complete": complete.mean - score.mean,
+            "worst_below": score.worst_below(complete),
+            "first_group_psnr": float(score.psnr[: score.later or None].mean()),
+            "flicker": score.flicker / complete.flicker if complete.flicker else None,
+            "num_lost_packets": score.num_lost,
+            "frames": score.psnr.tolist(),
+        }
+        for score in scores
+    ]
+
+
+def cells(row: dict[str, Any]) -> list[str]:
+    """A row of `score_rows` as text, in the order of `HEADINGS`."""
+    flicker = "-" if row["flicker"] is None else f"{row['flicker']:.2f}"
+    numbers = [f"{row[name]:.2f}" for name in ("psnr", "below_complete", "worst_below", "first_group_psnr")]
+    return [row["method"], row["loss"] or "none", *numbers, flicker, f"{row['num_lost_packets']:,}"]
+
+
+def render_clip_report(title: str, subtitle: str, timeline: Timeline, scores: Sequence[ClipScore], film: Film) -> str:
+    """Renders the report.
+
+    Args:
+        title: Headline.
+        subtitle: What was compared.
+        timeline: When the frames are.
+        scores: What became of the clip, the complete one first.
+        film: Pictures of the reference and of each score.
+    """
+    import jinja2
+
+    rows = score_rows(scores)
+    labels = ["reference", *(", ".join(filter(None, (row["method"], row["loss"]))) for row in rows)]
+    players = [
+        {"label": label, "pictures": pictures, "psnr": [] if number == 0 else rows[number - 1]["frames"]}
+        for number, (label, pictures) in enumerate(zip(labels, film.pictures, strict=True))
+    ]
+    source = resources.files("splatwire.clips").joinpath("report.html.jinja").read_text(encoding="utf-8")
+    style = resources.files("splatwire.evaluate.study").joinpath("report.css").read_text(encoding="utf-8")
+    page = jinja2.Environment(autoescape=True, trim_blocks=True).from_string(source)
+    return page.render(
+        title=title, subtitle=subtitle, version=splatwire.__version__, style=style, columns=HEADINGS,
+        rows=[cells(row) for row in rows], chart=_chart(scores, labels[1:]), num_frames=timeline.num_frames,
+        rate=float(timeline.rate), players=players, players_json=json.dumps(players).replace("<", "\\u003c"),
+    )  # fmt: skip
+
+
+@rc_context(STYLE)
+def _chart(scores: Sequence[ClipScore], labels: Sequence[str]) -> str:
+    """PSNR of every frame, a line for each score; groups are divided."""
+    figure = Figure(figsize=(8.6, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    for number, (score, label) in enumerate(zip(scores, labels, strict=True)):
+        axes.plot(score.psnr, "-", color=PALETTE[number % len(PALETTE)], lw=1.4, label=label)
+    later = scores[0].later
+    for begin in range(later, len(scores[0].psnr), later) if later else ():
+        axes.axvline(begin - 0.5, color="#dfe4ea", lw=0.8, zorder=0)
+    axes.set_xlabel("frame")
+    axes.set_ylabel("PSNR (dB)")
+    axes.legend(fontsize=7, frameon=False, ncol=3, loc="upper center", bbox_to_anchor=(0.5, 1.22))
+    return svg(figure)

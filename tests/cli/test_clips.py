@@ -1,0 +1,167 @@
+"""Clips on the command line: a folder of frames in, packets, losses, a folder of frames out."""
+
+import json
+
+import pytest
+
+from moving_clips import moving_frames, shuffled
+from splatwire.formats import write_splats
+from splatwire.packets import read_stream
+from splatwire.scene_io import open_scene
+
+FRAMES = 6
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Frames whose names sort by number, beside a file that is none."""
+    target = tmp_path_factory.mktemp("frames")
+    for number, splats in enumerate(moving_frames(300, FRAMES)):
+        write_splats([splats], target / f"frame_{number + 5}.ply")
+    (target / "notes.txt").write_text("not a frame")
+    return target
+
+
+@pytest.fixture(scope="module")
+def clip(folder, tmp_path_factory):
+    target = tmp_path_factory.mktemp("clip") / "clip.swz"
+    from splatwire.cli.main import main
+
+    with pytest.raises(SystemExit):
+        main(["encode", str(folder), "-o", str(target), "--fps", "12.5", "--group", "3"])
+    return target
+
+
+def test_encode_says_what_it_did(run, folder, tmp_path):
+    content = run("encode", folder, "-o", tmp_path / "a.swz", "--fps", 25, "--group", 4, "--json").json
+    assert content["num_bytes"] == (tmp_path / "a.swz").stat().st_size
+    assert (content["frames"], content["frame_rate"], content["group_frames"]) == (FRAMES, 25, 4)
+    assert (content["frames_matched"], content["share_matched"]) == (0, 1.0)
+    assert content["num_tracks"] > 300 * 0.9
+    assert "6 frames of" in run("encode", folder, "-o", tmp_path / "b.swz").out
+
+
+def test_shuffled_frames_are_told(run, tmp_path):
+    for number, splats in enumerate(shuffled(moving_frames(300, 4))):
+        write_splats([splats], tmp_path / f"{number}.ply")
+    content = run("encode", tmp_path, "-o", tmp_path / "a.swz", "--json").json
+    assert content["frames_matched"] == 3
+    assert content["share_matched"] > 0.97
+
+
+def test_inspect_tells_what_moves(run, clip):
+    content = run("inspect", clip, "--json").json
+    assert content["format_version"] == 3
+    facts = content["clip"]
+    assert (facts["frames"], facts["frame_rate"], facts["groups"]) == (FRAMES, 12.5, 2)
+    assert facts["base_bytes"] + facts["motion_bytes"] == sum(p.num_bytes for p in read_stream(clip)[0].packets)
+    assert 0 < facts["still_share"] < 1
+    assert "frame_rate" in run("inspect", clip).out
+
+
+@pytest.mark.parametrize(("words", "suffix"), [((), ".ply"), (("--format", "spz"), ".spz")])
+def test_decode_writes_a_file_a_frame(run, clip, tmp_path, words, suffix):
+    content = run("decode", clip, "-o", tmp_path / "out", "--json", *words).json
+    files = sorted((tmp_path / "out").iterdir())
+    assert [file.name for file in files] == [f"frame_{number}{suffix}" for number in range(FRAMES)]
+    assert (content["num_frames"], content["num_concealed"]) == (FRAMES, 0)
+    assert open_scene(files[0]).num_elements == 294  # of 300, six are born later
+
+
+def test_one_frame_goes_to_one_file(run, clip, tmp_path):
+    assert run("decode", clip, "-o", tmp_path / "one.ply", "--frame", 4).status == 0
+    run("decode", clip, "-o", tmp_path / "all")
+    assert (tmp_path / "one.ply").read_bytes() == (tmp_path / "all" / "frame_4.ply").read_bytes()
+
+
+def test_losses_are_concealed_and_scored(run, clip, folder, tmp_path):
+    run("transmit", clip, "-o", tmp_path / "lossy.swz", "--loss", "bernoulli:0.5", "--seed", 3)
+    lost = run("decode", tmp_path / "lossy.swz", "-o", tmp_path / "out", "--json").json["num_concealed"]
+    assert lost
+    words = ("--reference", folder, "--views", 1, "--conceal", "drop", "motion")
+    content = run("evaluate", clip, *words, "--loss", "bernoulli:0.5", "--seeds", 3, "-o", tmp_path, "--json").json
+    complete, drop, motion = content["rows"]
+    assert complete["method"] == "complete"
+    assert len(complete["frames"]) == FRAMES
+    assert complete["psnr"] > motion["psnr"] > drop["psnr"]
+    assert motion["below_complete"] == pytest.approx(complete["psnr"] - motion["psnr"])
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/webp") >= 4 * FRAMES
+    assert "complete" in run("evaluate", clip, "--reference", folder, "--views", 1).out
+
+
+def test_a_clip_is_drawn_as_a_moving_picture(run, clip, tmp_path):
+    from PIL import Image
+
+    assert run("render", clip, "-o", tmp_path / "clip.webp", "--scale", 0.1).status == 0
+    with Image.open(tmp_path / "clip.webp") as picture:
+        assert picture.n_frames == FRAMES
+        assert picture.size == (51, 51)
+        picture.seek(1)
+        picture.load()
+        assert picture.info["duration"] == 80
+    assert "name.webp" in run("render", clip, "-o", tmp_path / "folder").err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("view",), "is a clip"),
+        (("plan",), "is a clip"),
+        (("pack", "-o", "page.html"), "is a clip"),
+        (("decode", "-o", "x.ply", "--frame", 6), "the frames 0 to 5, not 6"),
+        (("decode", "-o", "out", "--conceal", "cari"), "cari"),
+        (("decode", "-o", "out", "--format", "obj"), "obj"),
+        (("evaluate",), "--reference FOLDER"),
+    ],
+)
+def test_what_a_clip_is_not_for_is_told(run, clip, tmp_path, monkeypatch, words, told):
+    monkeypatch.chdir(tmp_path)
+    verb, *rest = words
+    outcome = run(verb, clip, *rest)
+    assert outcome.status == 2
+    assert told in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--group", 65), "1 to 64"),
+        (("--fps", 0), "0.01 to 1000"),
+        (("--tiers", 0.1), "--tiers is for a still scene"),
+        (("--quality", "best"), "best"),
+    ],
+)
+def test_options_that_mean_nothing_are_told(run, folder, tmp_path, words, told):
+    outcome = run("encode", folder, "-o", tmp_path / "a.swz", *words)
+    assert outcome.status == 2
+    assert told in outcome.err
+    assert not (tmp_path / "a.swz").exists()
+
+
+def test_a_damaged_or_different_frame_is_named(run, folder, tmp_path):
+    for file in folder.glob("*.ply"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    whole = (tmp_path / "frame_7.ply").read_bytes()
+    (tmp_path / "frame_7.ply").write_bytes(whole[: len(whole) // 2])
+    outcome = run("encode", tmp_path, "-o", tmp_path / "a.swz")
+    assert outcome.status == 2
+    assert "frame_7.ply" in outcome.err
+    (tmp_path / "frame_7.ply").unlink()
+    outcome = run("evaluate", _encoded(run, folder, tmp_path), "--reference", tmp_path)
+    assert outcome.status == 2
+    assert "has 6 frames" in outcome.err
+    assert "has 5" in outcome.err
+
+
+def _encoded(run, folder, target):
+    run("encode", folder, "-o", target / "a.swz")
+    return target / "a.swz"
+
+
+def test_a_still_scene_takes_no_frames(run, folder, tmp_path):
+    outcome = run("encode", folder / "frame_5.ply", "-o", tmp_path / "a.swz", "--fps", 30)
+    assert outcome.status == 2
+    assert "a file a frame" in outcome.err
+    assert json.dumps("frame_5") not in outcome.out

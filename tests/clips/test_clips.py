@@ -1,0 +1,198 @@
+"""Clips: what goes in comes out, whatever of it arrives, frame by frame."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import torch
+
+from moving_clips import FRAMES, drawn, moving_frames, shuffled
+from splatwire.channel import parse_loss
+from splatwire.channel.transmit import transmit
+from splatwire.clips import ClipEncoder, ClipOptions, encode_clip
+from splatwire.clips.decoding import decode_frame, decode_frames
+from splatwire.codec import decode_stream
+from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, UnknownNameError
+from splatwire.packets import SceneStream, make_packet, read_stream, write_stream
+from splatwire.scene.splats import Splats
+
+OPTIONS = ClipOptions(Fraction(25), group_frames=4, quality="near-lossless")
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Splats]:
+    return moving_frames()
+
+
+@pytest.fixture(scope="module")
+def stream(frames: list[Splats]) -> SceneStream:
+    return encode_clip(frames, OPTIONS)[0]
+
+
+def error(found: Splats, wanted: Splats) -> float:
+    """Largest distance of a Gaussian from the nearest one that there should be; each is one's once."""
+    distance, index = torch.cdist(found.means.double(), wanted.means.double()).min(dim=1)
+    assert found.num_gaussians == wanted.num_gaussians == len(index.unique())
+    return float(distance.max())
+
+
+def test_every_frame_comes_back(frames, stream):
+    shown = list(decode_frames(decode_stream(stream).scene))
+    assert [frame.number for frame in shown] == list(range(FRAMES))
+    for frame, wanted in zip(shown, frames, strict=True):
+        assert error(frame.scene.splats, drawn(wanted)) < 0.02
+        assert not frame.concealed.any()
+
+
+def test_a_file_of_it_is_the_same_clip(stream, tmp_path):
+    write_stream(stream, tmp_path / "clip.swz")
+    again, report = read_stream(tmp_path / "clip.swz")
+    assert again.manifest == stream.manifest
+    assert again.packets == stream.packets
+    assert report.num_missing == 0
+    assert again.manifest.format_version == 3
+    decode_stream(again)  # and compares its digest
+
+
+def test_what_stands_still_costs_nothing():
+    still, _ = encode_clip(moving_frames(still=True), OPTIONS)
+    one, _ = encode_clip(moving_frames(still=True)[:1], OPTIONS)
+    assert len(still.packets) == len(one.packets)
+    assert still.num_bytes - one.num_bytes < 60
+
+
+def test_frame_by_frame_gives_the_same_packets(frames, stream):
+    encoder = ClipEncoder(OPTIONS)
+    pushed = [encoder.push(frame) for frame in frames]
+    assert [bool(packets) for packets in pushed] == [(number + 1) % 4 == 0 for number in range(FRAMES)]
+    whole = encoder.finish()
+    early = {(p.id, p.payload) for packets in pushed for p in packets}
+    assert early <= {(p.id, p.payload) for p in whole.packets} == {(p.id, p.payload) for p in stream.packets}
+
+
+def test_threads_change_no_bit(frames, stream):
+    assert encode_clip(frames, ClipOptions(Fraction(25), 4, quality="near-lossless", threads=1))[0] == stream
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_arrived_is_as_in_the_complete_clip(stream, seed):
+    rng, plan = np.random.default_rng(seed), stream.manifest.plan
+    kept = [p for p in stream.packets if plan.lasting(p.id.block) or rng.random() < 0.5]
+    assert len(kept) < len(stream.packets)
+    complete, lossy = (decode_frames(decode_stream(s).scene) for s in (stream, stream.with_packets(kept)))
+    lost = 0
+    for whole, some in zip(complete, lossy, strict=True):
+        arrived = np.flatnonzero(~some.concealed)
+        both = np.searchsorted(whole.tracks, some.tracks[arrived])
+        assert np.array_equal(whole.tracks[both], some.tracks[arrived])
+        assert torch.equal(whole.scene.splats.means[both], some.scene.splats.means[arrived])
+        assert torch.equal(whole.scene.splats.sh[both], some.scene.splats.sh[arrived])
+        lost += int(some.concealed.sum())
+    assert lost
+
+
+def test_motion_that_waits_for_its_base_is_concealed(stream):
+    plan = stream.manifest.plan
+    bases = [p for p in stream.packets if plan.lasting(p.id.block)]
+    clip = decode_stream(stream.with_packets(p for p in stream.packets if p != bases[0])).scene
+    shown = decode_frame(clip, 0)
+    assert shown.scene.num_elements == int(clip.tracks.received[clip.tracks.born == 0].sum())
+    assert shown.concealed.any()
+
+
+def test_a_seek_needs_one_group(stream):
+    clip = decode_stream(stream).scene
+    for frame in decode_frames(clip):
+        alone = decode_frame(clip, frame.number)
+        assert np.array_equal(alone.tracks, frame.tracks)
+        assert torch.equal(alone.scene.splats.means, frame.scene.splats.means)
+    with pytest.raises(InvalidValueError, match="the clip has the frames 0 to 9, not 10"):
+        decode_frame(clip, FRAMES)
+
+
+def test_shuffled_frames_find_their_partners(frames):
+    found, tracking = encode_clip(shuffled(frames), OPTIONS)
+    assert tracking.matched == FRAMES - 1
+    assert tracking.share > 0.97
+    assert sum(tier.num_anchors for tier in found.manifest.tiers[::2]) < 1.05 * frames[0].num_gaussians
+    for frame, wanted in zip(decode_frames(decode_stream(found).scene), frames, strict=True):
+        assert error(frame.scene.splats, drawn(wanted)) < 0.02
+
+
+def test_what_lasts_comes_and_what_passes_does_not(stream):
+    lossy, record = transmit(stream, parse_loss("bernoulli:0.5", "datagram"), seed=1)
+    plan = stream.manifest.plan
+    lost = set(stream.packets) - set(lossy.packets)
+    assert lost
+    assert not any(plan.lasting(packet.id.block) for packet in lost)
+    assert record.num_lost == len(lost)
+
+
+@pytest.mark.parametrize("method", ["hold", "extrapolate", "neighbors", "motion"])
+def test_nobody_is_missing_where_motion_was_lost(frames, stream, method):
+    lossy, _ = transmit(stream, parse_loss("bernoulli:0.3", "datagram"), seed=2)
+    for frame, whole in zip(
+        decode_frames(decode_stream(lossy).scene, method), decode_frames(decode_stream(stream).scene), strict=True
+    ):
+        assert np.isin(whole.tracks[:500], frame.tracks).mean() > 0.97
+
+
+def test_neighbours_tell_more_than_standing_still():
+    stream, _ = encode_clip(moving_frames(4000), OPTIONS)
+    lossy, _ = transmit(stream, parse_loss("bernoulli:0.3", "datagram"), seed=2)
+    clip, whole = decode_stream(lossy).scene, decode_stream(stream).scene
+
+    def squares(method: str) -> float:
+        total = 0.0
+        for frame, true in zip(decode_frames(clip, method), decode_frames(whole), strict=True):
+            both, here, there = np.intersect1d(frame.tracks, true.tracks, return_indices=True)
+            assert len(both)
+            total += float((frame.scene.splats.means[here] - true.scene.splats.means[there]).square().sum())
+        return total
+
+    assert 0 < squares("motion") < squares("neighbors") < 0.2 * squares("hold")
+
+
+def test_an_unknown_concealer_is_named(stream):
+    with pytest.raises(UnknownNameError, match="cari"):
+        decode_frame(decode_stream(stream).scene, 0, "cari")
+
+
+def test_frames_that_do_not_fit_are_refused(frames):
+    encoder = ClipEncoder(ClipOptions(order="tracked"))
+    encoder.push(frames[0])
+    with pytest.raises(InvalidValueError, match="600"):
+        encoder.push(frames[1].select(torch.arange(500)))
+    wide = Splats(**{**vars(frames[0]), "sh": torch.zeros(600, 4, 3)})
+    with pytest.raises(InvalidValueError, match="degree 1, those before of 0"):
+        encoder.push(wide)
+    with pytest.raises(InvalidValueError, match="one frame at least"):
+        ClipEncoder().finish()
+    with pytest.raises(InvalidValueError, match="1 to 64 frames"):
+        ClipOptions(group_frames=65)
+
+
+def test_any_bytes_decode_to_something(stream):
+    """Packets with right checksums and wrong bytes: no error, no hang, no number that is none."""
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        packets = []
+        for packet in stream.packets[:-1]:
+            payload = np.frombuffer(packet.payload, np.uint8).copy()
+            if rng.random() < 0.3 and len(payload):
+                payload[rng.integers(0, len(payload), 4)] = rng.integers(0, 256, 4)
+            packets.append(make_packet(packet.id, packet.num_anchors, payload.tobytes(), stream.manifest.stream_id))
+        clip = decode_stream(stream.with_packets(packets)).scene
+        for frame in decode_frames(clip):
+            splats = frame.scene.splats
+            assert all(bool(torch.isfinite(getattr(splats, name)).all()) for name in vars(splats))
+
+
+def test_side_information_that_does_not_fit_is_refused(stream):
+    from splatwire.codec.schemas.tracks.side_info import open_side_info
+
+    with pytest.raises(MissingSideInfoError):
+        open_side_info(stream.manifest, b"")
+    for cut in range(0, len(stream.side_info), 37):
+        with pytest.raises(BitstreamError):
+            open_side_info(stream.manifest, stream.side_info[:cut] or b"\x00")

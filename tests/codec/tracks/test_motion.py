@@ -1,0 +1,114 @@
+"""Packets of motion: fast kernels against plain Python, laws of planes, pinned bytes."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from moving_clips import moving_frames
+from reference.motion_packets import ReferenceMotion, coefficients
+from splatwire.clips import ClipOptions, encode_clip
+from splatwire.clips.concealment import distance_weights, plane_weights
+from splatwire.codec.schemas.tracks.basis import polynomials
+from splatwire.codec.schemas.tracks.decoder import decode_motion
+from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS, STATE
+from splatwire.codec.schemas.tracks.motion_rows import coefficients_of
+from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
+from splatwire.codec.schemas.tracks.trajectories import Trajectories, offsets_of, targets_of
+from splatwire.packets import Packet, SceneStream
+
+FRAMES, GROUP = 10, 5
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    return encode_clip(moving_frames(500, FRAMES), ClipOptions(Fraction(30), GROUP))[0]
+
+
+@pytest.fixture(scope="module")
+def info(stream: SceneStream) -> ClipInfo:
+    return open_side_info(stream.manifest, stream.side_info)
+
+
+def motion_packets(stream: SceneStream, group: int) -> list[Packet]:
+    plan = stream.manifest.plan
+    return [p for p in stream.packets if plan.tier_of(p.id.block) == 2 * group + 1]
+
+
+@pytest.mark.parametrize("group", [0, 1])
+def test_packets_read_as_in_plain_python(stream, info, group):
+    first_new = 0 if group == 0 else info.groups[0].births
+    packets = motion_packets(stream, group)
+    assert packets
+    for packet in packets:
+        heads, residuals = decode_motion(info, group, np.array([packet.num_anchors]), [packet.payload], first_new)
+        plain = ReferenceMotion(packet.payload, info.bit_zero.tolist(), packet.num_anchors, GROUP, first_new).decode()
+        assert heads.tolist() == plain[0]
+        assert residuals.reshape(-1, NUM_CHANNELS, GROUP).tolist() == plain[1]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_altered_packets_read_as_in_plain_python(stream, info, seed):
+    rng, packet = np.random.default_rng(seed), motion_packets(stream, 0)[0]
+    payload = bytearray(packet.payload)
+    for place in rng.integers(0, len(payload), 3):
+        payload[place] = rng.integers(0, 256)
+    altered = bytes(payload)
+    heads, residuals = decode_motion(info, 0, np.array([packet.num_anchors]), [altered], 0)
+    plain = ReferenceMotion(altered, info.bit_zero.tolist(), packet.num_anchors, GROUP, 0).decode()
+    found = len(plain[0])
+    assert heads[:found].tolist() == plain[0]
+    assert (heads[found:] == -1).all()
+    assert residuals[:found].reshape(-1, NUM_CHANNELS, GROUP).tolist() == plain[1]
+
+
+@pytest.mark.parametrize(("seed", "size"), [(0, 1 << 12), (1, 1 << 26), (2, 3), (3, 1 << 20)])
+def test_neighbours_tell_what_they_tell_in_plain_python(seed, size):
+    rng, count = np.random.default_rng(seed), 60
+    heads = np.zeros((count, 6), np.int64)
+    heads[:, STATE] = rng.random(count) < 0.8
+    places = rng.integers(-size, size, (count, 3))
+    shifts = rng.integers(0, 12, (count, NUM_CHANNELS))
+    residuals = rng.integers(-40, 40, (count, NUM_CHANNELS, 4)).astype(np.int32)
+    residuals[rng.random(residuals.shape) < 0.5] = 0
+    residuals[heads[:, STATE] == 0] = 0
+    fast = coefficients_of(heads, residuals.reshape(count, -1), places, shifts)
+    plain = coefficients(places.tolist(), heads[:, STATE].tolist(), shifts.tolist(), residuals.tolist())
+    assert fast.tolist() == [own for own, state in zip(plain, heads[:, STATE], strict=True) if state]
+
+
+@pytest.mark.parametrize("frames", [1, 2, 15, 64])
+def test_polynomials_are_orthonormal_and_rise_in_degree(frames):
+    table = polynomials(frames)
+    assert np.allclose(table.T @ table, np.eye(frames), atol=1e-9)
+    time = np.arange(frames, dtype=np.float64)
+    for degree in range(min(frames, 4)):
+        assert np.allclose(table[:, degree + 1 :].T @ time**degree, 0, atol=1e-6 * frames**degree)
+
+
+def test_trajectories_come_back_from_their_coefficients():
+    frames = moving_frames(200, 6)
+    stacked = {
+        name: np.stack([getattr(f, name).numpy() for f in frames], axis=1) for name in ("means", "quats", "scales")
+    }
+    opacities = np.full((200, 6), 0.5, np.float32)
+    moves = Trajectories(**stacked, opacities=opacities, colours=np.stack([f.sh[:, 0].numpy() for f in frames], axis=1))
+    targets, turns = targets_of(moves, moves.at(np.zeros(200, np.int64)), 30, 0)
+    offsets = offsets_of(np.rint(targets).astype(np.int64), 30, 0)
+    assert turns.max() < 1e-12
+    assert np.allclose(offsets[:, :3], (moves.means - moves.means[:, :1]).swapaxes(1, 2), atol=1e-6)
+    assert np.allclose(offsets[:, 10:], (moves.colours - moves.colours[:, :1]).swapaxes(1, 2), atol=1e-2)
+    assert np.abs(offsets[:, 3:10]).max() < 1e-3
+
+
+def test_planes_keep_what_is_linear():
+    rng = np.random.default_rng(0)
+    offsets = rng.normal(size=(50, 16, 3)) + 0.3
+    weights = plane_weights(offsets).astype(np.float64)
+    assert np.allclose(weights.sum(axis=1), 1, atol=1e-5)
+    slope = rng.normal(size=3)
+    assert np.allclose((weights * (offsets @ slope)).sum(axis=1), 0, atol=0.05)
+    mean = distance_weights(offsets).astype(np.float64)
+    assert np.allclose(mean.sum(axis=1), 1, atol=1e-5)
+    assert (mean > 0).all()
+    assert np.abs((mean * (offsets @ slope)).sum(axis=1)).max() > 0.1

@@ -1,0 +1,46 @@
+"""Small clips whose truth is known: half of a shell sways, some Gaussians are born, some die, colours breathe."""
+
+import numpy as np
+import torch
+
+from splatwire.clips import Frame
+from splatwire.scene.splats import Splats
+
+FRAMES = 10
+
+
+def moving_frames(count: int = 600, frames: int = FRAMES, seed: int = 0, *, still: bool = False) -> list[Splats]:
+    """Frames with equal rows: Gaussian i is row i; one that is not there has opacity 0."""
+    rng = torch.Generator().manual_seed(seed)
+    means = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
+    quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1)
+    scales = torch.exp(torch.randn(count, 3, generator=rng) * 0.3 - 3.5)
+    opacities = torch.rand(count, generator=rng) * 0.8 + 0.15
+    sh = means[:, None] * 0.4
+    begins, ends = torch.zeros(count), torch.full((count,), frames)
+    begins[: count // 50], ends[count // 50 : count // 25] = frames // 2, frames // 2 + 1
+    found = []
+    for frame in range(frames):
+        time = 0.0 if still else frame / 10
+        sway = torch.stack([torch.sin(time + means[:, 1]), time * means[:, 0], 0 * means[:, 0]], dim=1)
+        moved = means + 0.2 * sway * (means[:, :1] > 0)
+        here = torch.ones(count) if still else ((begins <= frame) & (frame < ends)).float()
+        colours = sh * (1 + 0.3 * np.sin(time))
+        found.append(Splats(moved, quats, scales, opacities * here, colours))
+    return found
+
+
+def shuffled(frames: list[Splats], seed: int = 0) -> list[Splats]:
+    """The same frames, each with what is there in an order of its own."""
+    rng = torch.Generator().manual_seed(seed)
+    found = []
+    for splats in frames:
+        there = splats.select(splats.opacities > 0)
+        found.append(there.select(torch.randperm(there.num_gaussians, generator=rng)))
+    return found
+
+
+def drawn(splats: Splats) -> Splats:
+    """What of a frame draws something."""
+    frame = Frame.of(splats)
+    return splats.select(torch.from_numpy(frame.drawn))
