@@ -11,17 +11,22 @@ import json
 import os
 import random
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
 from splatwire.byte_io import ByteReader
-from splatwire.codec.decoding import open_decoder
+from splatwire.clips.concealment import ClipConcealer
+from splatwire.clips.decoding import decode_frames
+from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
 from splatwire.codec.weight_bytes import framed
 from splatwire.errors import BitstreamError, SplatwireError
+from splatwire.ops.spherical_harmonics import DC
 from splatwire.packets import (
     SceneStream,
     make_packet,
@@ -44,7 +49,7 @@ WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS, "splatwire/stream", "000000
 def golden_streams() -> dict[str, SceneStream]:
     pinned = json.loads((GOLDEN / "gaussians.json").read_text())
     found = {name: stream_from_bytes(base64.b64decode(case["swz"]))[0] for name, case in pinned.items()}
-    return found | {name: read_stream(GOLDEN / f"{name}.swz")[0] for name in ("tiny_causal", "tiny")}
+    return found | {name: read_stream(GOLDEN / f"{name}.swz")[0] for name in ("tiny_causal", "tiny", "tiny_clip")}
 
 
 def manifest_of(codec: str, **changes: Any) -> dict[str, Any]:
@@ -68,7 +73,8 @@ def bases() -> list[dict[str, Any]]:
     parts = {**packetization, "packaging": "separated"}
     large = {**packetization, "block_size": 65535, "lanes": 175}
     return [
-        *(manifest_of(codec) for codec in SCHEMAS),
+        *(manifest_of(codec) for codec, schema in SCHEMAS.items() if not schema.timed),
+        manifest_of("tracks", tiers=[[300, 1], [300, 1], [0, 1], [400, 1]], packetization=hashed, num_packets=77),
         manifest_of("causal", packetization=hashed), manifest_of("gaussians", packetization=hashed, num_packets=77),
         manifest_of("hacpp", packetization=parts, num_packets=160),
         manifest_of("causal", tiers=[[200, 2], [800, 4]], num_packets=36),
@@ -100,7 +106,14 @@ def mutated_manifest(base: dict[str, Any], rng: random.Random) -> bytes:
             )
         if rng.random() < 0.1:
             content["tiers"] = rng.choice(
-                [[], [[1000, 4]], [[1, 1], [999, 4]], [[500, 4], [500, 5]], [[500, 4, 1], [500, 4]]]
+                [
+                    [],
+                    [[1000, 4]],
+                    [[1, 1], [999, 4]],
+                    [[500, 4], [500, 5]],
+                    [[500, 4, 1], [500, 4]],
+                    [[0, 1], [1000, 1]],
+                ]
             )
         if rng.random() < 0.05:
             content["packetization"] = {**base["packetization"], "packet_bytes": rng.choice([0, 1150])}
@@ -171,6 +184,23 @@ def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[t
     return found
 
 
+def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[list[list[float]]]]]:
+    """Clips of which packets are missing, and rows of every frame by track: track, place, turn, sizes, looks."""
+    plan, rng = stream.manifest.plan, random.Random(3)
+    for share in (1.0, 0.6):
+        kept = [p for p in stream.packets if plan.lasting(p.id.block) or rng.random() < share]
+        assert (len(kept) == len(stream.packets)) == (share == 1.0)
+        path = folder / f"clip_{share}.swz"
+        write_stream(stream.with_packets(kept), path)
+        shown = []
+        method = ClipConcealer("motion", neighbors=16, plane=True, grow=False)
+        for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene, method):
+            s, tracks = frame.scene.splats, torch.from_numpy(frame.tracks)[:, None]
+            columns = (tracks, s.means, s.quats, s.scales, s.opacities[:, None], 0.5 + DC * s.sh[:, 0])
+            shown.append(torch.cat([column.double() for column in columns], dim=1).tolist())
+        yield path, shown
+
+
 def test_the_page_has_the_same_tables() -> None:
     spec = importlib.util.spec_from_file_location("make_tables", WEB / "scripts" / "make_tables.py")
     assert spec is not None
@@ -203,7 +233,8 @@ def test_python_and_the_page_agree(tmp_path: Path) -> None:
     assert CASES / 10 < sum(said) < CASES * 0.9, "too few cases of one kind"
     answers = tmp_path / "answers.json"
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
-    answers.write_text(json.dumps({"manifests": pairs, "packets": packets, "heads": heads}))
+    frames = {str(path): shown for path, shown in lossy_clips(streams["tiny_clip"], tmp_path)}
+    answers.write_text(json.dumps({"manifests": pairs, "packets": packets, "heads": heads, "frames": frames}))
     done = subprocess.run(
         ["node", "scripts/test.mjs", "only", "agreement"], cwd=WEB, capture_output=True, text=True, timeout=1200,
         env={**os.environ, "ANSWERS": str(answers)}, check=False,

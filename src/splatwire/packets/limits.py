@@ -130,7 +130,6 @@ SCHEMAS = {
             MAX_BLOCK_SIZE // 7,
             spread=False,
             explicit=True,
-            page=False,
             timed=True,
             max_tiers=MAX_SPANS,
         ),

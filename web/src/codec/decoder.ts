@@ -8,6 +8,7 @@ import { CausalSchema } from "./causal/schema.ts";
 import { ColumnsSchema } from "./columns/schema.ts";
 import { GaussianSchema } from "./gaussians/schema.ts";
 import type { Part, Schema } from "./schema.ts";
+import { TrackSchema } from "./tracks/schema.ts";
 
 /** Said where a stream holds anchors of format 1. */
 export const FORMAT_1 =
@@ -29,6 +30,7 @@ function schemaOf({ manifest, sideInfo }: Head, plan: Plan): Schema {
     throw new BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise");
   if (manifest.codec === "gaussians") return new GaussianSchema(sideInfo, plan);
   if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
+  if (manifest.codec === "tracks") return new TrackSchema(sideInfo, plan);
   if (manifest.codec === "columns") return new ColumnsSchema(sideInfo, plan);
   throw new BitstreamError(FORMAT_1);
 }

@@ -3,7 +3,7 @@
 // What a stream may be: the twin of `splatwire.packets.limits`.
 
 export const SCHEMA = "splatwire/stream";
-export const FORMAT_VERSION = 2;
+export const FORMAT_VERSION = 3;
 export const MAX_BLOCK_SIZE = 65535;
 export const MAX_HASHED_BLOCK = 16384;
 export const MAX_BLOCKS = 16777216;
@@ -13,6 +13,7 @@ export const MIN_PACKET_BYTES = 128;
 export const MAX_DATAGRAM_BYTES = 65507;
 export const MAX_PACKET_BYTES = 67108864;
 export const MAX_TIERS = 8;
+export const MAX_SPANS = 4096;
 export const MAX_FEATURE_GROUPS = 64;
 export const ORDERS = ["morton", "raster"];
 export const GROUPINGS = ["stratified", "contiguous", "hashed"];
@@ -38,6 +39,9 @@ export const MAX_CAUSAL_CONTEXT = 256;
 export const MAX_CAUSAL_LOG_STEP = 67108864;
 export const MAX_CAUSAL_CENTRE = 536870912;
 export const MAX_DEGREE = 3;
+export const MAX_FRAMES = 1048576;
+export const MAX_GROUP_FRAMES = 64;
+export const MAX_FRAME_RATE = 1000;
 export const MAX_SIZE_LOG = 32;
 export const MAX_COPIES = 65535;
 export const UNNAMED_SCHEMA = "hacpp";
@@ -56,23 +60,39 @@ export const SCHEMAS = {
     elements: "anchors",
     sections: ["header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"],
     elementsPerByte: 1024,
+    maxTiers: 8,
+    timed: false,
   },
   causal: {
     formatVersion: 2,
     elements: "anchors",
     sections: ["header", "positions", "networks", "render_networks"],
     elementsPerByte: 1024,
+    maxTiers: 8,
+    timed: false,
   },
   gaussians: {
     formatVersion: 2,
     elements: "Gaussians",
     sections: ["header", "blocks", "contexts"],
     elementsPerByte: 9362,
+    maxTiers: 8,
+    timed: false,
   },
   columns: {
     formatVersion: 2,
     elements: "anchors",
     sections: ["header", "render_networks", "expected"],
     elementsPerByte: 1,
+    maxTiers: 8,
+    timed: false,
+  },
+  tracks: {
+    formatVersion: 3,
+    elements: "tracks",
+    sections: ["clip", "bases", "motion"],
+    elementsPerByte: 9362,
+    maxTiers: 4096,
+    timed: true,
   },
 };

@@ -74,7 +74,7 @@ export function readManifest(bytes: Uint8Array): Manifest {
     throw new BitstreamError("the manifest is damaged: its digest does not match");
   }
   const codec = version === 1 ? "hacpp" : (words(fields, "codec", Object.keys(limits.SCHEMAS)) as Manifest["codec"]);
-  const { formatVersion, elementsPerByte } = limits.SCHEMAS[codec],
+  const { formatVersion, elementsPerByte, maxTiers, timed } = limits.SCHEMAS[codec],
     sideInfoBytes = integer(fields, "side_info_bytes", 0, limits.MAX_SIDE_INFO_BYTES);
   if (formatVersion !== version) throw new BitstreamError(`format version ${version} has no codec ${codec}`);
   const manifest: Manifest = {
@@ -91,9 +91,10 @@ export function readManifest(bytes: Uint8Array): Manifest {
     sideInfoBytes,
     sideInfoDigest: pattern(fields, "side_info_digest", SHA256),
     symbolsDigest: pattern(fields, "symbols_digest", SHA256),
-    tiers: fields.has("tiers") ? readTiers(fields.get("tiers")) : [],
+    tiers: fields.has("tiers") ? readTiers(fields.get("tiers"), maxTiers, timed) : [],
     writer: pattern(fields, "writer", WRITER),
   };
+  if (timed && !manifest.tiers.length) throw new BitstreamError("the manifest has no groups of frames");
   checkPlan(manifest, version === 1 ? readGroups(fields) : []);
   return manifest;
 }
@@ -129,8 +130,9 @@ function readPacketization(fields: Json | undefined): Packetization {
   };
 }
 
-function readTiers(value: Json | undefined): TierShape[] {
-  if (!Array.isArray(value) || value.length < 2 || value.length > limits.MAX_TIERS)
+/** Groups of frames come in pairs, either of which may be empty. */
+function readTiers(value: Json | undefined, most: number, timed: boolean): TierShape[] {
+  if (!Array.isArray(value) || value.length < 2 || value.length > most || (timed && value.length % 2))
     throw new BitstreamError("the manifest's tiers are impossible");
   return value.map((pair) => {
     const [count, lanes] = Array.isArray(pair) && pair.length === 2 ? pair : [];
@@ -139,7 +141,7 @@ function readTiers(value: Json | undefined): TierShape[] {
       ["lanes", lanes ?? null],
     ]);
     return {
-      count: integer(fields, "count", 1, limits.MAX_ELEMENTS),
+      count: integer(fields, "count", timed ? 0 : 1, limits.MAX_ELEMENTS),
       lanes: integer(fields, "lanes", 1, limits.MAX_LANES),
     };
   });

@@ -28,7 +28,7 @@ export class Plan {
       firstBlock = 0;
     for (const shape of shapes) {
       const numBlocks = Math.ceil(shape.count / blockSize);
-      const size = manifest.tiers.length ? Math.ceil(shape.count / numBlocks) : blockSize;
+      const size = manifest.tiers.length ? Math.ceil(shape.count / Math.max(numBlocks, 1)) : blockSize;
       this.#spans.push({ first, count: shape.count, blockSize: size, lanes: shape.lanes, firstBlock, numBlocks });
       first += shape.count;
       firstBlock += numBlocks;
@@ -96,9 +96,21 @@ export class Plan {
     return order;
   }
 
+  /** Tier of a block, by bisection: clips have thousands. */
+  tierOf(block: number): number {
+    if (!(block >= 0 && block < this.numBlocks)) throw new BitstreamError(`there is no block ${block}`);
+    let low = 0,
+      high = this.#spans.length;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (this.#spans[middle].firstBlock <= block) low = middle;
+      else high = middle;
+    }
+    return low;
+  }
+
   #span(block: number): Span {
-    for (let s = this.#spans.length - 1; s >= 0; s--) if (block >= this.#spans[s].firstBlock) return this.#spans[s];
-    throw new BitstreamError(`there is no block ${block}`);
+    return this.#spans[this.tierOf(block)];
   }
 
   #laneCounts(block: number): Int32Array {

@@ -22,14 +22,22 @@ export async function symbolsDigest(
       await pause();
       packets.push(decode(packet));
     }
-    for (const { rows } of packets) digest.update(integers64(rows));
-    for (const { harmonics } of packets) {
-      const bytes = new DataView(new ArrayBuffer(4 * harmonics.length));
-      harmonics.forEach((value, i) => bytes.setInt32(4 * i, value, true));
-      digest.update(new Uint8Array(bytes.buffer));
-    }
+    addRows(digest, packets);
   }
   return hex(digest.digest());
+}
+
+/** Adds the integers of a block's packets: all rows, then all harmonics. */
+export function addRows(digest: { update(bytes: Uint8Array): unknown }, packets: readonly Decoded[]): void {
+  for (const { rows } of packets) digest.update(integers64(rows));
+  for (const { harmonics } of packets) digest.update(integers32(harmonics));
+}
+
+/** Little-endian bytes of 32-bit integers. */
+export function integers32(values: Int32Array): Uint8Array {
+  const bytes = new DataView(new ArrayBuffer(4 * values.length));
+  values.forEach((value, i) => bytes.setInt32(4 * i, value, true));
+  return new Uint8Array(bytes.buffer);
 }
 
 function integers64(values: Float64Array): Uint8Array {

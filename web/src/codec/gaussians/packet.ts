@@ -9,7 +9,6 @@ import {
   AXIS,
   BITS,
   CLASS,
-  COEFFICIENTS,
   COLUMNS,
   DIRECTION_BITS,
   FIRST_CLASS,
@@ -42,11 +41,11 @@ import {
   SPIN,
   SPIN_BITS,
   SPREADS,
-  STEP_BITS,
   WIDE,
 } from "./layout.ts";
 import { Neighbours, spreadContext } from "./neighbours.ts";
 import type { SideInfo } from "./side_info.ts";
+import { Steps } from "./steps.ts";
 import { THINNESS } from "./tables.ts";
 
 /** Decoded integers: `COLUMNS` of each Gaussian, and its harmonics. */
@@ -55,7 +54,6 @@ export interface Decoded {
   readonly harmonics: Int32Array;
 }
 
-const C = Int32Array.from(COEFFICIENTS.flat());
 /** Powers of two, for shifts of numbers that may have more than 32 bits. */
 const POWER = Float64Array.from({ length: 64 }, (_, bits) => 2 ** bits);
 
@@ -69,8 +67,7 @@ export class PacketDecoder {
   readonly #absolute: boolean;
   /** log2 of the step of the value that was decoded last. */
   #shift = 0;
-  /** Of each step and class, with what rounds. */
-  readonly #bases: Int32Array;
+  readonly #steps: Steps;
   /** What the neighbours' mean axis is made of: the mean of each coordinate, and their mean deviation. */
   readonly #mean = new Float64Array(3);
   #deviation = 0;
@@ -90,9 +87,7 @@ export class PacketDecoder {
       return known;
     });
     this.#models = new Int32Array(info.models.length);
-    this.#bases = Int32Array.from({ length: 8 * info.bases.length }, (_, i) => {
-      return (info.bases[i >> 3] + (i & 7) * 2 ** STEP_BITS) * 2 ** BITS + 2 ** (BITS + STEP_BITS - 1);
-    });
+    this.#steps = new Steps(info.bases);
   }
 
   decode(payload: Uint8Array, block: number, count: number): Decoded {
@@ -111,7 +106,7 @@ export class PacketDecoder {
       this.#gaussian(i * COLUMNS, defaults, cells, 3 * i, at, boxBits);
       if (info.numHarmonics) {
         const level = rows[i * COLUMNS + CLASS],
-          shift = clip(BITS - this.#exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
+          shift = clip(BITS - this.#steps.exponent(S_HARMONICS, level, 0, 0, 0, 0), 0, BITS - 2);
         decodeHarmonics(coder, this.#models, harmonics, i * info.numHarmonics, info.numHarmonics, level, shift);
       }
     }
@@ -147,7 +142,10 @@ export class PacketDecoder {
     const companded = clip(ratio, 0, this.#absolute ? (MAX_THIN >> this.#shift) << this.#shift : MAX_THIN);
     rows[row + SCALE2] = companded;
     const thin = THINNESS[companded];
-    const finest = Math.max(this.#exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS));
+    const finest = Math.max(
+      this.#steps.exponent(S_POSITION, level, area, long, thin, opacity),
+      1 - ((s0 - long) >> BITS),
+    );
     this.#place(
       row,
       cells,
@@ -157,12 +155,12 @@ export class PacketDecoder {
     );
     const primary = (rows[row + PRIMARY] = thin >= long ? 2 : 0);
     const shift = clip(
-      DIRECTION_BITS - this.#exponent(S_DIRECTION, level, area, long, thin, opacity),
+      DIRECTION_BITS - this.#steps.exponent(S_DIRECTION, level, area, long, thin, opacity),
       0,
       DIRECTION_BITS - 2,
     );
     this.#axis(row, primary, shift);
-    const bits = clip(this.#exponent(S_SPIN, level, area, long, thin, opacity), 0, DIRECTION_BITS);
+    const bits = clip(this.#steps.exponent(S_SPIN, level, area, long, thin, opacity), 0, DIRECTION_BITS);
     rows[row + SPIN_BITS] = bits;
     rows[row + SPIN] = this.#coder.raw(bits);
     this.#colour(row, defaults, level);
@@ -196,7 +194,7 @@ export class PacketDecoder {
   ): number {
     const near = this.#near,
       mean = near.predict(this.#rows, COLUMNS, column, otherwise);
-    const shift = clip(BITS - this.#exponent(step, level, area, long, 0, opacity), 0, most);
+    const shift = clip(BITS - this.#steps.exponent(step, level, area, long, 0, opacity), 0, most);
     return this.#coded(stream, spreadContext(near.count, near.deviation, shift), mean, shift);
   }
 
@@ -227,15 +225,6 @@ export class PacketDecoder {
     const q = clip(mixture.decode(this.#coder), -MAX_RESIDUAL, MAX_RESIDUAL);
     this.#running = (this.#running + 16 * Math.min(Math.abs(q), 1 << 14)) >> 1;
     return q;
-  }
-
-  /** `-log2` of a step, rounded. */
-  #exponent(which: number, level: number, area: number, long: number, thin: number, opacity: number): number {
-    const c = 4 * which;
-    return (
-      (C[c] * area + C[c + 1] * long + C[c + 2] * thin + C[c + 3] * opacity + this.#bases[8 * which + level]) >>
-      (BITS + STEP_BITS)
-    );
   }
 
   /** The bits of a place between cell and step; coordinates are in half lattice units. */
@@ -345,7 +334,7 @@ export class PacketDecoder {
   /** Luma and chroma. */
   #colour(row: number, defaults: Int32Array, level: number): void {
     const near = this.#near,
-      shift = clip(BITS - this.#exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
+      shift = clip(BITS - this.#steps.exponent(S_COLOUR, level, 0, 0, 0, 0), 0, BITS - 2);
     for (let c = 0; c < 3; c++) {
       const mean = near.predict(this.#rows, COLUMNS, LUMA + c, defaults[4 + c]);
       const value = this.#coded(5 + c, spreadContext(near.count, near.deviation, shift), mean, shift);

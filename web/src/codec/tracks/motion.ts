@@ -1,0 +1,141 @@
+// One packet of motion: which tracks it speaks of, and what each does less what its neighbours make expect. Any bytes
+// decode to something.
+
+import { RangeDecoder } from "../../entropy/decoder.ts";
+import {
+  AFTER,
+  BEFORE,
+  BEGINS,
+  C_BEGINS,
+  C_ENDS,
+  C_GONE,
+  C_MOVING,
+  C_OCTAVE,
+  C_ZERO,
+  CANDIDATE_BITS,
+  ENDS,
+  HEAD,
+  KIND_OF,
+  LEVELS,
+  MAGNITUDES,
+  MAX_CANDIDATES,
+  MAX_OCTAVE,
+  MAX_QUANTISED,
+  MOVING,
+  NUM_CHANNELS,
+  NUM_KINDS,
+  ORDERS,
+  STATE,
+  TRACK,
+  TRACK_BITS,
+} from "./layout.ts";
+
+/** Decoded integers of a packet of n tracks over F frames. */
+export interface Motion {
+  /** `HEAD` of each; -1 throughout where bytes that no encoder wrote name fewer tracks. */
+  readonly heads: Int32Array;
+  /** n, channels, F. */
+  readonly residuals: Int32Array;
+  /** How many coefficients of each kind were coded. */
+  readonly orders: Int32Array;
+}
+
+export function decodeMotion(
+  payload: Uint8Array,
+  models: Int32Array,
+  count: number,
+  frames: number,
+  firstNew: number,
+): Motion {
+  const coder = new RangeDecoder(payload),
+    own = models.slice(),
+    heads = new Int32Array(HEAD * count).fill(-1),
+    residuals = new Int32Array(count * NUM_CHANNELS * frames),
+    found = readHeads(coder, own, heads, count, frames, firstNew),
+    orders = Int32Array.from({ length: NUM_KINDS }, () => coder.below(frames + 1));
+  let before = -1;
+  for (let i = 0; i < found; i++) {
+    if (heads[HEAD * i + STATE] !== MOVING) continue;
+    readTrack(coder, own, residuals, i, before, orders, frames);
+    before = i;
+  }
+  return { heads, residuals, orders };
+}
+
+function readHeads(
+  coder: RangeDecoder,
+  models: Int32Array,
+  heads: Int32Array,
+  count: number,
+  frames: number,
+  firstNew: number,
+): number {
+  const first = coder.raw(TRACK_BITS),
+    lead = Math.min(coder.gamma(), 1 << 24),
+    span = coder.raw(CANDIDATE_BITS),
+    tail = Math.min(coder.gamma(), 1 << 24);
+  let at = 0,
+    gone = 0,
+    moved = 0,
+    before = first - lead;
+  for (let track = first; track < first + Math.min(span, MAX_CANDIDATES); track++) {
+    gone = coder.bit(models, C_GONE + gone);
+    if (gone) continue;
+    if (at === count) break;
+    const state = coder.bit(models, C_MOVING + moved);
+    moved = ((moved << 1) | state) & 3;
+    const begins = track >= firstNew && coder.bit(models, C_BEGINS) ? coder.below(frames) : 0,
+      ends = coder.bit(models, C_ENDS) ? coder.below(frames) : frames,
+      row = HEAD * at++;
+    heads[row + TRACK] = track;
+    heads[row + STATE] = state;
+    heads[row + BEGINS] = begins;
+    heads[row + ENDS] = ends;
+    heads[row + BEFORE] = track - before;
+    heads[row + AFTER] = 0;
+    before = track + 1;
+  }
+  if (at) heads[HEAD * (at - 1) + AFTER] = tail;
+  return at;
+}
+
+/** Residuals of one track; their contexts are the largest so far in the kind, and the channel before. */
+function readTrack(
+  coder: RangeDecoder,
+  models: Int32Array,
+  residuals: Int32Array,
+  i: number,
+  before: number,
+  orders: Int32Array,
+  frames: number,
+): void {
+  let largest = 0;
+  for (let c = 0; c < NUM_CHANNELS; c++) {
+    const kind = KIND_OF[c],
+      first = c === 0 || KIND_OF[c - 1] !== kind,
+      at = (i * NUM_CHANNELS + c) * frames;
+    let own = 0;
+    if (first) {
+      largest = 0;
+      if (before >= 0) own = Math.abs(residuals[(before * NUM_CHANNELS + c) * frames]);
+    }
+    for (let k = 0; k < orders[kind]; k++) {
+      let near = Math.max(own, largest);
+      if (!first) near = Math.max(near, 2 * Math.abs(residuals[at - frames + k]));
+      const level = Math.min(near < 2 ** 31 ? 32 - Math.clz32(near) : LEVELS, LEVELS - 1),
+        value = readCoefficient(coder, models, kind, k, level);
+      residuals[at + k] = value;
+      own = k === 0 && first ? Math.abs(value) : Math.max(own, Math.abs(value));
+    }
+    largest = Math.max(largest, own);
+  }
+}
+
+function readCoefficient(coder: RangeDecoder, models: Int32Array, kind: number, order: number, level: number): number {
+  if (!coder.bit(models, C_ZERO + (kind * ORDERS + Math.min(order, ORDERS - 1)) * LEVELS + level)) return 0;
+  const base = C_OCTAVE + (kind * LEVELS + level) * MAGNITUDES;
+  let octave = 0;
+  while (octave < MAX_OCTAVE && coder.bit(models, base + Math.min(octave, MAGNITUDES - 1))) octave++;
+  const magnitude = Math.min(2 ** octave + coder.raw(octave), MAX_QUANTISED);
+  return coder.raw(1) ? -magnitude : magnitude;
+}

@@ -1,0 +1,210 @@
+// Coefficients of a packet's tracks from their residuals: each is expected to move as the least-squares plane through
+// its nearest neighbours in the packet says. No number reaches 2^53.
+
+import { KIND_OF, MAX_COEFFICIENT, NUM_CHANNELS, NUM_NEIGHBOURS, PLACE_BITS, WEIGHT } from "./layout.ts";
+
+const RADIUS = 1 << 10,
+  SPREAD = 2 ** 16,
+  PULL = 2 ** 33,
+  RIDGE = 2 ** 14,
+  LEAST_RIDGE = 4,
+  TURN = 2 ** 20;
+
+const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
+
+/**
+ * Coefficients, n times channels times F; of tracks that do not move 0.
+ *
+ * @param places Of the bases, half lattice units, 3 each.
+ * @param moving Whether each moves.
+ * @param shifts log2 of the steps, one for each channel.
+ * @param residuals In steps; n, channels, F.
+ * @param orders How many coefficients of each kind there are.
+ */
+export function coefficients(
+  places: Float64Array,
+  moving: Uint8Array,
+  shifts: Int32Array,
+  residuals: Int32Array,
+  orders: Int32Array,
+): Float64Array {
+  const count = moving.length,
+    frames = residuals.length / NUM_CHANNELS / Math.max(count, 1),
+    out = new Float64Array(residuals.length),
+    near = shrunk(places),
+    known = new Int32Array(count),
+    plane = new Plane(near);
+  let found = 0;
+  for (let i = 0; i < count; i++) if (!moving[i]) known[found++] = i;
+  for (const i of coarseToFine(near, moving, shifts)) {
+    plane.fit(known, found, i);
+    for (let c = 0; c < NUM_CHANNELS; c++) {
+      const at = (i * NUM_CHANNELS + c) * frames,
+        step = 2 ** shifts[i * NUM_CHANNELS + c];
+      for (let k = 0; k < orders[KIND_OF[c]]; k++) {
+        let mean = 0;
+        for (let m = 0; m < plane.count; m++)
+          mean += plane.weights[m] * out[(plane.who[m] * NUM_CHANNELS + c) * frames + k];
+        const value = Math.floor((mean + WEIGHT / 2) / WEIGHT) + residuals[at + k] * step;
+        out[at + k] = clip(value, -MAX_COEFFICIENT, MAX_COEFFICIENT);
+      }
+    }
+    known[found++] = i;
+  }
+  return out;
+}
+
+/** Places from the lowest corner on, in units so large that `PLACE_BITS` suffice. */
+function shrunk(places: Float64Array): Float64Array {
+  const low = [Infinity, Infinity, Infinity];
+  let extent = 0,
+    unit = 1;
+  for (let n = 0; n < places.length; n++) low[n % 3] = Math.min(low[n % 3], places[n]);
+  const moved = places.map((place, n) => place - low[n % 3]);
+  for (const place of moved) extent = Math.max(extent, place);
+  while (Math.floor(extent / unit) >= 2 ** PLACE_BITS) unit *= 2;
+  return moved.map((place) => Math.floor(place / unit));
+}
+
+/** Fine steps first; of like ones along a Z-order curve by ever smaller strides. */
+function coarseToFine(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
+  const some = Int32Array.from(moving.keys()).filter((i) => moving[i]),
+    codes = new Float64Array(moving.length),
+    n = some.length;
+  for (const i of some) {
+    for (let bit = 0; bit < 10; bit++)
+      for (let a = 0; a < 3; a++) codes[i] += ((near[3 * i + a] >> (PLACE_BITS - 10 + bit)) & 1) * 2 ** (3 * bit + a);
+  }
+  const by = some.slice().sort((i, j) => codes[i] - codes[j] || i - j),
+    bits = n > 1 ? 32 - Math.clz32(n - 1) : 0,
+    order = new Int32Array(n),
+    place = new Int32Array(moving.length);
+  for (let slot = 0, at = 0; slot < 1 << bits; slot++) {
+    let back = 0;
+    for (let bit = 0; bit < bits; bit++) back |= ((slot >> bit) & 1) << (bits - 1 - bit);
+    if (back < n) {
+      place[by[back]] = at;
+      order[at++] = by[back];
+    }
+  }
+  const key = (i: number): number => (shifts[i * NUM_CHANNELS] + shifts[i * NUM_CHANNELS + 3]) >> 1;
+  return order.sort((i, j) => key(i) - key(j) || place[i] - place[j]);
+}
+
+/** Weights of the nearest neighbours, out of `WEIGHT`, that add up to one. */
+class Plane {
+  count = 0;
+  readonly who = new Int32Array(NUM_NEIGHBOURS);
+  readonly weights = new Float64Array(NUM_NEIGHBOURS);
+  readonly #far = new Float64Array(NUM_NEIGHBOURS);
+  readonly #near = new Float64Array(NUM_NEIGHBOURS);
+  readonly #offsets = new Float64Array(3 * NUM_NEIGHBOURS);
+
+  constructor(readonly places: Float64Array) {}
+
+  fit(known: Int32Array, found: number, i: number): void {
+    this.#find(known, found, i);
+    const { count, weights } = this;
+    weights.fill(Math.floor(WEIGHT / Math.max(count, 1)), 0, count);
+    if (count >= 4) this.#plane(i);
+    let left = WEIGHT;
+    for (let m = 0; m < count; m++) left -= weights[m];
+    if (count) weights[0] += left;
+  }
+
+  /** The nearest, nearest first; of equals the earlier one. */
+  #find(known: Int32Array, found: number, i: number): void {
+    const { places, who } = this,
+      far = this.#far,
+      x = places[3 * i],
+      y = places[3 * i + 1],
+      z = places[3 * i + 2];
+    let count = 0;
+    for (let m = 0; m < found; m++) {
+      const j = known[m],
+        dx = places[3 * j] - x,
+        dy = places[3 * j + 1] - y,
+        dz = places[3 * j + 2] - z,
+        d = dx * dx + dy * dy + dz * dz;
+      if (count === NUM_NEIGHBOURS && d >= far[count - 1]) continue;
+      let at = count < NUM_NEIGHBOURS ? count++ : count - 1;
+      for (; at > 0 && far[at - 1] > d; at--) {
+        far[at] = far[at - 1];
+        who[at] = who[at - 1];
+      }
+      far[at] = d;
+      who[at] = j;
+    }
+    this.count = count;
+  }
+
+  #plane(i: number): void {
+    const { places, who, count, weights } = this,
+      far = this.#far,
+      near = this.#near,
+      o = this.#offsets;
+    let radius = 1,
+      total = 0;
+    for (let m = 0; m < count; m++)
+      for (let a = 0; a < 3; a++) radius = Math.max(radius, Math.abs(places[3 * who[m] + a] - places[3 * i + a]));
+    const f = [0, 0, 0],
+      s = [0, 0, 0, 0, 0, 0];
+    for (let m = 0; m < count; m++) {
+      const w = (near[m] = 1 + Math.floor((2 * (far[0] + 1)) / (far[m] + 1)));
+      for (let a = 0; a < 3; a++)
+        o[3 * m + a] = Math.floor(((places[3 * who[m] + a] - places[3 * i + a]) * RADIUS) / radius);
+      const x = o[3 * m],
+        y = o[3 * m + 1],
+        z = o[3 * m + 2];
+      total += w;
+      f[0] += w * x;
+      f[1] += w * y;
+      f[2] += w * z;
+      s[0] += w * x * x;
+      s[1] += w * x * y;
+      s[2] += w * x * z;
+      s[3] += w * y * y;
+      s[4] += w * y * z;
+      s[5] += w * z * z;
+    }
+    const [x, y, z] = f;
+    let [xx, xy, xz, yy, yz, zz] = [
+      total * s[0] - x * x,
+      total * s[1] - x * y,
+      total * s[2] - x * z,
+      total * s[3] - y * y,
+      total * s[4] - y * z,
+      total * s[5] - z * z,
+    ];
+    const trace = xx + yy + zz;
+    let spread = 1;
+    while (Math.floor(trace / spread) >= SPREAD) spread *= 2;
+    const ridge = Math.floor(trace / (spread * RIDGE)) + LEAST_RIDGE;
+    [xx, xy, xz, yy, yz, zz] = [xx, xy, xz, yy, yz, zz].map((value) => Math.floor(value / spread));
+    xx += ridge;
+    yy += ridge;
+    zz += ridge;
+    const a = yy * zz - yz * yz,
+      b = xz * yz - xy * zz,
+      c = xy * yz - xz * yy,
+      d = xx * zz - xz * xz,
+      e = xy * xz - xx * yz,
+      g = xx * yy - xy * xy,
+      determinant = Math.max(xx * a + xy * b + xz * c, 1);
+    let pulls = [a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + g * z],
+      pull = 1;
+    const most = Math.max(...pulls.map(Math.abs));
+    while (Math.floor(most / pull) >= PULL) pull *= 2;
+    pulls = pulls.map((value) => Math.floor(value / pull));
+    const scale = (TURN * pull) / spread;
+    for (let m = 0; m < count; m++) {
+      const moment =
+          pulls[0] * (total * o[3 * m] - x) +
+          pulls[1] * (total * o[3 * m + 1] - y) +
+          pulls[2] * (total * o[3 * m + 2] - z),
+        turn = Math.floor((moment / determinant) * scale + 0.5),
+        share = Math.floor((near[m] * (TURN - turn)) / (total * (TURN / WEIGHT)));
+      weights[m] = clip(share, -WEIGHT, WEIGHT);
+    }
+  }
+}

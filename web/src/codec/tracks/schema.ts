@@ -1,0 +1,114 @@
+// Clips: tracks of Gaussians over groups of frames. Bases are drawn as they are when they are born; how they move is
+// for `Clip`.
+
+import { sha256 } from "@noble/hashes/sha2.js";
+
+import { hex } from "../../bytes.ts";
+import { CONCEALERS, type Elements, type Pause } from "../../conceal/conceal.ts";
+import type { Packet } from "../../packets/packet.ts";
+import type { Plan } from "../../packets/plan.ts";
+import { addRows, integers32 } from "../gaussians/digest.ts";
+import { type Decoded, PacketDecoder } from "../gaussians/packet.ts";
+import { GaussianPart } from "../gaussians/schema.ts";
+import { toSplats } from "../gaussians/to_splats.ts";
+import type { Copies, Schema } from "../schema.ts";
+import { emptySplats } from "../splats.ts";
+import { Clip } from "./clip.ts";
+import { decodeMotion } from "./motion.ts";
+import { type ClipInfo, readClipInfo } from "./side_info.ts";
+
+export class TrackSchema implements Schema<GaussianPart> {
+  readonly viewDependent = false;
+  readonly middle = null;
+  readonly concealers = { drop: CONCEALERS["drop"] };
+  readonly info: ClipInfo;
+  /** What of the clip arrived. */
+  readonly clip: Clip;
+  readonly #bases: PacketDecoder;
+  /** First block of bases of each group among those of all groups, and its first block in the plan. */
+  readonly #firsts: { readonly own: number; readonly plan: number; readonly track: number }[] = [];
+
+  constructor(
+    sideInfo: Uint8Array,
+    readonly plan: Plan,
+  ) {
+    this.info = readClipInfo(sideInfo, plan.manifest);
+    this.clip = new Clip(this.info);
+    this.#bases = new PacketDecoder(this.info.bases);
+    const size = plan.manifest.packetization.blockSize;
+    let own = 0,
+      first = 0;
+    for (const { births, motions, firstNew } of this.info.groups) {
+      this.#firsts.push({ own, plan: first, track: firstNew });
+      own += Math.ceil(births / size);
+      first += Math.ceil(births / size) + Math.ceil(motions / size);
+    }
+  }
+
+  get degree(): number {
+    return this.info.bases.degree;
+  }
+
+  get size(): number {
+    return 2 ** this.info.bases.sizeLog;
+  }
+
+  get sections(): Map<string, Uint8Array> {
+    return this.info.sections;
+  }
+
+  read(packet: Packet): GaussianPart {
+    const tier = this.plan.tierOf(packet.block),
+      group = tier >> 1;
+    if (tier % 2) {
+      this.clip.addMotion(group, packet);
+      return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
+    }
+    const { own, plan, track } = this.#firsts[group],
+      block = packet.block - plan,
+      base = own + block,
+      first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane,
+      decoded = this.#bases.decode(packet.payload, base, packet.count),
+      splats = toSplats(decoded, this.info.bases, base);
+    this.clip.addBases(first, decoded.rows, this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3), splats);
+    return new GaussianPart(packet, splats, () => this.plan.members(packet));
+  }
+
+  /** Integers of bases and of motion, block by block. */
+  async digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {
+    const digest = sha256.create();
+    for (const packets of blocks) {
+      const found: Decoded[] = [],
+        numbers: Int32Array[][] = [[], []];
+      for (const packet of packets) {
+        await pause();
+        const tier = this.plan.tierOf(packet.block),
+          group = tier >> 1;
+        if (tier % 2) {
+          const { heads, residuals } = this.#motion(packet, group);
+          numbers[0].push(heads);
+          numbers[1].push(residuals);
+        } else {
+          const { own, plan } = this.#firsts[group];
+          found.push(this.#bases.decode(packet.payload, own + packet.block - plan, packet.count));
+        }
+      }
+      addRows(digest, found);
+      for (const arrays of numbers) for (const values of arrays) digest.update(integers32(values));
+    }
+    return hex(digest.digest());
+  }
+
+  #motion(packet: Packet, group: number): ReturnType<typeof decodeMotion> {
+    const { groups, models } = this.info;
+    return decodeMotion(packet.payload, models, packet.count, this.clip.framesOf(group), groups[group].firstNew);
+  }
+
+  copies(): Promise<Copies<GaussianPart> | null> {
+    return Promise.resolve(null);
+  }
+
+  elements(): Promise<Elements | null> {
+    return Promise.resolve(null);
+  }
+}

@@ -1,0 +1,110 @@
+// Side information of a clip.
+
+import { BitstreamError, ByteReader } from "../../bytes.ts";
+import { MAX_FRAME_RATE, MAX_FRAMES, MAX_GROUP_FRAMES } from "../../packets/limits.ts";
+import type { Manifest } from "../../packets/manifest.ts";
+import { readSections } from "../../packets/sections.ts";
+import { readSideInfo, type SideInfo } from "../gaussians/side_info.ts";
+import { NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
+
+const VERSION = 1,
+  MAX_OFFSET = 16;
+
+/** When the frames of a clip are. */
+export interface Timeline {
+  /** Frames a second. */
+  readonly rate: number;
+  readonly numFrames: number;
+  /** Frames of a group; the last one may have fewer. */
+  readonly groupFrames: number;
+}
+
+/** Tracks that are born in a group of frames, and those that are there in it: 0 if all stay as they were. */
+export interface Group {
+  readonly births: number;
+  readonly motions: number;
+  /** First track that is born in it. */
+  readonly firstNew: number;
+}
+
+export interface ClipInfo {
+  readonly timeline: Timeline;
+  readonly groups: readonly Group[];
+  readonly numTracks: number;
+  readonly bases: SideInfo;
+  /** Octaves by which steps of motion are larger than those of the base, by kind of channel. */
+  readonly coarser: readonly number[];
+  /** Initial adaptive models of every packet of motion, two each. */
+  readonly models: Int32Array;
+  readonly sections: Map<string, Uint8Array>;
+}
+
+export function readClipInfo(bytes: Uint8Array, manifest: Manifest): ClipInfo {
+  if (manifest.packetization.grouping !== "hashed")
+    throw new BitstreamError("packets of a clip are cut by their size, those of this manifest are not");
+  const reader = new ByteReader(bytes, "side information"),
+    clip = reader.blob(),
+    bases = reader.blob(),
+    motion = reader.blob(),
+    timeline = readTimeline(clip),
+    groups = groupsOf(manifest),
+    numGroups = Math.ceil(timeline.numFrames / timeline.groupFrames);
+  if (groups.length !== numGroups)
+    throw new BitstreamError(`side information: ${numGroups} groups of frames, the manifest has ${groups.length}`);
+  const size = manifest.packetization.blockSize,
+    blocks = groups.reduce((sum, group) => sum + Math.ceil(group.births / size), 0),
+    numTracks = groups.reduce((sum, group) => sum + group.births, 0);
+  return {
+    timeline,
+    groups,
+    numTracks,
+    ...readMotion(motion),
+    sections: readSections(reader.rest()),
+    bases: readSideInfo(bases, blocks),
+  };
+}
+
+function readTimeline(bytes: Uint8Array): Timeline {
+  const reader = new ByteReader(bytes, "side information of the clip"),
+    version = reader.u8();
+  if (version !== VERSION)
+    throw new BitstreamError(`side information has version ${version}, this page reads ${VERSION}`);
+  const numerator = reader.unsigned(),
+    denominator = reader.unsigned(),
+    numFrames = reader.unsigned(),
+    groupFrames = reader.unsigned();
+  const possible =
+    denominator > 0 && denominator <= MAX_FRAMES && numerator > 0 && numerator <= MAX_FRAME_RATE * denominator;
+  if (!(possible && numFrames > 0 && numFrames <= MAX_FRAMES && groupFrames > 0 && groupFrames <= MAX_GROUP_FRAMES))
+    throw new BitstreamError("side information: impossible frames");
+  reader.finish();
+  return { rate: numerator / denominator, numFrames, groupFrames };
+}
+
+function groupsOf({ tiers }: Manifest): Group[] {
+  const groups: Group[] = [];
+  let firstNew = 0;
+  for (let tier = 0; tier < tiers.length; tier += 2) {
+    const births = tiers[tier].count,
+      motions = tiers[tier + 1].count;
+    if (motions > firstNew + births)
+      throw new BitstreamError(`${motions} tracks move in a group where ${firstNew + births} are born`);
+    groups.push({ births, motions, firstNew });
+    firstNew += births;
+  }
+  return groups;
+}
+
+function readMotion(bytes: Uint8Array): Pick<ClipInfo, "coarser" | "models"> {
+  const reader = new ByteReader(bytes, "side information of motion"),
+    coarser = Array.from({ length: NUM_KINDS }, () => reader.signed());
+  if (coarser.some((octaves) => Math.abs(octaves) > MAX_OFFSET))
+    throw new BitstreamError("side information: impossible steps of motion");
+  const zero = reader.take(NUM_CONTEXTS);
+  reader.finish();
+  const models = Int32Array.from(
+    { length: 2 * NUM_CONTEXTS },
+    (_, i) => Math.min(Math.max(zero[i >> 1], 1), 255) * 256,
+  );
+  return { coarser, models };
+}

@@ -1,0 +1,65 @@
+// Steps of what moves: as fine as those of the track's base.
+
+import {
+  BITS,
+  CLASS,
+  DIRECTION_BITS,
+  OPACITY,
+  S_COLOUR,
+  S_DIRECTION,
+  S_OPACITY,
+  S_POSITION,
+  S_SCALE0,
+  S_SCALE1,
+  S_SCALE2,
+  SCALE0,
+  SCALE1,
+  SCALE2,
+} from "../gaussians/layout.ts";
+import type { SideInfo } from "../gaussians/side_info.ts";
+import { Steps } from "../gaussians/steps.ts";
+import { THINNESS } from "../gaussians/tables.ts";
+import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
+
+const LARGEST_SHIFT = 30;
+
+/** log2 of the steps of each channel, of bases whose decoded integers are given. */
+export class MotionSteps {
+  readonly #steps: Steps;
+
+  constructor(
+    readonly info: SideInfo,
+    readonly coarser: readonly number[],
+  ) {
+    this.#steps = new Steps(info.bases);
+  }
+
+  /** Of the base whose integers begin at `row`, to `out` from `at` on. */
+  of(rows: Float64Array, row: number, out: Int32Array, at: number): void {
+    const steps = this.#steps,
+      { unit, coarsest } = this.info,
+      level = rows[row + CLASS],
+      opacity = rows[row + OPACITY],
+      s0 = rows[row + SCALE0],
+      long = rows[row + SCALE1],
+      thin = THINNESS[rows[row + SCALE2]],
+      area = 2 * s0 - long;
+    const finest = Math.max(steps.exponent(S_POSITION, level, area, long, thin, opacity), 1 - ((s0 - long) >> BITS)),
+      place = Math.min(Math.max(unit - finest, 0), Math.max(coarsest, 0)) + 1,
+      turn = DIRECTION_BITS - steps.exponent(S_DIRECTION, level, area, long, thin, opacity),
+      last = steps.shift(S_SCALE2, level, area, long, 0, opacity, BITS - 1),
+      own = [
+        place,
+        Math.min(Math.max(turn, 0), DIRECTION_BITS - 2),
+        0,
+        steps.shift(S_OPACITY, level, 0, 0, 0, 0, BITS),
+        steps.shift(S_COLOUR, level, 0, 0, 0, 0, BITS - 2),
+      ];
+    for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = own[KIND_OF[c]];
+    out[at + 6] = steps.shift(S_SCALE0, level, 0, 0, 0, opacity, BITS - 1);
+    out[at + 7] = steps.shift(S_SCALE1, level, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
+    out[at + 8] = Math.min(last + (thin >> BITS), BITS - 1);
+    for (let c = 0; c < NUM_CHANNELS; c++)
+      out[at + c] = Math.min(Math.max(out[at + c] + this.coarser[KIND_OF[c]], 0), LARGEST_SHIFT);
+  }
+}

@@ -1,0 +1,101 @@
+// Coefficients as what they do to a base: floats, behind all integers.
+
+import { BITS, DIRECTION_BITS } from "../gaussians/layout.ts";
+import type { Splats } from "../splats.ts";
+import { NUM_CHANNELS } from "./layout.ts";
+import type { ClipInfo } from "./side_info.ts";
+
+const KNOWN = new Map<number, Float64Array>();
+const MOST_OPAQUE = 1 - 1e-6;
+
+/** Discrete Legendre polynomials over equally spaced frames, orthonormal; `[frame * frames + degree]`. */
+export function polynomials(frames: number): Float64Array {
+  const known = KNOWN.get(frames);
+  if (known) return known;
+  const table = new Float64Array(frames * frames),
+    at = (frame: number, degree: number): number => table[frame * frames + degree];
+  for (let k = 0; k < frames; k++) {
+    const column = Float64Array.from({ length: frames }, (_, f) =>
+      k ? (frames > 1 ? (2 * f) / (frames - 1) - 1 : 0) * at(f, k - 1) : 1,
+    );
+    for (let again = 0; again < 2; again++) {
+      for (let j = 0; j < k; j++) {
+        let dot = 0;
+        for (let f = 0; f < frames; f++) dot += column[f] * at(f, j);
+        for (let f = 0; f < frames; f++) column[f] -= dot * at(f, j);
+      }
+    }
+    const norm = Math.sqrt(column.reduce((sum, value) => sum + value * value, 0));
+    for (let f = 0; f < frames; f++) table[f * frames + k] = column[f] / norm;
+  }
+  KNOWN.set(frames, table);
+  return table;
+}
+
+/** Units of the channels: places in world units, tangents, logarithms, colours. */
+export function unitsOf({ bases }: ClipInfo): Float64Array {
+  const place = 2 ** (bases.sizeLog - bases.unit - 1),
+    turn = 2 ** -DIRECTION_BITS,
+    log = Math.LN2 / 2 ** BITS,
+    colour = 2 ** -BITS;
+  return Float64Array.from([place, place, place, turn, turn, turn, log, log, log, log, colour, colour, colour]);
+}
+
+const R2 = Math.sqrt(2),
+  R3 = Math.sqrt(3),
+  R6 = Math.sqrt(6);
+
+/**
+ * What coefficients of a track, channels times `frames` from `from` on, do in each frame; to `out`, frames times
+ * channels from `to` on: place, rotation (vector of four times the tangent of a quarter of the angle), logarithms of
+ * scales and opacity, red, green, blue.
+ */
+export function offsetsOf(
+  coefficients: Float64Array,
+  from: number,
+  frames: number,
+  units: Float64Array,
+  out: Float32Array,
+  to: number,
+): void {
+  const table = polynomials(frames);
+  for (let f = 0; f < frames; f++) {
+    const at = to + f * NUM_CHANNELS;
+    for (let c = 0; c < NUM_CHANNELS; c++) {
+      let sum = 0;
+      for (let k = 0; k < frames; k++) sum += coefficients[from + c * frames + k] * table[f * frames + k];
+      out[at + c] = sum * units[c];
+    }
+    const [y, co, cg] = [out[at + 10], out[at + 11], out[at + 12]];
+    out[at + 10] = y / R3 + co / R2 - cg / R6;
+    out[at + 11] = y / R3 + (2 * cg) / R6;
+    out[at + 12] = y / R3 - co / R2 - cg / R6;
+  }
+}
+
+/** Writes Gaussian `from` of `splats`, moved by 13 offsets from `at` on, as Gaussian `to` of `out`. */
+export function move(splats: Splats, from: number, offsets: Float32Array, at: number, out: Splats, to: number): void {
+  const number = out.harmonics.length / Math.max(out.count, 1);
+  for (let a = 0; a < 3; a++) {
+    out.means[3 * to + a] = splats.means[3 * from + a] + offsets[at + a];
+    out.scales[3 * to + a] = splats.scales[3 * from + a] * Math.exp(offsets[at + 6 + a]);
+    out.colours[3 * to + a] = splats.colours[3 * from + a] + offsets[at + 10 + a];
+  }
+  out.opacities[to] = Math.min(splats.opacities[from] * Math.exp(offsets[at + 9]), MOST_OPAQUE);
+  for (let n = 0; n < number; n++) out.harmonics[number * to + n] = splats.harmonics[number * from + n];
+  turn(splats.quats, 4 * from, offsets, at + 3, out.quats, 4 * to);
+}
+
+function turn(quats: Float32Array, q: number, offsets: Float32Array, r: number, out: Float32Array, to: number): void {
+  const x = offsets[r] / 4,
+    y = offsets[r + 1] / 4,
+    z = offsets[r + 2] / 4,
+    square = x * x + y * y + z * z,
+    part = 2 / (1 + square),
+    [w, i, j, k] = [(1 - square) / (1 + square), x * part, y * part, z * part],
+    [a, b, c, d] = [quats[q], quats[q + 1], quats[q + 2], quats[q + 3]];
+  out[to] = w * a - i * b - j * c - k * d;
+  out[to + 1] = w * b + i * a + j * d - k * c;
+  out[to + 2] = w * c - i * d + j * a + k * b;
+  out[to + 3] = w * d + i * c - j * b + k * a;
+}
