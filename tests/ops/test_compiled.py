@@ -181,3 +181,17 @@ def test_a_read_only_installation_decodes_without_a_home(temporary):
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(str(installed))
     assert list((temporary / f"splatwire-kernels-{os.getuid()}").rglob("*.nbi"))
+
+
+def test_an_index_that_cannot_be_read_counts_as_empty(tmp_path, monkeypatch):
+    """One of another release names types that are gone by now, and numba unpickles it."""
+    source = "from splatwire.ops.compiled import njit\n\n\n@njit()\ndef doubled(x):\n    return 2 * x\n"
+    (tmp_path / "old_kernels.py").write_text(source)
+    words = [sys.executable, "-c", "import old_kernels; print(old_kernels.doubled(3))"]
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": f"{tmp_path}:{SOURCE}"}
+    for _ in range(2):
+        done = subprocess.run(words, env=env, capture_output=True, text=True, timeout=120, check=False)
+        assert done.stdout == "6\n", done.stderr
+        (index,) = (tmp_path / "cache").rglob("*.nbi")
+        content = index.read_bytes()
+        index.write_bytes(content[: len(content) - 5])
