@@ -1,9 +1,21 @@
-"""The section `sketch` of the side information: coarse descriptions of the anchors that matter most (docs/format.md).
+"""The section `sketch` of the side information: coarse descriptions of the anchors that matter most.
 
 A sketched anchor has a level. Its features and the logarithms of its scalings over those that the prior expects are
 `mean + basis @ integers`, its offsets `offset_step * integers`, its mask is given; basis and offset step halve from
 level to level. The basis is that in which errors of a given length change the pictures alike, and in which the columns
 do not correlate.
+
+Layout: version, number of levels, columns C and offsets per anchor, `u8`; anchors and sketched anchors, `u32`; offset
+step, exponent and largest excess of the growth, trust in the scene-free network, `f32`; as `f16` the mean of the D
+channels (features, and logarithms of scalings over the prior's) and a scale for each column; the scale index of each
+column, and the columns of the basis, integers of at most 7 bits under a zero-mean normal of that scale. The rest is
+one run of the range coder. For each anchor by rank the bit "sketched" (context: bucket of the size that the prior
+expects, and how many of the four anchors before are sketched, at most 3) and its level in unary. For each sketched
+anchor: its mask bits (context: offset and how many bits were 1, at most 3); C integers and three for each offset that
+exists: a bit "not 0", the sign, the magnitude less one in unary up to 14 and beyond that in Elias gamma. "Not 0" and
+the first four bits of the magnitude have models for each level and column (or axis), the others for each level.
+Buckets are by rank of the product of the prior's last three mean scalings: the largest 1 %, then up to 3, 10, 25, 50
+%, and the rest.
 """
 
 import struct
