@@ -106,9 +106,7 @@ def test_a_clip_is_drawn_as_a_moving_picture(run, clip, tmp_path):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("view",), "is a clip"),
         (("plan",), "is a clip"),
-        (("pack", "-o", "page.html"), "is a clip"),
         (("decode", "-o", "x.ply", "--frame", 6), "the frames 0 to 5, not 6"),
         (("decode", "-o", "out", "--conceal", "cari"), "cari"),
         (("decode", "-o", "out", "--format", "obj"), "obj"),

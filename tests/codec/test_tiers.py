@@ -157,7 +157,7 @@ def test_damaged_sections_are_errors_or_other_tiers(stream: SceneStream):
     [
         ([[700, 4]], "2 to 8 of them"),
         ([[300, 4], [300, 4]], "do not add up"),
-        ([[0, 4], [700, 4]], "number of anchors of a tier"),
+        ([[0, 4], [700, 4]], "a tier has no anchor"),
         ([[-5, 4], [705, 4]], "number of anchors of a tier"),
         ([[100, 0], [600, 4]], "number of lanes of a tier"),
         ([[100, 99], [600, 4]], "number of lanes of a tier"),

@@ -3,15 +3,19 @@
 import { readPreview } from "./codec/preview.ts";
 import type { Camera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
+import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
 import type { Receiver } from "./transport/attempts.ts";
 import type { Arrived, Counts } from "./transport/events.ts";
 import { Held } from "./transport/held.ts";
 import { Kept } from "./transport/kept.ts";
+import { type Choice, shownPackets } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Received } from "./transport/received.ts";
 import { nextTurn, pausing, SLICE_MS } from "./turns.ts";
 
+/** What a worker decodes of what comes next after each frame that it gave. */
+const AHEAD_MS = 40;
 const SHOW_MS = 30,
   COUNT_MS = 200;
 
@@ -39,6 +43,7 @@ export class Reception implements Receiver {
   #bytesBefore = 0;
   readonly #began = performance.now();
   #countedAt = 0;
+  #shown: { key: string; count: number; shown: (packet: Packet) => boolean } | null = null;
   #waiting: Uint8Array[] = [];
   #working: Promise<void> | null = null;
 
@@ -80,7 +85,8 @@ export class Reception implements Receiver {
       background: decoder.background,
       viewpoint: decoder.viewpoint,
       sideInfoBytes: manifest.sideInfoBytes,
-      concealers: Object.keys(decoder.schema.concealers),
+      concealers: decoder.schema.moving?.concealers ?? Object.keys(decoder.schema.concealers),
+      moving: decoder.schema.moving?.times ?? null,
     };
     say({ kind: "facts", facts });
   }
@@ -189,7 +195,7 @@ export class Reception implements Receiver {
   async #drawAll(): Promise<void> {
     const received = this.#received;
     this.#shownAt = performance.now();
-    if (!received || (received.decoder.schema.viewDependent && !this.#look)) return;
+    if (!received || received.decoder.schema.moving || (received.decoder.schema.viewDependent && !this.#look)) return;
     while (received.hasNew || this.#looked !== this.#look) {
       const ask = this.#look,
         shown = await received.seen(this.#camera, this.#looked !== ask, pausing());
@@ -202,6 +208,31 @@ export class Reception implements Receiver {
         hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
       say({ kind: "splats", packed, instead, fresh, elements, gains, ask }, hand);
     }
+  }
+
+  /** Hands over a frame of what moves. */
+  frame({ number, choice }: ToWorker & { kind: "frame" }): void {
+    const schema = this.#received?.decoder.schema,
+      moving = schema?.moving;
+    if (!schema || !moving) return;
+    const began = performance.now(),
+      { shown, count } = this.#shownMotion(moving.packets, choice),
+      { splats, concealed } = moving.frame(number, shown, choice.concealer),
+      packed = pack([splats], schema.degree, schema.size),
+      drawMs = performance.now() - began;
+    say({ kind: "frame", number, packed, concealed, shownPackets: count, drawMs }, buffersOf(packed));
+    setTimeout(() => moving.ahead(number, AHEAD_MS));
+  }
+
+  /** Which packets of motion are shown: the same function for the same choice and packets. */
+  #shownMotion(packets: readonly Packet[], choice: Choice): { shown: (packet: Packet) => boolean; count: number } {
+    const key = JSON.stringify([packets.length, { ...choice, concealer: "" }]);
+    if (this.#shown?.key !== key) {
+      const kept = shownPackets(packets, choice),
+        some = new Set(packets.filter((_, n) => kept[n]));
+      this.#shown = { key, count: some.size, shown: (packet) => some.has(packet) };
+    }
+    return this.#shown;
   }
 
   async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {

@@ -17,6 +17,7 @@ async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<
 
 self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
   if (data.kind === "conceal") return void reception.conceal(data);
+  if (data.kind === "frame") return reception.frame(data);
   if (data.kind === "look") return reception.look(data);
   if (data.kind === "digest") return void reception.digest();
   open(data).then(

@@ -70,10 +70,11 @@ test("frames of clips are those of Python, whatever is missing", { skip }, async
     const { schema } = decoder,
       all = (): boolean => true;
     assert.ok(schema instanceof TrackSchema);
+    const clip = schema.moving;
     if (decoder.intake.complete) assert.equal(await decoder.digest(), head.manifest.symbolsDigest);
     let concealed = 0;
     for (const [number, rows] of frames.entries()) {
-      const { tracks, splats, concealed: guesses } = schema.clip.frame(number, all),
+      const { tracks, splats, concealed: guesses } = clip.frame(number, all),
         place = new Map(Array.from(tracks, (track, n) => [track, n]));
       concealed += guesses;
       assert.equal(tracks.length, rows.length, `frame ${number} of ${name}`);

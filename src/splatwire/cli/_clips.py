@@ -22,6 +22,19 @@ MAX_DENOMINATOR = 1001
 """29.97 frames a second are 30000 / 1001."""
 
 
+def check_concealer(name: str) -> None:
+    """Tells a name that neither scenes nor clips know, before it is known which of them it is for.
+
+    Raises:
+        UnknownNameError: If there is no such concealer.
+    """
+    from splatwire.clips.concealment import CLIP_CONCEALERS
+    from splatwire.conceal import create_concealer
+
+    if name not in CLIP_CONCEALERS:
+        create_concealer(name)
+
+
 def clip_options(
     fps: float | None, group: int | None, quality: str | None, background: "Background | None"
 ) -> "ClipOptions":

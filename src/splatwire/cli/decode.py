@@ -36,6 +36,7 @@ class Decode:
 
     def run(self) -> None:
         """Runs the verb."""
+        from splatwire.cli._clips import check_concealer
         from splatwire.codec import decode_stream
         from splatwire.conceal import create_concealer
         from splatwire.formats.kinds import writer_for
@@ -43,6 +44,8 @@ class Decode:
         from splatwire.packets import read_stream
         from splatwire.scene_io import save_decoded
 
+        if self.conceal is not None:
+            check_concealer(self.conceal)
         with input_path(self.stream) as source:
             stream, report = read_stream(source)
         if stream.manifest.schema.timed:

@@ -100,8 +100,9 @@ class Evaluate:
 
         Raises:
             InvalidValueError: If options are missing, or mean nothing here.
-            UnknownNameError: If there is no such renderer.
+            UnknownNameError: If there is no such concealer or renderer.
         """
+        from splatwire.cli._clips import check_concealer
         from splatwire.render import create_renderer
 
         if self.source.endswith(".toml"):
@@ -115,6 +116,8 @@ class Evaluate:
             for name in ("seeds", "contiguous"):
                 if getattr(self, name):
                     raise InvalidValueError(f"--{name} needs --loss: without it nothing is sent")
+        for concealer in self.conceal:
+            check_concealer(concealer)
         create_renderer(self.renderer)
 
     def _check_scene_options(self) -> None:

@@ -29,7 +29,6 @@ class Pack:
 
         with input_path(self.source) as path:
             stream, report = read_stream(path)
-            stream.still(self.source)
             data = pack_stream(stream, Path(self.source).stem)
         with output_path(self.output, suffix=".html", json=self.json) as target, written_whole(target) as new:
             new.write_bytes(data)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -48,7 +48,8 @@ class Receive:
     no_nack: bool = False
     """Do not ask for lost packets again."""
     conceal: str | None = None
-    """Decode, hide what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file."""
+    """Decode, hide what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file; of a
+    clip (drop, hold, motion, ...) a folder with a PLY for each frame."""
     trust: TrustOptions = field(default_factory=TrustOptions)
     pcap: Path | None = None
     """Write all datagrams, sent and received, to this file in the format of tcpdump."""
@@ -57,6 +58,7 @@ class Receive:
 
     def run(self) -> None:
         """Runs the verb."""
+        from splatwire.cli._clips import check_concealer
         from splatwire.errors import MissingSideInfoError
         from splatwire.packets import write_stream
         from splatwire.transport import ReceiverOptions
@@ -65,7 +67,8 @@ class Receive:
         address = parse_url(self.url)
         deadline = None if self.deadline is None else parse_seconds(self.deadline)
         options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not self.no_nack)
-        concealer = self._concealer()
+        if self.conceal is not None:
+            check_concealer(self.conceal)
         moments = Moments()
         with progress_bars() as show, self._output() as path:
             receiver, stopped = self._transfer(address, options, lambda event: moments.note(event, show))
@@ -76,10 +79,10 @@ class Receive:
                 lacking = receiver.lacking()
                 why = f"{reason}: {lacking}" if lacking else reason
                 raise MissingSideInfoError(f"{self.url}: no scene arrived ({why}){instead}")
-            if concealer is None and not self._explicit:
+            if self.conceal is None and not self._explicit:
                 write_stream(stream, path)
             else:
-                self._write_scene(stream, concealer, path)
+                self._write_scene(stream, path, show)
         self._tell(receiver, stream, reason, moments)
         if stopped:
             raise KeyboardInterrupt  # for the exit status; what arrived is written
@@ -126,27 +129,27 @@ class Receive:
         suffix = Path(self.output).suffix if self._explicit else STREAM_SUFFIX if self.conceal is None else ""
         return output_path(self.output, suffix=suffix, json=self.json)
 
-    def _write_scene(self, stream: "SceneStream", concealer: Any, path: Path) -> None:
+    def _write_scene(self, stream: "SceneStream", path: Path, show: "Reporter") -> None:
+        from splatwire.cli._clips import write_frames
         from splatwire.codec import decode_stream
+        from splatwire.conceal import create_concealer
         from splatwire.errors import InvalidValueError
         from splatwire.packets import write_stream
         from splatwire.scene_io import save_decoded
 
-        if self._explicit != stream.manifest.schema.explicit:
+        if stream.manifest.schema.timed and not self._explicit:
+            path.mkdir(exist_ok=True)
+            write_frames(stream, path, ".ply", self.conceal or "", None, show)
+            return
+        if self._explicit != stream.manifest.schema.explicit or stream.manifest.schema.timed:
             kept = Path(self.output).resolve().with_suffix(STREAM_SUFFIX)
             write_stream(stream, prepared_output(kept))
             raise InvalidValueError(
                 f"{self.url} sent {stream.manifest.elements}, which {self.output} is no name for; what arrived is in "
                 f"{kept}: `splatwire decode` or `splatwire export` take it from there"
             )
+        concealer = None if self.conceal is None else create_concealer(self.conceal)
         tell_lost_harmonics(save_decoded(decode_stream(stream), concealer, path), self.output)
-
-    def _concealer(self) -> Any:
-        if self.conceal is None:
-            return None
-        from splatwire.conceal import create_concealer
-
-        return create_concealer(self.conceal)
 
     def _tell(self, receiver: "Receiver", stream: "SceneStream", reason: str, moments: "Moments") -> None:
         report, collector = receiver.report(), receiver.collector

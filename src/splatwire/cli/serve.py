@@ -96,9 +96,7 @@ class Serve:
                 raise InvalidValueError(
                     f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
                 )
-        streams = {
-            name: (path, in_datagrams(read_stream(Path(path))[0].still(path), path)) for name, path in named.items()
-        }
+        streams = {name: (path, in_datagrams(read_stream(Path(path))[0], path)) for name, path in named.items()}
         for path, stream in streams.values():
             if planned is not None and stream.manifest.stream_id != planned:
                 raise InvalidValueError(

@@ -64,7 +64,7 @@ class View:
         with input_path(self.stream or str(ASSETS / SCENE)) as path:
             if not is_stream(path):
                 raise BitstreamError(f"{path} is not a splatwire stream; `splatwire encode` makes one of a scene")
-            return read_stream(path)[0].still(path)
+            return read_stream(path)[0]
 
     async def _hand_on(self, cameras: "Cameras | None") -> None:
         """Serves what another server sends, while it sends it."""

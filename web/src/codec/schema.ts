@@ -29,6 +29,27 @@ export interface Copies<P extends Part = Part> {
   chosen(which: Int32Array): P;
 }
 
+/** What moves: its frames, as far as packets of them came. */
+export interface Moving {
+  /** Frames a second, and how many there are. */
+  readonly times: { readonly rate: number; readonly numFrames: number };
+  /** The names of what hides lost motion. */
+  readonly concealers: readonly string[];
+  /** A frame; packets that are not shown count as lost. */
+  frame(number: number, shown: (packet: Packet) => boolean, concealer: string): MovingFrame;
+  /** Makes ready what comes after a frame, for so many milliseconds. */
+  ahead(number: number, ms: number): void;
+  /** Packets of motion that came. */
+  readonly packets: readonly Packet[];
+}
+
+export interface MovingFrame {
+  readonly number: number;
+  readonly splats: Splats;
+  /** Of how many elements the motion is a guess. */
+  readonly concealed: number;
+}
+
 export interface Schema<P extends Part = Part> {
   /** Whether another camera sees other Gaussians. */
   readonly viewDependent: boolean;
@@ -39,6 +60,8 @@ export interface Schema<P extends Part = Part> {
   /** Middle of the scene, where it is known before any element. */
   readonly middle: readonly number[] | null;
   readonly sections: Map<string, Uint8Array>;
+  /** What is drawn in place of the elements; null where they stand still. */
+  readonly moving: Moving | null;
   /** By name, what hides losses of such elements. */
   readonly concealers: Readonly<Record<string, Concealer>>;
   /** Decodes a packet that fits the plan; any payload gives something. */

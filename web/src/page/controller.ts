@@ -14,6 +14,7 @@ import { Comparison } from "./difference.ts";
 import { newStatus, type Status, type Tell } from "./events.ts";
 import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
 import { Panel } from "./panel.ts";
+import { Player } from "./player.ts";
 import { type Shown, Stage } from "./stage.ts";
 
 const AGAIN_MS = 400;
@@ -32,6 +33,8 @@ export class Controller {
   /** Whether Gaussians of the scene, not of a preview, are there. */
   #begun = false;
   #watch: Watch | null = null;
+  /** Of what moves. */
+  #player: Player | null = null;
   #asked = 0;
   #gained = 0;
   #timer = 0;
@@ -71,6 +74,7 @@ export class Controller {
   /** Gives everything back. */
   destroy(): void {
     this.#over.abort();
+    this.#player?.destroy();
     this.#worker.terminate();
     clearTimeout(this.#timer);
     this.panel.destroy();
@@ -180,6 +184,8 @@ export class Controller {
         return this.#learn(message.facts);
       case "splats":
         return this.#add(message);
+      case "frame":
+        return this.#frame(message);
       case "counts":
         return this.#count(message);
       case "gains":
@@ -238,8 +244,11 @@ export class Controller {
     }
   }
 
-  #learn({ gaussians, size, middle, background, viewpoint, viewDependent, concealers }: Facts): void {
+  #learn({ gaussians, size, middle, background, viewpoint, viewDependent, concealers, moving }: Facts): void {
     const { stage } = this;
+    this.#player?.destroy();
+    this.#player = moving && new Player(moving, (number) => this.#askFrame(number));
+    if (this.#player) this.panel.add(this.#player.element);
     this.panel.offer(concealers);
     this.#gaussians = gaussians;
     this.#size = size;
@@ -271,6 +280,32 @@ export class Controller {
       stage.enough();
     }
     if (fresh && stage.view) this.#concealSoon();
+  }
+
+  #askFrame(number: number): void {
+    const { show: _, ...choice } = this.panel.settings;
+    this.#send({ kind: "frame", number, choice });
+  }
+
+  /** A frame is there: the next one is asked for when it is on the screen. */
+  #frame({ number, packed, concealed, shownPackets, drawMs }: FromWorker & { kind: "frame" }): void {
+    const { stage, panel } = this;
+    if (!this.#begun && packed.count) stage.begin(this.#size);
+    this.#begun ||= packed.count > 0;
+    if (packed.count) stage.add(packed, true);
+    this.status.gaussians = stage.count;
+    panel.tell("Gaussians", stage.count.toLocaleString());
+    panel.tell("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
+    panel.tell("motion shown", `${shownPackets.toLocaleString()} packets`);
+    panel.tell("late", `${this.#player?.skipped ?? 0} frames`);
+    panel.tell("a frame takes", `${drawMs.toFixed(0)} ms`);
+    if (packed.count) {
+      this.#time("first");
+      stage.enough();
+    }
+    const done = (): void => this.#player?.shown(number);
+    if (stage.view) void stage.view.steady().then(done);
+    else setTimeout(done);
   }
 
   #count({ counts, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
@@ -305,6 +340,7 @@ export class Controller {
   }
 
   #settingsChanged(): void {
+    if (this.#player) return this.#player.again();
     if (this.stage.view) this.#conceal(); // what is painted before has no gains
   }
 
@@ -314,6 +350,7 @@ export class Controller {
   }
 
   #conceal(): void {
+    if (this.#player) return this.#player.again();
     const { show: _, ...choice } = this.panel.settings;
     clearTimeout(this.#timer);
     this.#timer = 0;

@@ -87,9 +87,9 @@ export class Panel {
    */
   offer(names: readonly string[]): void {
     this.#list(names);
-    if (!names.includes("sketch"))
+    if (names.includes("grow") && !names.includes("sketch"))
       this.#choice.append(make("option", { value: "sketch", disabled: "" }, "sketch (the stream has none)"));
-    this.set(names.includes(this.settings.concealer) ? {} : { concealer: "grow" });
+    this.set(names.includes(this.settings.concealer) ? {} : { concealer: names.includes("grow") ? "grow" : names[0] });
   }
 
   /** What can be chosen. */
@@ -112,6 +112,11 @@ export class Panel {
     for (const input of this.element.querySelectorAll<HTMLInputElement>("input[type=radio]"))
       input.checked = input.value === this.settings.show;
     this.changed();
+  }
+
+  /** Puts the player of a clip above the facts. */
+  add(player: HTMLElement): void {
+    this.#bar.after(player);
   }
 
   destroy(): void {

@@ -11,6 +11,8 @@ export type ToWorker =
   | { kind: "open"; session: Session | null; name: string; file: string; bytes: Uint8Array<ArrayBuffer> | null }
   | { kind: "conceal"; choice: Choice; ask: number }
   | { kind: "look"; camera: Camera; ask: number }
+  /** A frame of what moves; answered by `frame`. */
+  | { kind: "frame"; number: number; choice: Choice }
   | { kind: "digest" };
 
 /** Facts of a stream that the panel shows. */
@@ -28,6 +30,8 @@ export interface Facts {
   readonly sideInfoBytes: number;
   /** Concealers that work on its elements. */
   readonly concealers: readonly string[];
+  /** Frames a second and how many, of what moves; null where all stands still. */
+  readonly moving: { readonly rate: number; readonly numFrames: number } | null;
 }
 
 export type FromWorker =
@@ -47,6 +51,8 @@ export type FromWorker =
       gains: Float32Array | null;
       ask: number;
     }
+  /** A frame of what moves, in place of what is there; how many elements are guesses, packets of motion are shown. */
+  | { kind: "frame"; number: number; packed: Packed; concealed: number; shownPackets: number; drawMs: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
   | { kind: "gains"; gains: Float32Array; ask: number; shownPackets: number }
   | { kind: "note"; text: string }

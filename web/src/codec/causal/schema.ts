@@ -38,6 +38,7 @@ class CausalPart extends AnchorPart implements Arrived {
 
 export class CausalSchema implements Schema<CausalPart> {
   readonly viewDependent = true;
+  readonly moving = null;
   readonly degree = 0;
   readonly info: SideInfo;
   readonly heads: Heads;

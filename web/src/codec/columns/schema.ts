@@ -31,6 +31,7 @@ class ColumnPart extends AnchorPart {
 
 export class ColumnsSchema implements Schema<ColumnPart> {
   readonly viewDependent = true;
+  readonly moving = null;
   readonly degree = 0;
   readonly #info: SideInfo;
   readonly #heads: Heads;

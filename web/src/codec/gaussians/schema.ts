@@ -35,6 +35,7 @@ export class GaussianPart implements Part {
 
 export class GaussianSchema implements Schema<GaussianPart> {
   readonly viewDependent = false;
+  readonly moving = null;
   readonly middle = null;
   readonly concealers: Readonly<Record<string, Concealer>>;
   readonly info: SideInfo;

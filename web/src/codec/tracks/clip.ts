@@ -1,23 +1,31 @@
 // What of a clip arrived, and what it looks like in any frame. The twin of `splatwire.clips.decoding`.
 
 import type { Packet } from "../../packets/packet.ts";
+import type { Moving, MovingFrame } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { Bases } from "./bases.ts";
 import { addMoves, type Poses } from "./concealment.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
 import { coefficients } from "./predict.ts";
-import type { ClipInfo } from "./side_info.ts";
+import type { ClipInfo, Timeline } from "./side_info.ts";
 import { move, offsetsOf, unitsOf } from "./trajectories.ts";
 
 /** A frame as it is drawn. */
-export interface ClipFrame {
-  readonly number: number;
-  readonly splats: Splats;
+export interface ClipFrame extends MovingFrame {
   /** Track of each. */
   readonly tracks: Int32Array;
-  /** Of how many tracks the motion is a guess. */
-  readonly concealed: number;
+}
+
+/** Bytes of decoded motion that are kept: a short clip is decoded once. */
+const ROOM = 192 << 20;
+/** What becomes of tracks whose motion is lost. */
+const CONCEALERS = ["motion", "hold", "drop"];
+
+/** A packet of motion: heads, and offsets of its tracks. */
+interface Decoded {
+  readonly heads: Int32Array;
+  readonly offsets: Float32Array;
 }
 
 /** What is known when a group ends, by slot. */
@@ -32,14 +40,19 @@ interface Played extends Poses {
   readonly group: number;
   readonly numBases: number;
   readonly shown: (packet: Packet) => boolean;
+  readonly concealer: string;
   readonly concealed: Uint8Array;
   readonly memory: Memory;
 }
 
-export class Clip {
+export class Clip implements Moving {
+  readonly concealers = CONCEALERS;
+  readonly packets: Packet[] = [];
   readonly bases: Bases;
   readonly #motion: Packet[][];
   readonly #units: Float64Array;
+  #kept = 0;
+  readonly #decoded = new Map<Packet, Decoded>();
   #played: Played | null = null;
   #before: Memory | null = null;
 
@@ -55,7 +68,12 @@ export class Clip {
 
   addMotion(group: number, packet: Packet): void {
     this.#motion[group].push(packet);
+    this.packets.push(packet);
     if (this.#played?.group === group) this.#played = null;
+  }
+
+  get times(): Timeline {
+    return this.info.timeline;
   }
 
   /** Frames of a group. */
@@ -65,12 +83,13 @@ export class Clip {
   }
 
   /** A frame; motion of packets that are not shown is concealed, as that of those that are not there. */
-  frame(number: number, shown: (packet: Packet) => boolean): ClipFrame {
+  frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion"): ClipFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { slots, begins, ends, offsets, concealed } = this.#play(group, shown),
+      { slots, begins, ends, offsets, concealed } = this.#play(group, shown, concealer),
       frames = this.framesOf(group),
       at = number - group * this.info.timeline.groupFrames,
-      here = Array.from(slots.keys()).filter((n) => begins[n] <= at && at < ends[n]),
+      left = concealer === "drop",
+      here = Array.from(slots.keys()).filter((n) => begins[n] <= at && at < ends[n] && !(left && concealed[n])),
       splats = emptySplats(here.length, this.info.bases.degree);
     let guesses = 0;
     here.forEach((n, to) => {
@@ -80,12 +99,23 @@ export class Clip {
     return { number, splats, tracks: Int32Array.from(here, (n) => this.bases.tracks[slots[n]]), concealed: guesses };
   }
 
-  #play(group: number, shown: (packet: Packet) => boolean): Played {
+  /** Decodes motion of the group that comes next, for so many milliseconds: it is asked for soon. */
+  ahead(number: number, ms: number): void {
+    const group = (Math.floor(number / this.info.timeline.groupFrames) + 1) % this.#motion.length,
+      end = performance.now() + ms;
+    for (const packet of this.#motion[group]) {
+      if (performance.now() > end) return;
+      this.#decode(group, packet);
+    }
+  }
+
+  #play(group: number, shown: (packet: Packet) => boolean, concealer: string): Played {
     const played = this.#played;
-    if (played?.group === group && played.shown === shown && played.numBases === this.bases.count) return played;
+    const same = played?.shown === shown && played.concealer === concealer && played.numBases === this.bases.count;
+    if (same && played.group === group) return played;
     if (played && played.group !== group) this.#before = played.memory;
     const before = this.#before?.group === group - 1 ? this.#before : null,
-      found = this.#conceal(group, this.#arrived(group, shown), before, shown);
+      found = this.#conceal(group, this.#arrived(group, shown), before, shown, concealer);
     this.#played = found;
     return found;
   }
@@ -95,24 +125,49 @@ export class Clip {
     const { bases, info } = this,
       frames = this.framesOf(group),
       spoken = new Uint8Array(bases.count),
-      found: { heads: Int32Array; offsets: Float32Array }[] = [];
+      found: Decoded[] = [];
     for (const packet of this.#motion[group].filter(shown)) {
-      const { heads, residuals, orders } = decodeMotion(
-          packet.payload,
-          info.models,
-          packet.count,
-          frames,
-          info.groups[group].firstNew,
-        ),
-        slots = Int32Array.from({ length: packet.count }, (_, i) => bases.slots[heads[HEAD * i + TRACK]] ?? -1);
-      if (slots.some((slot) => slot < 0)) continue;
-      found.push({ heads, offsets: this.#offsets(heads, residuals, orders, slots, frames) });
-      const last = HEAD * (packet.count - 1),
+      const decoded = this.#decode(group, packet);
+      if (!decoded) continue;
+      found.push(decoded);
+      const { heads } = decoded,
+        last = HEAD * (packet.count - 1),
         end = Math.min(heads[last + TRACK] + heads[last + AFTER] + 1, info.numTracks);
       for (let track = Math.max(heads[TRACK] - heads[BEFORE], 0); track < end; track++)
         if (bases.slots[track] >= 0) spoken[bases.slots[track]] = 1;
     }
     return { poses: joined(found, bases.slots, frames), spoken };
+  }
+
+  /** A packet of motion whose bases are all there; null where one is missing. */
+  #decode(group: number, packet: Packet): Decoded | null {
+    const { bases, info } = this,
+      frames = this.framesOf(group),
+      known = this.#decoded.get(packet);
+    if (known) return known;
+    const { heads, residuals, orders } = decodeMotion(
+        packet.payload,
+        info.models,
+        packet.count,
+        frames,
+        info.groups[group].firstNew,
+      ),
+      slots = Int32Array.from({ length: packet.count }, (_, i) => bases.slots[heads[HEAD * i + TRACK]] ?? -1);
+    if (slots.some((slot) => slot < 0)) return null;
+    const decoded = { heads, offsets: this.#offsets(heads, residuals, orders, slots, frames) };
+    this.#keep(packet, decoded);
+    return decoded;
+  }
+
+  /** Keeps what was decoded, as long as there is room; the oldest goes first. */
+  #keep(packet: Packet, decoded: Decoded): void {
+    this.#decoded.set(packet, decoded);
+    this.#kept += decoded.offsets.byteLength;
+    for (const [oldest, { offsets }] of this.#decoded) {
+      if (this.#kept <= ROOM || oldest === packet) return;
+      this.#decoded.delete(oldest);
+      this.#kept -= offsets.byteLength;
+    }
   }
 
   #offsets(
@@ -134,7 +189,8 @@ export class Clip {
       steps.set(shifts.subarray(NUM_CHANNELS * slot, NUM_CHANNELS * (slot + 1)), NUM_CHANNELS * i);
     });
     const found = coefficients(own, moving, steps, residuals, orders);
-    for (let i = 0; i < count; i++) if (moving[i]) offsetsOf(found, i * size, frames, this.#units, offsets, i * size);
+    for (let i = 0; i < count; i++)
+      if (moving[i]) offsetsOf(found, i * size, frames, orders, this.#units, offsets, i * size);
     return offsets;
   }
 
@@ -144,6 +200,7 @@ export class Clip {
     { poses, spoken }: { poses: Poses; spoken: Uint8Array },
     before: Memory | null,
     shown: (packet: Packet) => boolean,
+    concealer: string,
   ): Played {
     const { bases, info } = this,
       { firstNew, births, motions } = info.groups[group],
@@ -158,7 +215,8 @@ export class Clip {
     const slots = Int32Array.from([...poses.slots, ...lost]),
       offsets = new Float32Array(size * slots.length);
     offsets.set(poses.offsets);
-    if (motions) this.#guess(poses, lost, before, frames, offsets.subarray(poses.offsets.length));
+    if (motions)
+      this.#guess(poses, lost, before, frames, offsets.subarray(poses.offsets.length), concealer === "motion");
     const found = {
       slots,
       offsets,
@@ -166,17 +224,31 @@ export class Clip {
       ends: Int32Array.from([...poses.ends, ...lost.map(() => frames)]),
       concealed: Uint8Array.from(slots, (_, n) => Number(n >= poses.slots.length && motions > 0)),
     };
-    return { ...found, group, shown, numBases: bases.count, memory: this.#remember(group, found, before, frames) };
+    return {
+      ...found,
+      group,
+      shown,
+      concealer,
+      numBases: bases.count,
+      memory: this.#remember(group, found, before, frames),
+    };
   }
 
   /** From where they were, unless that is a guess itself: then from their bases. */
-  #guess(poses: Poses, lost: readonly number[], before: Memory | null, frames: number, out: Float32Array): void {
+  #guess(
+    poses: Poses,
+    lost: readonly number[],
+    before: Memory | null,
+    frames: number,
+    out: Float32Array,
+    moving: boolean,
+  ): void {
     const { bases } = this,
       size = frames * NUM_CHANNELS,
       none = new Float32Array(bases.count * NUM_CHANNELS),
       since = before ? widened(before.offsets, none.length) : none,
       whole = Int32Array.from(poses.slots.keys()).filter((n) => poses.begins[n] === 0 && poses.ends[n] === frames),
-      known = lost.map((slot) => !before?.guessed[slot]);
+      known = lost.map((slot) => !moving || !before?.guessed[slot]);
     for (const certain of [true, false]) {
       const at = lost.flatMap((_, n) => (known[n] === certain ? [n] : [])),
         who = Int32Array.from(at, (n) => lost[n]),
@@ -186,7 +258,7 @@ export class Clip {
       who.forEach((slot, n) => {
         for (let k = 0; k < size; k++) moves[n * size + k] = start[slot * NUM_CHANNELS + (k % NUM_CHANNELS)];
       });
-      addMoves(poses, told, who, start, bases.splats.means, frames, moves);
+      if (moving) addMoves(poses, told, who, start, bases.splats.means, frames, moves);
       at.forEach((n, m) => out.set(moves.subarray(m * size, (m + 1) * size), n * size));
     }
   }
@@ -213,11 +285,7 @@ export class Clip {
 }
 
 /** Tracks of all packets; of one that is there twice the first counts. */
-function joined(
-  found: readonly { heads: Int32Array; offsets: Float32Array }[],
-  slotOf: Int32Array,
-  frames: number,
-): Poses {
+function joined(found: readonly Decoded[], slotOf: Int32Array, frames: number): Poses {
   const size = frames * NUM_CHANNELS,
     seen = new Set<number>(),
     rows: { slot: number; begins: number; ends: number; offsets: Float32Array }[] = [];

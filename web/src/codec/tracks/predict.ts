@@ -31,22 +31,26 @@ export function coefficients(
   const count = moving.length,
     frames = residuals.length / NUM_CHANNELS / Math.max(count, 1),
     out = new Float64Array(residuals.length),
-    near = shrunk(places),
+    size = NUM_CHANNELS * frames,
+    begin = new Int32Array(NUM_NEIGHBOURS),
+    small = shrunk(places),
     known = new Int32Array(count),
-    plane = new Plane(near);
+    plane = new Plane(small);
   let found = 0;
   for (let i = 0; i < count; i++) if (!moving[i]) known[found++] = i;
-  for (const i of coarseToFine(near, moving, shifts)) {
+  for (const i of coarseToFine(small, moving, shifts)) {
     plane.fit(known, found, i);
+    const { count: near, weights, who } = plane;
+    for (let m = 0; m < near; m++) begin[m] = who[m] * size;
     for (let c = 0; c < NUM_CHANNELS; c++) {
-      const at = (i * NUM_CHANNELS + c) * frames,
-        step = 2 ** shifts[i * NUM_CHANNELS + c];
-      for (let k = 0; k < orders[KIND_OF[c]]; k++) {
+      const own = i * size + c * frames,
+        end = orders[KIND_OF[c]],
+        step = end ? 2 ** shifts[i * NUM_CHANNELS + c] : 0;
+      for (let k = 0, at = c * frames; k < end; k++, at++) {
         let mean = 0;
-        for (let m = 0; m < plane.count; m++)
-          mean += plane.weights[m] * out[(plane.who[m] * NUM_CHANNELS + c) * frames + k];
-        const value = Math.floor((mean + WEIGHT / 2) / WEIGHT) + residuals[at + k] * step;
-        out[at + k] = clip(value, -MAX_COEFFICIENT, MAX_COEFFICIENT);
+        for (let m = 0; m < near; m++) mean += weights[m] * out[begin[m] + at];
+        const value = Math.floor((mean + WEIGHT / 2) / WEIGHT) + residuals[own + k] * step;
+        out[own + k] = clip(value, -MAX_COEFFICIENT, MAX_COEFFICIENT);
       }
     }
     known[found++] = i;
@@ -69,11 +73,10 @@ function shrunk(places: Float64Array): Float64Array {
 /** Fine steps first; of like ones along a Z-order curve by ever smaller strides. */
 function coarseToFine(near: Float64Array, moving: Uint8Array, shifts: Int32Array): Int32Array {
   const some = Int32Array.from(moving.keys()).filter((i) => moving[i]),
-    codes = new Float64Array(moving.length),
+    codes = new Int32Array(moving.length),
     n = some.length;
   for (const i of some) {
-    for (let bit = 0; bit < 10; bit++)
-      for (let a = 0; a < 3; a++) codes[i] += ((near[3 * i + a] >> (PLACE_BITS - 10 + bit)) & 1) * 2 ** (3 * bit + a);
+    for (let a = 0; a < 3; a++) codes[i] += apart(near[3 * i + a] >> (PLACE_BITS - 10)) << a;
   }
   const by = some.slice().sort((i, j) => codes[i] - codes[j] || i - j),
     bits = n > 1 ? 32 - Math.clz32(n - 1) : 0,
@@ -89,6 +92,14 @@ function coarseToFine(near: Float64Array, moving: Uint8Array, shifts: Int32Array
   }
   const key = (i: number): number => (shifts[i * NUM_CHANNELS] + shifts[i * NUM_CHANNELS + 3]) >> 1;
   return order.sort((i, j) => key(i) - key(j) || place[i] - place[j]);
+}
+
+/** Ten bits with two zeros between them. */
+function apart(bits: number): number {
+  bits = (bits | (bits << 16)) & 0x030000ff;
+  bits = (bits | (bits << 8)) & 0x0300f00f;
+  bits = (bits | (bits << 4)) & 0x030c30c3;
+  return (bits | (bits << 2)) & 0x09249249;
 }
 
 /** Weights of the nearest neighbours, out of `WEIGHT`, that add up to one. */

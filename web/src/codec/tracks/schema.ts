@@ -4,7 +4,7 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../../bytes.ts";
-import { CONCEALERS, type Elements, type Pause } from "../../conceal/conceal.ts";
+import type { Elements, Pause } from "../../conceal/conceal.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import { addRows, integers32 } from "../gaussians/digest.ts";
@@ -20,10 +20,10 @@ import { type ClipInfo, readClipInfo } from "./side_info.ts";
 export class TrackSchema implements Schema<GaussianPart> {
   readonly viewDependent = false;
   readonly middle = null;
-  readonly concealers = { drop: CONCEALERS["drop"] };
   readonly info: ClipInfo;
+  readonly concealers = {};
   /** What of the clip arrived. */
-  readonly clip: Clip;
+  readonly moving: Clip;
   readonly #bases: PacketDecoder;
   /** First block of bases of each group among those of all groups, and its first block in the plan. */
   readonly #firsts: { readonly own: number; readonly plan: number; readonly track: number }[] = [];
@@ -33,7 +33,7 @@ export class TrackSchema implements Schema<GaussianPart> {
     readonly plan: Plan,
   ) {
     this.info = readClipInfo(sideInfo, plan.manifest);
-    this.clip = new Clip(this.info);
+    this.moving = new Clip(this.info);
     this.#bases = new PacketDecoder(this.info.bases);
     const size = plan.manifest.packetization.blockSize;
     let own = 0,
@@ -61,7 +61,7 @@ export class TrackSchema implements Schema<GaussianPart> {
     const tier = this.plan.tierOf(packet.block),
       group = tier >> 1;
     if (tier % 2) {
-      this.clip.addMotion(group, packet);
+      this.moving.addMotion(group, packet);
       return new GaussianPart(packet, emptySplats(0, this.degree), () => new Int32Array());
     }
     const { own, plan, track } = this.#firsts[group],
@@ -70,7 +70,7 @@ export class TrackSchema implements Schema<GaussianPart> {
       first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane,
       decoded = this.#bases.decode(packet.payload, base, packet.count),
       splats = toSplats(decoded, this.info.bases, base);
-    this.clip.addBases(first, decoded.rows, this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3), splats);
+    this.moving.addBases(first, decoded.rows, this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3), splats);
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 
@@ -101,7 +101,7 @@ export class TrackSchema implements Schema<GaussianPart> {
 
   #motion(packet: Packet, group: number): ReturnType<typeof decodeMotion> {
     const { groups, models } = this.info;
-    return decodeMotion(packet.payload, models, packet.count, this.clip.framesOf(group), groups[group].firstNew);
+    return decodeMotion(packet.payload, models, packet.count, this.moving.framesOf(group), groups[group].firstNew);
   }
 
   copies(): Promise<Copies<GaussianPart> | null> {

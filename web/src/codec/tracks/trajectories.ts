@@ -2,7 +2,7 @@
 
 import { BITS, DIRECTION_BITS } from "../gaussians/layout.ts";
 import type { Splats } from "../splats.ts";
-import { NUM_CHANNELS } from "./layout.ts";
+import { KIND_OF, NUM_CHANNELS } from "./layout.ts";
 import type { ClipInfo } from "./side_info.ts";
 
 const KNOWN = new Map<number, Float64Array>();
@@ -46,7 +46,8 @@ const R2 = Math.sqrt(2),
   R6 = Math.sqrt(6);
 
 /**
- * What coefficients of a track, channels times `frames` from `from` on, do in each frame; to `out`, frames times
+ * What coefficients of a track, channels times `frames` from `from` on (the first `orders` of each kind), do in each
+ * frame; to `out`, frames times
  * channels from `to` on: place, rotation (vector of four times the tangent of a quarter of the angle), logarithms of
  * scales and opacity, red, green, blue.
  */
@@ -54,18 +55,26 @@ export function offsetsOf(
   coefficients: Float64Array,
   from: number,
   frames: number,
+  orders: Int32Array,
   units: Float64Array,
   out: Float32Array,
   to: number,
 ): void {
   const table = polynomials(frames);
+  for (let c = 0; c < NUM_CHANNELS; c++) {
+    const end = orders[KIND_OF[c]],
+      own = from + c * frames,
+      unit = units[c];
+    if (!end) continue;
+    for (let f = 0, row = 0; f < frames; f++, row += frames) {
+      let sum = 0;
+      for (let k = 0; k < end; k++) sum += coefficients[own + k] * table[row + k];
+      out[to + f * NUM_CHANNELS + c] = sum * unit;
+    }
+  }
+  if (!orders[KIND_OF[NUM_CHANNELS - 1]]) return;
   for (let f = 0; f < frames; f++) {
     const at = to + f * NUM_CHANNELS;
-    for (let c = 0; c < NUM_CHANNELS; c++) {
-      let sum = 0;
-      for (let k = 0; k < frames; k++) sum += coefficients[from + c * frames + k] * table[f * frames + k];
-      out[at + c] = sum * units[c];
-    }
     const [y, co, cg] = [out[at + 10], out[at + 11], out[at + 12]];
     out[at + 10] = y / R3 + co / R2 - cg / R6;
     out[at + 11] = y / R3 + (2 * cg) / R6;

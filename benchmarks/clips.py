@@ -1,0 +1,102 @@
+"""Clips: bytes against frame by frame at equal PSNR, and what losses cost, concealed or not.
+
+    python benchmarks/clips.py monkey=FRAMES/ guitar=FRAMES/ [--losses bernoulli:0.2] [--seeds 1 2] [--views 2]
+
+`bent_clip.py` makes clips whose truth is known. Frame by frame: every tenth frame as a still scene, in two qualities;
+bytes at the clip's own PSNR are interpolated between them (in decibels and logarithms of bytes).
+"""
+
+import argparse
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from splatwire.channel import parse_loss
+from splatwire.clips import Frame, encode_clip, frame_files, read_frames
+from splatwire.clips.evaluation import ClipRow, score_clip
+from splatwire.clips.report import score_rows
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.metrics import psnr
+from splatwire.model import SplatScene
+from splatwire.packets import packetization_named
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import classes_of
+from splatwire.scene import Cameras
+
+CONCEALERS = ("drop", "hold", "neighbors", "motion")
+EVERY = 10
+
+
+def drawn(frame: Frame) -> SplatScene:
+    """What of a frame is there."""
+    return SplatScene(frame.splats.select(torch.from_numpy(frame.drawn)))
+
+
+def pictures(scene: SplatScene, cameras: Cameras) -> torch.Tensor:
+    """All views."""
+    return torch.stack(list(iterate_views(scene, cameras)))
+
+
+def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, float]]:
+    """Mean PSNR and bytes of a frame as a still scene, by quality."""
+    found = []
+    for quality in ("small", "default"):
+        points = []
+        for frame in read_frames(files[::EVERY]):
+            scene = drawn(frame)
+            packets = packetization_named("datagram", "gaussians", scene.num_elements)
+            stream = encode_scene(scene, packets, quality=quality, classes=classes_of(scene, None, anew=True))
+            shown = pictures(decode_stream(stream).scene, cameras)
+            points.append((float(psnr(shown, pictures(scene, cameras)).mean()), stream.num_bytes))
+        found.append(tuple(np.mean(points, axis=0).tolist()))
+    return found
+
+
+def bytes_at(points: list[tuple[float, float]], decibels: float) -> float:
+    """Bytes of a frame at a PSNR, by the line through two qualities."""
+    (low, few), (high, many) = points
+    share = (decibels - low) / (high - low)
+    return math.exp(math.log(few) + share * (math.log(many) - math.log(few)))
+
+
+def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
+    """All figures of one clip."""
+    files, began = frame_files(folder), time.perf_counter()
+    stream, tracking = encode_clip(read_frames(files))
+    seconds = time.perf_counter() - began
+    cameras = surrounding_cameras(drawn(next(read_frames(files[:1]))), arguments.views, 320)
+    rows = [ClipRow("motion")] + [
+        ClipRow(concealer, parse_loss(loss, "datagram"), seed, loss)
+        for loss in arguments.losses for concealer in CONCEALERS for seed in arguments.seeds
+    ]  # fmt: skip
+    scores = score_clip(stream, read_frames(files), cameras, rows)
+    decibels, tracks = float(scores[0].psnr.mean()), sum(tier.num_anchors for tier in stream.manifest.tiers[::2])
+    still = frame_by_frame(files, cameras)
+    gaussians = sum(int(frame.drawn.sum()) for frame in read_frames(files))
+    return {
+        "name": name, "frames": len(files), "tracks": tracks, "matched": tracking.matched, "share": tracking.share,
+        "bytes": stream.num_bytes, "bytes_per_gaussian_and_frame": stream.num_bytes / gaussians, "psnr": decibels,
+        "frame_by_frame": still, "ratio": stream.num_bytes / (len(files) * bytes_at(still, decibels)),
+        "encoding_seconds": seconds,
+        "rows": [{k: v for k, v in row.items() if k != "frames"} for row in score_rows(scores)],
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clips", nargs="+", help="NAME=FOLDER")
+    parser.add_argument("--losses", nargs="*", default=["bernoulli:0.05", "bernoulli:0.2", "gilbert:0.1,20"])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--views", type=int, default=2)
+    arguments = parser.parse_args()
+    named = [clip.partition("=")[::2] for clip in arguments.clips]
+    print(json.dumps([measure(name, Path(folder), arguments) for name, folder in named], indent=1))
+
+
+if __name__ == "__main__":
+    main()
