@@ -1,6 +1,7 @@
 """Clips: bytes against frame by frame at equal PSNR, and what losses cost, concealed or not.
 
     python benchmarks/clips.py monkey=FRAMES/ guitar=FRAMES/ [--losses bernoulli:0.2] [--seeds 1 2] [--views 2]
+    python benchmarks/clips.py guitar=FRAMES/ --picture docs/images/clip.webp
 
 `bent_clip.py` makes clips whose truth is known. Frame by frame: every tenth frame as a still scene, in two qualities;
 bytes at the clip's own PSNR are interpolated between them (in decibels and logarithms of bytes).
@@ -14,12 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from PIL import Image
 
 from splatwire.channel import parse_loss
 from splatwire.clips import Frame, encode_clip, frame_files, read_frames
 from splatwire.clips.evaluation import ClipRow, score_clip
 from splatwire.clips.report import score_rows
 from splatwire.codec import decode_stream, encode_scene
+from splatwire.evaluate.pixels import to_pixels
 from splatwire.metrics import psnr
 from splatwire.model import SplatScene
 from splatwire.packets import packetization_named
@@ -30,6 +33,8 @@ from splatwire.scene import Cameras
 
 CONCEALERS = ("drop", "hold", "neighbors", "motion")
 EVERY = 10
+PICTURE = 256
+"""Pixels of a panel."""
 
 
 def drawn(frame: Frame) -> SplatScene:
@@ -87,14 +92,33 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     }  # fmt: skip
 
 
+def draw(folder: Path, target: Path) -> None:
+    """A moving picture of a clip at 20 % loss: what lost its motion left out, held, concealed."""
+    files = frame_files(folder)
+    stream, _ = encode_clip(read_frames(files))
+    cameras = surrounding_cameras(drawn(next(read_frames(files[:1]))), 1, PICTURE)
+    rows = [ClipRow(concealer, parse_loss("bernoulli:0.2", "datagram"), 1) for concealer in ("drop", "hold", "motion")]
+    panels: dict[int, list[np.ndarray]] = {}
+    score_clip(
+        stream, read_frames(files), cameras, rows,
+        on_picture=lambda row, frame, image: panels.setdefault(frame, []).append(to_pixels(image)),
+    )  # fmt: skip
+    images = [Image.fromarray(np.concatenate(panels[frame][1:], axis=1)) for frame in sorted(panels)]
+    images[0].save(target, "WEBP", save_all=True, append_images=images[1:], duration=66, loop=0, quality=55, method=6)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="+", help="NAME=FOLDER")
     parser.add_argument("--losses", nargs="*", default=["bernoulli:0.05", "bernoulli:0.2", "gilbert:0.1,20"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--views", type=int, default=2)
+    parser.add_argument("--picture", type=Path)
     arguments = parser.parse_args()
     named = [clip.partition("=")[::2] for clip in arguments.clips]
+    if arguments.picture:
+        draw(Path(named[0][1]), arguments.picture)
+        return
     print(json.dumps([measure(name, Path(folder), arguments) for name, folder in named], indent=1))
 
 

@@ -11,6 +11,8 @@ from splatwire.model.clip import ClipScene, GroupMotion
 PLACE, TURN = slice(0, 3), slice(3, 6)
 NEAREST = 0.1
 """A neighbour counts no more than one at a third of the mean distance does."""
+WILD = 3.0
+"""Sum of the magnitudes of weights from which on a plane reaches too far out of its neighbours: their mean is safer."""
 RIDGE = 1e-3
 """How much planes through neighbours are kept level, by the spread of these."""
 
@@ -232,7 +234,10 @@ def plane_weights(offsets: np.ndarray) -> np.ndarray:
     spread = np.einsum("nk,nka,nkb->nab", near, apart, apart)
     spread += (RIDGE * np.trace(spread, axis1=1, axis2=2) + 1e-12)[:, None, None] * np.eye(3)
     slope = np.linalg.solve(spread, middle[:, :, None])
-    return (near * (1 - np.einsum("nka,na->nk", apart, slope[:, :, 0]))).astype(np.float32)
+    weights = near * (1 - np.einsum("nka,na->nk", apart, slope[:, :, 0]))
+    wild = np.abs(weights).sum(axis=1) > WILD
+    weights[wild] = near[wild]
+    return weights.astype(np.float32)
 
 
 def _remembered(poses: GroupPoses, count: int, frames: int, before: Memory) -> Memory:

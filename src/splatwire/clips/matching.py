@@ -16,8 +16,9 @@ SMOOTHED = 12
 """A Gaussian is expected to move as so many of its neighbours whose partners are sure."""
 FARTHEST = 36.0
 """Squared distance of partners, in units of the usual one, from which on it is another Gaussian."""
-NEARLY = 0.3
-"""Share of how far candidates are, and of how much they differ, that tells nobody apart."""
+ALIKE, NEARLY = 0.03, 0.3
+"""Shares of how far candidates are, and of how much they differ: what is less tells little about who is whose partner,
+and nothing about whether anybody is."""
 _AFFINE_STEPS, _TRIMMED = 20, 0.7
 
 
@@ -160,16 +161,20 @@ def _partners(
     differ = ((looks_now[:, None, :] - looks[near]) ** 2).sum(axis=2)
     best = np.argmin(differ + (distance / _typical(distance[:, 0])) ** 2 * weight, axis=1)
     here = np.arange(len(now))
-    # Where most stand still or look as before, what is usual is nothing, and still who moves a little is nobody else.
-    unit = max(_typical(distance[here, best]), NEARLY * float(np.median(distance[:, -1])))
-    look = max(_typical(np.sqrt(differ[here, best])), NEARLY * float(np.median(np.sqrt(differ)))) ** 2
+    # Where most stand still or look as before, what is usual is nothing: a share of what others differ by, then.
+    far_off, unlike = float(np.median(distance[:, -1])), float(np.median(np.sqrt(differ)))
+    unit = max(_typical(distance[here, best]), ALIKE * far_off)
+    look = max(_typical(np.sqrt(differ[here, best])), ALIKE * unlike) ** 2
     score = (distance / unit) ** 2 * weight + differ / look
     partner = _one_to_one(score, near, len(expected))
     found = partner >= 0
     own = np.full(len(now), np.inf)
     own[found] = np.where(near[found] == partner[found, None], score[found], np.inf).min(axis=1)
     if final:
-        partner[own > FARTHEST * 2] = -1
+        unit, look, far = max(unit, NEARLY * far_off), max(look, (NEARLY * unlike) ** 2), np.full(len(now), np.inf)
+        score = (distance / unit) ** 2 * weight + differ / look
+        far[found] = np.where(near[found] == partner[found, None], score[found], np.inf).min(axis=1)
+        partner[far > FARTHEST * 2] = -1
     second = np.partition(score, 1, axis=1)[:, 1] if count > 1 else np.full(len(now), np.inf)
     return partner, found & (own <= np.quantile(own[found], 0.8) if found.any() else found) & (own < 0.7 * second)
 

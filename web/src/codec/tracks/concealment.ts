@@ -6,7 +6,9 @@ import { NUM_CHANNELS } from "./layout.ts";
 
 const NEIGHBOURS = 16,
   NEAREST = 0.1,
-  RIDGE = 1e-3;
+  RIDGE = 1e-3,
+  /** A plane whose weights add up to more reaches too far out of its neighbours: their mean is safer. */
+  WILD = 3;
 
 /** How tracks of a group differ from their bases; n tracks, frames times channels each. */
 export interface Poses {
@@ -86,11 +88,12 @@ export function planeWeights(offsets: Float64Array, count: number): Float64Array
   const ridge = RIDGE * (s[0] + s[4] + s[8]) + 1e-12;
   for (let a = 0; a < 3; a++) s[4 * a] += ridge;
   const slope = solve(s, middle);
-  return near.map((w, m) => {
+  const weights = near.map((w, m) => {
     let dot = 0;
     for (let a = 0; a < 3; a++) dot += (offsets[3 * m + a] / unit - middle[a]) * slope[a];
     return w * (1 - dot);
   });
+  return weights.reduce((sum, weight) => sum + Math.abs(weight), 0) > WILD ? near : weights;
 }
 
 /** Of a symmetric positive 3 x 3 matrix, by its adjugate. */
