@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.clip import ClipScene, GroupMotion
 
-PLACE, TURN = slice(0, 3), slice(3, 6)
+PLACE, LOOKS = slice(0, 3), slice(6, None)
 NEAREST = 0.1
 """A neighbour counts no more than one at a third of the mean distance does."""
 WILD = 3.0
@@ -197,8 +197,12 @@ def _moves_of_neighbors(
     near = near.reshape(len(who), count)
     weigh = plane_weights if concealer.plane else distance_weights
     weights = weigh(places[mine][near] - places[who][:, None])
+    low, high = changes[near[:, 0]][:, LOOKS], changes[near[:, 0]][:, LOOKS]
     for column in range(count):
-        moves += weights[:, column, None, None] * changes[near[:, column]]
+        change = changes[near[:, column]]
+        moves += weights[:, column, None, None] * change
+        low, high = np.minimum(low, change[:, LOOKS]), np.maximum(high, change[:, LOOKS])
+    moves[:, LOOKS] = moves[:, LOOKS].clip(low, high)  # none grows, shines or reddens more than all around it
     return moves
 
 

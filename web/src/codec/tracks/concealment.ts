@@ -5,6 +5,8 @@ import { KdTree } from "../../conceal/kd_tree.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 
 const NEIGHBOURS = 16,
+  /** Channels of scale, opacity and colour begin here. */
+  FIRST_LOOK = 6,
   NEAREST = 0.1,
   RIDGE = 1e-3,
   /** A plane whose weights add up to more reaches too far out of its neighbours: their mean is safer. */
@@ -40,6 +42,9 @@ export function addMoves(
   told.forEach((row, n) => place(means, since, arrived.slots[row], points, 3 * n));
   const tree = new KdTree(points, count),
     here = new Float32Array(3),
+    moves = new Float64Array(size),
+    low = new Float64Array(size),
+    high = new Float64Array(size),
     offsets = new Float64Array(3 * count);
   who.forEach((slot, n) => {
     place(means, since, slot, here, 0);
@@ -48,13 +53,23 @@ export function addMoves(
       for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * m + a] - here[a];
     });
     const weights = planeWeights(offsets, count);
+    moves.fill(0);
+    low.fill(Infinity);
+    high.fill(-Infinity);
     for (let i = 0; i < count; i++) {
       const row = told[near[i]],
         from = row * size,
         before = arrived.slots[row] * NUM_CHANNELS;
-      for (let k = 0; k < size; k++)
-        out[n * size + k] += weights[i] * (arrived.offsets[from + k] - since[before + (k % NUM_CHANNELS)]);
+      for (let k = 0; k < size; k++) {
+        const change = arrived.offsets[from + k] - since[before + (k % NUM_CHANNELS)];
+        moves[k] += weights[i] * change;
+        low[k] = Math.min(low[k], change);
+        high[k] = Math.max(high[k], change);
+      }
     }
+    // none grows, shines or reddens more than all around it
+    for (let k = 0; k < size; k++)
+      out[n * size + k] += k % NUM_CHANNELS < FIRST_LOOK ? moves[k] : Math.min(Math.max(moves[k], low[k]), high[k]);
   });
 }
 
