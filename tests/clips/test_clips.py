@@ -9,11 +9,11 @@ import torch
 from moving_clips import FRAMES, drawn, moving_frames, shuffled
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
-from splatwire.clips import ClipEncoder, ClipOptions, encode_clip
-from splatwire.clips.decoding import decode_frame, decode_frames
-from splatwire.codec import decode_stream
+from splatwire.clips import ClipDecoder, ClipEncoder, ClipOptions, decode_frame, decode_frames, encode_clip
+from splatwire.codec import decode_stream, encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, UnknownNameError
-from splatwire.packets import SceneStream, make_packet, read_stream, write_stream
+from splatwire.model import SplatScene
+from splatwire.packets import PRESETS, SceneStream, make_packet, read_stream, write_stream
 from splatwire.scene.splats import Splats
 
 OPTIONS = ClipOptions(Fraction(25), group_frames=4, quality="near-lossless")
@@ -68,6 +68,27 @@ def test_frame_by_frame_gives_the_same_packets(frames, stream):
     whole = encoder.finish()
     early = {(p.id, p.payload) for packets in pushed for p in packets}
     assert early <= {(p.id, p.payload) for p in whole.packets} == {(p.id, p.payload) for p in stream.packets}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_packet_by_packet_gives_the_same_frames(stream, seed):
+    decoder = ClipDecoder(stream.manifest, stream.side_info)
+    order = np.random.default_rng(seed).permutation(len(stream.packets))
+    for count, number in enumerate(order.tolist()):
+        decoder.push(stream.packets[number])
+        if count == len(order) // 2:
+            assert decoder.frame(5).scene.num_elements > 0
+    assert decoder.complete
+    for frame in decode_frames(decode_stream(stream).scene):
+        now = decoder.frame(frame.number)
+        assert np.array_equal(now.tracks, frame.tracks)
+        assert torch.equal(now.scene.splats.means, frame.scene.splats.means)
+
+
+def test_a_scene_is_no_clip():
+    still = encode_scene(SplatScene(moving_frames()[0]), PRESETS["datagram"])
+    with pytest.raises(BitstreamError, match="not a clip"):
+        ClipDecoder(still.manifest, still.side_info)
 
 
 def test_threads_change_no_bit(frames, stream):

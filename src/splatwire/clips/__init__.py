@@ -1,14 +1,19 @@
 """Clips: frames of Gaussians that move, encoded group by group and decoded frame by frame."""
 
+from splatwire.clips.decoding import ClipDecoder, ClipFrame, decode_frame, decode_frames
 from splatwire.clips.encoding import ClipEncoder, ClipOptions, encode_clip
 from splatwire.clips.frames import Frame, frame_files, is_sequence, read_frames
 from splatwire.clips.tracking import TrackingReport
 
 __all__ = [
+    "ClipDecoder",
     "ClipEncoder",
+    "ClipFrame",
     "ClipOptions",
     "Frame",
     "TrackingReport",
+    "decode_frame",
+    "decode_frames",
     "encode_clip",
     "frame_files",
     "is_sequence",

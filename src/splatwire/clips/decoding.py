@@ -9,10 +9,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, clip_concealer, conceal_group
+from splatwire.codec import ProgressiveDecoder
 from splatwire.conceal import conceal
+from splatwire.errors import BitstreamError
 from splatwire.model import Partial, RenderHints, SplatScene
 from splatwire.model.clip import ClipScene
 from splatwire.ops.quaternions import multiply
+from splatwire.packets import Manifest, Packet
 from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
 
@@ -67,6 +70,47 @@ def decode_frames(
 def decode_frame(clip: ClipScene, number: int, concealer: ClipConcealer | str = DEFAULT) -> ClipFrame:
     """One frame; decodes its group alone, so that losses are concealed from that group alone."""
     return next(decode_frames(clip, concealer, first=number))
+
+
+class ClipDecoder:
+    """Decodes a clip while it arrives, packet by packet, in any order.
+
+    Args:
+        manifest: The stream's manifest.
+        side_info: Its side information.
+        concealer: What becomes of tracks whose motion was lost, or its name.
+
+    Raises:
+        BitstreamError: If the side information contradicts the manifest, or the stream is no clip.
+        UnknownNameError: If there is no such concealer.
+    """
+
+    def __init__(self, manifest: Manifest, side_info: bytes, concealer: ClipConcealer | str = DEFAULT) -> None:
+        if not manifest.schema.timed:
+            raise BitstreamError(f"a stream of {manifest.elements} is a scene, not a clip")
+        self._concealer = clip_concealer(concealer) if isinstance(concealer, str) else concealer
+        self._decoder = ProgressiveDecoder(manifest, side_info)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every packet has arrived."""
+        return self._decoder.complete
+
+    def push(self, packet: Packet) -> None:
+        """Takes a packet; what the clip has no place for, or is there already, is passed over.
+
+        Raises:
+            DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
+        """
+        self._decoder.add([packet])
+
+    def frame(self, number: int) -> ClipFrame:
+        """A frame as it can be shown now.
+
+        Raises:
+            InvalidValueError: If the clip has no such frame.
+        """
+        return decode_frame(self._decoder.partial.scene, number, self._concealer)
 
 
 def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: RenderHints | None) -> ClipFrame:

@@ -68,10 +68,7 @@ class SceneStream:
             InvalidValueError: If its elements come in time.
         """
         if self.manifest.schema.timed:
-            raise InvalidValueError(
-                f"{source} is a clip: `decode`, `transmit` and `inspect` take clips, and `decode` makes a folder of "
-                "scenes of it"
-            )
+            raise InvalidValueError(f"{source} is a clip, and this takes scenes; `decode` writes its frames as scenes")
         return self
 
     def with_packets(self, packets: Iterable[Packet]) -> "SceneStream":
