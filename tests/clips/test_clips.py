@@ -10,6 +10,7 @@ from moving_clips import FRAMES, drawn, moving_frames, shuffled
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.clips import ClipDecoder, ClipEncoder, ClipOptions, decode_frame, decode_frames, encode_clip
+from splatwire.clips.evaluation import ClipRow, ClipScore
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, UnknownNameError
 from splatwire.model import SplatScene
@@ -217,3 +218,13 @@ def test_side_information_that_does_not_fit_is_refused(stream):
     for cut in range(0, len(stream.side_info), 37):
         with pytest.raises(BitstreamError):
             open_side_info(stream.manifest, stream.side_info[:cut] or b"\x00")
+
+
+def test_frames_that_equal_their_reference_are_not_below_it():
+    best, some = np.array([np.inf, 40.0, np.inf]), np.array([np.inf, 38.0, 45.0])
+    complete, lossy = (ClipScore(ClipRow("motion"), psnr, np.zeros(2), 0, 0) for psnr in (best, some))
+    assert complete.worst_below(complete) == complete.mean_below(complete) == 0
+    assert lossy.worst_below(complete) == np.inf
+    assert ClipScore(ClipRow("motion"), some[:2], np.zeros(1), 0, 0).mean_below(
+        ClipScore(ClipRow("motion"), best[:2], np.zeros(1), 0, 0)
+    ) == pytest.approx(1.0)

@@ -74,7 +74,17 @@ class ClipScore:
 
     def worst_below(self, complete: "ClipScore") -> float:
         """How far the worst frame from the second group on is below the same frame of another score, decibels."""
-        return float((complete.psnr - self.psnr)[self.later :].max())
+        return float(self._below(complete).max())
+
+    def mean_below(self, complete: "ClipScore") -> float:
+        """How far frames from the second group on are below those of another score, mean, decibels."""
+        return float(self._below(complete).mean())
+
+    def _below(self, complete: "ClipScore") -> np.ndarray:
+        """Of each frame; 0 where both are the same, infinite ones too (they equal the reference)."""
+        own, other = self.psnr[self.later :], complete.psnr[self.later :]
+        differ = own != other
+        return np.subtract(other, own, out=np.zeros_like(own), where=differ)
 
 
 OnPicture = Callable[[int, int, Float[Tensor, "H W 3"]], None]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from scipy.spatial import cKDTree
 
 from splatwire.errors import InvalidValueError
@@ -43,7 +44,7 @@ class Match:
 def tracked(previous: Splats, current: Splats) -> bool:
     """Whether rows keep their Gaussian.
 
-    They do where a row moves as the rows near it do, or where looks of rows agree far better than by chance.
+    They do where looks of rows agree far better than by chance, or where a row moves as the rows near it do.
 
     Args:
         previous: A frame.
@@ -54,8 +55,13 @@ def tracked(previous: Splats, current: Splats) -> bool:
         return False
     if count < 3:
         return True
-    before, moved = _places(previous), _places(current) - _places(previous)
     some = np.unique(np.linspace(0, count - 1, min(count, SAMPLE)).astype(np.int64))
+    looks = [_looks(splats.select(torch.from_numpy(some))) for splats in (previous, current)]
+    own = np.median(np.abs(looks[0] - looks[1]).sum(axis=1))
+    other = np.median(np.abs(looks[0] - np.roll(looks[1], len(some) // 2, axis=0)).sum(axis=1))
+    if other > 0.1 and own < 0.1 * other:
+        return True
+    before, moved = _places(previous), _places(current) - _places(previous)
     finite = np.isfinite(before).all(axis=1) & np.isfinite(moved).all(axis=1)
     tree = cKDTree(before[finite])
     some = some[finite[some]]
@@ -63,12 +69,7 @@ def tracked(previous: Splats, current: Splats) -> bool:
     around = moved[finite][near[:, 1:]]
     spacing = float(np.median(distance[:, 1]))
     rest = np.linalg.norm(moved[some] - np.median(around, axis=1), axis=1)
-    if np.median(rest) <= 0.3 * spacing:
-        return True
-    looks = [_looks(splats)[some] for splats in (previous, current)]
-    own = np.median(np.abs(looks[0] - looks[1]).sum(axis=1))
-    other = np.median(np.abs(looks[0] - np.roll(looks[1], len(some) // 2, axis=0)).sum(axis=1))
-    return bool(other > 0.1 and own < 0.1 * other)
+    return bool(np.median(rest) <= 0.3 * spacing)
 
 
 def match(previous: Splats, current: Splats, before: Match | None = None) -> Match:

@@ -46,7 +46,7 @@ def score_rows(scores: Sequence[ClipScore]) -> list[dict[str, Any]]:
             "loss": score.row.told or None,
             "seed": score.row.seed,
             "psnr": score.mean,
-            "below_complete": complete.mean - score.mean,
+            "below_complete": score.mean_below(complete),
             "worst_below": score.worst_below(complete),
             "first_group_psnr": float(score.psnr[: score.later or None].mean()),
             "flicker": score.flicker / complete.flicker if complete.flicker else None,
