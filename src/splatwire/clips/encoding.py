@@ -1,5 +1,6 @@
 """Frames in, packets out."""
 
+import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -18,8 +19,11 @@ from splatwire.render.precision import precision_classes
 from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
 
+LOG = logging.getLogger(__name__)
 GROUP_FRAMES = 15
 FRAME_RATE = Fraction(30)
+SEEN = 0.02
+"""A change of a coefficient of the harmonics that is told, where an eye sees 1 as the whole range of a colour."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class ClipEncoder:
         self._options, self._classes = options, classes or precision_classes
         self._tracker, self._frames = Tracker(options.order), list[NamedFrame]()
         self._degree: int | None = None
-        self._groups = 0
+        self._groups, self._told = 0, False
         self._writer = ClipWriter(
             options.rate, options.group_frames, quality_of(options.quality), options.background, threads=options.threads
         )
@@ -109,9 +113,25 @@ class ClipEncoder:
 
     def _flush(self) -> list[Packet]:
         group = group_of(self._frames)
+        self._tell_harmonics()
         classes = self._classes(group.first) if not self._groups and group.first.num_gaussians else None
         self._frames, self._groups = [], self._groups + 1
         return self._writer.add(group, classes)
+
+    def _tell_harmonics(self) -> None:
+        """Warns, once, where colours change with the direction that they are seen from: tracks keep those of birth."""
+        if self._told or not self._degree:
+            return
+        first, last = self._frames[0], self._frames[-1]
+        _, here, there = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)
+        before, after = first.splats.sh[here, 1:], last.splats.sh[there, 1:]
+        changed = int(((before - after).abs() > SEEN).flatten(1).any(dim=1).sum())
+        if changed:
+            self._told = True
+            LOG.warning(
+                "harmonics above degree 0 of %s of %s Gaussians change from frame to frame: a clip keeps those of the "
+                "first frame that each is in", f"{changed:,}", f"{len(here):,}",
+            )  # fmt: skip
 
 
 def encode_clip(

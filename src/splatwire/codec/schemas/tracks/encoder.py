@@ -23,6 +23,7 @@ from splatwire.codec.schemas.tracks.layout import (
     MAX_COEFFICIENT,
     MAX_QUANTISED,
     MOVING,
+    NUM_CHANNELS,
     NUM_CONTEXTS,
     STATE,
     TRACK,
@@ -114,10 +115,14 @@ class ClipWriter:
         """
         if not len(group.keys) and not self._groups:
             raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
-        born = self._births(group, classes)
+        new, targets = self._begin_anew(group)
+        born = self._births(group, classes, new)
         births = len(self._known.keys) - self._num_tracks
         first_new, self._num_tracks = self._num_tracks, len(self._known.keys)
-        motions, moved = self._motions(group, first_new)
+        numbers = self._known.numbers_of(group.keys)
+        if new.any():
+            targets[new] = self._targets(group.moves.select(new), numbers[new])[0]
+        motions, moved = self._motions(group, numbers, targets, first_new)
         self._groups.append(Group(births, motions))
         self._num_frames += group.moves.num_frames
         packets = [*born, *moved]
@@ -136,11 +141,22 @@ class ClipWriter:
             writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
         )  # fmt: skip
 
-    def _births(self, group: TrackGroup, classes: np.ndarray | None) -> list[Packet]:
-        """Codes tracks that are new, or that went further than their bases allow."""
-        new = ~np.isin(group.keys, self._known.keys)
-        if not new.all() and self._known.keys.size:
-            new[~new] = self._strayed(group, ~new)
+    def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray]:
+        """Tracks that need a base, for they are new or went further than theirs allows, bool; targets of the others."""
+        old = np.isin(group.keys, self._known.keys)
+        new, targets = ~old, np.zeros((len(old), NUM_CHANNELS, group.moves.num_frames))
+        if not old.any():
+            return new, targets
+        numbers = self._known.numbers_of(group.keys[old])
+        found, turns = self._targets(group.moves if old.all() else group.moves.select(old), numbers)
+        largest = _largest(found)
+        steps = largest / np.exp2(self._shifts(numbers))
+        far = (steps > MAX_QUANTISED / 2).any(axis=1) | (largest > MAX_COEFFICIENT / 2).any(axis=1)
+        new[old], targets[old] = far | (turns > WIDEST_TURN), found
+        return new, targets
+
+    def _births(self, group: TrackGroup, classes: np.ndarray | None, new: np.ndarray) -> list[Packet]:
+        """Codes the bases of some tracks."""
         where = np.flatnonzero(new)
         if not len(where):
             return []
@@ -154,14 +170,6 @@ class ClipWriter:
             digest_bases(self._digest, rows)
         return self._named(coded.packets, coded.num_blocks)
 
-    def _strayed(self, group: TrackGroup, old: np.ndarray) -> np.ndarray:
-        """Which of the old tracks need a new base, bool."""
-        numbers = self._known.numbers_of(group.keys[old])
-        targets, turns = self._targets(group.moves.select(old), numbers)
-        steps = np.abs(targets) / np.exp2(self._shifts(numbers))[:, :, None]
-        far = (steps > MAX_QUANTISED / 2).any(axis=(1, 2)) | (np.abs(targets) > MAX_COEFFICIENT / 2).any(axis=(1, 2))
-        return far | (turns > WIDEST_TURN)
-
     def _targets(self, moves: Trajectories, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         info = self._bases.info
         return targets_of(moves, self._known.bases.select(numbers), info.unit, info.size_log)
@@ -169,20 +177,20 @@ class ClipWriter:
     def _shifts(self, numbers: np.ndarray) -> np.ndarray:
         return motion_shifts(self._known.rows[numbers], self._bases.info, COARSER)
 
-    def _motions(self, group: TrackGroup, first_new: int) -> tuple[int, list[Packet]]:
+    def _motions(
+        self, group: TrackGroup, numbers: np.ndarray, targets: np.ndarray, first_new: int
+    ) -> tuple[int, list[Packet]]:
         """Codes what tracks do; nothing where all stay as they were."""
-        numbers = self._known.numbers_of(group.keys)
         by = np.argsort(numbers)
-        numbers, frames = numbers[by], group.moves.num_frames
-        targets, _ = self._targets(group.moves.select(by), numbers)
+        numbers, targets, frames = numbers[by], targets[by], group.moves.num_frames
         shifts = self._shifts(numbers)
         heads = np.zeros((len(by), HEAD), dtype=np.int64)
         heads[:, TRACK], heads[:, BEGINS], heads[:, ENDS] = numbers, group.begins[by], group.ends[by]
         heads[:, BEFORE] = np.diff(numbers, prepend=-1) - 1
         if len(numbers):
             heads[-1, AFTER] = self._num_tracks - 1 - numbers[-1]
-        worth = np.abs(targets) * 64 >= np.exp2(shifts)[:, :, None] * (32 + DEAD)
-        heads[:, STATE] = np.where(worth.any(axis=(1, 2)), MOVING, 0)
+        worth = _largest(targets) * 64 >= np.exp2(shifts) * (32 + DEAD)
+        heads[:, STATE] = np.where(worth.any(axis=1), MOVING, 0)
         constant = (heads[:, STATE] == 0) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)
         unchanged = constant.all() and np.array_equal(self._known.alive, numbers[numbers < first_new])
         self._known = replace(self._known, alive=numbers[heads[:, ENDS] == frames])
@@ -216,3 +224,8 @@ class ClipWriter:
         first = self._num_blocks
         self._num_blocks += num_blocks
         return [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets]
+
+
+def _largest(targets: np.ndarray) -> np.ndarray:
+    """Largest magnitude of each channel's coefficients, float64 (n, C)."""
+    return np.maximum(targets.max(axis=2), -targets.min(axis=2))

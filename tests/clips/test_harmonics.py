@@ -1,0 +1,31 @@
+"""Harmonics above degree 0 stay as they were at birth, which is said where it shows."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from tests.moving_clips import moving_frames
+
+from splatwire.clips import ClipEncoder
+from splatwire.clips.encoding import ClipOptions
+from splatwire.scene.splats import Splats
+
+
+def with_harmonics(frames: list[Splats], step: float) -> list[Splats]:
+    """Frames of degree 1 whose coefficients above degree 0 grow from frame to frame."""
+    return [
+        replace(
+            splats, sh=torch.cat([splats.sh[:, :1], torch.full((splats.num_gaussians, 3, 3), step * number)], dim=1)
+        )
+        for number, splats in enumerate(frames)
+    ]
+
+
+@pytest.mark.parametrize(("step", "warnings"), [(0.0, 0), (0.05, 1)])
+def test_harmonics_that_move_are_told_once(caplog: pytest.LogCaptureFixture, step: float, warnings: int) -> None:
+    encoder = ClipEncoder(ClipOptions(group_frames=3))
+    for splats in with_harmonics(moving_frames(60, 6), step):
+        encoder.push(splats)
+    encoder.finish()
+    told = [record for record in caplog.records if "harmonics above degree 0" in record.getMessage()]
+    assert len(told) == warnings
