@@ -1,6 +1,11 @@
 """Clips on the command line: a folder of frames in, packets, losses, a folder of frames out."""
 
 import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -163,3 +168,58 @@ def test_a_still_scene_takes_no_frames(run, folder, tmp_path):
     assert outcome.status == 2
     assert "a file a frame" in outcome.err
     assert json.dumps("frame_5") not in outcome.out
+
+
+def live(*arguments):
+    """A process that encodes live; give it names of frames, or a folder."""
+    command = [sys.executable, "-m", "splatwire", "live", *map(str, arguments), "--port", "0", "--json"]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def received(port, target):
+    """A process that receives from there."""
+    command = [sys.executable, "-m", "splatwire", "receive", f"udp://127.0.0.1:{port}", "-o", str(target), "--json"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("how", ["pipe", "folder"])
+def test_live_frames_arrive_as_files(folder, tmp_path, how):
+    names = sorted(folder.glob("*.ply"), key=lambda path: int(path.stem[6:]))
+    source, target = tmp_path / "in", tmp_path / "out"
+    source.mkdir()
+    with live("-" if how == "pipe" else source, "--group", 2, "--fps", 100) as server:
+
+        def give(some):
+            for path in some:
+                if how == "pipe":
+                    server.stdin.write(f"{path}\n")
+                    server.stdin.flush()
+                else:
+                    shutil.copy(path, source / f"{path.name}.part")
+                    (source / f"{path.name}.part").rename(source / path.name)
+
+        port = json.loads(server.stdout.readline())["port"]
+        with received(port, target) as client:
+            give(names[:2])
+            until(lambda: target.is_dir() and any(target.iterdir()))
+            give(names[2:])
+            until(lambda: (target / f"frame_{FRAMES - 1:06}.ply").exists())
+            server.stdin.close() if how == "pipe" else server.send_signal(signal.SIGINT)
+            content = json.loads(client.stdout.read())
+        assert client.returncode == 0
+        assert content["finished"] in ("complete", "sent")  # motion whose time has passed is not sent
+        assert f"{FRAMES} frames" in server.stderr.read()
+    assert server.returncode == 0
+    assert open_scene(target / f"frame_{FRAMES - 1:06}.ply").num_elements > 200
+
+
+def until(fact):
+    """Waits until something holds."""
+    end = time.monotonic() + 100
+    while not fact():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_live_wants_a_folder_or_a_pipe(run, tmp_path):
+    assert "no folder that frames appear in" in run("live", tmp_path / "none").err

@@ -55,6 +55,7 @@ REQUIRED = {
     "transmit": ({"stream": "tiny.swz", "output": "out.swz"},),
     "plan": ({"streams": "cloud.swz"},),
     "serve": ({"streams": "cloud.swz"},),
+    "live": ({"frames": "."},),
     "receive": ({"url": "udp://127.0.0.1:9", "output": "out.swz"},),
     "pack": ({"source": "cloud.swz", "output": "out.html"},),
     "view": ({"stream": "tiny.swz"}, {"stream": "cloud.swz"}),

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from tests.moving_clips import moving_frames
 
+from moving_clips import moving_frames
 from splatwire.clips import ClipEncoder
 from splatwire.clips.encoding import ClipOptions
 from splatwire.scene.splats import Splats

@@ -30,6 +30,7 @@ VERBS = {
     "transmit": "transmit.Transmit",
     "plan": "plan.PlanCommand",
     "serve": "serve.Serve",
+    "live": "live.Live",
     "receive": "receive.Receive",
     "pack": "pack.Pack",
     "view": "view.View",

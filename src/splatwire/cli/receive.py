@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from splatwire.cli._files import STANDARD, STREAM_SUFFIX, output_path, prepared_output, read_report_json
+from splatwire.cli._live_frames import LiveFrames
 from splatwire.cli._output import (
     JsonFlag,
     Reporter,
@@ -39,7 +40,8 @@ class Receive:
     url: tyro.conf.Positional[str]
     """udp://HOST[:PORT][/NAME] or quic://HOST[:PORT][/NAME]."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise. With --conceal a scene; a
+    """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; of a clip that is sent
+    live, a folder with a PLY for each frame as soon as it can be shown. With --conceal a scene; a
     name that ends in .ply, .spz, .sog or .splat gets the explicit Gaussians. If only the preview arrived, that is
     written beside it, as NAME.preview.ply."""
     deadline: str | None = None
@@ -70,8 +72,13 @@ class Receive:
         if self.conceal is not None:
             check_concealer(self.conceal)
         moments = Moments()
-        with progress_bars() as show, self._output() as path:
-            receiver, stopped = self._transfer(address, options, lambda event: moments.note(event, show))
+        with progress_bars() as show, self._output() as path, LiveFrames(path, self.conceal, show) as live:
+
+            def note(event: "Event") -> None:
+                moments.note(event, show)
+                live.note(event)
+
+            receiver, stopped = self._transfer(address, options, note)
             stream, over = receiver.stream(), receiver.finished
             reason = over.reason if over else "stopped"
             if stream is None:
@@ -79,7 +86,9 @@ class Receive:
                 lacking = receiver.lacking()
                 why = f"{reason}: {lacking}" if lacking else reason
                 raise MissingSideInfoError(f"{self.url}: no scene arrived ({why}){instead}")
-            if self.conceal is None and not self._explicit:
+            if live.began:
+                live.finish()
+            elif self.conceal is None and not self._explicit:
                 write_stream(stream, path)
             else:
                 self._write_scene(stream, path, show)
@@ -200,7 +209,7 @@ class Moments:
                 self._expected = max(event.num_packets, 1)
                 self.preview = time.perf_counter() - self._began if event.preview else None
             case SideInfoArrived():
-                self.side_info = time.perf_counter() - self._began
+                self.side_info = self.side_info or time.perf_counter() - self._began
             case PacketArrived():
                 self._packets += 1
                 if self._packets % 64 == 0:

@@ -106,6 +106,16 @@ class Memory:
     velocity: np.ndarray
     concealed: np.ndarray
 
+    def grown(self, num_tracks: int) -> "Memory":
+        """The same where more tracks are known of, none of which was there."""
+        more = num_tracks - len(self.alive)
+        if not more:
+            return self
+        return Memory(**{
+            name: np.concatenate([values, np.zeros((more, *values.shape[1:]), values.dtype)])
+            for name, values in vars(self).items()
+        })  # fmt: skip
+
 
 def conceal_group(
     clip: ClipScene, motion: GroupMotion, group: int, there: np.ndarray, memory: Memory | None, concealer: ClipConcealer
@@ -125,7 +135,7 @@ def conceal_group(
     """
     frames, born = len(clip.timeline.frames_of(group)), clip.tracks.born
     poses = _arrived(motion, frames)
-    before = _first_memory(clip) if memory is None else memory
+    before = _first_memory(clip) if memory is None else memory.grown(clip.num_gaussians)
     waiting = there & ((born == group) | (before.alive if memory is not None else born < group))
     lost = waiting & ~motion.spoken
     lost[poses.tracks] = False

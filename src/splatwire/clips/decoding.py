@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, clip_concealer, conceal_group
+from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, Memory, clip_concealer, conceal_group
 from splatwire.codec import ProgressiveDecoder
 from splatwire.conceal import conceal
 from splatwire.errors import BitstreamError
@@ -57,14 +57,30 @@ def decode_frames(
         UnknownNameError: If there is no such concealer.
     """
     method = clip_concealer(concealer) if isinstance(concealer, str) else concealer
-    begin, memory = clip.timeline.group_of(first), None
+    begin = clip.timeline.group_of(first)
+    memory: Memory | None = None
     for group in range(begin, clip.timeline.num_groups):
         known = clip.tracks.received if there is None else clip.tracks.received & there(group)
-        poses, memory = conceal_group(clip, clip.motion(group, known), group, known, memory, method)
-        hints = grown(clip, known, group) if method.grow else None
-        for index, number in enumerate(clip.timeline.frames_of(group)):
-            if number >= first:
-                yield posed(clip, poses, index, number, hints)
+        frames, memory = decode_group(clip, group, known, memory, method)
+        yield from (frame for frame in frames if frame.number >= first)
+
+
+def decode_group(
+    clip: ClipScene, group: int, known: np.ndarray, memory: Memory | None, method: ClipConcealer
+) -> tuple[Iterator[ClipFrame], Memory]:
+    """The frames of a group, each made when it is asked for, and what the next group wants to know of it.
+
+    Args:
+        clip: What arrived of the clip.
+        group: The group.
+        known: Bases that are there, bool (T).
+        memory: Of the group before; None for none.
+        method: What becomes of tracks whose motion was lost.
+    """
+    poses, after = conceal_group(clip, clip.motion(group, known), group, known, memory, method)
+    hints = grown(clip, known, group) if method.grow else None
+    numbers = enumerate(clip.timeline.frames_of(group))
+    return (posed(clip, poses, index, number, hints) for index, number in numbers), after
 
 
 def decode_frame(clip: ClipScene, number: int, concealer: ClipConcealer | str = DEFAULT) -> ClipFrame:

@@ -13,7 +13,7 @@ from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.codec.schemas.tracks.encoder import ClipWriter
 from splatwire.errors import InvalidValueError
-from splatwire.packets import Packet, SceneStream
+from splatwire.packets import Manifest, Packet, SceneStream
 from splatwire.packets.limits import MAX_FRAME_RATE, MAX_GROUP_FRAMES
 from splatwire.render.precision import precision_classes
 from splatwire.scene.background import BLACK, Background
@@ -105,11 +105,18 @@ class ClipEncoder:
         Raises:
             InvalidValueError: If nothing was.
         """
-        if self._frames:
-            self._flush()
+        self.flush()
         if not self._groups:
             raise InvalidValueError("a clip has one frame at least")
         return self._writer.finish({SECTION: self.tracking.section()})
+
+    def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
+        """Manifest and side information of the groups so far, of a stream whose id was chosen before its end."""
+        return self._writer.so_far({SECTION: self.tracking.section()}, stream_id)
+
+    def flush(self) -> list[Packet]:
+        """Ends the group that frames are being gathered for, which is the last one: packets of what there is."""
+        return self._flush() if self._frames else []
 
     def _flush(self) -> list[Packet]:
         group = group_of(self._frames)

@@ -31,7 +31,7 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
     source = Path(folder)
     if not source.is_dir():
         raise DatasetError(f"{source} is not a folder with a file for each frame")
-    found = [path for path in sorted(source.iterdir(), key=_by_number) if _is_frame(path)]
+    found = [path for path in sorted(source.iterdir(), key=by_number) if is_frame(path)]
     if not found:
         raise DatasetError(f"{source} has no file of explicit Gaussians (PLY, SPZ, SOG, .splat, .ksplat, .glb)")
     return found
@@ -45,7 +45,7 @@ def is_sequence(path: str | os.PathLike[str]) -> bool:
     kind = file_kind(source)
     if kind in STREAMS or format_of(kind) is not None:
         return False
-    return any(_is_frame(child) for child in source.iterdir())
+    return any(is_frame(child) for child in source.iterdir())
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +87,11 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
         yield Frame.of(splats, path)
 
 
-def _is_frame(path: Path) -> bool:
+def is_frame(path: Path) -> bool:
+    """Whether a file holds explicit Gaussians."""
     return format_of(file_kind(path)) is not None
 
 
-def _by_number(path: Path) -> list[tuple[int, str]]:
+def by_number(path: Path) -> list[tuple[int, str]]:
+    """What files are sorted by: their names, numbers in them by their value."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]

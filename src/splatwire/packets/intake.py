@@ -69,6 +69,11 @@ class PacketIntake:
         self._counts = {"corrupt": 0, "foreign": 0, "duplicate": 0}
         self._problems: list[str] = []
 
+    def extend(self, manifest: Manifest) -> None:
+        """Goes on with the manifest of the same stream that has grown: what passed stays."""
+        with self._lock:
+            self._manifest, self._plan = manifest, manifest.plan
+
     @property
     def packets(self) -> tuple[Packet, ...]:
         """The good packets so far, ascending by id."""

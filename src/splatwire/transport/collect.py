@@ -156,6 +156,7 @@ class PacketCollector:
         self._have = bytearray(welcome.num_packets)
         self._early: dict[int, Packet] = {}
         self._intake: PacketIntake | None = None
+        self._known = 0
         self._members: dict[int, dict[int, Packet]] = {}
         self._repair: dict[int, dict[int, bytes]] = {}
         self.num_packets = 0
@@ -163,6 +164,12 @@ class PacketCollector:
         self.num_duplicate = 0
         self.num_repaired = 0
         self.highest = -1
+
+    def renew(self, welcome: Welcome) -> None:
+        """Goes on with a stream that has grown: packets that are new wait until its manifest is there."""
+        self._known = min(self._known, self._welcome.num_packets)
+        self._welcome, self._finder = welcome, GroupFinder(welcome.tiers)
+        self._have.extend(bytes(welcome.num_packets - len(self._have)))
 
     @property
     def packets(self) -> tuple[Packet, ...]:
@@ -176,7 +183,10 @@ class PacketCollector:
 
     def open(self, manifest: Manifest, carried: Sequence[bytes] = ()) -> tuple[PacketIntake, list[Packet]]:
         """Gives what packets pass now, those that came with the manifest, and earlier ones that belong to it."""
-        self._intake = PacketIntake(manifest)
+        if self._intake is None:
+            self._intake = PacketIntake(manifest)
+        self._intake.extend(manifest)
+        self._known = manifest.num_packets
         early, self._early = self._early, {}
         taken = []
         for index, packet in early.items():
@@ -203,7 +213,7 @@ class PacketCollector:
             return []
         self.highest = max(self.highest, frame.place)
         place = self._finder.find(frame.place)
-        out = [new] if self._intake else []
+        out = [new] if self._intake and frame.place < self._known else []
         return out + self._solve(place[0]) if place else out
 
     def add_parity(self, frame: Parity) -> list[Packet]:
@@ -236,7 +246,7 @@ class PacketCollector:
         except BitstreamError:
             self.num_bad += 1
             return None
-        if self._intake is None:
+        if self._intake is None or index >= self._known:
             self._early[index] = packet
         elif not self._offer(packet):
             return None

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from splatwire.packets import Manifest, Packet, PacketIntake
+from splatwire.transport.frames import Welcome
 
 
 @dataclass(frozen=True)
@@ -14,11 +15,18 @@ class Welcomed:
         head_bytes: Bytes of manifest and side information.
         preview: What can be shown until they are there (`splatwire.codec.preview`), if it can be read; empty where the
             stream has none.
+        open: Whether the stream grows: the server will say so again, with more packets.
     """
 
     num_packets: int
     head_bytes: int
     preview: bytes = b""
+    open: bool = False
+
+    @staticmethod
+    def of(frame: Welcome) -> "Welcomed":
+        """What a welcome says."""
+        return Welcomed(frame.num_packets, frame.object_bytes, frame.preview, frame.open)
 
 
 @dataclass(frozen=True)

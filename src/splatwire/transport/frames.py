@@ -50,8 +50,12 @@ class TierHead(NamedTuple):
     repair: int
 
 
+MORE = TierHead(0, 0, 1)
+"""The last run of a stream that grows: of no packets. A receiver that does not know it takes what is there by now."""
+
+
 class Welcome(NamedTuple):
-    """What will be sent.
+    """What will be sent; of a stream that grows (`MORE`), what there is by now.
 
     Attributes:
         nonce: Of the request.
@@ -78,6 +82,11 @@ class Welcome(NamedTuple):
     carried: int
     tiers: tuple[TierHead, ...]
     preview: bytes = b""
+
+    @property
+    def open(self) -> bool:
+        """Whether the stream grows: another welcome of the same session will say more."""
+        return self.tiers[-1] == MORE
 
 
 class Side(NamedTuple):

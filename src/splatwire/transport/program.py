@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from splatwire.errors import InvalidValueError
 from splatwire.packets import SceneStream, send_sequence
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
-from splatwire.transport.frames import MAX_PREVIEW, TierHead
+from splatwire.transport.frames import MAX_PREVIEW, MORE, TierHead
 from splatwire.transport.layout import Segments, head_object, parity_groups
 from splatwire.transport.protection import (
     SIDE_SYMBOL_BYTES,
@@ -94,6 +94,15 @@ class Program:
         """Packets that are sent again on request, the first ones."""
         return len(self.packets) if self.resendable is None else self.resendable
 
+    def resends(self, index: int) -> bool:
+        """Whether a packet is sent again on request."""
+        return index < self.num_resendable
+
+    @property
+    def open(self) -> bool:
+        """Whether more is to come than is known by now."""
+        return bool(self.tiers) and self.tiers[-1] == MORE
+
     @functools.cached_property
     def head_end(self) -> int:
         """How much of the schedule it takes until every symbol of the head object has left once."""
@@ -143,7 +152,7 @@ def make_program(stream: SceneStream, protection: Protection | None = None, *, p
     carried = carried_packets(len(packets), protection)
     data = head_object(manifest, stream.side_info, packets[:carried])
     symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
-    head, scheduled = _head_symbols(data, symbol_bytes, protection)
+    head, scheduled = head_symbols(data, symbol_bytes, protection)
     members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
     tiers = protected_tiers(members, protection)
     parity = _parity(packets, tiers, framed_bytes(largest))
@@ -160,7 +169,7 @@ def side_symbol_bytes(num_bytes: int) -> int:
     return min(max(finer, FINEST_BY_ITSELF), SIDE_SYMBOL_BYTES)
 
 
-def _head_symbols(
+def head_symbols(
     data: bytes, symbol_bytes: int, protection: Protection
 ) -> tuple[tuple[tuple[bytes, ...], ...], list[int]]:
     """The symbols of each segment, and how many of them the schedule has; no reserve where no repair is wanted."""

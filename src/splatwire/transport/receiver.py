@@ -1,7 +1,8 @@
 """The receiving side of one transfer. Bytes and time in, bytes and events out; no socket, no clock."""
 
 from splatwire.errors import BitstreamError
-from splatwire.packets import Manifest, Packet, ReadReport, SceneStream
+from splatwire.packets import Manifest, ReadReport, SceneStream
+from splatwire.transport.asked import MOST_TRIES, Asked
 from splatwire.transport.collect import (
     HeadCollector,
     PacketCollector,
@@ -10,7 +11,6 @@ from splatwire.transport.collect import (
 )
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
 from splatwire.transport.frames import (
-    MAX_NACKS,
     REFUSALS,
     TOKEN_BYTES,
     Bye,
@@ -35,8 +35,6 @@ RETRY_S = 0.2
 FEEDBACK_S = 0.02
 REORDER = 48
 """Packets this far behind the furthest one that arrived are taken for lost."""
-AGAIN_S = 0.12
-"""A packet is not asked for again within this time."""
 MOST_AHEAD = 1 << 17
 """A sequence number further than this beyond the largest one so far is not the server's."""
 GRACE_S = 0.15
@@ -82,7 +80,7 @@ class Receiver:
         self._largest_at = now
         self._received = 0
         self._feedback_at = now
-        self._asked: dict[int, float] = {}
+        self._asked = Asked()
         self._ended_at: float | None = None
         self._ends_in_vain = 0
 
@@ -166,7 +164,7 @@ class Receiver:
 
     def _greeted(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
         """The handshake; answers to other attempts are ignored."""
-        if self._welcome is not None or getattr(frame, "nonce", None) != self._nonce:
+        if getattr(frame, "nonce", None) != self._nonce or (self._welcome and not isinstance(frame, Welcome)):
             self.num_rejected += 1
             return [], []
         match frame:
@@ -177,14 +175,33 @@ class Receiver:
             case Refuse():
                 reason = REFUSALS[frame.reason] if 0 < frame.reason < len(REFUSALS) else "the server refused"
                 return self._finish(reason)
+            case Welcome() if self._welcome is not None:
+                return self._told_again(self._welcome, frame, now)
             case Welcome() if self._token is not None:
                 if problem := check_welcome(frame, self.options.limits):
                     return self._finish(problem)
                 self._welcome, self._heard_at, self._feedback_at = frame, now, now + FEEDBACK_S
                 self._head, self._collector = HeadCollector(frame), PacketCollector(frame)
-                return [self._feedback(now)], [Welcomed(frame.num_packets, frame.object_bytes, frame.preview)]
+                return [self._feedback(now)], [Welcomed.of(frame)]
         self.num_rejected += 1
         return [], []
+
+    def _told_again(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
+        """What there is by now of a stream that grows; anything else is an answer that came twice."""
+        same = (frame.session, frame.stream_id) == (before.session, before.stream_id)
+        if not (same and before.open and frame.num_packets >= before.num_packets):
+            self.num_rejected += 1
+            return [], []
+        self._heard_at = now
+        if (frame.open, frame.digest) == (before.open, before.digest):
+            return [], []
+        if problem := check_welcome(frame, self.options.limits):
+            return self._finish(problem)
+        assert self._collector is not None
+        self._welcome, self._head, self._ended_at = frame, HeadCollector(frame), None
+        self._collector.renew(frame)
+        self._asked.most = MOST_TRIES
+        return [self._feedback(now)], [Welcomed.of(frame)]
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
         known = self._welcome is not None and frame.session == self._welcome.session
@@ -216,7 +233,8 @@ class Receiver:
             self._ends_in_vain = 0
         if self.finished:
             return [encode(Bye(self._welcome.session))] * BYES, [*events, self.finished]
-        if self._manifest is not None and self._collector.num_packets == self._welcome.num_packets:
+        everything = self._head is None and self._collector.num_packets == self._welcome.num_packets
+        if everything and not self._welcome.open:
             out, over = self._finish("complete")
             return out, [*events, *over]
         return [], events
@@ -246,7 +264,7 @@ class Receiver:
             return "no answer: nothing seems to serve there" if now - self._began > CONNECT_S else None
         if now - self._heard_at > self.options.silence_s:
             return "the server fell silent"
-        ended = self._ended_at is not None and now - self._ended_at > GRACE_S
+        ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.open
         if ended and self._manifest is not None and (not self.options.nack or self._ends_in_vain >= ENDS_IN_VAIN):
             return "sent"
         return None
@@ -279,16 +297,4 @@ class Receiver:
         stop = self._collector.highest + 1 - REORDER
         if self._ended_at is not None:
             stop = self._welcome.num_packets
-        out = []
-        for index in self._collector.missing(start, max(stop, 0)):
-            if now - self._asked.get(index, -1e9) >= AGAIN_S:
-                self._asked[index] = now
-                out.append(index)
-                if len(out) == MAX_NACKS:
-                    break
-        return out
-
-
-def packets_of(events: list[Event]) -> list[Packet]:
-    """The packets among events."""
-    return [event.packet for event in events if isinstance(event, PacketArrived)]
+        return self._asked.due(self._collector.missing(start, max(stop, 0)), now)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Mapping
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Starts, network_of
-from splatwire.transport.frames import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
+from splatwire.transport.frames import Bye, Challenge, Feedback, Hello, Refuse, Request
 from splatwire.transport.program import Program
 from splatwire.transport.token import TokenMint
 from splatwire.transport.transfer import ServerLimits, ServerTransfer
@@ -120,6 +120,14 @@ class Server:
         """When to call `poll` next; None if nothing is planned."""
         return self._due[0][0] if self._due else None
 
+    def renew(self, name: str, program: Program) -> None:
+        """Serves a program, or goes on with one that has grown: clients that have it are told."""
+        old = self._programs.get(name)
+        self._programs[name] = program
+        for key in [key for key, transfer in self._transfers.items() if transfer.program is old]:
+            self._transfers[key].renew(program)
+            self._plan(key)
+
     def forget(self, address: Hashable) -> None:
         """Ends what is sent to an address, e.g. because its session was closed."""
         for key in [key for key in self._transfers if key[0] == address]:
@@ -139,21 +147,16 @@ class Server:
         transfer = self._transfers[key]
         if not transfer.may_welcome(now):
             return None
-        program = transfer.program
-        return encode(
-            Welcome(
-                frame.nonce, transfer.session, program.stream_id, program.head_bytes, program.head_digest,
-                program.symbol_bytes, len(program.packets), program.packet_bytes, program.carried,
-                program.tiers, program.preview,
-            )
-        )  # fmt: skip
+        return transfer.welcome()
 
     def _begin(self, key: Key, name: str, now: float, reliable: bool, network: Hashable) -> int | None:
         """Begins a transfer; gives the reason of a refusal if there is one, 0 for none worth an answer."""
         if self._starts.seen(network, key[1]):
             self.num_rejected += 1
             return 0
-        name = name or next(iter(self._programs), "")
+        if not self._programs:  # what a stream that grows begins with is not there yet: the client asks again
+            return 0
+        name = name or next(iter(self._programs))
         if name not in self._programs:
             return UNKNOWN_STREAM
         if len(self._transfers) >= self._limits.sessions:
@@ -162,7 +165,9 @@ class Server:
         if mine >= self._limits.per_network or not self._starts.allowed(network, now):
             return TOO_MANY
         session = self._new_session(key[0])
-        self._transfers[key] = ServerTransfer(self._programs[name], session, self._limits, now, reliable_head=reliable)
+        self._transfers[key] = ServerTransfer(
+            self._programs[name], session, self._limits, now, reliable_head=reliable, nonce=key[1]
+        )
         self._sessions[(key[0], session)], self._networks[key] = key, network
         self._starts.note(network, key[1], now)
         self.num_served += 1

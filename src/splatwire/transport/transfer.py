@@ -3,10 +3,19 @@
 from collections import deque
 from dataclasses import dataclass
 
-from splatwire.transport.frames import End, Feedback
+from splatwire.transport.frames import End, Feedback, Welcome
 from splatwire.transport.pacing import MAX_RATE, START_RATE, Pacer, RateControl
 from splatwire.transport.program import Program
-from splatwire.transport.wire import DATA, DATA_OVERHEAD, SIDE, SIDE_OVERHEAD, encode, encode_data, encode_symbol
+from splatwire.transport.wire import (
+    DATA,
+    DATA_OVERHEAD,
+    SIDE,
+    SIDE_OVERHEAD,
+    WELCOME,
+    encode,
+    encode_data,
+    encode_symbol,
+)
 
 END_INTERVAL_S = 0.1
 WELCOME_S = 0.15
@@ -57,13 +66,15 @@ class ServerTransfer:
         now: Time, seconds.
         reliable_head: Whether manifest and side information travel on a reliable stream (QUIC): each symbol leaves
             once, in its place of the same order, without redundancy, and does not count as a datagram.
+        nonce: The client's name of its attempt.
     """
 
     def __init__(
-        self, program: Program, session: int, limits: ServerLimits, now: float, *, reliable_head: bool = False
-    ) -> None:
+        self, program: Program, session: int, limits: ServerLimits, now: float, *, reliable_head: bool = False,
+        nonce: int = 0,
+    ) -> None:  # fmt: skip
         self.program = program
-        self.session = session
+        self.session, self.nonce = session, nonce
         self.heard_at = now
         self.bytes_sent = 0
         self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_head)
@@ -71,7 +82,7 @@ class ServerTransfer:
         self._reliable_head = reliable_head
         self._schedule = program.reliable_schedule if reliable_head else program.schedule
         self._pacer = Pacer(limits.fixed_rate or self.control.rate)
-        self._next = 0
+        self._next, self._head_end = 0, program.head_end
         self._sequence = 0
         self._counted_bytes = 0
         self._heard, self._reported = reliable_head, False
@@ -84,10 +95,41 @@ class ServerTransfer:
         self._head_cursor = program.head_reserve
         self._head_left_at: float | None = None
         self._again_bytes = 0
-        self._end_at = 0.0
+        self._end_at, self._ends = 0.0, 0
         self._clock = 0
         self._welcomed_at, self._welcomes = -WELCOME_S, 0
-        self._most_bytes = int(limits.passes * sum(program.sizes().values())) + 100_000
+        self._most_bytes = 100_000
+        self._allow(0)
+
+    def welcome(self) -> bytes:
+        """What the client is told of the program."""
+        p = self.program
+        head = (self.nonce, self.session, p.stream_id, p.head_bytes, p.head_digest, p.symbol_bytes)
+        return encode(Welcome(*head, len(p.packets), p.packet_bytes, p.carried, p.tiers, p.preview))
+
+    def renew(self, program: Program) -> None:
+        """Goes on with a program that has grown: its head object at once, then what is left, then what is new.
+
+        What is not worth sending any more (`Program.resends`) is left out, whether it waits to leave once or again.
+        """
+        old, self.program = self.program, program
+        source = program.reliable_schedule if self._reliable_head else program.schedule
+        head = [item for item in source if item[0] == SIDE]
+        left = [item for item in self._schedule[self._next :] if item[0] == DATA and program.resends(item[2])]
+        new = [(DATA, 0, index) for index in range(len(old.packets), len(program.packets))]
+        told = (WELCOME, 0, 0)
+        self._schedule, self._next = (told, *head, told, *left, told, *new), 0
+        self._head_end = 1 + len(head)
+        self._again = deque(item for item in self._again if item[0] == DATA and program.resends(item[2]))
+        self._waiting = set(self._again)
+        self._head_waiting, self._head_left_at, self._head_cursor = 0, None, program.head_reserve
+        self._allow(len(old.packets))
+
+    def _allow(self, known: int) -> None:
+        """Lets the packets of the program that are new, and its head object, leave a few times."""
+        program = self.program
+        told = sum(DATA_OVERHEAD + len(packet) for packet in program.packets[program.carried : known])
+        self._most_bytes += int(self._limits.passes * (sum(program.sizes().values()) - told))
 
     @property
     def spent(self) -> bool:
@@ -128,11 +170,15 @@ class ServerTransfer:
         elif self._next < len(self._schedule):
             item = self._schedule[self._next]
             self._next += 1
-            if self._next == self.program.head_end:
+            if self._next == self._head_end:
                 self._head_left_at = now
         else:
-            self._end_at = now + END_INTERVAL_S
-            return self._leave(encode(End(self.session, self._sequence)), now)
+            self._end_at, self._ends = now + END_INTERVAL_S, self._ends + 1
+            if self._ends % 2 or not self.program.open:
+                return self._leave(encode(End(self.session, self._sequence)), now)
+            item = (WELCOME, 0, 0)
+        if item[0] == WELCOME:
+            return self._leave(self.welcome(), now, counted=False)
         return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
 
     def feedback(self, frame: Feedback, now: float) -> None:
@@ -222,7 +268,7 @@ class ServerTransfer:
         left = self.program.resend_bytes - self._again_bytes - HEAD_SAFETY * missing * symbol_bytes
         for index in frame.nacks:
             item = (DATA, 0, index)
-            if index >= self.program.num_resendable or item in self._waiting:
+            if not self.program.resends(index) or item in self._waiting:
                 continue
             if now - self._sent_again.get(item, -1e9) < wait:
                 continue

@@ -57,6 +57,11 @@ class UdpServer:
         """The port that it listens on."""
         return int(self._socket.getsockname()[1])
 
+    def renew(self, name: str, program: Program) -> None:
+        """See `Server.renew`."""
+        self.core.renew(name, program)
+        self._pump()
+
     def close(self) -> None:
         """Stops at once."""
         self._loop.remove_reader(self._socket)

@@ -76,6 +76,14 @@ class TracksDecoder:
         self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
         self._packets: dict[int, tuple[Packet, ...]] = {}
 
+    def take_over(self, other: "TracksDecoder") -> None:
+        """Goes on from what a decoder of the same stream had when it was shorter; call `expect` first."""
+        known = other._num_tracks
+        for name in ("means", "quats", "scales", "opacities", "sh"):
+            getattr(self._splats, name)[:known] = getattr(other._splats, name)
+        self._rows[:known], self._received[:known] = other._rows, other._received
+        self._erasures.received[: other._num] = other._erasures.received
+
     def decode(self, run: Run) -> Rows:
         """See `Decoder.decode`."""
         group, base = self._spans.of(run.block)

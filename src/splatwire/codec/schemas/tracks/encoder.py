@@ -36,7 +36,16 @@ from splatwire.codec.schemas.tracks.trajectories import Trajectories, targets_of
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
 from splatwire.model.clip import Timeline
-from splatwire.packets import HEADER_BYTES, Packet, PacketId, Packetization, SceneStream, make_packet, make_stream
+from splatwire.packets import (
+    HEADER_BYTES,
+    Manifest,
+    Packet,
+    PacketId,
+    Packetization,
+    SceneStream,
+    make_packet,
+    make_stream,
+)
 from splatwire.packets.limits import TRACKS
 from splatwire.packets.tiers import TierShape
 from splatwire.scene.background import BLACK, Background
@@ -131,15 +140,31 @@ class ClipWriter:
 
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """The stream of all groups, with more named sections."""
+        side_info, tiers = self._stated(sections)
+        return make_stream(
+            packetization=self._packetization, num_anchors=sum(tier.num_anchors for tier in tiers),
+            side_info=side_info, packets=self._packets, symbols_digest=self._digest.hexdigest(),
+            writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
+        )  # fmt: skip
+
+    def so_far(self, sections: Mapping[str, bytes], stream_id: int) -> tuple[Manifest, bytes]:
+        """Manifest and side information of the groups so far, of a stream whose id was chosen before its end."""
+        side_info, tiers = self._stated(sections)
+        manifest = Manifest(
+            packetization=self._packetization, num_anchors=sum(tier.num_anchors for tier in tiers),
+            num_packets=len(self._packets), stream_id=stream_id, side_info_bytes=len(side_info),
+            side_info_digest=hashlib.sha256(side_info).hexdigest(), symbols_digest=self._digest.hexdigest(),
+            writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
+        )  # fmt: skip
+        return manifest, side_info
+
+    def _stated(self, sections: Mapping[str, bytes]) -> tuple[bytes, tuple[TierShape, ...]]:
+        """Side information and tiers of the groups so far."""
         timeline = Timeline(self._rate, self._num_frames, self._group_frames)
         zero = np.full(NUM_CONTEXTS, 128) if self._zero is None else self._zero
         info = ClipInfo(timeline, tuple(self._groups), self._bases.info, COARSER, zero, {**self._sections, **sections})
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
-        return make_stream(
-            packetization=self._packetization, num_anchors=sum(tier.num_anchors for tier in tiers),
-            side_info=write_side_info(info), packets=self._packets, symbols_digest=self._digest.hexdigest(),
-            writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
-        )  # fmt: skip
+        return write_side_info(info), tiers
 
     def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray]:
         """Tracks that need a base, for they are new or went further than theirs allows, bool; targets of the others."""

@@ -1,0 +1,105 @@
+"""Frames of a clip that is sent live, written while it comes, beside the loop that receives it."""
+
+import queue
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from splatwire.cli._files import STREAM_SUFFIX
+
+if TYPE_CHECKING:
+    from splatwire.clips import ClipFrame
+    from splatwire.clips.live import LiveDecoder
+    from splatwire.transport import Event
+
+DIGITS = 6
+"""Of the number in a frame's name: nobody knows yet how many there will be."""
+
+
+class LiveFrames:
+    """Takes no part in a stream that is whole from the beginning, nor where one is to be recorded.
+
+    Args:
+        path: Where frames are written, a folder; recorded streams have the ending of one file.
+        concealer: What becomes of tracks whose motion was lost; None for the default.
+        show: Told what is going on.
+    """
+
+    def __init__(self, path: Path, concealer: str | None, show: Callable[[str, float], None]) -> None:
+        self._folder, self._concealer, self._show = path, concealer, show
+        self._waiting: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        self._error: Exception | None = None
+        self.num_frames = 0
+
+    @property
+    def began(self) -> bool:
+        """Whether the stream is one that grows, whose frames are written."""
+        return self._thread is not None
+
+    def note(self, event: "Event") -> None:
+        """Takes an event of the receiver.
+
+        Raises:
+            SplatwireError: What went wrong with an earlier one.
+        """
+        from splatwire.transport import Welcomed
+
+        if self._error is not None:
+            raise self._error
+        if isinstance(event, Welcomed) and event.open and not self.began and self._folder.suffix != STREAM_SUFFIX:
+            self._folder.mkdir(exist_ok=True)
+            self._thread = threading.Thread(target=self._work, name="frames", daemon=True)
+            self._thread.start()
+        if self.began:
+            self._waiting.put(event)
+
+    def finish(self) -> None:
+        """Waits until everything that came is written.
+
+        Raises:
+            SplatwireError: What went wrong.
+        """
+        if self._thread is not None:
+            self._waiting.put(None)
+            self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def __enter__(self) -> "LiveFrames":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._waiting.put(None)
+
+    def _work(self) -> None:
+        from splatwire.clips.concealment import DEFAULT
+        from splatwire.clips.live import LiveDecoder
+
+        try:
+            decoder = LiveDecoder(self._concealer or DEFAULT)
+            while (event := self._waiting.get()) is not None:
+                self._take(decoder, event)
+            self._write(decoder.finish())
+        except Exception as error:  # raised where the stream is received
+            self._error = error
+
+    def _take(self, decoder: "LiveDecoder", event: "Event") -> None:
+        from splatwire.transport import PacketArrived, SideInfoArrived
+
+        if isinstance(event, SideInfoArrived):
+            self._write(decoder.grow(event.manifest, event.side_info))
+        elif isinstance(event, PacketArrived):
+            self._write(decoder.add([event.packet]))
+
+    def _write(self, frames: "Iterable[ClipFrame]") -> None:
+        from splatwire.formats import write_splats
+
+        for frame in frames:
+            write_splats([frame.scene.drawn()], self._folder / f"frame_{frame.number:0{DIGITS}}.ply")
+            self.num_frames += 1
+            self._show("writing frames", 0.0)

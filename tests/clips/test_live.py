@@ -1,0 +1,131 @@
+"""Clips that grow while they are watched: nothing but time tells them from clips that are there."""
+
+import dataclasses
+
+import pytest
+import torch
+
+from live_path import FRAME_RATE, STREAM_ID, LivePath
+from moving_clips import moving_frames
+from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
+from splatwire.clips.live import LiveDecoder
+from splatwire.codec import decode_stream
+from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.packets.tiers import TierShape
+from splatwire.transport import Receiver
+from splatwire.transport.broadcast import Broadcast
+from splatwire.transport.frames import MORE, TierHead, Welcome
+from splatwire.transport.wire import decode, encode
+
+GROUP = 5
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return moving_frames(2500, 33)
+
+
+def same(frame, other) -> bool:
+    """Whether two frames show the same Gaussians."""
+    ours, theirs = frame.scene.splats, other.scene.splats
+    return len(frame.tracks) == len(other.tracks) and all(
+        torch.equal(getattr(ours, name), getattr(theirs, name)) for name in vars(ours)
+    )
+
+
+def test_without_loss_frames_are_those_of_the_whole_clip(frames):
+    watched, stream = LivePath(frames, GROUP).run()
+    whole = list(decode_frames(decode_stream(stream).scene))
+    assert watched.reason == "complete"
+    assert [frame.number for frame in watched.frames] == list(range(len(frames)))
+    assert all(same(frame, other) for frame, other in zip(watched.frames, whole, strict=True))
+    late = [at - ((n // GROUP + 1) * GROUP - 1) / FRAME_RATE for n, at in enumerate(watched.times)]
+    assert max(late[GROUP:]) < GROUP / FRAME_RATE  # shown before the next group is there
+
+
+def test_with_losses_every_frame_is_shown_once_and_bases_come_again(frames):
+    frames = [*frames, *reversed(frames)]
+    watched, stream = LivePath(frames, GROUP, loss=0.2).run()
+    whole = list(decode_frames(decode_stream(stream).scene))
+    numbers = [frame.number for frame in watched.frames]
+    assert numbers == list(range(numbers[0], len(frames)))
+    assert numbers[0] < len(frames) - GROUP  # greetings are lost, too
+    last = watched.frames[-1]
+    assert len(last.tracks) == len(whole[-1].tracks)
+
+
+def test_who_comes_late_begins_with_the_running_group(frames):
+    watched, stream = LivePath(frames, GROUP, joins=0.5).run()
+    whole = {frame.number: frame for frame in decode_frames(decode_stream(stream).scene)}
+    first = watched.frames[0].number
+    assert first == (0.5 * FRAME_RATE) // GROUP * GROUP - GROUP
+    assert [frame.number for frame in watched.frames] == list(range(first, len(frames)))
+    assert all(same(frame, whole[frame.number]) for frame in watched.frames)
+
+
+def test_where_the_path_is_slower_than_the_clip_motion_goes_first_and_bases_never(frames):
+    path = LivePath(frames, GROUP, rate=60_000.0)
+    watched, stream = path.run()
+    assert [frame.number for frame in watched.frames][-1] == len(frames) - 1
+    assert any(frame.concealed.any() for frame in watched.frames)
+    left = {place for place, _ in watched.sent}
+    assert {place for place, lasts in enumerate(path.lasting) if lasts} <= left
+    assert len(left) < len(stream.packets)
+    for place, newest in watched.sent:
+        assert path.lasting[place] or place >= path.first_packets[newest]
+
+
+def test_a_recorded_live_stream_is_a_clip(frames):
+    encoder, broadcast = ClipEncoder(ClipOptions(group_frames=GROUP)), Broadcast()
+    for splats in frames[: 2 * GROUP]:
+        packets = encoder.push(splats)
+        if packets:
+            edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
+    manifest, side_info = encoder.so_far(STREAM_ID)
+    assert len(edition.packets) == manifest.num_packets
+    whole = encoder.finish()
+    assert (manifest.symbols_digest, side_info) == (whole.manifest.symbols_digest, whole.side_info)
+    assert not any(edition.packets[n] for n in range(edition.newest) if not edition.lasting[n])
+
+
+def test_a_clip_does_not_take_back_what_it_said(frames):
+    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    for splats in frames[:GROUP]:
+        encoder.push(splats)
+    manifest, side_info = encoder.so_far(STREAM_ID)
+    decoder = LiveDecoder()
+    list(decoder.grow(manifest, side_info))
+    first, second = manifest.tiers
+    other = dataclasses.replace(
+        manifest, tiers=(TierShape(first.num_anchors - 1, 1), TierShape(second.num_anchors + 1, 1))
+    )
+    with pytest.raises(BitstreamError, match="says other things"):
+        list(decoder.grow(other, side_info))
+
+
+def test_editions_count_their_packets(frames):
+    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    packets = [packet for splats in frames[:GROUP] for packet in encoder.push(splats)]
+    with pytest.raises(InvalidValueError, match="packets, and the manifest says"):
+        Broadcast().add(*encoder.so_far(STREAM_ID), packets[1:])
+
+
+def test_a_receiver_believes_only_welcomes_that_grow():
+    def welcome(session: int, count: int, digest: bytes = b"a" * 32, more: bool = True) -> Welcome:
+        tiers = (TierHead(count, 0, 0), *((MORE,) if more else ()))
+        return Welcome(5, session, 9, 1000, digest, 256, count, 1150, 0, tiers)
+
+    receiver = Receiver(5, 0.0, reliable=True)
+    receiver.poll(0.0)
+    receiver.receive(encode(welcome(1, 10)), 0.1)
+    for wrong in (welcome(2, 20), welcome(1, 9, b"b" * 32)):
+        before = receiver.num_rejected
+        receiver.receive(encode(wrong), 0.2)
+        assert receiver.num_rejected == before + 1
+        assert receiver.welcome == welcome(1, 10)
+    assert receiver.receive(encode(welcome(1, 10)), 0.3) == ([], [])
+    _, events = receiver.receive(encode(welcome(1, 20, b"b" * 32)), 0.4)
+    assert (events[0].num_packets, events[0].open) == (20, True)
+    receiver.receive(encode(welcome(1, 20, b"c" * 32, more=False)), 0.5)
+    assert receiver.receive(encode(welcome(1, 30)), 0.6) == ([], [])
+    assert decode(encode(welcome(1, 3))).open
