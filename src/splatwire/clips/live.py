@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 
 from splatwire.clips.concealment import DEFAULT, Memory, clip_concealer
 from splatwire.clips.decoding import ClipFrame, decode_group
-from splatwire.codec.decoding import open_decoder, runs_of
+from splatwire.codec.decoding import runs_of
 from splatwire.codec.memory import allocating, check_memory
 from splatwire.codec.schemas.tracks.decoder import TracksDecoder
 from splatwire.errors import BitstreamError
@@ -90,8 +90,7 @@ class LiveDecoder:
     def _group(self, group: int) -> Iterator[ClipFrame]:
         assert self._manifest is not None
         manifest, what = self._manifest, f"decoding {self._manifest.num_anchors:,} tracks"
-        opened = open_decoder(manifest, self._side_info)
-        assert isinstance(opened, TracksDecoder)
+        opened = TracksDecoder(manifest, self._side_info, 0)
         check_memory(opened.scene_bytes, None, what)
         with allocating(what):
             opened.expect(None)

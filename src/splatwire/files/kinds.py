@@ -66,6 +66,7 @@ SPZ = Kind("spz", "an SPZ file", _EXPLICIT)
 SOG = Kind("sog", "a SOG file", _EXPLICIT)
 SOG_FOLDER = Kind("sog folder", "a folder of SOG", _EXPLICIT)
 SOG_META = Kind("sog meta", "the meta.json of a folder of SOG", _EXPLICIT)
+SOG_LEVELS = Kind("streamed sog", "a streamed SOG with levels", _EXPLICIT)
 GLB = Kind("glb", "a glTF file", "`import splats` reads it if it holds Gaussians")
 CAMERAS = Kind("cameras", "a cameras file", "it is for --cameras")
 TRANSFORMS = Kind("transforms", "a list of camera poses", "--data takes the folder that it is in")
@@ -89,7 +90,9 @@ STREAMS = (STREAM, STREAM_FOLDER)
 """What `read_stream` reads."""
 SCENE_FILES = (SCENE, PARTIAL, TENSORS)
 """What may hold a scene of anchors; its reader says more of it."""
-SOG_META_NAME = "meta.json"
+SOG_META_NAME, SOG_LEVELS_NAME = "meta.json", "lod-meta.json"
+_BY_NAME = {SOG_META_NAME: SOG_META, SOG_LEVELS_NAME: SOG_LEVELS}
+"""JSON files that only their names tell."""
 _PICTURE_USE = "photos are read with their poses, as a dataset folder"
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"\x93SWZ", STREAM),
@@ -138,7 +141,7 @@ def file_kind(path: Path) -> Kind:
     except (OSError, ValueError):
         return UNREADABLE
     kind = kind_of_bytes(head, status.st_size, path.suffix.lower())
-    return SOG_META if kind == JSON and path.name == SOG_META_NAME else kind
+    return _BY_NAME.get(path.name, kind) if kind == JSON else kind
 
 
 def is_not(path: Path, wanted: str, why: str = "") -> str:
@@ -269,6 +272,8 @@ def _folder_kind(folder: Path) -> Kind:
         return EMPTY_FOLDER
     if SOG_META_NAME in names:
         return SOG_FOLDER
+    if SOG_LEVELS_NAME in names:
+        return SOG_LEVELS
     if "point_cloud" in names and (folder / "point_cloud").is_dir():
         return HACPP
     if any(name in names for name in _DATASET_NAMES):

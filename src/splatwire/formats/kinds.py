@@ -15,6 +15,7 @@ from splatwire.files.kinds import (
     OTHER_PLY,
     SOG,
     SOG_FOLDER,
+    SOG_LEVELS,
     SOG_META,
     SPLAT,
     SPLATS_PLY,
@@ -33,6 +34,7 @@ from splatwire.formats.ply_file import read_ply_elements
 from splatwire.formats.sog import read_sog
 from splatwire.formats.splat import read_splat, write_splat
 from splatwire.formats.spz import read_spz, write_spz
+from splatwire.formats.streamed_sog import read_streamed_sog
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
@@ -41,6 +43,7 @@ KINDS = {
     "ply": (SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
     "spz": (SPZ,),
     "sog": (SOG, SOG_FOLDER, SOG_META),
+    "streamed sog": (SOG_LEVELS,),
     "splat": (SPLAT,),
     "ksplat": (KSPLAT,),
     "glb": (GLB,),
@@ -50,6 +53,7 @@ READERS: dict[str, Callable[[Path], Splats]] = {
     "ply": lambda path: _read_ply(path),
     "spz": read_spz,
     "sog": read_sog,
+    "streamed sog": read_streamed_sog,
     "splat": read_splat,
     "ksplat": read_ksplat,
     "glb": read_gltf,
@@ -75,8 +79,8 @@ def splats_kind(path: Path) -> str | None:
     """Tells by its bytes whether a file holds explicit Gaussians (`splatwire.files.kinds`).
 
     Returns:
-        `ply`, `spz`, `sog` (also for a folder with its `meta.json`, or that file), `splat`, `ksplat`, `glb`, or None
-        for anything else, also for what is not a file.
+        `ply`, `spz`, `sog` (also for a folder with its `meta.json`, or that file), `streamed sog`, `splat`, `ksplat`,
+        `glb`, or None for anything else, also for what is not a file.
     """
     return format_of(file_kind(path))
 

@@ -1,0 +1,144 @@
+"""Streamed SOG (PlayCanvas): a `lod-meta.json` with a tree of tiles, and a folder of SOG for each chunk of a level.
+
+A leaf of the tree names, for each of its levels (0 is the finest), a chunk and a run of its Gaussians. Read is the
+finest level of each leaf whose chunk is here, and the environment, which has no levels.
+"""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import torch
+
+from splatwire.errors import DatasetError
+from splatwire.files.capped import read_json
+from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.formats.sog import read_sog
+from splatwire.scene.splats import Splats
+
+LOG = logging.getLogger(__name__)
+MAX_LEAVES = 1 << 16
+MAX_CHUNKS = 1 << 14
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A run of Gaussians of a chunk.
+
+    Attributes:
+        chunk: Which of the named files.
+        offset: The first of them.
+        count: How many.
+    """
+
+    chunk: int
+    offset: int
+    count: int
+
+
+def read_streamed_sog(path: Path) -> Splats:
+    """Reads the Gaussians of a streamed SOG, of each leaf the finest that are here.
+
+    Args:
+        path: The `lod-meta.json`, or the folder that it is in.
+
+    Raises:
+        DatasetError: If it is damaged, contradicts its chunks, or none of them is here.
+        OSError: If a file cannot be read.
+    """
+    index = path / SOG_LEVELS_NAME if path.is_dir() else path
+    content = read_json(index, DatasetError)
+    if not isinstance(content, dict):
+        raise DatasetError(f"{index}: is no JSON object")
+    chunks = _chunks(index, content)
+    pieces, absent, coarser = _finest(index, content, chunks)
+    if not pieces:
+        raise DatasetError(f"{index}: none of the {len(chunks)} chunks that it names is here")
+    if absent:
+        LOG.warning("%s: %d of %d chunks are not here: %s", index, len(absent), len(chunks), ", ".join(absent[:8]))
+    if coarser:
+        LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
+    parts = [_gathered(index, chunks[chunk], runs) for chunk, runs in sorted(pieces.items())]
+    if len({part.degree for part in parts}) > 1:
+        raise DatasetError(f"{index}: its chunks have harmonics of different degrees")
+    return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
+    """Folders of the chunks, the environment's behind them; none outside of the index's own folder."""
+    names, environment = content.get("filenames"), content.get("environment")
+    if not isinstance(names, list) or not len(names) <= MAX_CHUNKS:
+        raise DatasetError(f"{index}: filenames is no list of at most {MAX_CHUNKS:,} names")
+    out = []
+    for name in [*names, *([] if environment is None else [environment])]:
+        pure = PurePosixPath(name) if isinstance(name, str) and "\0" not in name and len(name) < 256 else None
+        if pure is None or pure.is_absolute() or ".." in pure.parts or pure.name != SOG_META_NAME:
+            raise DatasetError(f"{index}: {name!r:.60} names no {SOG_META_NAME} of a folder beside it")
+        out.append(index.parent / pure.parent)
+    return out
+
+
+def _finest(index: Path, content: dict[str, Any], chunks: list[Path]) -> tuple[dict[int, list[Piece]], list[str], int]:
+    """Runs to read by chunk; names of chunks that are not here; leaves for which a finer level is not here."""
+    here = [(folder / SOG_META_NAME).is_file() for folder in chunks]
+    pieces: dict[int, list[Piece]] = {}
+    coarser = 0
+    named = len(chunks) - (content.get("environment") is not None)
+    for levels in _leaves(index, content.get("tree")):
+        found = [
+            _piece(index, level, named) for _, level in sorted(levels.items(), key=lambda item: _level(index, item))
+        ]
+        found = [piece for piece in found if piece.count]
+        best = next((piece for piece in found if here[piece.chunk]), None)
+        coarser += bool(found) and best is not found[0]
+        if best is not None:
+            pieces.setdefault(best.chunk, []).append(best)
+    if named < len(chunks) and here[named]:
+        pieces[named] = [Piece(named, 0, -1)]
+    return pieces, [chunks[n].name for n in range(len(chunks)) if not here[n]], coarser
+
+
+def _leaves(index: Path, tree: Any) -> Iterator[dict[str, Any]]:
+    """What leaves say of their levels, in the order of the tree."""
+    waiting, count = [tree], 0
+    while waiting:
+        node, count = waiting.pop(), count + 1
+        if not isinstance(node, dict) or count > 2 * MAX_LEAVES:
+            raise DatasetError(f"{index}: its tree has a node that is none, or more than {2 * MAX_LEAVES:,}")
+        children, levels = node.get("children", []), node.get("lods", {})
+        if not isinstance(children, list) or not isinstance(levels, dict):
+            raise DatasetError(f"{index}: a node of its tree has children that are no list, or lods that are no object")
+        waiting += reversed(children)
+        if levels:
+            yield levels
+
+
+def _level(index: Path, item: tuple[str, Any]) -> int:
+    if not item[0].isdecimal() or len(item[0]) > 3:
+        raise DatasetError(f"{index}: {item[0]!r:.40} is no level")
+    return int(item[0])
+
+
+def _piece(index: Path, level: Any, num_chunks: int) -> Piece:
+    values = [level.get(name) for name in ("file", "offset", "count")] if isinstance(level, dict) else []
+    numbers = [value for value in values if type(value) is int and 0 <= value < 1 << 31]
+    if len(numbers) != 3 or numbers[0] >= num_chunks:
+        raise DatasetError(f"{index}: a level is {level!r:.80}, no run of a chunk that is named")
+    return Piece(*numbers)
+
+
+def _gathered(index: Path, folder: Path, runs: list[Piece]) -> Splats:
+    """The Gaussians of some runs of a chunk; each belongs to one run."""
+    splats = read_sog(folder)
+    if runs[0].count < 0:
+        return splats
+    taken = torch.zeros(splats.num_gaussians, dtype=torch.bool)
+    for run in runs:
+        own = slice(run.offset, run.offset + run.count)
+        if own.stop > len(taken) or bool(taken[own].any()):
+            which = f"Gaussians {run.offset:,} to {own.stop:,} of {folder.name}"
+            raise DatasetError(f"{index}: {which}, which has {len(taken):,}, are not there or belong to two leaves")
+        taken[own] = True
+    return splats.select(taken)

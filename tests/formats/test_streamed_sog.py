@@ -1,0 +1,96 @@
+"""Streamed SOG: of each leaf the finest level that is here."""
+
+import json
+import zipfile
+
+import pytest
+import torch
+
+from formats.handmade import some_splats
+from splatwire.errors import DatasetError
+from splatwire.files.kinds import SOG_LEVELS, file_kind
+from splatwire.formats import read_splats, write_splats
+from splatwire.formats.sog import read_sog
+
+FINE, COARSE, SKY = 60, 20, 5
+
+
+def chunk(folder, count, seed):
+    """A folder of SOG."""
+    write_splats([some_splats(count, degree=0, seed=seed)], folder.parent / "chunk.sog")
+    with zipfile.ZipFile(folder.parent / "chunk.sog") as bundle:
+        bundle.extractall(folder)
+    (folder.parent / "chunk.sog").unlink()
+
+
+def leaf(*levels):
+    """A leaf whose levels are (file, offset, count), the finest first."""
+    named = {str(n): dict(zip(("file", "offset", "count"), level, strict=True)) for n, level in enumerate(levels)}
+    return {"bound": {"min": [0, 0, 0], "max": [1, 1, 1]}, "lods": named}
+
+
+NEAR = leaf((0, 0, 40), (1, 0, 12))
+FAR = {"children": [leaf((2, 0, 30), (1, 12, 8)), leaf((0, 40, 20))]}
+CONTENT = {
+    "lodLevels": 2,
+    "environment": "sky/meta.json",
+    "filenames": ["0_0/meta.json", "1_0/meta.json", "0_1/meta.json"],
+    "tree": {"children": [NEAR, FAR]},
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Of two fine chunks only the first is here, of the coarse one and the environment all."""
+    for name, count, seed in (("0_0", FINE, 1), ("1_0", COARSE, 2), ("sky", SKY, 3)):
+        chunk(tmp_path / name, count, seed)
+    (tmp_path / "lod-meta.json").write_text(json.dumps(CONTENT))
+    return tmp_path
+
+
+def test_what_is_here_is_read_and_what_is_not_is_told(folder, caplog):
+    expected = torch.cat([
+        read_sog(folder / "0_0").means, read_sog(folder / "1_0").means[12:], read_sog(folder / "sky").means
+    ])  # fmt: skip
+    for path in (folder, folder / "lod-meta.json"):
+        assert file_kind(path) == SOG_LEVELS
+        assert torch.equal(read_splats(path).means, expected)
+    told = " ".join(record.getMessage() for record in caplog.records)
+    assert "1 of 4 chunks are not here: 0_1" in told
+    assert "1 leaves are read at a coarser level" in told
+
+
+def changed(**fields):
+    return {**CONTENT, **fields}
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ([], "is no JSON object"),
+        (changed(filenames="0_0"), "no list"),
+        (changed(filenames=["../0_0/meta.json"]), "names no meta.json of a folder beside it"),
+        (changed(filenames=["/etc/meta.json"]), "names no meta.json of a folder beside it"),
+        (changed(environment="sky/other.json"), "names no meta.json of a folder beside it"),
+        (changed(tree=None), "a node that is none"),
+        (changed(tree={"children": 3}), "children that are no list"),
+        (changed(tree=leaf((3, 0, 1))), "no run of a chunk"),
+        (changed(tree=leaf((0, -1, 1))), "no run of a chunk"),
+        (changed(tree=leaf((0, 0, True))), "no run of a chunk"),
+        (changed(tree={"lods": {"fine": {}}}), "is no level"),
+        (changed(tree=leaf((0, 41, 20))), "which has 60, are not there or belong to two leaves"),
+        (changed(tree={"children": [leaf((0, 0, 2)), leaf((0, 1, 2))]}), "are not there or belong to two leaves"),
+        (changed(tree=leaf((2, 0, 4)), environment=None), "none of the 3 chunks that it names is here"),
+        (changed(tree={"children": [{}] * (1 << 17)}), "more than"),
+    ],
+)
+def test_what_contradicts_itself_is_one_error(folder, content, problem):
+    (folder / "lod-meta.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=problem):
+        read_splats(folder)
+
+
+def test_an_endless_tree_is_one_error(folder):
+    (folder / "lod-meta.json").write_text('{"filenames": [], "tree": ' + '{"children": [' * 200_000)
+    with pytest.raises(DatasetError, match="readable JSON"):
+        read_splats(folder / "lod-meta.json")
