@@ -1,5 +1,6 @@
 """Every format there and back, its axes, and files put together by hand."""
 
+import gzip
 import json
 import os
 import zipfile
@@ -111,6 +112,15 @@ def test_spz_by_hand(version: int, tmp_path: Path) -> None:
     # harmonics of degree 1 follow y, z and x: the first two turn their signs
     codes = (np.arange(100, 109).reshape(3, 3) - 128) / 128
     assert np.array_equal(splats.sh[0, 1:].numpy(), codes * [[-1], [-1], [1]])
+
+
+@pytest.mark.parametrize("behind", [0, 1 << 17])
+def test_the_checksum_of_an_spz_is_compared(behind: int, tmp_path: Path) -> None:
+    path, data = tmp_path / "a.spz", bytearray(gzip.compress(gzip.decompress(legacy_spz()) + bytes(behind)))
+    data[-8] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(DatasetError, match="the gzip data are damaged"):
+        read_splats(path)
 
 
 @pytest.mark.parametrize("level", range(3))

@@ -30,6 +30,8 @@ _PLAIN_HEADER_BYTES = 32
 _MAX_FRACTION_BITS, _FRACTION_BITS = 24, 12
 _MIN_WINDOW, _MAX_WINDOW = 8 << 20, 128 << 20
 """How far back a zstd stream may refer, bytes: its unpacker holds as many. No more than a column needs is allowed."""
+_PIECES_BEHIND, _PIECE_BEHIND = 256, 1 << 16
+"""How far beyond the columns the end of a gzip stream is looked for, bytes."""
 _COLOR_SCALE = 0.15
 _MAGNITUDE = 511
 FULL_BITS, FEWER_BITS = (8, 8), (5, 4)
@@ -94,6 +96,9 @@ def _gunzip(path: Path, file_bytes: int) -> tuple[_Header, dict[str, np.ndarray]
                 raise DatasetError(f"{path}: SPZ of version 4 within gzip")
             needed = sum(header.columns.values())
             body = file.read(needed)
+            for _ in range(_PIECES_BEHIND):  # at the end its checksum is compared
+                if not file.read(_PIECE_BEHIND):
+                    break
     except (zlib.error, EOFError, gzip.BadGzipFile) as error:
         raise DatasetError(f"{path}: the gzip data are damaged: {error}") from error
     if len(body) < needed:

@@ -1,0 +1,232 @@
+"""What packet loss leaves of PLY, compressed PLY, SPZ, SOG and HAC++'s files, and of a stream of the same scene: JSON.
+
+    SPLATWIRE_DATA=DATA python benchmarks/other_formats_under_loss.py -o other_formats_under_loss.json
+
+Each file is cut into packets of 1,200 bytes, of which some are lost: their bytes are zeros (`zeros`), or the file ends
+at the first gap (`cut`). `strict` is our reader, which checks what the format lets it check. `lenient` reads what a
+reader that ignores checksums and lengths could (`lenient_readers.py`). `rows known` is a PLY reader that is told which
+bytes are missing and leaves their rows out. PSNR is against the same complete file, mean of
+the masks that leave a picture; `nothing` is the PSNR of an empty one. A mask that loses nothing is drawn again.
+The `.swz` is lost as a file, like the others, and as datagrams whose side information is protected, as over a network.
+"""
+
+import argparse
+import logging
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import torch
+from figures import publish
+from lenient_readers import REPAIRS, HacppFiles, known_rows
+
+from splatwire.channel import parse_loss, transmit
+from splatwire.codec import decode_stream, encode_scene
+from splatwire.conceal import conceal
+from splatwire.errors import SplatwireError
+from splatwire.formats import read_rows, read_splats, write_splats
+from splatwire.importers.hacpp import import_hacpp
+from splatwire.metrics import psnr
+from splatwire.model import SplatScene
+from splatwire.model.scene import Scene
+from splatwire.model.voxels import voxel_indices
+from splatwire.packets import SceneStream, packetization_named, read_stream, write_stream
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import classes_of
+from splatwire.scene import Cameras
+
+DATA = Path(os.environ.get("SPLATWIRE_DATA", "../shared/data"))
+FILES = [DATA / "splats" / name for name in ("guitar.compressed.ply", "biker.spz", "playbot_125k.sog")]
+MODELS = [DATA / "hacpp" / name for name in ("snowmiku_small_2400", "snowmiku_15k")]
+LOSSES = [kind.format(rate) for rate in (0.01, 0.05, 0.2) for kind in ("bernoulli:{}", "gilbert:{},20")]
+PACKET, CAP = 1200, 60.0
+CONCEALERS = ("drop", "grow")
+
+
+class Gauge:
+    """Pictures of one complete scene, and how far from them another one is."""
+
+    def __init__(self, scene: Scene, cameras: Cameras) -> None:
+        self._cameras, self._truth = cameras, list(iterate_views(scene, cameras))
+
+    def psnr(self, scene: Scene) -> float:
+        """Mean over views, dB, at most `CAP`."""
+        pairs = zip(iterate_views(scene, self._cameras), self._truth, strict=True)
+        return float(np.mean([min(float(psnr(a[None], b[None])[0]), CAP) for a, b in pairs]))
+
+    @property
+    def nothing(self) -> float:
+        """PSNR of black pictures, dB."""
+        return float(np.mean([float(psnr(torch.zeros_like(b)[None], b[None])[0]) for b in self._truth]))
+
+
+def fates(loss: str, packets: int, seeds: int) -> Iterator[np.ndarray]:
+    """Which packets arrive, bool (packets), for each seed; at least one does not."""
+    model = parse_loss(loss, "datagram")
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        arrived = model.received(packets, rng)
+        while arrived.all():
+            arrived = model.received(packets, rng)
+        yield arrived
+
+
+def damaged(data: bytes, arrived: np.ndarray) -> dict[str, bytes]:
+    """The file with zeros for what was lost, and cut at the first gap."""
+    known = np.repeat(arrived, PACKET)[: len(data)]
+    zeros = (np.frombuffer(data, np.uint8) * known).tobytes()
+    return {"zeros": zeros, "cut": data[: int(np.argmin(arrived)) * PACKET]}
+
+
+def told(values: list[float | None]) -> dict[str, float | int | None]:
+    """How many left a picture, and its mean PSNR."""
+    seen = [value for value in values if value is not None]
+    return {"opened": len(seen), "of": len(values), "psnr": round(float(np.mean(seen)), 2) if seen else None}
+
+
+def opened(path: Path, gauge: Gauge) -> float | None:
+    """PSNR of what our reader sees, or None if it refuses the file."""
+    try:
+        return gauge.psnr(SplatScene(read_splats(path)))
+    except SplatwireError:
+        return None
+
+
+def without(path: Path, kept: np.ndarray, gauge: Gauge) -> float | None:
+    """PSNR of some rows of a whole file."""
+    splats, rows = read_rows(path)
+    shown = rows.kept & torch.from_numpy(kept)
+    return gauge.psnr(SplatScene(splats.select(shown))) if shown.any() else None
+
+
+def lost_file(path: Path, kind: str, gauge: Gauge, seeds: int, folder: Path) -> dict[str, object]:
+    """One file of explicit Gaussians under all losses."""
+    data, rows = path.read_bytes(), {}
+    for loss in LOSSES:
+        found: dict[str, list[float | None]] = {}
+        for arrived in fates(loss, -(-len(data) // PACKET), seeds):
+            for how, left in damaged(data, arrived).items():
+                broken = folder / f"broken.{kind}"
+                broken.write_bytes(left)
+                strict = opened(broken, gauge)
+                found.setdefault(f"strict, {how}", []).append(strict)
+                lenient = strict
+                if strict is None:
+                    with tempfile.TemporaryDirectory() as made:
+                        target = Path(made) / ("sog" if kind == "sog" else f"repaired.{kind}")
+                        lenient = opened(target, gauge) if REPAIRS[kind](left, target) else None
+                found.setdefault(f"lenient, {how}", []).append(lenient)
+            if kind.endswith("ply"):
+                kept = known_rows(data, np.repeat(arrived, PACKET)[: len(data)])
+                found.setdefault("rows known", []).append(None if kept is None else without(path, kept, gauge))
+        rows[loss] = {how: told(values) for how, values in found.items()}
+        print(path.name, loss, rows[loss], file=sys.stderr, flush=True)
+    return {"bytes": len(data), "losses": rows}
+
+
+def lost_stream(stream: SceneStream, gauge: Gauge, seeds: int, folder: Path) -> dict[str, object]:
+    """A stream as a file, and as datagrams behind protected side information."""
+    path = folder / "scene.swz"
+    write_stream(stream, path)
+    data, rows = path.read_bytes(), {}
+    for loss in LOSSES:
+        found: dict[str, list[float | None]] = {}
+        for seed, arrived in enumerate(fates(loss, -(-len(data) // PACKET), seeds)):
+            for how, left in damaged(data, arrived).items():
+                path.write_bytes(left)
+                try:
+                    partial = decode_stream(read_stream(path)[0])
+                except SplatwireError:
+                    partial = None
+                for name in CONCEALERS:
+                    seen = None if partial is None else gauge.psnr(conceal(partial, name))
+                    found.setdefault(f"file, {how}, {name}", []).append(seen)
+            sent, again = transmit(stream, parse_loss(loss, "datagram"), seed=seed)[0], seed
+            while len(sent.packets) == len(stream.packets):
+                again += seeds
+                sent = transmit(stream, parse_loss(loss, "datagram"), seed=again)[0]
+            partial = decode_stream(sent)
+            for name in CONCEALERS:
+                found.setdefault(f"datagrams, {name}", []).append(gauge.psnr(conceal(partial, name)))
+        rows[loss] = {how: told(values) for how, values in found.items()}
+        print("swz", loss, rows[loss], file=sys.stderr, flush=True)
+    head = stream.num_bytes - sum(len(packet.data) + 4 for packet in stream.packets)
+    return {"bytes": len(data), "bytes that a file cannot lose": head, "losses": rows}
+
+
+def explicit(source: Path, options: argparse.Namespace) -> dict[str, object]:
+    """All formats of one file of explicit Gaussians; the format it came in is the file itself."""
+    splats, formats = read_splats(source), {}
+    scene = SplatScene(splats)
+    cameras = surrounding_cameras(scene, options.views, options.width)
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        for kind in REPAIRS:
+            path = source if source.name.partition(".")[2] == kind else folder / f"whole.{kind}"
+            if path is not source:
+                write_splats([splats], path)
+            gauge = Gauge(SplatScene(read_splats(path)), cameras)
+            formats[kind] = lost_file(path, kind, gauge, options.seeds, folder)
+        packets = packetization_named("datagram", "gaussians", splats.num_gaussians)
+        stream = encode_scene(scene, packets, classes=classes_of(scene))
+        gauge = Gauge(decode_stream(stream).scene, cameras)
+        formats["swz"] = lost_stream(stream, gauge, options.seeds, folder)
+    return {"gaussians": splats.num_gaussians, "nothing": round(gauge.nothing, 2), "formats": formats}
+
+
+def neural(model: Path, options: argparse.Namespace) -> dict[str, object]:
+    """HAC++'s native files, and a stream of the same anchors."""
+    scene = import_hacpp(model)
+    cameras = surrounding_cameras(scene, options.views, options.width)
+    gauge, rows = Gauge(scene, cameras), {}
+    voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size).numpy()
+    files = HacppFiles(model / "bitstreams", voxels, scene.anchors.mask.numpy())
+
+    def left(arrived: np.ndarray, given: bool) -> float | None:
+        whole = files.whole(arrived, PACKET, given)
+        if whole is None or not whole.any():
+            return None
+        return gauge.psnr(scene.select(torch.from_numpy(whole).nonzero()[:, 0]))
+
+    for loss in LOSSES:
+        found: dict[str, list[float | None]] = {}
+        for arrived in fates(loss, -(-files.num_bytes // PACKET), options.seeds):
+            cut = np.arange(len(arrived)) < np.argmin(arrived)
+            for how, fate in (("zeros", arrived), ("cut", cut)):
+                found.setdefault(f"lenient, {how}", []).append(left(fate, given=False))
+            found.setdefault("lenient, zeros, places, masks and hash grid given", []).append(left(arrived, given=True))
+        rows[loss] = {how: told(values) for how, values in found.items()}
+        print(model.name, loss, rows[loss], file=sys.stderr, flush=True)
+    stream = encode_scene(scene, packetization_named("datagram", "hacpp", scene.num_elements))
+    whole = Gauge(decode_stream(stream).scene, cameras)
+    with tempfile.TemporaryDirectory() as made:
+        swz = lost_stream(stream, whole, options.seeds, Path(made))
+    needed = {"bytes": files.num_bytes, "bytes that all anchors need": files.shared_bytes, "losses": rows}
+    return {"anchors": scene.num_elements, "nothing": round(gauge.nothing, 2), "formats": {"hacpp": needed, "swz": swz}}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--files", nargs="*", type=Path, default=FILES)
+    parser.add_argument("--models", nargs="*", type=Path, default=MODELS)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--views", type=int, default=3)
+    parser.add_argument("--width", type=int, default=224)
+    parser.add_argument("-o", "--output", type=Path)
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    logging.disable()  # what damaged files lack is what is counted here
+    torch.set_num_threads(1)
+    told_of, scenes = {"seeds": options.seeds, "views": options.views, "packet": PACKET}, {}
+    for path in [*options.models, *options.files]:
+        scenes[path.name] = (neural if path.is_dir() else explicit)(path, options)
+        publish({**told_of, "scenes": scenes}, options.output)
+
+
+if __name__ == "__main__":
+    main()
