@@ -1,0 +1,133 @@
+"""One transfer over an emulated link, as root: two namespaces, two TUN devices, and the link in this process.
+
+    python benchmarks/click_link.py '{"scheme": "http1", "file": "guitar.sog", ...}'
+
+The kernel's TCP or aioquic or our own sender and receiver run in the namespaces, each end a process. The link loses
+packets both ways from a seed, holds each for half a round trip, passes so many Mbit/s each way, and its drop-tail queue
+holds one bandwidth-delay product, at least 32 packets. The client writes its log to a file. For `why_not_http.py`.
+"""
+
+import contextlib
+import fcntl
+import heapq
+import json
+import os
+import random
+import select
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "tests" / "transport"))
+from network import bernoulli, bursts  # noqa: E402
+
+SERVER = "10.78.0.1", "10.78.0.2"
+TUNSETIFF, IFF_TUN_WITHOUT_HEADER = 0x400454CA, 0x1001
+LEAST_QUEUE = 32 * 1500
+BURST = 20.0
+
+
+def shell(*words: str) -> None:
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL, timeout=30)
+
+
+@contextlib.contextmanager
+def ends() -> Iterator[tuple[list[str], list[int]]]:
+    """Two namespaces, each with a TUN device whose other end is a file of this process."""
+    with contextlib.ExitStack() as stack:
+        spaces, files = [], []
+        for letter, address in zip("ab", SERVER, strict=True):
+            space = f"click{os.getpid()}{letter}"
+            shell("ip", "netns", "add", space)
+            stack.callback(shell, "ip", "netns", "del", space)
+            files.append(os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK))
+            stack.callback(os.close, files[-1])
+            fcntl.ioctl(files[-1], TUNSETIFF, struct.pack("16sH", space.encode(), IFF_TUN_WITHOUT_HEADER))
+            shell("ip", "link", "set", space, "netns", space)
+            for words in (["addr", "add", f"{address}/24", "dev", space], ["link", "set", space, "up"]):
+                shell("ip", "-n", space, *words)
+            spaces.append(space)
+        yield spaces, files
+
+
+class Link:
+    """Both directions of a link between two TUN devices."""
+
+    def __init__(self, files: list[int], job: dict) -> None:
+        self._files, self._delay = files, job["round_trip"] / 2
+        self._rate = job["mbit"] * 1e6 / 8
+        self._queue = max(self._rate * job["round_trip"], LEAST_QUEUE)
+        self._free = [0.0, 0.0]
+        rngs = [random.Random(f"{job['seed']} {side}") for side in range(2)]
+        rate = job["loss"]
+        self._lost = [bursts(rate, BURST, rng) if job["bursts"] and rate else bernoulli(rate, rng) for rng in rngs]
+        self._under_way: list[tuple[float, int, int, bytes]] = []
+        self.counts = {"offered": 0, "lost": 0, "queue_full": 0, "bytes_to_client": 0}
+
+    def step(self) -> None:
+        """Takes what the ends sent, and delivers what is due."""
+        wait = self._under_way[0][0] - time.monotonic() if self._under_way else 0.02
+        for file in select.select(self._files, [], [], min(max(wait, 0.0), 0.02))[0]:
+            with contextlib.suppress(BlockingIOError):
+                for _ in range(64):
+                    self._take(self._files.index(file), os.read(file, 2048))
+        while self._under_way and self._under_way[0][0] <= time.monotonic():
+            _, _, side, packet = heapq.heappop(self._under_way)
+            with contextlib.suppress(OSError):  # nobody listens there
+                os.write(self._files[1 - side], packet)
+
+    def _take(self, side: int, packet: bytes) -> None:
+        now = time.monotonic()
+        if max(self._free[side] - now, 0.0) * self._rate + len(packet) > self._queue:
+            self.counts["queue_full"] += 1
+            return
+        self._free[side] = max(self._free[side], now) + len(packet) / self._rate
+        self.counts["offered"] += 1
+        if side == 0:
+            self.counts["bytes_to_client"] += len(packet)
+        if self._lost[side]():
+            self.counts["lost"] += 1
+            return
+        heapq.heappush(self._under_way, (self._free[side] + self._delay, self.counts["offered"], side, packet))
+
+
+def inside(space: str, job: dict, role: str) -> subprocess.Popen[str]:
+    """Starts an end in a namespace."""
+    command = ["ip", "netns", "exec", space, sys.executable, str(HERE / "click_ends.py"), role, json.dumps(job)]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def transfer(job: dict) -> dict:
+    """Runs both ends over the link until the client is done."""
+    with ends() as (spaces, files), contextlib.ExitStack() as stack:
+        processes = []
+        for space, role in zip(spaces, ("serve", "receive"), strict=True):
+            processes.append(inside(space, job, role))
+            stack.callback(processes[-1].wait)
+            stack.callback(processes[-1].kill)
+        for process in processes:  # both are loaded and the server listens
+            assert process.stdout is not None
+            if process.stdout.readline() != "ready\n":
+                raise RuntimeError(f"{job}: an end did not start")
+        client, link = processes[1], Link(files, job)
+        assert client.stdin is not None
+        assert client.stdout is not None
+        client.stdin.write("click\n")
+        client.stdin.flush()
+        while client.poll() is None:
+            link.step()
+        return {"link": link.counts, "status": client.returncode}
+
+
+def main() -> None:
+    # a link that stands still now and then loses what a real one would not; what is started from here is not so urgent
+    os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(10))
+    print(json.dumps(transfer(json.loads(sys.argv[1]))))
+
+
+if __name__ == "__main__":
+    main()
