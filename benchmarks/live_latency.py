@@ -53,11 +53,13 @@ def main() -> None:
     parser.add_argument("--group", type=int, default=8)
     parser.add_argument("--fps", type=float, default=30.0)
     parser.add_argument("--loss", type=float, default=0.0)
+    parser.add_argument("--rate", type=float, help="of `live`: megabits per second, fixed")
     parser.add_argument("--rounds", type=int, default=3, help="how often the frames are played, there and back")
     args = parser.parse_args()
     once = frame_files(args.frames)
     files = [path for number in range(args.rounds) for path in (once if number % 2 == 0 else once[::-1])]
     words = ("-m", "splatwire", "live", "-", "--port", 0, "--group", args.group, "--fps", args.fps, "--json")
+    words += () if args.rate is None else ("--rate", args.rate)
     relay = None
     with tempfile.TemporaryDirectory() as folder, started(*words, stdin=subprocess.PIPE) as server:
         try:

@@ -42,7 +42,7 @@ class Live:
     """Frames of a group, 1 to 64: what a viewer waits for, and what a lost packet of motion is missing for; 15 where
     absent."""
     quality: str | None = None
-    """How finely Gaussians are quantised: small, default or fine."""
+    """How finely Gaussians are quantised: small, default or near-lossless."""
     port: int = 4840
     """UDP port; 0 lets the system choose."""
     host: str = "127.0.0.1"
@@ -109,13 +109,13 @@ def _encode(
 
     encoder, broadcast, count = ClipEncoder(options), Broadcast(), 0
     stream_id = int.from_bytes(os.urandom(4), "little")
-    due = time.monotonic()
+    due, behind = time.monotonic(), options.group_frames / float(options.rate)
     for path in files:
         if stop():
             break
         if path is None:
             continue
-        due = max(due, time.monotonic())
+        due = max(due, time.monotonic() - behind)  # what coding a group takes is made up for, a pause is not
         packets = encoder.push(next(read_frames([path])))
         count += 1
         if count % options.group_frames == 0:

@@ -253,4 +253,7 @@ class ClipWriter:
 
 def _largest(targets: np.ndarray) -> np.ndarray:
     """Largest magnitude of each channel's coefficients, float64 (n, C)."""
-    return np.maximum(targets.max(axis=2), -targets.min(axis=2))
+    largest = np.abs(targets[:, :, 0])
+    for order in range(1, targets.shape[2]):  # numpy takes ten times as long to reduce an axis that is so short
+        np.maximum(largest, np.abs(targets[:, :, order]), out=largest)
+    return largest
