@@ -8,50 +8,24 @@ holds one bandwidth-delay product, at least 32 packets. The client writes its lo
 """
 
 import contextlib
-import fcntl
 import heapq
 import json
 import os
 import random
 import select
-import struct
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests" / "transport"))
 from network import bernoulli, bursts  # noqa: E402
+from tunnels import ends  # noqa: E402
 
 SERVER = "10.78.0.1", "10.78.0.2"
-TUNSETIFF, IFF_TUN_WITHOUT_HEADER = 0x400454CA, 0x1001
 LEAST_QUEUE = 32 * 1500
 BURST = 20.0
-
-
-def shell(*words: str) -> None:
-    subprocess.run(words, check=True, stdout=subprocess.DEVNULL, timeout=30)
-
-
-@contextlib.contextmanager
-def ends() -> Iterator[tuple[list[str], list[int]]]:
-    """Two namespaces, each with a TUN device whose other end is a file of this process."""
-    with contextlib.ExitStack() as stack:
-        spaces, files = [], []
-        for letter, address in zip("ab", SERVER, strict=True):
-            space = f"click{os.getpid()}{letter}"
-            shell("ip", "netns", "add", space)
-            stack.callback(shell, "ip", "netns", "del", space)
-            files.append(os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK))
-            stack.callback(os.close, files[-1])
-            fcntl.ioctl(files[-1], TUNSETIFF, struct.pack("16sH", space.encode(), IFF_TUN_WITHOUT_HEADER))
-            shell("ip", "link", "set", space, "netns", space)
-            for words in (["addr", "add", f"{address}/24", "dev", space], ["link", "set", space, "up"]):
-                shell("ip", "-n", space, *words)
-            spaces.append(space)
-        yield spaces, files
 
 
 class Link:
@@ -103,7 +77,8 @@ def inside(space: str, job: dict, role: str) -> subprocess.Popen[str]:
 
 def transfer(job: dict) -> dict:
     """Runs both ends over the link until the client is done."""
-    with ends() as (spaces, files), contextlib.ExitStack() as stack:
+    spaces = {f"click{os.getpid()}{letter}": address for letter, address in zip("ab", SERVER, strict=True)}
+    with ends(spaces) as files, contextlib.ExitStack() as stack:
         processes = []
         for space, role in zip(spaces, ("serve", "receive"), strict=True):
             processes.append(inside(space, job, role))

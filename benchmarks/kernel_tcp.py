@@ -10,51 +10,28 @@ products. Shares are of what each would have if both had the same, over the last
 import argparse
 import asyncio
 import contextlib
-import fcntl
 import heapq
 import json
 import os
 import select
-import struct
 import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
+
+from tunnels import ends
 
 sys.path[0] = str(Path(__file__).resolve().parent.parent / "tests")  # `transport` is the tests', not the benchmark
 
 PORT, HERE, THERE = 4840, "10.77.0.1", "10.77.0.2"
-TUNSETIFF, IFF_TUN_WITHOUT_HEADER = 0x400454CA, 0x1001
 TCP, UDP = 6, 17
 JOINS_S = 1.0
-
-
-def shell(*words: str) -> None:
-    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
 
 
 def inside(space: str, *words: str) -> subprocess.Popen[bytes]:
     """Starts something in a namespace."""
     return subprocess.Popen(["ip", "netns", "exec", space, *words], stdout=subprocess.DEVNULL)
-
-
-@contextlib.contextmanager
-def ends() -> Iterator[list[int]]:
-    """Two namespaces, each with a TUN device whose other end is a file of this process."""
-    with contextlib.ExitStack() as stack:
-        files = []
-        for space, address in (("splat-a", HERE), ("splat-b", THERE)):
-            shell("ip", "netns", "add", space)
-            stack.callback(shell, "ip", "netns", "del", space)
-            files.append(os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK))
-            stack.callback(os.close, files[-1])
-            fcntl.ioctl(files[-1], TUNSETIFF, struct.pack("16sH", space.encode(), IFF_TUN_WITHOUT_HEADER))
-            shell("ip", "link", "set", space, "netns", space)
-            for words in (["addr", "add", f"{address}/24", "dev", space], ["link", "set", space, "up"]):
-                shell("ip", "-n", space, *words)
-        yield files
 
 
 def carry(files: list[int], rate: float, round_trip: float, queue_bytes: float, seconds: float) -> list[Counter]:
@@ -83,7 +60,7 @@ def carry(files: list[int], rate: float, round_trip: float, queue_bytes: float, 
 
 def share(kind: str, rate: float, round_trip: float, products: float, seconds: float) -> dict[str, object]:
     """One TCP flow, joined by a transfer after `JOINS_S`."""
-    with ends() as files, contextlib.ExitStack() as stack:
+    with ends({"splat-a": HERE, "splat-b": THERE}) as files, contextlib.ExitStack() as stack:
         transfer = [sys.executable, __file__, "--seconds", str(seconds), "--rate", str(rate * 8e-6), "--role"]
         for space, words in (
             ("splat-b", ["iperf3", "-s", "-1"]), ("splat-a", [*transfer, "serve"]),
