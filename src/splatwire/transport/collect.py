@@ -167,7 +167,6 @@ class PacketCollector:
 
     def renew(self, welcome: Welcome) -> None:
         """Goes on with a stream that has grown: packets that are new wait until its manifest is there."""
-        self._known = min(self._known, self._welcome.num_packets)
         self._welcome, self._finder = welcome, GroupFinder(welcome.tiers)
         self._have.extend(bytes(welcome.num_packets - len(self._have)))
 
