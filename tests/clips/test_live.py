@@ -15,6 +15,7 @@ from splatwire.packets.tiers import TierShape
 from splatwire.transport import Receiver
 from splatwire.transport.broadcast import Broadcast
 from splatwire.transport.frames import MORE, TierHead, Welcome
+from splatwire.transport.sender import Server
 from splatwire.transport.wire import decode, encode
 
 GROUP = 5
@@ -108,6 +109,24 @@ def test_editions_count_their_packets(frames):
     packets = [packet for splats in frames[:GROUP] for packet in encoder.push(splats)]
     with pytest.raises(InvalidValueError, match="packets, and the manifest says"):
         Broadcast().add(*encoder.so_far(STREAM_ID), packets[1:])
+
+
+def test_a_receiver_waits_as_long_as_the_server_says_not_yet():
+    server = Server({}, secret=bytes(16), random=bytes)
+    receiver, now = Receiver(5, 0.0), 0.0
+    while now < 40:
+        now += 0.05
+        for data in receiver.poll(now)[0]:
+            answer = server.receive("client", data, now)
+            while answer is not None:
+                out, _ = receiver.receive(answer, now)
+                answer = server.receive("client", out[0], now) if out else None
+    assert receiver.finished is None
+    while not receiver.finished:  # nobody answers any more
+        now += 0.05
+        receiver.poll(now)
+    assert "no answer" in receiver.finished.reason
+    assert now < 55
 
 
 def test_a_receiver_believes_only_welcomes_that_grow():

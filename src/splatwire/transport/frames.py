@@ -11,7 +11,12 @@ MAX_PREVIEW = 1024
 TOKEN_BYTES = 16
 DIGEST_BYTES = 32
 
-REFUSALS = ("", "no such stream", "the server is full", "the server stopped", "too many transfers from this network")
+REFUSALS = (
+    "", "no such stream", "the server is full", "the server stopped", "too many transfers from this network",
+    "nothing is there yet",
+)  # fmt: skip
+NOT_YET = 5
+"""The one reason after which a client asks again."""
 
 
 class Hello(NamedTuple):

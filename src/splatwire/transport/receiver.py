@@ -1,5 +1,7 @@
 """The receiving side of one transfer. Bytes and time in, bytes and events out; no socket, no clock."""
 
+import math
+
 from splatwire.errors import BitstreamError
 from splatwire.packets import Manifest, ReadReport, SceneStream
 from splatwire.transport.asked import MOST_TRIES, Asked
@@ -11,6 +13,7 @@ from splatwire.transport.collect import (
 )
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
 from splatwire.transport.frames import (
+    NOT_YET,
     REFUSALS,
     TOKEN_BYTES,
     Bye,
@@ -63,12 +66,9 @@ class Receiver:
     ) -> None:
         self.options = options or ReceiverOptions()
         self.finished: Finished | None = None
-        self.num_datagrams = 0
-        self.num_rejected = 0
-        self.num_bytes = 0
+        self.num_datagrams = self.num_rejected = self.num_bytes = 0
         self._nonce = nonce
-        self._began = self._heard_at = now
-        self._retry_at = now
+        self._began = self._asking_since = self._heard_at = self._retry_at = self._largest_at = self._feedback_at = now
         self._reliable = reliable
         self._token: bytes | None = bytes(TOKEN_BYTES) if reliable else None
         self._welcome: Welcome | None = None
@@ -77,9 +77,7 @@ class Receiver:
         self._manifest: Manifest | None = None
         self._side_info = b""
         self._largest = -1
-        self._largest_at = now
         self._received = 0
-        self._feedback_at = now
         self._asked = Asked()
         self._ended_at: float | None = None
         self._ends_in_vain = 0
@@ -124,10 +122,8 @@ class Receiver:
         """When to call `poll` next; None when it is over."""
         if self.finished:
             return None
-        times = [self._retry_at if self._welcome is None else self._feedback_at]
-        if self.options.deadline_s is not None:
-            times.append(self._began + self.options.deadline_s)
-        return min(times)
+        end = math.inf if self.options.deadline_s is None else self._began + self.options.deadline_s
+        return min(self._retry_at if self._welcome is None else self._feedback_at, end)
 
     def poll(self, now: float) -> tuple[list[bytes], list[Event]]:
         """Does what is due: greets again, reports, gives up."""
@@ -172,6 +168,10 @@ class Receiver:
                 self._token = frame.token
                 self._retry_at = now + RETRY_S
                 return [self._greeting()], []
+            case Refuse() if frame.reason == NOT_YET:
+                self._asking_since = now
+                self._token = self._token if self._reliable else None  # one does not hold for long
+                return [], []
             case Refuse():
                 reason = REFUSALS[frame.reason] if 0 < frame.reason < len(REFUSALS) else "the server refused"
                 return self._finish(reason)
@@ -261,7 +261,7 @@ class Receiver:
         if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
-            return "no answer: nothing seems to serve there" if now - self._began > CONNECT_S else None
+            return "no answer: nothing seems to serve there" if now - self._asking_since > CONNECT_S else None
         if now - self._heard_at > self.options.silence_s:
             return "the server fell silent"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.open

@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Mapping
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Starts, network_of
-from splatwire.transport.frames import Bye, Challenge, Feedback, Hello, Refuse, Request
+from splatwire.transport.frames import NOT_YET, Bye, Challenge, Feedback, Hello, Refuse, Request
 from splatwire.transport.program import Program
 from splatwire.transport.token import TokenMint
 from splatwire.transport.transfer import ServerLimits, ServerTransfer
@@ -154,8 +154,8 @@ class Server:
         if self._starts.seen(network, key[1]):
             self.num_rejected += 1
             return 0
-        if not self._programs:  # what a stream that grows begins with is not there yet: the client asks again
-            return 0
+        if not self._programs:  # what a stream that grows begins with
+            return NOT_YET
         name = name or next(iter(self._programs))
         if name not in self._programs:
             return UNKNOWN_STREAM
