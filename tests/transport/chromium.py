@@ -101,6 +101,16 @@ class Browser(Page):
     def _mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
         self._call("Input.dispatchMouseEvent", self._session, type=kind, x=x, y=y, **more)
 
+    def emulate(self, width: int, height: int, *, touch: bool = False, **media: str) -> None:
+        """Has a window of this size, fingers in place of a mouse, and what people prefer (media features)."""
+        self._call(
+            "Emulation.setDeviceMetricsOverride", self._session, width=width, height=height, deviceScaleFactor=1,
+            mobile=touch,
+        )  # fmt: skip
+        self._call("Emulation.setTouchEmulationEnabled", self._session, enabled=touch)
+        features = [{"name": name.replace("_", "-"), "value": value} for name, value in media.items()]
+        self._call("Emulation.setEmulatedMedia", self._session, features=features)
+
     def screenshot(self) -> str:
         """A PNG in base 64."""
         return str(self._call("Page.captureScreenshot", self._session, format="png")["data"])

@@ -60,6 +60,7 @@ def test_mouse_touch_and_keys_move_the_camera(program: Program) -> None:
 
 def check_hands(page: Browser) -> None:
     """What each movement changes: yaw and pitch, distance, or the point around which the camera turns."""
+    began = page.evaluate(f"String({LOOK})")
     for act, what in (
         (lambda: page.drag((200, 300), (260, 340)), "turn"),
         (lambda: page.wheel(200, 300, -120), "zoom"),
@@ -76,6 +77,8 @@ def check_hands(page: Browser) -> None:
         assert [yaw, distance] == [what == "turn", what in ("zoom", "pinch")], what
         if what != "pinch":  # fingers that part are no perfect mirror image of one another
             assert any(target) == (what == "move"), what
+    page.key("Home")
+    page.wait_for(f"String({LOOK}) === '{began}'", 5)
     page.key("f")
     assert page.evaluate(f"{ORBIT}.turned")
     page.key("h")

@@ -151,6 +151,8 @@ def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
 def check_settings(page: Browser) -> None:
     """Packets that are dropped on purpose cost picture, which the panel tells."""
     panel = f"{ELEMENT}.shadowRoot.querySelector('.panel')"
+    assert "Concealer" not in page.evaluate(f"{panel}.innerText"), "the laboratory is open"
+    page.evaluate(f"{ELEMENT}.panel.open = true")
     assert page.evaluate(f"{ELEMENT}.panel.concealers.join()") == "drop,grow,scene_free"
     assert page.evaluate(f"{panel}.querySelector('option[disabled]').innerText") == "sketch (the stream has none)"
     assert page.evaluate(f"/In bursts of 1 packet\\s/.test({panel}.innerText)")

@@ -16,7 +16,7 @@ from web.test_page import SMALL, ball, run
 
 pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 SCRIPT = '<script type="module" src="splatwire.js"></script>'
-ONE = f'{SCRIPT}<splat-wire src="ball.swz" style="height: 12rem"></splat-wire>'
+ONE = f'{SCRIPT}<splat-wire src="ball.swz" panel="open" style="height: 12rem"></splat-wire>'
 NONE = f'{SCRIPT}<canvas id="theirs"></canvas><div id="a"></div><div id="b"></div>'
 BROKEN = f"<script>HTMLCanvasElement.prototype.getContext = new Proxy(HTMLCanvasElement.prototype.getContext, {{apply: \
 (get, canvas, [kind, ...more]) => kind.startsWith('webgl') ? null : get.call(canvas, kind, ...more)}});</script>{ONE}"

@@ -18,7 +18,7 @@ style-src '{style_hash}'; img-src data:; worker-src blob:; base-uri 'none'; form
 <title>{title}</title>
 <link rel="icon" href="data:,">
 <style>{style}</style>
-<splat-wire data="stream"></splat-wire>
+<main><h1>{title}</h1><splat-wire data="stream"></splat-wire></main>
 <noscript>This page draws with JavaScript.</noscript>
 <script type="application/octet-stream" id="stream">{stream}</script>
 <script type="module">{drawing}</script>

@@ -23,7 +23,7 @@ def page_of_stream(stream: SceneStream, cameras: Cameras | None, host: str) -> P
     """
     shown = stream if stream.manifest.schema.page else columns_of(stream)
     ordered = stream_to_bytes(shown.with_packets(send_sequence(shown, "tiers")))
-    return PageContent({"scene": ordered}, host=host, attributes=_begin(cameras))
+    return PageContent({"scene": ordered}, host=host, attributes=_attributes(cameras))
 
 
 def page_of_relay(relay: Relay, cameras: Cameras | None, host: str) -> PageContent:
@@ -35,8 +35,10 @@ def page_of_relay(relay: Relay, cameras: Cameras | None, host: str) -> PageConte
         host: The address that the page is served on.
     """
     preview = {"preview": base64.b64encode(relay.preview).decode()} if relay.preview else {}
-    return PageContent({"scene": relay}, host=host, attributes=preview | _begin(cameras))
+    return PageContent({"scene": relay}, host=host, attributes=preview | _attributes(cameras))
 
 
-def _begin(cameras: Cameras | None) -> dict[str, str]:
-    return {} if cameras is None else {"viewpoint": viewpoint_words(viewpoint_section(cameras))}
+def _attributes(cameras: Cameras | None) -> dict[str, str]:
+    """What the page's element is told: where it begins, and that its laboratory is open."""
+    begins = {} if cameras is None else {"viewpoint": viewpoint_words(viewpoint_section(cameras))}
+    return {"panel": "open", **begins}

@@ -9,3 +9,21 @@ export function resolveSource(src: string, session: string | null, fingerprint: 
     session ? { url: session, ...(fingerprint ? { fingerprint } : {}) } : null,
   );
 }
+
+/** What a scene is called: by the page, else as its file is, else as the page is. */
+export function titleOf(host: HTMLElement): string {
+  const file = (host.getAttribute("src") ?? "")
+    .split(/[?#]/)[0]
+    .split("/")
+    .pop()!
+    .replace(/\.swz$/, "");
+  return host.getAttribute("aria-label") || decoded(file) || document.title || "Scene";
+}
+
+function decoded(name: string): string {
+  try {
+    return decodeURIComponent(name);
+  } catch {
+    return name; // a percent sign that is meant as one
+  }
+}

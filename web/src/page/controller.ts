@@ -9,7 +9,7 @@ import { pack } from "../render/packed.ts";
 import type { View } from "../render/view.ts";
 import { Watch } from "../render/watch.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
-import { resolveSource } from "./address.ts";
+import { resolveSource, titleOf } from "./address.ts";
 import { Comparison } from "./difference.ts";
 import { newStatus, type Status, type Tell } from "./events.ts";
 import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
@@ -49,7 +49,8 @@ export class Controller {
     this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#heard(data));
     this.#worker.addEventListener("error", (event) => this.#fail(event.message || "the worker could not be started"));
     const fail = (error: Error): void => this.#fail(error.message);
-    this.stage = new Stage(() => this.#conceal(), fail);
+    const title = titleOf(host);
+    this.stage = new Stage(() => this.#conceal(), fail, title);
     const link = (): string => writeLink(this.panel.settings, this.stage.orbit.turned),
       src = host.getAttribute("src"),
       copies = { "copy link": link, ...(src ? { "copy embed code": () => embedCode(src) } : {}) };
@@ -57,6 +58,8 @@ export class Controller {
       () => this.#settingsChanged(),
       () => this.#flip(),
       copies,
+      title,
+      document.fullscreenEnabled ? () => this.#fullScreen() : null,
     );
     this.#comparison = new Comparison(
       this.stage,
@@ -64,7 +67,6 @@ export class Controller {
       (psnr) => this.panel.tell("PSNR", psnr === null ? this.#without() : psnr),
     );
     root.replaceChildren(this.stage.surface, this.#comparison.canvas, this.panel.element);
-    this.panel.element.open = host.clientWidth > 560;
     // First of all packets come, in a thread of their own: making ready to draw takes longer than the first of them.
     this.#open().catch(fail);
     this.#begin();
@@ -85,7 +87,10 @@ export class Controller {
   /** An attribute changed that concerns what is there. */
   follow(name: string): void {
     const value = this.host.getAttribute(name);
-    if (name === "panel") this.panel.element.hidden = value === "none";
+    if (name === "panel") {
+      this.panel.element.hidden = value === "none";
+      this.panel.open = value === "open";
+    }
     if (name === "concealer") this.panel.set({ concealer: value ?? "grow" });
     if (name === "up" && !this.stage.orbit.placed) this.stage.orbit.upIs(value === "y");
     if (name === "viewpoint") this.#viewpoint(true);
@@ -224,13 +229,13 @@ export class Controller {
     if (!status.complete || status.verified !== null) return;
     status.verified = same;
     if (!same) this.#fail("Everything came, and it is not what was encoded: the stream was altered or is damaged.");
-    else if (!status.failed) this.panel.say("Everything is there.");
+    else if (!status.failed) this.panel.say("Everything is there.", "done");
     this.tell("load", { complete: true, verified: same });
   }
 
   #lost(reason: string, retryMs: number): void {
     this.status.lost = reason;
-    this.panel.say(`The link dropped (${reason}); trying again in ${Math.round(retryMs / 1000) || 1} s.`, true);
+    this.panel.say(`The link dropped (${reason}); trying again in ${Math.round(retryMs / 1000) || 1} s.`, "bad");
     this.tell("lost", { reason, retryMs });
   }
 
@@ -330,7 +335,7 @@ export class Controller {
 
   #fail(text: string): void {
     this.status.failed = text;
-    this.panel.say(text, true);
+    this.panel.say(text, "bad");
     this.tell("error", { message: text });
   }
 
@@ -360,6 +365,11 @@ export class Controller {
   #flip(): void {
     this.stage.orbit.flip();
     this.#comparison.moved();
+  }
+
+  #fullScreen(): void {
+    const done = document.fullscreenElement ? document.exitFullscreen() : this.host.requestFullscreen();
+    done.catch((error: Error) => this.panel.say(`The screen cannot be filled: ${error.message}`));
   }
 
   #key(event: KeyboardEvent): void {

@@ -1,4 +1,4 @@
-// The panel: what arrived, and what can be changed.
+// The panel: a bar for visitors, and behind its switch the laboratory: what arrived, and what can be changed.
 
 import type { Choice } from "../transport/losses.ts";
 
@@ -7,6 +7,9 @@ export type Show = "received" | "lossless" | "difference";
 export interface Settings extends Choice {
   readonly show: Show;
 }
+
+/** How what is said is meant; what is `done` is for those who look closely. */
+export type Tone = "plain" | "bad" | "done";
 
 type Slider = "dropped" | "burst" | "sent";
 type Child = Node | string;
@@ -25,13 +28,16 @@ function make<K extends keyof HTMLElementTagNameMap>(
 const PLAY_MS = 10_000;
 const HELP =
   "Drag turns, right button or two fingers move, wheel or pinch zooms; arrows, + and - do, too. " +
-  "F turns the scene upside down, H hides this.";
+  "Home goes back to where it began, F turns the scene upside down, H hides this.";
 
 export class Panel {
-  readonly element = make("details", { class: "panel", open: "" });
+  readonly element = make("div", { class: "panel" });
   settings: Settings = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1, show: "received" };
   readonly #state = make("p", { class: "state", role: "status" });
-  readonly #bar = make("progress", { max: "1", value: "0", "aria-label": "what has arrived" });
+  readonly #line = make("progress", { max: "1", value: "0", "aria-label": "what has arrived" });
+  readonly #bar = make("div", { class: "bar" });
+  readonly #laboratory = make("section", { class: "laboratory", id: "laboratory", "aria-label": "laboratory" });
+  readonly #switch = make("button", { type: "button", "aria-controls": "laboratory" }, "laboratory");
   readonly #values = new Map<string, HTMLElement>();
   readonly #facts = make("dl");
   readonly #choice = make("select", { "aria-label": "concealer" });
@@ -40,12 +46,14 @@ export class Panel {
 
   /**
    * `changed` is called with every change of the settings; `copies` gives texts for the clipboard by the words on their
-   * button.
+   * button. `fullScreen` fills the screen or ends that; null where the browser cannot.
    */
   constructor(
     readonly changed: () => void,
     readonly flip: () => void,
     readonly copies: Record<string, () => string>,
+    title: string,
+    fullScreen: (() => void) | null,
   ) {
     this.#list(["grow"]);
     this.#choice.addEventListener("change", () => this.set({ concealer: this.#choice.value }));
@@ -67,10 +75,7 @@ export class Panel {
       play,
       this.#shows(),
     ];
-    this.element.append(
-      make("summary", {}, "splatwire"),
-      this.#state,
-      this.#bar,
+    this.#laboratory.append(
       this.#facts,
       make("label", {}, "Concealer ", this.#choice),
       ...losses,
@@ -78,6 +83,12 @@ export class Panel {
       ...Object.entries(copies).map(([words, text]) => this.#copier(words, text)),
       make("p", { class: "help" }, HELP),
     );
+    this.#switch.addEventListener("click", () => (this.open = !this.open));
+    const screen = make("button", { type: "button" }, "full screen");
+    screen.addEventListener("click", () => fullScreen?.());
+    this.#bar.append(make("p", { class: "title" }, title), this.#state, ...(fullScreen ? [screen] : []), this.#switch);
+    this.element.append(this.#laboratory, this.#line, this.#bar);
+    this.open = false;
     this.set({});
   }
 
@@ -90,6 +101,16 @@ export class Panel {
     if (names.includes("grow") && !names.includes("sketch"))
       this.#choice.append(make("option", { value: "sketch", disabled: "" }, "sketch (the stream has none)"));
     this.set(names.includes(this.settings.concealer) ? {} : { concealer: names.includes("grow") ? "grow" : names[0] });
+  }
+
+  /** Whether the laboratory is open. */
+  get open(): boolean {
+    return !this.#laboratory.hidden;
+  }
+
+  set open(open: boolean) {
+    this.#laboratory.hidden = !open;
+    this.#switch.setAttribute("aria-expanded", String(open));
   }
 
   /** What can be chosen. */
@@ -114,22 +135,23 @@ export class Panel {
     this.changed();
   }
 
-  /** Puts the player of a clip above the facts. */
+  /** Puts the player of a clip into the bar. */
   add(player: HTMLElement): void {
-    this.#bar.after(player);
+    this.#bar.prepend(player);
   }
 
   destroy(): void {
     clearInterval(this.#playing);
   }
 
-  say(text: string, bad = false): void {
+  say(text: string, tone: Tone = "plain"): void {
     this.#state.textContent = text;
-    this.#state.classList.toggle("bad", bad);
+    this.#state.className = `state ${tone}`;
   }
 
   progress(share: number): void {
-    this.#bar.value = share;
+    this.#line.value = share;
+    this.#line.classList.toggle("full", share >= 1);
   }
 
   tell(row: string, text: string): void {

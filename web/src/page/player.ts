@@ -37,7 +37,7 @@ export class Player {
     this.#seek.max = String(times.numFrames - 1);
     this.#seek.addEventListener("input", () => this.seek(Number(this.#seek.value)));
     this.element.append(this.#button, this.#seek, this.#told);
-    this.play(true);
+    this.play(!matchMedia("(prefers-reduced-motion: reduce)").matches);
     this.#tick();
   }
 

@@ -58,13 +58,15 @@ export class Stage implements Holder {
   constructor(
     readonly opened: (view: View) => void,
     readonly failed: (error: Error) => void,
+    readonly title: string,
   ) {
     this.surface.className = "scene";
     this.surface.tabIndex = 0;
     this.surface.setAttribute("role", "application");
     this.surface.setAttribute("aria-roledescription", "three-dimensional scene");
-    this.surface.setAttribute("aria-label", "Scene: arrow keys turn it, plus and minus zoom");
+    this.surface.setAttribute("aria-label", `${title}: arrow keys turn it, plus and minus zoom, Home goes back`);
     this.first.className = "first";
+    describe(this.first, title);
     this.surface.append(this.first);
   }
 
@@ -92,6 +94,7 @@ export class Stage implements Holder {
     if (this.#count) await this.shown();
     if (this.#destroyed || !this.inSight || !acquire(this)) return;
     const canvas = document.createElement("canvas");
+    describe(canvas, this.title);
     this.surface.prepend(canvas);
     try {
       this.view = new Drawing(canvas, this.orbit);
@@ -263,6 +266,12 @@ export class Stage implements Holder {
     }
     this.#painting = null;
   }
+}
+
+/** A canvas is a picture, for those who cannot see it, too. */
+function describe(canvas: HTMLCanvasElement, title: string): void {
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `Picture of ${title}`);
 }
 
 const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));

@@ -3,19 +3,35 @@
 export const STYLE = `
 :host { display: block; position: relative; overflow: hidden; min-height: 8rem; background: #000;
   color-scheme: light dark;
-  --paper: color-mix(in srgb, Canvas 88%, transparent); font: 13px/1.45 system-ui, sans-serif; }
+  font: 13px/1.45 system-ui, sans-serif; }
 .scene, canvas { position: absolute; inset: 0; width: 100%; height: 100%; display: block; }
 .scene { touch-action: none; }
-.scene:focus-visible { outline: 3px solid Highlight; outline-offset: -3px; }
+.scene:focus { outline: none; }
+.scene:focus-visible::after { content: ""; position: absolute; inset: 0; pointer-events: none;
+  border: 3px solid #fff; outline: 3px solid #1a56db; outline-offset: -6px; }
+button:focus-visible, input:focus-visible, select:focus-visible { outline: 3px solid Highlight; outline-offset: 1px; }
 canvas.over, canvas.first { pointer-events: none; visibility: hidden; }
 canvas.over.shown, canvas.first.shown { visibility: visible; }
-.panel { position: absolute; top: .75rem; right: .75rem; width: 17rem; max-width: calc(100% - 1.5rem);
-  max-height: calc(100% - 1.5rem); overflow: auto; box-sizing: border-box; padding: .6rem .8rem;
-  border-radius: .6rem; background: var(--paper); color: CanvasText; }
-.panel summary { cursor: pointer; font-weight: 600; }
-.state { margin: .3rem 0; overflow-wrap: anywhere; }
-.state.bad { color: light-dark(#a00, #ff8a80); font-weight: 600; }
-progress { width: 100%; height: .5rem; }
+.panel { position: absolute; inset: 0; display: flex; flex-direction: column; justify-content: flex-end;
+  pointer-events: none; color: CanvasText; }
+.panel > * { pointer-events: auto; }
+[hidden] { display: none !important; }
+.bar { display: flex; flex-wrap: wrap; align-items: center; gap: 0 .6rem; padding: .1rem .75rem; background: Canvas; }
+.bar p { margin: 0; }
+.title { font-weight: 600; max-width: 60%; overflow: hidden; text-overflow: ellipsis; white-space: nowrap; }
+.state { flex: 1; min-width: 0; overflow-wrap: anywhere; }
+.state.bad { flex-basis: 100%; order: 1; color: light-dark(#a00, #ff8a80); font-weight: 600; }
+.laboratory[hidden] ~ .bar .state.done { visibility: hidden; }
+.player { flex: 1 1 100%; align-items: center; gap: .6rem; white-space: nowrap; }
+.laboratory { flex: 0 1 auto; min-height: 0; align-self: flex-end; margin: .75rem; width: 17rem;
+  max-width: calc(100% - 1.5rem); overflow: auto; box-sizing: border-box; padding: .6rem .8rem;
+  border-radius: .6rem; background: Canvas; }
+@media (max-width: 560px) { .laboratory { max-height: 50%; } }
+progress { display: block; width: 100%; height: 3px; flex: none; border: 0; appearance: none; background: Canvas; }
+progress::-webkit-progress-bar { background: Canvas; }
+progress::-webkit-progress-value { background: light-dark(#1a56db, #8ab4f8); }
+progress::-moz-progress-bar { background: light-dark(#1a56db, #8ab4f8); }
+progress.full { visibility: hidden; }
 dl { display: grid; grid-template-columns: auto 1fr; gap: .1rem .8rem; margin: .4rem 0; }
 dd { margin: 0; text-align: right; font-variant-numeric: tabular-nums; }
 label, fieldset { display: block; margin: .4rem 0; }
@@ -24,6 +40,10 @@ input[type=radio] { margin: 0 .25rem 0 0; }
 fieldset label { margin: 0; }
 select, input[type=range] { width: 100%; box-sizing: border-box; }
 button { font: inherit; margin: .2rem .3rem .2rem 0; }
-@media (pointer: coarse) { button, select, summary, input[type=range], fieldset label { min-height: 44px; } }
-.help { margin: .4rem 0 0; opacity: .75; }
+.bar button { margin: .2rem 0; }
+@media (pointer: coarse) {
+  button, select, input[type=range], fieldset label { min-height: 44px; }
+  button { min-width: 44px; }
+}
+.help { margin: .4rem 0 0; }
 `;

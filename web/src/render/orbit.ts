@@ -57,6 +57,8 @@ export class Orbit {
   placed = false;
   /** Whether somebody moved it. */
   touched = false;
+  /** Where it began. */
+  #home = { target: new Vec3(), distance: 3, yaw: 0.5, pitch: -0.25 };
   readonly #pointers = new Map<number, { x: number; y: number }>();
 
   /** `changed` is called after every change by hand. */
@@ -84,6 +86,7 @@ export class Orbit {
   frame(middle: readonly number[], radius: number): void {
     this.target.set(middle[0], middle[1], middle[2]);
     this.distance = radius * 2.6;
+    this.#begins();
   }
 
   /** Begins at a place, looking at a point around which it turns. */
@@ -99,6 +102,20 @@ export class Orbit {
     this.pitch = -Math.min(Math.max(Math.asin(Math.min(Math.max(back.y, -1), 1)), -STEEPEST), STEEPEST);
     this.yaw = Math.atan2(back.x, back.z);
     this.placed = true;
+    this.#begins();
+  }
+
+  #begins(): void {
+    const { target, distance, yaw, pitch } = this;
+    this.#home = { target: target.clone(), distance, yaw, pitch };
+  }
+
+  /** Goes back to where it began. */
+  home(): void {
+    const { target, ...look } = this.#home;
+    this.target.copy(target);
+    Object.assign(this, look);
+    this.#moved();
   }
 
   /** Has y up, or down, until a stream says what is up. */
@@ -111,6 +128,8 @@ export class Orbit {
   rescale(factor: number): void {
     this.target.mulScalar(factor);
     this.distance *= factor;
+    this.#home.target.mulScalar(factor);
+    this.#home.distance *= factor;
   }
 
   /** Turns the scene upside down. */
@@ -140,6 +159,7 @@ export class Orbit {
     else if (turn) this.#turn(-turn[0] * KEY_TURN, turn[1] * KEY_TURN);
     else if (key === "+" || key === "=") this.#zoom(KEY_ZOOM);
     else if (key === "-") this.#zoom(1 / KEY_ZOOM);
+    else if (key === "Home") this.home();
     else return false;
     return true;
   }
