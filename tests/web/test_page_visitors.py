@@ -1,4 +1,4 @@
-"""What visitors meet: a page that axe finds nothing in, a bar that leaves the scene free, nothing that moves unasked."""
+"""What visitors meet: a page in which axe finds nothing, a bar that leaves the scene free, nothing moves unasked."""
 
 import json
 from fractions import Fraction
