@@ -1,5 +1,6 @@
 """The workshop of the page: node, its packages, and answers of Python that its tests compare with."""
 
+import fcntl
 import functools
 import hashlib
 import json
@@ -45,11 +46,13 @@ def lacking() -> str:
     """Why nothing can be built here; empty if it can."""
     if shutil.which("node") is None or shutil.which("npm") is None:
         return "node is not installed"
-    if _has_the_locked_packages():
-        return ""
-    done = subprocess.run(
-        ["npm", "ci", "--no-audit", "--no-fund"], cwd=WEB, capture_output=True, text=True, timeout=300
-    )
+    with (WEB / "package-lock.json").open() as one_at_a_time:  # two at once take away what the other put there
+        fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
+        if _has_the_locked_packages():
+            return ""
+        done = subprocess.run(
+            ["npm", "ci", "--no-audit", "--no-fund"], cwd=WEB, capture_output=True, text=True, timeout=300
+        )
     assert "EUSAGE" not in done.stderr, f"package.json and package-lock.json of web/ disagree:\n{done.stderr}"
     return "" if done.returncode == 0 else f"npm cannot install the packages of web/: {done.stderr.strip()[-200:]}"
 

@@ -66,6 +66,7 @@ def check_turning(page: Browser) -> None:
 
 def check_concealment(page: Browser) -> None:
     """Packets that are dropped on purpose cost picture, and `grow` makes the rest larger."""
+    page.evaluate(f"{ELEMENT}.panel.open = true")
     for concealer in ("drop", "grow"):
         page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.3, show: 'received', concealer: '{concealer}'}})")
         try:

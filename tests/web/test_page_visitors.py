@@ -56,9 +56,10 @@ def found_by_axe(page: Browser) -> list[str]:
     )
 
 
-@pytest.mark.skipif(bool(lacking()), reason="the packages of web/ are not there")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing(scene: str, clip: str, scheme: str) -> None:
+    if reason := lacking():
+        pytest.skip(reason)
     with browser() as page:
         for width, height, touch in WINDOWS:
             page.emulate(width, height, touch=touch, prefers_color_scheme=scheme)
