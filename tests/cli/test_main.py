@@ -113,7 +113,11 @@ def test_ctrl_c_in_a_kernel_is_one_line(run, monkeypatch):
 
     _long_kernel(np.ones(3), 1)
     monkeypatch.setattr(main_module, "_parse", lambda arguments: Interrupted())
-    outcome = run("demo")
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    try:
+        outcome = run("demo")
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert (outcome.status, outcome.out, outcome.err) == (130, "", "splatwire: stopped\n")
 
 
