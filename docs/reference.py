@@ -16,8 +16,8 @@ from splatwire.cli.main import VERBS, main
 
 ROOMS = (
     "scene_io", "scene", "data", "train", "importers", "formats", "model", "codec", "packets", "channel", "conceal",
-    "paper", "render", "metrics", "evaluate", "evaluate.study", "exporters", "calibrate", "plan", "clips", "transport",
-    "view",
+    "paper", "render", "metrics", "evaluate", "evaluate.study", "exporters", "calibrate", "plan", "clips", "levels",
+    "transport", "view",
 )  # fmt: skip
 """Rooms that a program uses, in the order of the journey."""
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from scenes import tiny_cameras, tiny_scene
-from splatwire.codec import encode_scene
+from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import concealer_names
 from splatwire.data import save_cameras
 from splatwire.packets import Packetization, write_stream
@@ -36,10 +36,11 @@ def test_the_readme_has_a_snippet():
 
 
 def test_lose_and_conceal(tmp_path, capsys):
-    write_stream(encode_scene(tiny_scene(num_anchors=120), Packetization(block_size=60)), tmp_path / "a.swz")
+    stream = encode_scene(tiny_scene(num_anchors=120), Packetization(block_size=60))
+    write_stream(stream, tmp_path / "a.swz")
     save_cameras(tiny_cameras(1, 32, 24), tmp_path / "cameras.json")
     main = runpy.run_path(str(EXAMPLES / "lose_and_conceal.py"))["main"]
     main(str(tmp_path / "a.swz"), str(tmp_path / "cameras.json"), "bernoulli:0.4")
     lines = capsys.readouterr().out.splitlines()
     assert "packets (pak) lost" in lines[0]
-    assert [line.split()[0] for line in lines[1:]] == list(concealer_names())
+    assert [line.split()[0] for line in lines[1:]] == list(concealer_names(offers=decode_stream(stream).offers))

@@ -96,8 +96,8 @@ def test_lies_about_the_packetization_are_found(manifest, field, value, message)
 
 
 def test_newer_version_says_so_before_anything_else(manifest):
-    content = {**json.loads(manifest_to_bytes(manifest)), "format_version": 4, "new_field": {}}
-    with pytest.raises(UnsupportedVersionError, match="version 4"):
+    content = {**json.loads(manifest_to_bytes(manifest)), "format_version": 5, "new_field": {}}
+    with pytest.raises(UnsupportedVersionError, match="version 5"):
         manifest_from_bytes(json.dumps(content).encode(), "some/manifest.json")
 
 

@@ -41,7 +41,7 @@ def normal_module() -> str:
 def limits_module() -> str:
     """Every constant of `splatwire.packets.limits`, and its schemas."""
     found = {name: value for name, value in vars(limits).items() if name.isupper() and type(value) in (int, str, tuple)}
-    codecs = ("ANCHORS", "CAUSAL", "GAUSSIANS", "COLUMNS", "TRACKS", "FORMAT_1_SECTIONS")
+    codecs = ("ANCHORS", "CAUSAL", "GAUSSIANS", "COLUMNS", "TRACKS", "LEVELS", "FORMAT_1_SECTIONS")
     lines = [_laid_out(f"export const {name} = ", value, ";") for name, value in found.items() if name not in codecs]
     schemas = [
         f"  {schema.name}: {{\n    formatVersion: {schema.format_version},\n"

@@ -2,8 +2,9 @@
 
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from splatwire.scene import Cameras
 
 
-_STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine")
+_STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine", "levels")
 """Options that a clip has no use for."""
 
 
@@ -42,6 +43,9 @@ class Encode:
     """Packets that a block is split into."""
     tiers: tuple[float, ...] = ()
     """Shares of the elements, most important first, that get packets of their own: 0.05, or 0.05 0.15."""
+    levels: Literal["auto", "none"] | None = None
+    """Whether coarser Gaussians are made that stand for many where they are far away or lost (auto): for scenes larger
+    than a view. If absent so for a streamed SOG alone, whose finest level is read."""
     keep: float = 1.0
     """Share of the elements that is kept: 0.6 leaves out the 40 % that no view would miss, and says what that costs."""
     data: Path | None = None
@@ -96,18 +100,22 @@ class Encode:
         from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import viewpoint_section
+        from splatwire.levels import encode_levels
         from splatwire.packets import write_stream
         from splatwire.packets.limits import SCHEMAS
         from splatwire.render.precision import classes_of
         from splatwire.render.pruning import thinned
-        from splatwire.scene_io import open_scene
+        from splatwire.scene_io import has_levels, open_scene
         from splatwire.train.config import RefineConfig
 
         background, config = chosen_background(self.background), RefineConfig(steps=self.refine)
 
         with input_path(self.scene) as source:
             scene: Any = open_scene(source)
+            levels = self.levels == "auto" or (self.levels is None and has_levels(source))
         schema = SCHEMAS[schema_of(scene).name]
+        if levels and (self.tiers or not schema.explicit):
+            raise InvalidValueError("levels are for explicit Gaussians, and are tiers themselves")
         if self.quality is not None and not schema.explicit:
             raise InvalidValueError("--quality is for explicit Gaussians; anchors have steps of their own")
         if config.steps and schema.explicit:
@@ -127,8 +135,8 @@ class Encode:
             tiers, classes = self._tiers(scene, cameras), classes_of(scene, cameras, anew=self.quality is not None)
             report("looking at the scene", 1.0)
             packetization = self.packetization(schema.name, int(scene.drawable.sum()))
-            stream = encode_scene(
-                scene, packetization, tiers=tiers, quality=self.quality, classes=classes,
+            stream = (encode_levels if levels else partial(encode_scene, tiers=tiers))(
+                scene, packetization, quality=self.quality, classes=classes,
                 progress=lambda share: report("encoding", share),
             )  # fmt: skip
             if cameras is not None:

@@ -65,6 +65,7 @@ def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, A
         "format_version": manifest.format_version,
         "writer": manifest.writer,
         **(_describe_clip(stream) if manifest.schema.timed else {}),
+        **_describe_levels(stream),
     }
 
 
@@ -73,6 +74,28 @@ def _describe_clip(stream: "SceneStream") -> dict[str, Any]:
 
     complete = len(stream.packets) == stream.manifest.num_packets
     return {"clip": {**describe_clip(stream), **(count_motions(stream) if complete else {})}}
+
+
+def _describe_levels(stream: "SceneStream") -> dict[str, Any]:
+    """Levels of a scene that is larger than a view, the finest first; nothing where there are none."""
+    from splatwire.packets.sections import sections_of
+    from splatwire.packets.tile_index import SECTION
+
+    if SECTION not in sections_of(stream):
+        return {}
+    from splatwire.levels import tiles_of
+
+    tiles, levels = tiles_of(stream), {}
+    for level in range(int(tiles.levels.max()) + 1):
+        here = tiles.levels == level
+        levels[f"level {level}"] = {
+            "tiles": int(here.sum()),
+            "Gaussians": int(tiles.counts[here].sum()),
+            "bytes": int(tiles.sizes[here].sum()),
+            "error": float(tiles.errors[here].mean()),
+            "largest error": float(tiles.errors[here].max()),
+        }
+    return {"levels": levels}
 
 
 def _describe_scene(path: Path) -> dict[str, Any]:

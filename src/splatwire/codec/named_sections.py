@@ -7,8 +7,9 @@ from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+from splatwire.packets.tile_index import SECTION as TILES
 
-_OTHERS = (BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT)
+_OTHERS = (BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, TILES)
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:

@@ -1,6 +1,7 @@
 """Concealment: a scene with gaps becomes one that can be rendered; what was received never changes."""
 
 from splatwire.conceal.base import Concealed, Concealer
+from splatwire.conceal.coarse import Coarse
 from splatwire.conceal.conceal import conceal, concealed
 from splatwire.conceal.drop import Drop
 from splatwire.conceal.grow import Grow
@@ -9,6 +10,7 @@ from splatwire.conceal.scene_free import SceneFree
 from splatwire.conceal.sketch import Sketch
 
 __all__ = [
+    "Coarse",
     "Concealed",
     "Concealer",
     "Drop",

@@ -16,9 +16,11 @@ class Concealed(RenderHints):
     Attributes:
         elements: All elements with the gaps filled, of which only what was not received is taken; None for gaps filled
             as the side information expects (`Partial.filled`).
+        shows: Whether elements are drawn that the scene itself leaves out: coarser ones, in the place of lost ones.
     """
 
     elements: Any = None
+    shows: bool = False
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":

@@ -1,5 +1,6 @@
 """From a partial scene to one that can be rendered."""
 
+from dataclasses import replace
 from typing import Any
 
 from splatwire.conceal.base import Concealed, Concealer
@@ -52,7 +53,10 @@ def drawn(partial: Partial, here: Partial, proposal: Concealed, name: str) -> An
     _check(proposal, proposed, here, name)
     elements = here.elements.kept(here.erasures, proposed)
     device = partial.scene.positions.device
-    return partial.scene.with_elements(moved(elements, device), moved(proposal.hints, device))
+    hints, own = proposal.hints, here.scene.hints
+    if own is not None and not proposal.shows:
+        hints = replace(hints, left_out=hints.left_out | own.left_out)
+    return partial.scene.with_elements(moved(elements, device), moved(hints, device))
 
 
 def concealed(loaded: Scene | Partial, concealer: Concealer | str) -> Any:

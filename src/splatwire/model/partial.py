@@ -168,7 +168,9 @@ class Partial(Generic[S]):
     def without(self, known: Bool[Tensor, "N"]) -> "Partial[S]":
         """The same when only some elements are there, as if the packets of the others had not come."""
         there = self.scene.elements.arrived(known, self.places)
-        return replace(self, scene=self.scene.with_elements(there), erasures=Erasures.of_anchors(known))
+        return replace(
+            self, scene=self.scene.with_elements(there, self.scene.hints), erasures=Erasures.of_anchors(known)
+        )
 
     def to_cpu(self) -> "Partial[S]":
         """The same in main memory, where neighbour search and kernels work; networks stay where they are."""

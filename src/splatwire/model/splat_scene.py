@@ -1,7 +1,7 @@
 """Scenes of explicit Gaussians: every view sees the same ones."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from jaxtyping import Bool, Float, Int64, UInt8
 from torch import Tensor
@@ -10,6 +10,8 @@ from splatwire.model.scene import Coverage, RenderHints
 from splatwire.scene.background import BLACK, Background
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
+
+Own = TypeVar("Own", bound="SplatScene")
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +75,12 @@ class SplatScene:
         """Number of its elements, N."""
         return self.splats.num_gaussians
 
-    def select(self, index: Tensor) -> "SplatScene":
+    def select(self: Own, index: Tensor) -> Own:
         """The scene with the elements at `index` (integers or a boolean mask over N), hints left out."""
         coding = None if self.coding is None else self.coding.select(index)
         return replace(self, splats=self.splats.select(index), hints=None, coding=coding)
 
-    def with_elements(self, elements: Splats, hints: RenderHints | None = None) -> "SplatScene":
+    def with_elements(self: Own, elements: Splats, hints: RenderHints | None = None) -> Own:
         """The scene with other Gaussians and hints."""
         same = elements.num_gaussians == self.num_elements
         return replace(self, splats=elements, hints=hints, coding=self.coding if same else None)

@@ -6,7 +6,7 @@
 from dataclasses import dataclass
 
 SCHEMA = "splatwire/stream"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 """Newest version of the stream format that this release reads."""
 
 MAX_BLOCK_SIZE = (1 << 16) - 1
@@ -102,8 +102,9 @@ class StreamSchema:
 
 
 ANCHORS, CAUSAL, GAUSSIANS, COLUMNS, TRACKS = "hacpp", "causal", "gaussians", "columns", "tracks"
+LEVELS = "levels"
 """Codec schemas: anchors of HAC++ (format 1), anchors of the causal model, explicit Gaussians (format 2); decoded
-anchors on their way to the page of `splatwire view`; Gaussians that move (format 3)."""
+anchors on their way to the page of `splatwire view`; Gaussians that move (format 3); levels of Gaussians (format 4)."""
 FORMAT_1_SECTIONS = (
     "header", "positions", "grid", "prior_network", "channel_networks", "render_networks", "mask_models"
 )  # fmt: skip
@@ -115,6 +116,15 @@ SCHEMAS = {
         StreamSchema(
             GAUSSIANS,
             2,
+            "Gaussians",
+            ("header", "blocks", "contexts"),
+            MAX_BLOCK_SIZE // 7,
+            spread=False,
+            explicit=True,
+        ),
+        StreamSchema(
+            LEVELS,
+            4,
             "Gaussians",
             ("header", "blocks", "contexts"),
             MAX_BLOCK_SIZE // 7,

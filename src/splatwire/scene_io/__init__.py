@@ -4,6 +4,7 @@ from splatwire.scene_io.opening import (
     SceneFile,
     background_of_file,
     drawable_scene,
+    has_levels,
     open_scene,
     read_scene_file,
 )
@@ -13,6 +14,7 @@ __all__ = [
     "SceneFile",
     "background_of_file",
     "drawable_scene",
+    "has_levels",
     "open_scene",
     "read_scene_file",
     "save_decoded",

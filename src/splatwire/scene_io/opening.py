@@ -8,7 +8,7 @@ from splatwire.codec import decode_stream
 from splatwire.codec.background import background_of
 from splatwire.conceal import Concealer, concealed, create_concealer
 from splatwire.errors import BitstreamError
-from splatwire.files.kinds import SCENE_FILES, STREAMS, Kind, file_kind, is_not
+from splatwire.files.kinds import SCENE_FILES, SOG_LEVELS, STREAMS, Kind, file_kind, is_not
 from splatwire.formats import format_of, read_splats
 from splatwire.model import SplatScene
 from splatwire.model.appearance import Partial, Scene, scene_of
@@ -66,12 +66,18 @@ def open_scene(path: str | os.PathLike[str], conceal: Concealer | str | None = N
         stream.still(source)
         if report.num_missing:
             raise _has_gaps(source, report.num_missing, f"stream's {report.num_expected:,} packets")
-        return decode_stream(stream).scene
+        scene = decode_stream(stream).scene
+        return scene if scene.hints is None else scene.select(~scene.hints.left_out)  # coarser levels stand for others
     found = _read(source, kind)
     scene = scene_of(found.loaded)
     if found.num_lost and found.loaded is not scene:
         raise _has_gaps(source, found.num_lost, f"scene's {scene.num_elements:,} {scene.ELEMENTS}")
     return scene
+
+
+def has_levels(path: Path) -> bool:
+    """Whether a file has coarser Gaussians, too, which are not read: one of a scene that is larger than a view."""
+    return file_kind(path) == SOG_LEVELS
 
 
 def read_scene_file(path: Path) -> SceneFile:

@@ -3,7 +3,7 @@
 // What a stream may be: the twin of `splatwire.packets.limits`.
 
 export const SCHEMA = "splatwire/stream";
-export const FORMAT_VERSION = 3;
+export const FORMAT_VERSION = 4;
 export const MAX_BLOCK_SIZE = 65535;
 export const MAX_HASHED_BLOCK = 16384;
 export const MAX_BLOCKS = 16777216;
@@ -73,6 +73,14 @@ export const SCHEMAS = {
   },
   gaussians: {
     formatVersion: 2,
+    elements: "Gaussians",
+    sections: ["header", "blocks", "contexts"],
+    elementsPerByte: 9362,
+    maxTiers: 8,
+    timed: false,
+  },
+  levels: {
+    formatVersion: 4,
     elements: "Gaussians",
     sections: ["header", "blocks", "contexts"],
     elementsPerByte: 9362,

@@ -29,7 +29,7 @@ from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.model import Partial, SplatCoding, SplatScene
 from splatwire.packets import GAUSSIANS, Manifest, Packet
-from splatwire.packets.limits import MAX_BLOCK_SIZE
+from splatwire.packets.limits import LEVELS, MAX_BLOCK_SIZE
 from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
 
@@ -121,7 +121,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
         MissingSideInfoError: If there are none.
         BitstreamError: If they are damaged, or the stream holds something else.
     """
-    if manifest.codec != GAUSSIANS or manifest.packetization.separated:
+    if manifest.codec not in (GAUSSIANS, LEVELS) or manifest.packetization.separated:
         raise BitstreamError("the stream does not hold whole Gaussians")
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,7 +30,9 @@ BYTES_PER_GAUSSIAN = 160
 BYTES_PER_HARMONIC = 12
 
 
-def prepare_splats(scene: SplatScene, options: Options, like: SideInfo | None = None) -> Prepared:
+def prepare_splats(
+    scene: SplatScene, options: Options, like: SideInfo | None = None, *, sorted_already: bool = False
+) -> Prepared:
     """Gets Gaussians ready to be coded.
 
     Which Gaussian is at which place of the stream is the encoder's choice: places travel in packets.
@@ -40,6 +42,7 @@ def prepare_splats(scene: SplatScene, options: Options, like: SideInfo | None = 
             become the same integers again.
         options: How they are to be coded; without a packetization, that of the paper.
         like: Side information whose tables and named sections are taken, of the stream that the Gaussians come from.
+        sorted_already: Whether the Gaussians lie block by block as they come; else a Morton curve sorts them.
 
     Raises:
         InvalidValueError: If there is nothing to encode, or the packetization or an option is not for this.
@@ -57,6 +60,7 @@ def prepare_splats(scene: SplatScene, options: Options, like: SideInfo | None = 
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
     quality = quality_of(options.quality or "default")
     source = SourceScene.of(splats, plan, options.classes, options.tiers if shapes else None, quality, coding)
+    source = replace(source, order=np.arange(splats.num_gaussians, dtype=np.uint32)) if sorted_already else source
     sections = {**({} if like is None else like.sections), **background_sections(scene.background)}
     sections.pop(TIERS, None)
     if shapes:

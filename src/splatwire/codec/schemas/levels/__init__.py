@@ -1,0 +1,1 @@
+"""Gaussians in levels: coarser ones stand for many finer ones."""

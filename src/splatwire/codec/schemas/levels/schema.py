@@ -1,0 +1,55 @@
+"""Levels of Gaussians (docs/format.md): the Gaussian codec, with a level for a tier and a tile for a block."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from splatwire.codec.schema import Options, Prepared, Schema
+from splatwire.codec.schemas.gaussians.attributes import update_digest
+from splatwire.codec.schemas.gaussians.decoder import GaussianDecoder
+from splatwire.codec.schemas.gaussians.encoder import prepare_splats
+from splatwire.errors import InvalidValueError
+from splatwire.model.level_scene import Levels, LevelScene
+from splatwire.model.partial import Partial
+from splatwire.model.splat_scene import SplatScene
+from splatwire.packets import Manifest, Packetization, SceneStream
+from splatwire.packets.limits import LEVELS
+from splatwire.scene.splats import Splats
+
+
+class LevelsDecoder(GaussianDecoder):
+    """See `GaussianDecoder`; what it decodes is drawn at its finest level."""
+
+    def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
+        super().__init__(manifest, side_info, num_bytes)
+        self._sizes = tuple(tier.num_anchors for tier in manifest.tiers) or (manifest.num_anchors,)
+
+    def scene(self) -> Partial[SplatScene]:
+        """See `Decoder.scene`."""
+        partial = super().scene()
+        numbers = torch.arange(len(self._sizes) - 1, -1, -1, dtype=torch.uint8)
+        levels = Levels(numbers.repeat_interleave(torch.tensor(self._sizes)), self._levels)
+        scene = replace(partial.scene, hints=levels.hints, coding=None)
+        return replace(partial, scene=scene).saying(levels)
+
+
+def _prepare(scene: LevelScene, options: Options) -> Prepared:
+    tiers = np.repeat(np.arange(len(scene.level_sizes), dtype=np.uint8), scene.level_sizes)
+    return prepare_splats(scene, replace(options, tiers=tiers), sorted_already=True)
+
+
+def _again(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
+    raise InvalidValueError("tiles of levels are blocks of packets: encode the scene again for other packets")
+
+
+SCHEMA = Schema(
+    LEVELS,
+    codes=lambda scene: isinstance(scene, LevelScene),
+    offers=frozenset((Splats, Levels)),
+    prepare=_prepare,
+    prepare_again=_again,
+    open_decoder=LevelsDecoder,
+    update_digest=update_digest,
+    repackable=lambda stream: False,
+)

@@ -1,0 +1,69 @@
+"""A scene larger than a view becomes a stream with levels."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from splatwire.codec import encode_scene, schema_of
+from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
+from splatwire.errors import InvalidValueError
+from splatwire.levels.building import Built, build_levels
+from splatwire.model import SplatScene
+from splatwire.packets import PRESETS, Packetization, SceneStream
+from splatwire.packets.limits import SCHEMAS
+from splatwire.packets.tile_index import with_tile_index
+
+COARSEST_CLASS = -4
+"""Class of precision of Gaussians that are merged from several; those that a coarser level has from a finer one are in
+the next finer class, which is how a receiver tells them apart. Two octaves finer cost 40 % more bytes of the coarser
+levels, for 0.2 to 0.4 dB of their pictures (truck, guitar)."""
+BUILDING = 0.2
+"""Share of the work that is making levels."""
+
+
+def encode_levels(
+    scene: SplatScene,
+    packetization: Packetization | None = None,
+    *,
+    quality: str | Quality | None = None,
+    classes: np.ndarray | None = None,
+    threads: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> SceneStream:
+    """Makes levels of explicit Gaussians and encodes all of them; a tile is a block of packets.
+
+    Args:
+        scene: The Gaussians; what draws nothing or cannot be drawn is left out, which is logged.
+        packetization: How tiles are split into packets; None for that of the paper.
+        quality: See `splatwire.codec.encode_scene`.
+        classes: Of the Gaussians of the scene, see there.
+        threads: See there.
+        progress: Called with the share of the work that is done, 0 to 1.
+
+    Raises:
+        InvalidValueError: If there is nothing to encode, or these are no explicit Gaussians.
+    """
+    if not SCHEMAS[schema_of(scene).name].explicit:
+        raise InvalidValueError("levels are for explicit Gaussians: export the scene as such first")
+    packetization, rows = packetization or PRESETS["paper"], scene.rows()
+    rows.tell("encoding", scene.ELEMENTS)
+    if not rows.complete:
+        scene, classes = scene.select(rows.kept), None if classes is None else classes[rows.kept.numpy()]
+    if not scene.num_elements:
+        raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
+    report = progress or (lambda share: None)
+    built = build_levels(scene, packetization.block_size, lambda share: report(BUILDING * share))
+    stream = encode_scene(
+        built.scene, packetization, quality=quality, classes=_classes(built, classes, quality), threads=threads,
+        progress=lambda share: report(BUILDING + (1 - BUILDING) * share),
+    )  # fmt: skip
+    return with_tile_index(stream, built.errors)
+
+
+def _classes(built: Built, classes: np.ndarray | None, quality: str | Quality | None) -> np.ndarray:
+    """Class of precision of each Gaussian of all levels."""
+    chosen = quality_of(quality or "default").classes_of(built.scene.splats.degree)
+    merged = max(COARSEST_CLASS, 1 - chosen)
+    found = np.where(built.old, merged + 1, merged)
+    found[-len(built.order) :] = 0 if classes is None else classes[built.order]
+    return found

@@ -1,0 +1,118 @@
+"""Few Gaussians in the place of many: the large ones stay, and the rest are merged with those beside them."""
+
+import numpy as np
+import torch
+
+from splatwire.ops.kd_order import kd_order
+from splatwire.scene.splats import Splats
+
+KEPT_SHARE = 0.25
+"""Share of the new Gaussians that are old ones, which cover the most."""
+COLOUR = 0.085
+"""How far apart a difference in colour puts two Gaussians, harmonics of degree 0 against the radius of their region."""
+MOST_OPAQUE = 0.99
+SMALLEST = 1e-12
+"""Variance along an axis, relative to the largest of a merged Gaussian."""
+
+
+def footprints(splats: Splats) -> np.ndarray:
+    """What each Gaussian covers from its broad side, times its opacity: float64 (N), square world units."""
+    return masses(splats.opacities.numpy(), splats.scales.numpy())
+
+
+def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    """`footprints` of plain arrays, (N) and (N, 3)."""
+    ordered = np.sort(scales.astype(np.float64), axis=1)
+    return opacities.astype(np.float64) * ordered[:, 2] * ordered[:, 1]
+
+
+def reduced(splats: Splats, count: int) -> tuple[Splats, int, float]:
+    """Stands in for Gaussians that are seen from far away.
+
+    A group of neighbours, the leaf of a k-d tree, becomes one Gaussian with their mean, covariance and colour, each
+    weighted by what it covers; it covers what they cover together.
+
+    Args:
+        splats: Gaussians of one region.
+        count: How many are wanted, at least 1 and at most as many as there are.
+
+    Returns:
+        They; how many of them, the first ones, are old ones; and the error: root of the mean square distance between a
+        Gaussian's centre and that of what stands for it, by what each covers, world units.
+    """
+    mass = footprints(splats)
+    kept = min(round(KEPT_SHARE * count), count - 1)
+    by_mass = np.argpartition(-mass, kept) if kept else np.arange(len(mass))
+    large, rest = np.sort(by_mass[:kept]), np.sort(by_mass[kept:])
+    edges = np.arange(count - kept + 1) * len(rest) // (count - kept)
+    alike = np.concatenate([_relative(splats.means.numpy()[rest]), COLOUR * splats.sh.numpy()[rest, 0]], axis=1)
+    rest = rest[kd_order(alike, [edges.astype(np.int64)])]
+    merged, squares = _merged(splats.select(torch.from_numpy(rest)), mass[rest], edges[:-1])
+    both = (splats.select(torch.from_numpy(large)), merged)
+    joined = {name: torch.cat([getattr(part, name) for part in both]) for name in vars(splats)}
+    return Splats(**joined), kept, float(np.sqrt(squares / max(mass.sum(), 1e-300)))
+
+
+def _relative(means: np.ndarray) -> np.ndarray:
+    """Places from the middle of all, in units of the root of their mean square distance from it."""
+    apart = means - means.mean(axis=0)
+    return apart / max(float(np.sqrt((apart.astype(np.float64) ** 2).sum(axis=1).mean())), 1e-30)
+
+
+def _merged(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splats, float]:
+    """One Gaussian for each run that begins at `starts`, and the sum of mass times squared distance from it."""
+    weight = np.maximum(mass, 1e-30)
+    total = np.add.reduceat(weight, starts)
+    sizes = np.diff(np.append(starts, len(mass)))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        shape = (-1, *[1] * (values.ndim - 1))
+        return np.add.reduceat(values * weight.reshape(shape), starts) / total.reshape(shape)
+
+    means = splats.means.numpy().astype(np.float64)
+    centres = mean(means)
+    apart = means - np.repeat(centres, sizes, axis=0)
+    own = _covariances(splats)
+    spread = mean(own + apart[:, :, None] * apart[:, None, :])
+    values, vectors = np.linalg.eigh(spread)
+    values = np.maximum(values, SMALLEST * values[:, 2:].clip(min=1e-30))
+    scales = np.sqrt(values)
+    covered = scales[:, 2] * scales[:, 1]
+    opacities = np.minimum(total / covered, MOST_OPAQUE)
+    new = {
+        "means": centres, "quats": _quaternions(vectors), "scales": scales, "opacities": opacities,
+        "sh": mean(splats.sh.numpy().astype(np.float64)),
+    }  # fmt: skip
+    squares = float((mass * (apart**2).sum(axis=1)).sum())
+    return Splats(**{name: torch.from_numpy(column.astype(np.float32)) for name, column in new.items()}), squares
+
+
+def _covariances(splats: Splats) -> np.ndarray:
+    """Covariance of each Gaussian, float64 (N, 3, 3)."""
+    w, x, y, z = splats.quats.numpy().astype(np.float64).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    axes = np.moveaxis(np.array(rows), 2, 0) * splats.scales.numpy().astype(np.float64)[:, None, :]
+    return axes @ axes.transpose(0, 2, 1)
+
+
+def _quaternions(axes: np.ndarray) -> np.ndarray:
+    """Unit quaternions of orthonormal columns, (N, 3, 3), mirrored where they are left-handed."""
+    axes = axes * np.where(np.linalg.det(axes) < 0, -1.0, 1.0)[:, None, None]
+    trace = np.einsum("nii->n", axes)
+    diagonal = np.einsum("nii->ni", axes)
+    # The largest component first: its square is at least a quarter, whatever the rotation.
+    squares = np.concatenate([1 + trace[:, None], 1 + 2 * diagonal - trace[:, None]], axis=1) / 4
+    m = axes
+    products = np.empty((len(axes), 4, 4))
+    products[:, range(4), range(4)] = squares
+    for i, j, value in (
+        (0, 1, m[:, 2, 1] - m[:, 1, 2]), (0, 2, m[:, 0, 2] - m[:, 2, 0]), (0, 3, m[:, 1, 0] - m[:, 0, 1]),
+        (1, 2, m[:, 0, 1] + m[:, 1, 0]), (1, 3, m[:, 0, 2] + m[:, 2, 0]), (2, 3, m[:, 1, 2] + m[:, 2, 1]),
+    ):  # fmt: skip
+        products[:, i, j] = products[:, j, i] = value / 4
+    best = products[np.arange(len(axes)), squares.argmax(axis=1)]
+    return best / np.linalg.norm(best, axis=1, keepdims=True)

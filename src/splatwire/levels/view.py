@@ -1,0 +1,109 @@
+"""Which tiles a view shows, and which it needs next: the twin of `web/src/codec/levels/cut.ts`."""
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.levels.tiles import Tiles
+
+BUDGET = 1_000_000
+"""Gaussians that a view shows at most."""
+FINE_ENOUGH = 0.5
+"""Pixels by which centres may be off: finer tiles are not worth their bytes."""
+BEHIND = 0.05
+"""What the error of a tile counts for that is not in the picture: somebody may turn."""
+NEAREST = 0.02
+"""Least distance of a tile, relative to its diagonal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """Where somebody looks from.
+
+    Attributes:
+        viewmat: World to camera, x right, y down, z ahead, float64 (4, 4).
+        focal: Focal length, pixels.
+        width: Of the picture, pixels.
+        height: Of the picture, pixels.
+    """
+
+    viewmat: np.ndarray
+    focal: float
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Cut:
+    """What a view has and wants.
+
+    Attributes:
+        drawn: Tiles to draw; they stand for the whole scene as far as it is there.
+        wanted: Tiles that are not there, the most useful first.
+    """
+
+    drawn: tuple[int, ...]
+    wanted: tuple[int, ...]
+
+
+def pixel_errors(tiles: Tiles, look: Look | None) -> np.ndarray:
+    """How far centres in each tile are off on the screen, pixels, float64 (B).
+
+    Tiles that are not in the picture count for `BEHIND` of it; without a look, errors are those in world units.
+    """
+    if look is None:
+        return tiles.errors
+    middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
+    radius = np.sqrt((half**2).sum(axis=1))
+    eye = -look.viewmat[:3, :3].T @ look.viewmat[:3, 3]
+    outside = np.maximum(np.abs(eye - middle) - half, 0)
+    distance = np.maximum(np.sqrt((outside**2).sum(axis=1)), np.maximum(2 * NEAREST * radius, 1e-9))
+    x, y, z = (middle @ look.viewmat[:3, :3].T + look.viewmat[:3, 3]).T
+    across, down = look.width / 2 / look.focal, look.height / 2 / look.focal
+    seen = z > -radius
+    for side, slope in ((np.abs(x), across), (np.abs(y), down)):
+        seen &= side - slope * z <= radius * np.sqrt(1 + slope * slope)
+    return tiles.errors * look.focal / distance * np.where(seen, 1.0, BEHIND)
+
+
+def cut_of(tiles: Tiles, there: np.ndarray, look: Look | None, budget: int = BUDGET) -> Cut:
+    """Refines where the screen's error is largest, until the budget is spent or the error is small everywhere.
+
+    A tile gives way to the finer ones that it stands for when all of them are there.
+
+    Args:
+        tiles: The tiles.
+        there: Which of them arrived, bool (B).
+        look: Where somebody looks from; None for nowhere, which goes from coarse to fine all over.
+        budget: Gaussians that are drawn at most.
+    """
+    errors, children = pixel_errors(tiles, look), children_of(tiles)
+    roots = np.flatnonzero(tiles.parents < 0).tolist()
+    count, drawn, wanted = int(tiles.counts[roots].sum()), [], [root for root in roots if not there[root]]
+    least = FINE_ENOUGH if look is not None else 0.0
+    waiting = [(-errors[root], root, bool(there[root])) for root in roots]
+    heapq.heapify(waiting)
+    while waiting:
+        error, tile, real = heapq.heappop(waiting)
+        finer = children[tile]
+        more = int(tiles.counts[finer].sum() - tiles.counts[tile]) if finer else 0
+        if not finer or -error <= least or count + more > budget:
+            drawn += [tile] if real else []
+            continue
+        count += more
+        absent = [child for child in finer if not there[child]]
+        wanted += absent
+        drawn += [tile] if real and absent else []
+        for child in finer:  # where some are absent, the others are looked at for what they want themselves
+            heapq.heappush(waiting, (-errors[child], child, real and not absent))
+    return Cut(tuple(sorted(drawn)), tuple(wanted))
+
+
+def children_of(tiles: Tiles) -> list[list[int]]:
+    """The finer tiles that each tile stands for."""
+    children: list[list[int]] = [[] for _ in range(tiles.num_tiles)]
+    for tile, parent in enumerate(tiles.parents.tolist()):
+        if parent >= 0:
+            children[parent].append(tile)
+    return children

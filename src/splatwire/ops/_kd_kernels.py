@@ -1,0 +1,72 @@
+"""The compiled kernel behind `splatwire.ops.kd_order`."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.ops.compiled import njit
+
+
+@njit()
+@no_type_check
+def split_runs(points, bounds, order):
+    """Sorts the runs of `order` between the first and the last bound: see `kd_order`."""
+    stack = [(np.int64(0), np.int64(len(bounds) - 1))]
+    while len(stack):
+        first, last = stack.pop()
+        if last - first < 2 or bounds[last] - bounds[first] < 2:
+            continue
+        middle = (first + last) // 2
+        begin, end = bounds[first], bounds[last]
+        axis = _widest(points, order, begin, end)
+        _select(points, axis, order, begin, end - 1, bounds[middle])
+        stack.append((first, middle))
+        stack.append((middle, last))
+
+
+@njit()
+@no_type_check
+def _widest(points, order, begin, end):
+    """The axis along which some points have the largest variance."""
+    best, axis = -1.0, 0
+    for candidate in range(points.shape[1]):
+        total, squares, start = 0.0, 0.0, points[order[begin], candidate]
+        for place in range(begin, end):
+            value = points[order[place], candidate] - start
+            total += value
+            squares += value * value
+        variance = squares - total * total / (end - begin)
+        if variance > best:
+            best, axis = variance, candidate
+    return axis
+
+
+@njit()
+@no_type_check
+def _select(points, axis, order, low, high, wanted):
+    """Partitions `order[low : high + 1]` so that nothing before `wanted` lies further along the axis (Hoare)."""
+    while low < high:
+        pivot = _middle_of_three(points, axis, order, low, high)
+        left, right = low - 1, high + 1
+        while True:
+            left += 1
+            while points[order[left], axis] < pivot:
+                left += 1
+            right -= 1
+            while points[order[right], axis] > pivot:
+                right -= 1
+            if left >= right:
+                break
+            order[left], order[right] = order[right], order[left]
+        if wanted <= right:
+            high = right
+        else:
+            low = right + 1
+
+
+@njit()
+@no_type_check
+def _middle_of_three(points, axis, order, low, high):
+    """A pivot that is not the last of them, so that both sides get smaller."""
+    a, b, c = points[order[low], axis], points[order[(low + high) // 2], axis], points[order[high], axis]
+    return max(min(a, b), min(max(a, b), c))

@@ -1,0 +1,85 @@
+"""Where in a file the tiles of a scene with levels are, and how far what they show is from the truth.
+
+A named section of the side information: readers that fetch parts of a file over HTTP need nothing else.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatwire.byte_io import ByteReader, ByteWriter
+from splatwire.errors import BitstreamError
+from splatwire.packets.limits import LEVELS, MAX_PACKET_BYTES
+from splatwire.packets.manifest import Manifest
+from splatwire.packets.scene_stream import RECORD_PREFIX, SceneStream
+from splatwire.packets.sections import add_concealment, sections_of
+
+SECTION = "tiles"
+"""Name of the section."""
+
+
+@dataclass(frozen=True, eq=False)
+class TileIndex:
+    """The tiles of a stream with levels: its blocks, in their order.
+
+    Attributes:
+        sizes: Bytes of each in the complete file, sizes of packets included, int64 (B).
+        errors: How far centres of Gaussians are from what stands for them, root of the mean square, world units,
+            float32 (B); 0 in the finest level.
+    """
+
+    sizes: np.ndarray
+    errors: np.ndarray
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """Where each begins behind the side information, and where the last one ends, int64 (B + 1)."""
+        return np.concatenate([[0], np.cumsum(self.sizes)]).astype(np.int64)
+
+
+def with_tile_index(stream: SceneStream, errors: np.ndarray) -> SceneStream:
+    """Puts the index of its tiles into a complete stream.
+
+    Args:
+        stream: The stream.
+        errors: See `TileIndex`.
+    """
+    blocks = np.array([packet.id.block for packet in stream.packets], dtype=np.int64)
+    weights = np.array([packet.num_bytes + RECORD_PREFIX.size for packet in stream.packets], dtype=np.float64)
+    writer = ByteWriter()
+    for size in np.bincount(blocks, weights, stream.manifest.plan.num_blocks).astype(np.int64).tolist():
+        writer.unsigned(size)
+    for error in errors[: _coarser(stream.manifest)].tolist():
+        writer.f32(error)
+    return add_concealment(stream, SECTION, writer.bytes())
+
+
+def read_tile_index(stream: SceneStream) -> TileIndex:
+    """Reads the index of a stream's tiles.
+
+    Raises:
+        BitstreamError: If it has none, or one that cannot be.
+    """
+    manifest, sections = stream.manifest, sections_of(stream)
+    if manifest.codec != LEVELS or SECTION not in sections:
+        raise BitstreamError("the stream has no index of tiles")
+    reader, num_blocks, coarser = ByteReader(sections[SECTION], "index of tiles"), manifest.plan.num_blocks, 0
+    coarser = _coarser(manifest)
+    if reader.left < num_blocks + 4 * coarser:
+        raise BitstreamError(f"index of tiles: {reader.left} bytes are too few for {num_blocks} tiles")
+    sizes = [reader.unsigned() for _ in range(num_blocks)]
+    errors = [reader.f32() for _ in range(coarser)]
+    reader.finish()
+    if max(sizes, default=0) > MAX_PACKET_BYTES:
+        raise BitstreamError(f"index of tiles: a tile of {max(sizes)} bytes is too large")
+    if not all(0 <= error < math.inf for error in errors):
+        raise BitstreamError("index of tiles: an error is negative or not finite")
+    found = np.zeros(num_blocks, dtype=np.float32)
+    found[:coarser] = errors
+    return TileIndex(np.array(sizes, dtype=np.int64), found)
+
+
+def _coarser(manifest: Manifest) -> int:
+    """Tiles of all levels but the finest."""
+    return manifest.plan.spans[-1].first_block

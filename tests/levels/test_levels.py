@@ -1,0 +1,248 @@
+"""Levels: tiles that stand for one another, merging that keeps what is seen, streams that lose nothing but bytes."""
+
+import itertools
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from codec.gaussians.test_gaussians import some_splats
+from splatwire.codec import ProgressiveDecoder, add_concealment, decode_stream, encode_scene, repack
+from splatwire.conceal import conceal
+from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
+from splatwire.levels.building import build_levels
+from splatwire.levels.encoding import encode_levels
+from splatwire.levels.merging import footprints, reduced
+from splatwire.levels.tiles import level_shapes, parents_of, tiles_of
+from splatwire.levels.view import Look, children_of, cut_of, pixel_errors
+from splatwire.model import SplatScene
+from splatwire.model.level_scene import Levels
+from splatwire.ops.kd_order import kd_order
+from splatwire.packets import PRESETS, Packetization, stream_from_bytes, stream_to_bytes
+from splatwire.packets.tiers import TierShape, spans_of
+from splatwire.packets.tile_index import SECTION, read_tile_index
+
+TILES = Packetization(block_size=40, lanes=2)
+DATAGRAMS = Packetization(block_size=40, lanes=1, grouping="hashed", packet_bytes=600)
+
+
+@pytest.fixture(scope="module", params=[TILES, DATAGRAMS], ids=["lanes", "datagrams"])
+def stream(request):
+    return encode_levels(SplatScene(some_splats(900)), request.param)
+
+
+@given(st.integers(1, 10**7), st.sampled_from([37, 500, 3000]))
+def test_tiles_are_the_blocks_of_a_plan(count, tile):
+    shapes = level_shapes(count, tile)
+    tiers = tuple(TierShape(shape.count, 1) for shape in reversed(shapes))
+    if len(tiers) > 1:
+        spans = spans_of(tiers, sum(shape.count for shape in shapes), Packetization(block_size=tile))
+        found = [(span.num_anchors, span.block_size, span.num_blocks) for span in spans]
+        assert found == [(shape.count, shape.size, shape.num_tiles) for shape in reversed(shapes)]
+    for finer, shape in itertools.pairwise(shapes):
+        parents = parents_of(finer.num_tiles, shape.num_tiles)
+        assert set(parents.tolist()) == set(range(shape.num_tiles))
+        assert (np.diff(parents) >= 0).all()
+
+
+@settings(deadline=None)  # the kernel may have to be compiled
+@given(st.integers(1, 200), st.integers(1, 20), st.integers(0, 99), st.booleans())
+def test_runs_of_a_kd_order_lie_apart(count, runs, seed, alike):
+    rng = np.random.default_rng(seed)
+    points = rng.integers(0, 2, (count, 3)) if alike else rng.normal(size=(count, 3))
+    edges = np.arange(runs + 1, dtype=np.int64) * count // runs
+    order = kd_order(points, [edges])
+    assert sorted(order.tolist()) == list(range(count))
+    first, second = order[: edges[runs // 2]], order[edges[runs // 2] :]
+    if runs > 1 and len(first) and len(second):
+        low, high = points[first], points[second]
+        assert any(low[:, axis].max() <= high[:, axis].min() for axis in range(3))
+
+
+def test_merging_keeps_mean_spread_and_what_is_covered():
+    splats = some_splats(60)
+    few, old, error = reduced(splats, 1)
+    mass = footprints(splats)
+    mean = (splats.means.numpy() * mass[:, None]).sum(axis=0) / mass.sum()
+    assert old == 0
+    assert few.num_gaussians == 1
+    np.testing.assert_allclose(few.means[0], mean, rtol=1e-5, atol=1e-5)
+    apart = splats.means.numpy() - mean
+    assert error == pytest.approx(np.sqrt((mass * (apart**2).sum(axis=1)).sum() / mass.sum()), rel=1e-4)
+    assert float(few.opacities) <= 0.99
+    one = splats.select(torch.tensor([3]))
+    same, old, error = reduced(one, 1)
+    assert old == 0
+    assert error == 0
+    np.testing.assert_allclose(footprints(same), np.minimum(footprints(one), footprints(same)), rtol=1e-5)
+
+
+def test_a_merged_gaussian_has_the_shape_of_one():
+    one = some_splats(1)
+    same, _, _ = reduced(one, 1)
+
+    def covariance(splats):
+        w, x, y, z = splats.quats[0].double().tolist()
+        turn = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        return turn @ np.diag(splats.scales[0].double().numpy() ** 2) @ turn.T
+
+    np.testing.assert_allclose(covariance(same), covariance(one), rtol=1e-3, atol=1e-9)
+
+
+def test_levels_lie_tile_by_tile():
+    built = build_levels(SplatScene(some_splats(900)), 40)
+    sizes = built.scene.level_sizes
+    assert sum(sizes) == built.scene.num_elements
+    assert sizes[-1] == 900
+    finest = built.scene.splats.means[-900:]
+    assert torch.equal(finest, some_splats(900).means[torch.from_numpy(built.order)])
+    start = sum(sizes[:-1])
+    coarser = built.scene.splats.means[start - sizes[-2] : start]
+    old = torch.from_numpy(built.old[start - sizes[-2] : start])
+    assert 0 < int(old.sum()) < sizes[-2]
+    there = {tuple(place) for place in finest.tolist()}
+    assert all(tuple(place) in there for place in coarser[old].tolist())
+    assert (np.diff([built.errors[: -level_shapes(900, 40)[0].num_tiles].min(), 0]) < 0).all()
+
+
+def test_the_finest_level_is_what_is_seen(stream):
+    partial = decode_stream(stream)
+    levels = partial[Levels]
+    shown = conceal(partial, "drop").drawn()
+    assert shown.num_gaussians == 900 == int((levels.of == 0).sum())
+    index, plan = read_tile_index(stream), stream.manifest.plan
+    assert len(index.sizes) == plan.num_blocks
+    data = stream_to_bytes(stream)
+    assert int(index.offsets[-1]) + len(data) - sum(len(packet.data) + 4 for packet in stream.packets) == len(data)
+    assert stream_from_bytes(data)[0].manifest == stream.manifest
+    assert bool(levels.copied[levels.of == 1].any())
+    assert not bool(levels.copied[levels.of == 0].any())
+
+
+def test_decoding_step_by_step_ends_the_same(stream):
+    decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
+    for packet in reversed(stream.packets):
+        decoder.add([packet])
+    whole, stepwise = decode_stream(stream).scene, decoder.partial.scene
+    assert torch.equal(whole.splats.means, stepwise.splats.means)
+    assert torch.equal(whole.hints.left_out, stepwise.hints.left_out)
+
+
+def test_coarse_draws_what_stands_for_lost_tiles(stream):
+    first = stream.manifest.plan.spans[-1].first_block
+    lost = stream.with_packets(packet for packet in stream.packets if packet.id.block != first)
+    partial = decode_stream(lost)
+    scene, dropped = conceal(partial, "coarse"), conceal(partial, "drop")
+    shown = ~scene.hints.left_out & (partial[Levels].of > 0)
+    assert bool(shown.any())
+    assert not bool((~dropped.hints.left_out & (partial[Levels].of > 0)).any())
+    gone = stream.manifest.plan.block_anchors(first)
+    tiles = tiles_of(stream)
+    where = scene.splats.means[shown & (partial[Levels].copied)].numpy()
+    near = ((where >= tiles.low[first] - 1e-3) & (where <= tiles.high[first] + 1e-3)).all(axis=1)
+    assert gone
+    assert near.any()
+    nothing = decode_stream(stream.with_packets(p for p in stream.packets if p.id.block < first))
+    assert conceal(nothing, "coarse").drawn().num_gaussians > 0
+
+
+def test_where_nothing_is_lost_coarse_changes_nothing(stream):
+    partial = decode_stream(stream)
+    assert conceal(partial, "coarse") is partial.scene
+
+
+def test_coarse_needs_levels():
+    plain = encode_scene(SplatScene(some_splats(200)), TILES)
+    lossy = decode_stream(plain.with_packets(plain.packets[1:]))
+    with pytest.raises(InvalidValueError, match="needs Levels"):
+        conceal(lossy, "coarse")
+
+
+def test_levels_are_not_put_into_other_packets(stream):
+    with pytest.raises(InvalidValueError, match="encode the scene again"):
+        repack(stream, PRESETS["paper"])
+
+
+def test_tiles_hold_their_gaussians(stream):
+    tiles, partial, plan = tiles_of(stream), decode_stream(stream), stream.manifest.plan
+    for tile in range(tiles.num_tiles):
+        means = partial.scene.splats.means[torch.from_numpy(plan.block_ranks(tile))].double().numpy()
+        assert (means >= tiles.low[tile] - 1e-6).all()
+        assert (means <= tiles.high[tile] + 1e-6).all()
+        assert len(means) == tiles.counts[tile]
+    assert (tiles.errors[tiles.levels == 0] == 0).all()
+    assert (tiles.errors[tiles.levels > 0] > 0).all()
+    for tile, children in enumerate(children_of(tiles)):
+        assert all(tiles.levels[child] == tiles.levels[tile] - 1 for child in children)
+
+
+def looking(tiles) -> Look:
+    middle = (tiles.low.min(axis=0) + tiles.high.max(axis=0)) / 2
+    matrix = np.eye(4)
+    matrix[:3, 3] = -middle + [0, 0, float(np.ptp([tiles.low.min(), tiles.high.max()]))]
+    return Look(matrix, 300.0, 320, 240)
+
+
+@given(st.integers(0, 10**6), st.integers(50, 2000), st.booleans())
+def test_a_cut_is_a_partition(stream, seed, budget, blind):
+    tiles = tiles_of(stream)
+    there = np.random.default_rng(seed).random(tiles.num_tiles) < 0.7
+    cut = cut_of(tiles, there, None if blind else looking(tiles), budget)
+    assert all(there[list(cut.drawn)])
+    assert not any(there[list(cut.wanted)])
+    assert len(set(cut.wanted)) == len(cut.wanted)
+    for tile in cut.drawn:  # nothing is drawn twice
+        above = tiles.parents[tile]
+        while above >= 0:
+            assert above not in cut.drawn
+            above = tiles.parents[above]
+    roots = int(tiles.counts[tiles.parents < 0].sum())
+    assert tiles.counts[list(cut.drawn)].sum() <= max(budget, roots)
+
+
+def test_a_cut_of_everything_is_the_finest_level(stream):
+    tiles = tiles_of(stream)
+    cut = cut_of(tiles, np.ones(tiles.num_tiles, bool), None)
+    assert cut.drawn == tuple(np.flatnonzero(tiles.levels == 0).tolist())
+    assert not cut.wanted
+    nothing = cut_of(tiles, np.zeros(tiles.num_tiles, bool), None)
+    assert not nothing.drawn
+    assert sorted(nothing.wanted) == list(range(tiles.num_tiles))
+
+
+def test_what_is_behind_counts_little(stream):
+    tiles = tiles_of(stream)
+    look = looking(tiles)
+    away = Look(np.diag([1.0, -1.0, -1.0, 1.0]) @ look.viewmat, look.focal, look.width, look.height)
+    coarse = tiles.errors > 0
+    assert (pixel_errors(tiles, away)[coarse] < pixel_errors(tiles, look)[coarse]).all()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_hostile_indexes_are_refused(stream, seed):
+    rng, sections = np.random.default_rng(seed), stream
+    from splatwire.packets.sections import sections_of
+
+    data = bytearray(sections_of(stream)[SECTION])
+    for _ in range(rng.integers(1, 5)):
+        data[rng.integers(len(data))] = rng.integers(256)
+    sections = add_concealment(stream, SECTION, bytes(data[: rng.integers(len(data) + 1)]))
+    try:
+        found = tiles_of(sections)
+    except SplatwireError:
+        return
+    assert (found.sizes >= 0).all()
+    assert np.isfinite(found.errors).all()
+
+
+def test_a_stream_without_levels_has_no_tiles():
+    with pytest.raises(BitstreamError, match="no index"):
+        tiles_of(encode_scene(SplatScene(some_splats(60)), TILES))
