@@ -21,6 +21,7 @@ from splatwire.model import SplatScene
 from splatwire.model.level_scene import Levels
 from splatwire.ops.kd_order import kd_order
 from splatwire.packets import PRESETS, Packetization, stream_from_bytes, stream_to_bytes
+from splatwire.packets.sections import sections_of
 from splatwire.packets.tiers import TierShape, spans_of
 from splatwire.packets.tile_index import SECTION, read_tile_index
 
@@ -118,7 +119,7 @@ def test_the_finest_level_is_what_is_seen(stream):
     levels = partial[Levels]
     shown = conceal(partial, "drop").drawn()
     assert shown.num_gaussians == 900 == int((levels.of == 0).sum())
-    index, plan = read_tile_index(stream), stream.manifest.plan
+    index, plan = read_tile_index(stream.manifest, sections_of(stream)), stream.manifest.plan
     assert len(index.sizes) == plan.num_blocks
     data = stream_to_bytes(stream)
     assert int(index.offsets[-1]) + len(data) - sum(len(packet.data) + 4 for packet in stream.packets) == len(data)
@@ -229,8 +230,6 @@ def test_what_is_behind_counts_little(stream):
 @pytest.mark.parametrize("seed", range(40))
 def test_hostile_indexes_are_refused(stream, seed):
     rng, sections = np.random.default_rng(seed), stream
-    from splatwire.packets.sections import sections_of
-
     data = bytearray(sections_of(stream)[SECTION])
     for _ in range(rng.integers(1, 5)):
         data[rng.integers(len(data))] = rng.integers(256)

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -26,6 +27,7 @@ from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
 from splatwire.codec.weight_bytes import framed
 from splatwire.errors import BitstreamError, SplatwireError
+from splatwire.levels import Look, cut_of, tiles_of
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.packets import (
     SceneStream,
@@ -49,7 +51,27 @@ WORDS = [*GROUPINGS, *ORDERS, *PACKAGINGS, *SCHEMAS, "splatwire/stream", "000000
 def golden_streams() -> dict[str, SceneStream]:
     pinned = json.loads((GOLDEN / "gaussians.json").read_text())
     found = {name: stream_from_bytes(base64.b64decode(case["swz"]))[0] for name, case in pinned.items()}
-    return found | {name: read_stream(GOLDEN / f"{name}.swz")[0] for name in ("tiny_causal", "tiny", "tiny_clip")}
+    return found | {
+        name: read_stream(GOLDEN / f"{name}.swz")[0] for name in ("tiny_causal", "tiny", "tiny_clip", "tiny_levels")
+    }
+
+
+def some_cuts(stream: SceneStream, rng: random.Random) -> list[dict[str, Any]]:
+    """Which tiles some views of it show and want."""
+    tiles, found = tiles_of(stream), []
+    for _ in range(CASES // 10):
+        there = [rng.random() < 0.8 for _ in range(tiles.num_tiles)]
+        matrix = np.eye(4)
+        matrix[:3, :3] = np.linalg.qr(np.array([[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)]))[0]
+        matrix[:3, 3] = matrix[:3, :3] @ -tiles.low.mean(axis=0) + [rng.gauss(0, 1), rng.gauss(0, 1), rng.gauss(2, 3)]
+        look = None if rng.random() < 0.1 else Look(matrix, rng.uniform(5, 500), 320, 240)
+        budget = rng.randrange(2000)
+        cut = cut_of(tiles, np.array(there), look, budget)
+        camera = (
+            None if look is None else {"viewmat": matrix.tolist(), "focal": look.focal, "width": 320, "height": 240}
+        )
+        found.append({"there": there, "look": camera, "budget": budget, "drawn": cut.drawn, "wanted": cut.wanted})
+    return found
 
 
 def manifest_of(codec: str, **changes: Any) -> dict[str, Any]:
@@ -234,7 +256,9 @@ def test_python_and_the_page_agree(tmp_path: Path) -> None:
     answers = tmp_path / "answers.json"
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
     frames = {str(path): shown for path, shown in lossy_clips(streams["tiny_clip"], tmp_path)}
-    answers.write_text(json.dumps({"manifests": pairs, "packets": packets, "heads": heads, "frames": frames}))
+    cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
+    told = {"manifests": pairs, "packets": packets, "heads": heads, "frames": frames, "cuts": cuts}
+    answers.write_text(json.dumps(told))
     done = subprocess.run(
         ["node", "scripts/test.mjs", "only", "agreement"], cwd=WEB, capture_output=True, text=True, timeout=1200,
         env={**os.environ, "ANSWERS": str(answers)}, check=False,

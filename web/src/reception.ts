@@ -6,7 +6,7 @@ import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
 import type { Receiver } from "./transport/attempts.ts";
-import type { Arrived, Counts } from "./transport/events.ts";
+import type { Arrived, Counts, Fetching } from "./transport/events.ts";
 import { Held } from "./transport/held.ts";
 import { Kept } from "./transport/kept.ts";
 import { type Choice, shownPackets } from "./transport/losses.ts";
@@ -44,6 +44,7 @@ export class Reception implements Receiver {
   readonly #began = performance.now();
   #countedAt = 0;
   #shown: { key: string; count: number; shown: (packet: Packet) => boolean } | null = null;
+  #moved: (() => void)[] = [];
   #waiting: Uint8Array[] = [];
   #working: Promise<void> | null = null;
 
@@ -76,7 +77,7 @@ export class Reception implements Receiver {
       section = decoder.schema.sections.get("preview");
     if (section) this.preview(section);
     const facts = {
-      gaussians: manifest.count,
+      gaussians: decoder.schema.tiling?.enough ?? manifest.count,
       packets: manifest.numPackets,
       degree: decoder.schema.degree,
       viewDependent: decoder.schema.viewDependent,
@@ -184,7 +185,9 @@ export class Reception implements Receiver {
   look({ camera, ask }: ToWorker & { kind: "look" }): void {
     this.#camera = camera;
     this.#look = ask;
-    void this.#draw();
+    void this.#draw().then(() => {
+      for (const resolve of this.#moved.splice(0)) resolve();
+    });
   }
 
   /** Hands over what was decoded since the last time, or everything anew where the page looks from somewhere else. */
@@ -267,6 +270,34 @@ export class Reception implements Receiver {
       same = decoder !== undefined && (await decoder.digest(pausing())) === expected;
     if (!same && this.complete) await this.kept?.clear();
     say({ kind: "digest", same });
+  }
+
+  get fetching(): Fetching | null {
+    const received = this.#received,
+      tiling = received?.decoder.schema.tiling;
+    if (!received || !tiling) return null;
+    const { intake } = received.decoder;
+    return {
+      head: received.decoder.head,
+      tiles: tiling.tiles,
+      get wanted() {
+        return tiling.wanted;
+      },
+      get packets() {
+        return intake.size;
+      },
+      moved: async () => {
+        await this.#draw();
+        if (tiling.wanted.length) return; // it looks from elsewhere by now
+        if (this.#counts) this.#tell(this.#counts);
+        this.note("Everything that this view needs is there.");
+        await new Promise<void>((resolve) => this.#moved.push(resolve));
+      },
+      taken: async () => {
+        await this.#working;
+        await this.#draw();
+      },
+    };
   }
 
   get begun(): boolean {

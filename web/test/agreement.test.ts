@@ -7,6 +7,8 @@ import { test } from "node:test";
 
 import { BitstreamError } from "../src/bytes.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
+import { cutOf, type Look } from "../src/codec/levels/cut.ts";
+import { LevelSchema } from "../src/codec/levels/schema.ts";
 import type { Splats } from "../src/codec/splats.ts";
 import { TrackSchema } from "../src/codec/tracks/schema.ts";
 import { readManifest } from "../src/packets/manifest.ts";
@@ -22,7 +24,17 @@ interface Answers {
   readonly heads: Readonly<Record<string, readonly (readonly [string, boolean])[]>>;
   /** Of clips, rows of every frame: track, place, turn, sizes, opacity, colour. */
   readonly frames: Readonly<Record<string, readonly (readonly (readonly number[])[])[]>>;
+  /** Of streams with levels, what views show and want. */
+  readonly cuts: Readonly<Record<string, readonly View[]>>;
   readonly packets: Readonly<Record<string, readonly (readonly [number, number, number, string, string])[]>>;
+}
+
+interface View {
+  readonly there: readonly boolean[];
+  readonly look: Look | null;
+  readonly budget: number;
+  readonly drawn: readonly number[];
+  readonly wanted: readonly number[];
 }
 
 const path = process.env["ANSWERS"],
@@ -107,5 +119,17 @@ test("hostile packets are the integers that they are in Python", { skip }, async
       const packet: Packet = { block, lane, count, bytes: new Uint8Array(), payload: bytesOf(payload) };
       assert.equal(await schema.digest([[packet]], async () => true), digest, `case ${n} of ${name}`);
     }
+  }
+});
+
+test("views of scenes with levels show and want the tiles that they do in Python", { skip }, () => {
+  for (const [name, views] of Object.entries(answers!.cuts)) {
+    const { schema } = new StreamDecoder(readStream(name).head);
+    assert.ok(schema instanceof LevelSchema);
+    for (const { there, look, budget, ...cut } of views)
+      assert.deepEqual(
+        cutOf(schema.tiles, (tile) => there[tile], look, budget),
+        cut,
+      );
   }
 });

@@ -95,7 +95,8 @@ def tiles_of(stream: SceneStream) -> Tiles:
     Raises:
         BitstreamError: If it has no index of tiles, or its side information is damaged.
     """
-    index, info = read_tile_index(stream), open_side_info(stream.manifest, stream.side_info)
+    info = open_side_info(stream.manifest, stream.side_info)
+    index = read_tile_index(stream.manifest, info.sections)
     plan = stream.manifest.plan
     spans, boxes, unit = plan.spans, info.boxes, info.size_log - info.unit
     levels = np.repeat(np.arange(len(spans) - 1, -1, -1), [span.num_blocks for span in spans])

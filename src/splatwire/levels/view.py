@@ -55,16 +55,24 @@ def pixel_errors(tiles: Tiles, look: Look | None) -> np.ndarray:
     if look is None:
         return tiles.errors
     middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
-    radius = np.sqrt((half**2).sum(axis=1))
-    eye = -look.viewmat[:3, :3].T @ look.viewmat[:3, 3]
+    radius = _length(half)
+    eye = np.array([-sum(look.viewmat[row, axis] * look.viewmat[row, 3] for row in range(3)) for axis in range(3)])
     outside = np.maximum(np.abs(eye - middle) - half, 0)
-    distance = np.maximum(np.sqrt((outside**2).sum(axis=1)), np.maximum(2 * NEAREST * radius, 1e-9))
-    x, y, z = (middle @ look.viewmat[:3, :3].T + look.viewmat[:3, 3]).T
+    distance = np.maximum(_length(outside), np.maximum(2 * NEAREST * radius, 1e-9))
+    x, y, z = (  # written out, so that every language adds in the same order
+        row[0] * middle[:, 0] + row[1] * middle[:, 1] + row[2] * middle[:, 2] + row[3] for row in look.viewmat[:3]
+    )
     across, down = look.width / 2 / look.focal, look.height / 2 / look.focal
     seen = z > -radius
     for side, slope in ((np.abs(x), across), (np.abs(y), down)):
         seen &= side - slope * z <= radius * np.sqrt(1 + slope * slope)
     return tiles.errors * look.focal / distance * np.where(seen, 1.0, BEHIND)
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    """Of each row, (N, 3)."""
+    x, y, z = vectors.T
+    return np.sqrt(x * x + y * y + z * z)
 
 
 def cut_of(tiles: Tiles, there: np.ndarray, look: Look | None, budget: int = BUDGET) -> Cut:

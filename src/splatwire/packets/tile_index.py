@@ -4,6 +4,7 @@ A named section of the side information: readers that fetch parts of a file over
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from splatwire.errors import BitstreamError
 from splatwire.packets.limits import LEVELS, MAX_PACKET_BYTES
 from splatwire.packets.manifest import Manifest
 from splatwire.packets.scene_stream import RECORD_PREFIX, SceneStream
-from splatwire.packets.sections import add_concealment, sections_of
+from splatwire.packets.sections import add_concealment
 
 SECTION = "tiles"
 """Name of the section."""
@@ -24,11 +25,13 @@ class TileIndex:
     """The tiles of a stream with levels: its blocks, in their order.
 
     Attributes:
+        packets: How many each has, int64 (B).
         sizes: Bytes of each in the complete file, sizes of packets included, int64 (B).
         errors: How far centres of Gaussians are from what stands for them, root of the mean square, world units,
             float32 (B); 0 in the finest level.
     """
 
+    packets: np.ndarray
     sizes: np.ndarray
     errors: np.ndarray
 
@@ -48,36 +51,43 @@ def with_tile_index(stream: SceneStream, errors: np.ndarray) -> SceneStream:
     blocks = np.array([packet.id.block for packet in stream.packets], dtype=np.int64)
     weights = np.array([packet.num_bytes + RECORD_PREFIX.size for packet in stream.packets], dtype=np.float64)
     writer = ByteWriter()
-    for size in np.bincount(blocks, weights, stream.manifest.plan.num_blocks).astype(np.int64).tolist():
-        writer.unsigned(size)
+    num_blocks = stream.manifest.plan.num_blocks
+    for values in (np.bincount(blocks, minlength=num_blocks), np.bincount(blocks, weights, num_blocks)):
+        for value in values.astype(np.int64).tolist():
+            writer.unsigned(value)
     for error in errors[: _coarser(stream.manifest)].tolist():
         writer.f32(error)
     return add_concealment(stream, SECTION, writer.bytes())
 
 
-def read_tile_index(stream: SceneStream) -> TileIndex:
+def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIndex:
     """Reads the index of a stream's tiles.
+
+    Args:
+        manifest: The stream's manifest.
+        sections: Named sections of its side information.
 
     Raises:
         BitstreamError: If it has none, or one that cannot be.
     """
-    manifest, sections = stream.manifest, sections_of(stream)
     if manifest.codec != LEVELS or SECTION not in sections:
         raise BitstreamError("the stream has no index of tiles")
-    reader, num_blocks, coarser = ByteReader(sections[SECTION], "index of tiles"), manifest.plan.num_blocks, 0
-    coarser = _coarser(manifest)
-    if reader.left < num_blocks + 4 * coarser:
+    reader = ByteReader(sections[SECTION], "index of tiles")
+    num_blocks, coarser = manifest.plan.num_blocks, _coarser(manifest)
+    if reader.left < 2 * num_blocks + 4 * coarser:
         raise BitstreamError(f"index of tiles: {reader.left} bytes are too few for {num_blocks} tiles")
-    sizes = [reader.unsigned() for _ in range(num_blocks)]
+    packets, sizes = ([reader.unsigned() for _ in range(num_blocks)] for _ in range(2))
     errors = [reader.f32() for _ in range(coarser)]
     reader.finish()
+    if sum(packets) != manifest.num_packets:
+        raise BitstreamError(f"index of tiles: {sum(packets)} packets, and the manifest has {manifest.num_packets}")
     if max(sizes, default=0) > MAX_PACKET_BYTES:
         raise BitstreamError(f"index of tiles: a tile of {max(sizes)} bytes is too large")
     if not all(0 <= error < math.inf for error in errors):
         raise BitstreamError("index of tiles: an error is negative or not finite")
     found = np.zeros(num_blocks, dtype=np.float32)
     found[:coarser] = errors
-    return TileIndex(np.array(sizes, dtype=np.int64), found)
+    return TileIndex(np.array(packets, dtype=np.int64), np.array(sizes, dtype=np.int64), found)
 
 
 def _coarser(manifest: Manifest) -> int:

@@ -7,6 +7,7 @@ import { Intake, Plan } from "../packets/plan.ts";
 import { CausalSchema } from "./causal/schema.ts";
 import { ColumnsSchema } from "./columns/schema.ts";
 import { GaussianSchema } from "./gaussians/schema.ts";
+import { LevelSchema } from "./levels/schema.ts";
 import type { Part, Schema } from "./schema.ts";
 import { TrackSchema } from "./tracks/schema.ts";
 
@@ -29,6 +30,7 @@ function schemaOf({ manifest, sideInfo }: Head, plan: Plan): Schema {
   if (manifest.codec === "causal" && order !== "morton")
     throw new BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise");
   if (manifest.codec === "gaussians") return new GaussianSchema(sideInfo, plan);
+  if (manifest.codec === "levels") return new LevelSchema(sideInfo, plan);
   if (manifest.codec === "causal") return new CausalSchema(sideInfo, plan);
   if (manifest.codec === "tracks") return new TrackSchema(sideInfo, plan);
   if (manifest.codec === "columns") return new ColumnsSchema(sideInfo, plan);

@@ -3,6 +3,7 @@
 import type { Concealer, Elements, Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packet } from "../packets/packet.ts";
+import type { Tiling } from "./levels/schema.ts";
 import type { Splats } from "./splats.ts";
 
 /** Gaussians, and the element of each; null where each element is one, in order. */
@@ -62,6 +63,8 @@ export interface Schema<P extends Part = Part> {
   readonly sections: Map<string, Uint8Array>;
   /** What is drawn in place of the elements; null where they stand still. */
   readonly moving: Moving | null;
+  /** What is drawn of a scene with levels, and what is to be fetched of it; null of every other. */
+  readonly tiling: Tiling | null;
   /** By name, what hides losses of such elements. */
   readonly concealers: Readonly<Record<string, Concealer>>;
   /** Decodes a packet that fits the plan; any payload gives something. */

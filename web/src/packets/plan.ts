@@ -36,6 +36,11 @@ export class Plan {
     this.numBlocks = firstBlock;
   }
 
+  /** Blocks of each tier. */
+  get levels(): readonly Pick<Span, "firstBlock" | "numBlocks">[] {
+    return this.#spans;
+  }
+
   blockCount(block: number): number {
     const span = this.#span(block);
     return Math.min(span.blockSize, span.count - (block - span.firstBlock) * span.blockSize);

@@ -1,5 +1,6 @@
 // What a way to a stream tells whoever opened it.
 
+import type { Tiles } from "../codec/levels/tiles.ts";
 import type { Head } from "../packets/container.ts";
 
 export interface Counts {
@@ -20,7 +21,23 @@ export interface Arrived {
   readonly bytes: Uint8Array;
 }
 
+/** What a view wants of a scene with levels. */
+export interface Fetching {
+  readonly head: Head;
+  readonly tiles: Pick<Tiles, "offsets" | "firstPackets">;
+  /** Tiles that are not there, the most useful first. */
+  readonly wanted: readonly number[];
+  /** Packets that are there. */
+  readonly packets: number;
+  /** Resolves when the view wants other tiles. */
+  moved(): Promise<void>;
+  /** Resolves when all that came is decoded. */
+  taken(): Promise<void>;
+}
+
 export interface Listener {
+  /** What the view wants of a stream whose head came; none of one without levels, or where there is no view. */
+  readonly fetching?: Fetching | null;
   preview(bytes: Uint8Array): void;
   /**
    * `file` has the bytes of the stream's file up to its first packet; `keep`: whether the file will be the same later.

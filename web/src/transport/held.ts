@@ -22,6 +22,11 @@ export class Held {
   /** Packets that are there. */
   count = 0;
 
+  /** Bytes of the file up to its first packet. */
+  get headBytes(): number {
+    return this.#head?.length ?? 0;
+  }
+
   get begun(): boolean {
     return this.#head !== null;
   }

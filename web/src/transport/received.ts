@@ -69,6 +69,8 @@ export class Received {
 
   /** The Gaussians that a camera sees: of all packets, or of those that are not drawn yet. */
   async seen(camera: Camera, all: boolean, pause: Pause): Promise<Shown | null> {
+    const { tiling } = this.decoder.schema;
+    all = tiling?.look(camera) || all; // other tiles take the place of those that are drawn
     const first = all ? 0 : this.#drawn,
       end = this.#parts.length,
       found: Splats[] = [],

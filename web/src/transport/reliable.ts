@@ -3,10 +3,14 @@
 import { ContainerReader, type Head } from "../packets/container.ts";
 import type { Arrived, Listener } from "./events.ts";
 import type { Held, Rest } from "./held.ts";
+import { NoRanges, receiveTiles } from "./tiles.ts";
 
 const TELL_MS = 50,
   SILENCE_MS = 20_000;
 const WAY = "HTTP, in order and without loss";
+/** Bytes that come in order of a scene with levels, the coarsest first, before its view asks for what it wants. */
+const FIRST = 1 << 18,
+  FIRST_CAME = "the first of it came";
 
 /** A server's answer that is no file; asking again helps where `final` is not set. */
 export class Refused extends Error {
@@ -26,6 +30,8 @@ interface From {
   readonly keep: boolean;
   readonly head: Head | null;
   readonly rest: Rest | null;
+  /** So many bytes are enough of a scene with levels; all where absent. */
+  readonly enough?: number;
 }
 
 /**
@@ -33,7 +39,15 @@ interface From {
  * server refuses, or the file is no stream.
  */
 export async function receiveFile(url: string, listener: Listener, held: Held, head: Head | null): Promise<string> {
-  const { rest } = held;
+  const { rest } = held,
+    { fetching } = listener;
+  if (fetching) {
+    try {
+      return await receiveTiles(url, listener, held.headBytes, fetching);
+    } catch (error) {
+      if (!(error instanceof NoRanges)) throw error;
+    }
+  }
   if (rest && head) {
     const aborted = new AbortController(),
       headers = { Range: `bytes=${rest.offset - rest.tail.length}-` };
@@ -53,7 +67,13 @@ export async function receiveFile(url: string, listener: Listener, held: Held, h
   const aborted = new AbortController(),
     answer = await fetch(url, { signal: aborted.signal });
   if (!answer.ok || !answer.body) throw new Refused(url, answer);
-  return receiveStream(answer, aborted, listener, whole(answer));
+  const ended = await receiveStream(answer, aborted, listener, {
+    ...whole(answer),
+    enough: fetching ? Infinity : FIRST,
+  });
+  if (ended !== FIRST_CAME) return ended;
+  aborted.abort();
+  return receiveFile(url, listener, held, head);
 }
 
 /** Of a file that still grows, which has no length yet, nothing is kept. */
@@ -76,7 +96,7 @@ async function receiveStream(
   listener: Listener,
   from: From,
 ): Promise<string> {
-  const { way, keep, head, rest } = from,
+  const { way, keep, head, rest, enough = Infinity } = from,
     reader = answer.body!.getReader(),
     container = new ContainerReader(head),
     began = performance.now();
@@ -114,7 +134,10 @@ async function receiveStream(
     place += found.length;
     waiting = waiting.concat(found);
     if ((container.head && !told) || performance.now() - toldAt > TELL_MS) tell();
-    else timer ??= setTimeout(tell, TELL_MS);
+    if (bytes >= enough && listener.fetching) {
+      tell();
+      return FIRST_CAME;
+    } else timer ??= setTimeout(tell, TELL_MS);
   }
   clearTimeout(timer);
   if (tail.length) throw new Changed(); // it ends before what is there already

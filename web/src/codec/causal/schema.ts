@@ -37,6 +37,7 @@ class CausalPart extends AnchorPart implements Arrived {
 }
 
 export class CausalSchema implements Schema<CausalPart> {
+  readonly tiling = null;
   readonly viewDependent = true;
   readonly moving = null;
   readonly degree = 0;

@@ -30,6 +30,7 @@ class ColumnPart extends AnchorPart {
 }
 
 export class ColumnsSchema implements Schema<ColumnPart> {
+  readonly tiling = null;
   readonly viewDependent = true;
   readonly moving = null;
   readonly degree = 0;

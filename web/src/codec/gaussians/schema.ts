@@ -34,6 +34,7 @@ export class GaussianPart implements Part {
 }
 
 export class GaussianSchema implements Schema<GaussianPart> {
+  readonly tiling = null;
   readonly viewDependent = false;
   readonly moving = null;
   readonly middle = null;

@@ -18,6 +18,7 @@ import { decodeMotion } from "./motion.ts";
 import { type ClipInfo, readClipInfo } from "./side_info.ts";
 
 export class TrackSchema implements Schema<GaussianPart> {
+  readonly tiling = null;
   readonly viewDependent = false;
   readonly middle = null;
   readonly info: ClipInfo;

@@ -15,14 +15,20 @@ from splatwire.model.partial import Partial
 from splatwire.model.splat_scene import SplatScene
 from splatwire.packets import Manifest, Packetization, SceneStream
 from splatwire.packets.limits import LEVELS
+from splatwire.packets.tile_index import read_tile_index
 from splatwire.scene.splats import Splats
 
 
 class LevelsDecoder(GaussianDecoder):
-    """See `GaussianDecoder`; what it decodes is drawn at its finest level."""
+    """See `GaussianDecoder`; what it decodes is drawn at its finest level.
+
+    Raises:
+        BitstreamError: Where the index of tiles is damaged or not there, too.
+    """
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         super().__init__(manifest, side_info, num_bytes)
+        read_tile_index(manifest, self.sections)  # what cannot be is told now, not by whoever fetches tiles
         self._sizes = tuple(tier.num_anchors for tier in manifest.tiers) or (manifest.num_anchors,)
 
     def scene(self) -> Partial[SplatScene]:

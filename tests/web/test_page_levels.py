@@ -1,0 +1,82 @@
+"""A scene with levels in a browser: what is looked at comes first, by ranges of bytes, and nothing that nobody sees."""
+
+import asyncio
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from codec.gaussians.test_gaussians import some_splats
+from scenes import tiny_cameras
+from splatwire.codec import add_concealment
+from splatwire.codec.viewpoint import SECTION, viewpoint_section
+from splatwire.levels import encode_levels
+from splatwire.model import SplatScene
+from splatwire.packets import Packetization, SceneStream, stream_to_bytes
+from splatwire.scene import Cameras
+from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import PageContent
+from transport.chromium import browser, executable
+from web.pictures import ELEMENT, check_pictures
+
+pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+STATUS = f"{ELEMENT}?.status"
+SAID = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
+
+
+def ball(count: int) -> SplatScene:
+    """Around the origin."""
+    splats = some_splats(count)
+    return SplatScene(replace(splats, means=splats.means - splats.means.mean(dim=0)))
+
+
+def seen_from(stream: SceneStream, distance: float) -> bytes:
+    """The stream, looked at first from so many units beside its middle."""
+    cameras = tiny_cameras(2, 240, 180)
+    poses = cameras.viewmats.clone()
+    poses[:, :3, :3] = poses.new_tensor(np.eye(3))
+    poses[:, :3, 3] = poses.new_tensor([0.0, 0.0, distance])
+    moved = Cameras(poses, cameras.Ks, cameras.width, cameras.height, cameras.names)
+    return stream_to_bytes(add_concealment(stream, SECTION, viewpoint_section(moved)))
+
+
+def test_a_browser_fetches_what_is_looked_at() -> None:
+    stream = encode_levels(ball(40_000), Packetization(block_size=400, lanes=2))
+    contents = {"far": seen_from(stream, 500.0), "near": seen_from(stream, 1.5)}
+
+    async def work() -> None:
+        async with PageServer(PageContent(contents)) as server:
+
+            def drive() -> None:
+                came = {}
+                with browser() as page:
+                    for name in contents:
+                        page.open("about:blank")
+                        page.open(f"{server.url}?stream={name}")
+                        page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')", 60)
+                        came[name] = page.evaluate(f"{STATUS}.packets")
+                        assert not page.evaluate(f"{STATUS}.failed")
+                        assert 0 < page.evaluate(f"{STATUS}.gaussians") <= 40_000
+                assert 0 < came["far"] < came["near"] <= len(stream.packets)
+
+            await asyncio.to_thread(drive)
+
+    asyncio.run(asyncio.wait_for(work(), 200))
+
+
+def test_what_is_drawn_in_the_end_is_the_finest_level() -> None:
+    stream = encode_levels(ball(900), Packetization(block_size=40, lanes=2))
+
+    async def work() -> None:
+        async with PageServer(PageContent({"ball": stream_to_bytes(stream)})) as server:
+
+            def drive() -> None:
+                with browser() as page:
+                    page.open(server.url)
+                    page.wait_for(f"{STATUS}?.finished === 'complete' && {STATUS}.gaussians === 900", 60)
+                    assert page.resolve(f"{ELEMENT}.verify()") is True
+                    check_pictures(page, stream, 38)
+
+            await asyncio.to_thread(drive)
+
+    asyncio.run(asyncio.wait_for(work(), 200))

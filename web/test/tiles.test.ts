@@ -1,0 +1,126 @@
+// Tiles by ranges of bytes from a file server: in the order of the view, from where a broken link left off, and not at
+// all from a server that gives no ranges.
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { createServer, type RequestListener } from "node:http";
+import type { AddressInfo } from "node:net";
+import { test } from "node:test";
+
+import type { Camera } from "../src/model/camera.ts";
+import { ContainerReader } from "../src/packets/container.ts";
+import type { Fetching, Listener } from "../src/transport/events.ts";
+import { Received } from "../src/transport/received.ts";
+import { NoRanges, receiveTiles } from "../src/transport/tiles.ts";
+
+const file = readFileSync("../tests/golden/tiny_levels.swz");
+const LOOK: Camera = {
+  viewmat: [
+    [1, 0, 0, -3],
+    [0, 1, 0, 7],
+    [0, 0, 1, 3],
+    [0, 0, 0, 1],
+  ],
+  focal: 800,
+  width: 400,
+  height: 300,
+  margin: 0,
+};
+
+/** A view that stands still until it has what it wants, and then wants everything. */
+function visitor(): { listener: Listener; view: Fetching; begin: number; places: number[] } {
+  const container = new ContainerReader(),
+    places: number[] = [];
+  container.feed(file);
+  const head = container.head!,
+    received = new Received(head),
+    { tiling } = received.decoder.schema;
+  assert.ok(tiling);
+  tiling.look(LOOK);
+  const listener: Listener = {
+    preview: () => undefined,
+    head: () => undefined,
+    packets: (some) => {
+      for (const { place, bytes } of some) {
+        places.push(place);
+        received.take(bytes);
+      }
+    },
+    counts: () => undefined,
+    stopped: () => false,
+  };
+  const view: Fetching = {
+    head,
+    tiles: tiling.tiles,
+    get wanted() {
+      return tiling.wanted;
+    },
+    get packets() {
+      return received.decoder.intake.size;
+    },
+    moved: () => Promise.resolve(void tiling.look(null)),
+    taken: () => Promise.resolve(void tiling.look(LOOK)),
+  };
+  return { listener, view, begin: container.headBytes.length, places };
+}
+
+async function served(answer: RequestListener, work: (url: string) => Promise<void>): Promise<void> {
+  const server = createServer(answer).listen(0, "127.0.0.1");
+  try {
+    await new Promise((resolve) => server.once("listening", resolve));
+    await work(`http://127.0.0.1:${(server.address() as AddressInfo).port}/a.swz`);
+  } finally {
+    server.closeAllConnections();
+    server.close();
+  }
+}
+
+const ranged: RequestListener = ({ headers }, answer) => {
+  const [, from, to] = /bytes=(\d+)-(\d+)/.exec(headers.range ?? "")!;
+  answer.writeHead(206).end(file.subarray(Number(from), Number(to) + 1));
+};
+
+test("all tiles come, what the view wants first", async () => {
+  const { listener, view, begin, places } = visitor(),
+    first = view.wanted[0];
+  await served(ranged, async (url) => {
+    assert.equal(await receiveTiles(url, listener, begin, view, 2000), "complete");
+  });
+  assert.equal(places[0], view.tiles.firstPackets[first]);
+  assert.deepEqual(
+    [...places].sort((a, b) => a - b),
+    Array.from({ length: view.head.manifest.numPackets }, (_, n) => n),
+  );
+});
+
+test("a broken link takes nothing that came", async () => {
+  const { listener, view, begin, places } = visitor();
+  let answers = 0;
+  const failing: RequestListener = (request, answer) =>
+    ++answers > 1 ? void request.socket.destroy() : ranged(request, answer);
+  await served(failing, async (url) => {
+    await assert.rejects(receiveTiles(url, listener, begin, view, 2000));
+  });
+  const before = places.length;
+  assert.ok(before > 0 && before < view.head.manifest.numPackets);
+  await served(ranged, async (url) => {
+    assert.equal(await receiveTiles(url, listener, begin, view, 2000), "complete");
+  });
+  assert.equal(new Set(places).size, places.length);
+});
+
+test("a server without ranges is told from others, and a damaged tile is an error", async () => {
+  const { listener, view, begin } = visitor();
+  await served(
+    (_, answer) => void answer.writeHead(200).end(file),
+    async (url) => {
+      await assert.rejects(receiveTiles(url, listener, begin, view, 2000), NoRanges);
+    },
+  );
+  await served(
+    (_, answer) => void answer.writeHead(206).end(new Uint8Array(500)),
+    async (url) => {
+      await assert.rejects(receiveTiles(url, listener, begin, view, 2000), /damaged/);
+    },
+  );
+});
