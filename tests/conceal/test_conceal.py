@@ -186,4 +186,4 @@ def test_what_is_lacking_is_one_sentence() -> None:
 def test_a_context_of_unequal_parts_is_refused() -> None:
     context = random_context(10, 0)
     with pytest.raises(ValueError, match="do not fit"):
-        dataclasses.replace(context, erasures=Erasures.nothing_lost(9))
+        dataclasses.replace(context, erasures=Erasures.of_anchors(torch.ones(9, dtype=torch.bool)))

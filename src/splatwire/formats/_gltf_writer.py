@@ -29,16 +29,7 @@ _WAY = {
 def write_gltf(parts: Iterable[Splats], path: Path) -> int:
     """Writes one primitive of points in float32, and colours of a byte for programs that draw points only.
 
-    Args:
-        parts: The Gaussians, all of one degree.
-        path: The file; it appears under its name when it is complete.
-
-    Returns:
-        How many Gaussians were written.
-
-    Raises:
-        InvalidValueError: If there is none, a number is not finite, or degrees differ.
-        OSError: If the file cannot be written.
+    See `splatwire.formats.write_splats`.
     """
     splats = flip_axes(join(path, parts), GLTF_FLIPS)
     columns = _columns(splats)

@@ -25,19 +25,7 @@ _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def write_sog(parts: Iterable[Splats], path: Path) -> int:
-    """Writes a bundled SOG, Gaussians in Morton order.
-
-    Args:
-        parts: The Gaussians, all of one degree.
-        path: The file; it appears under its name when it is complete.
-
-    Returns:
-        How many Gaussians were written.
-
-    Raises:
-        InvalidValueError: If there is none, a number is not finite, or degrees differ.
-        OSError: If the file cannot be written.
-    """
+    """Writes a bundled SOG, Gaussians in Morton order; see `splatwire.formats.write_splats`."""
     splats = join(path, parts)
     means = splats.means.double().numpy()
     order = np.argsort(_morton(means), kind="stable")

@@ -97,16 +97,7 @@ def _harmonics(element: PlyElement, count: int) -> np.ndarray:
 def write_compressed_ply(parts: Iterable[Splats], path: Path) -> int:
     """Writes a compressed PLY; Gaussians keep their order, so sort them in space first if they are not.
 
-    Args:
-        parts: The Gaussians, all of one degree.
-        path: The file; it appears under its name when it is complete.
-
-    Returns:
-        How many Gaussians were written.
-
-    Raises:
-        InvalidValueError: If there is none, a number is not finite, or degrees differ.
-        OSError: If the file cannot be written.
+    See `splatwire.formats.write_splats`.
     """
     splats = join(path, parts)
     means, quats, scales, sh = (t.numpy() for t in (splats.means, splats.quats, splats.scales, splats.sh))

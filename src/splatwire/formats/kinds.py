@@ -145,7 +145,8 @@ def write_splats(parts: Iterable[Splats], path: Path) -> int:
     """Writes explicit Gaussians in the format that the end of the file's name says (`WRITERS`).
 
     Args:
-        parts: The Gaussians, all of one degree; PLY and `.splat` are written part by part.
+        parts: The Gaussians, all of one degree; may be a generator: PLY and `.splat` are written part by
+            part.
         path: The file; it appears under its name when it is complete.
 
     Returns:
@@ -153,7 +154,7 @@ def write_splats(parts: Iterable[Splats], path: Path) -> int:
 
     Raises:
         UnknownNameError: If the name says no format.
-        InvalidValueError: If there is nothing to write, or numbers that are no Gaussian.
+        InvalidValueError: If there is none, a number is not finite, or degrees differ.
         OSError: If the file cannot be written.
     """
     return writer_for(path)(parts, path)

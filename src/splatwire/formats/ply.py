@@ -59,18 +59,7 @@ def splats_of_vertices(vertices: PlyElement) -> Splats:
 def write_ply(parts: Iterable[Splats], path: Path) -> int:
     """Writes Gaussians part by part, so that they never have to be in memory together.
 
-    Normals are written as 0, opacities are kept a millionth from 0 and 1.
-
-    Args:
-        parts: The Gaussians, all of one degree; may be a generator.
-        path: The file; it appears under its name when it is complete.
-
-    Returns:
-        How many Gaussians were written.
-
-    Raises:
-        InvalidValueError: If there is none, a number is not finite, or degrees differ.
-        OSError: If the file cannot be written.
+    Normals are written as 0, opacities are kept a millionth from 0 and 1. See `splatwire.formats.write_splats`.
     """
     count, degree = 0, 0
     with written_whole(path) as unfinished, unfinished.open("wb") as file:

@@ -40,18 +40,7 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
     """Writes Gaussians part by part as records of position, scale (both float32), RGBA and rotation (bytes).
 
     Of the spherical harmonics only the constant is kept. The rotation is the quaternion (w, x, y, z), times 128 plus
-    128.
-
-    Args:
-        parts: The Gaussians, all of one degree; may be a generator.
-        path: The file; it appears under its name when it is complete.
-
-    Returns:
-        How many Gaussians were written.
-
-    Raises:
-        InvalidValueError: If there is none, a number is not finite, or degrees differ.
-        OSError: If the file cannot be written.
+    128. See `splatwire.formats.write_splats`.
     """
     count = 0
     with written_whole(path) as unfinished, unfinished.open("wb") as file:

@@ -186,18 +186,13 @@ def write_spz(parts: Iterable[Splats], path: Path, harmonic_bits: tuple[int, int
     """Writes an SPZ file of version 3, which all viewers read; harmonics are cut to their range.
 
     Args:
-        parts: The Gaussians, all of one degree.
-        path: The file; it appears under its name when it is complete.
+        parts: See `splatwire.formats.write_splats`, like `path` and what is returned.
+        path: The file.
         harmonic_bits: Bits of harmonics of degree 1, and of those beyond, 1 to 8 each: they stay bytes, of which the
             last bits are 0, so that they pack better.
 
-    Returns:
-        How many Gaussians were written.
-
     Raises:
-        InvalidValueError: If there is none, a number is not finite, degrees differ, a position is beyond 2**23, or
-            there is no such number of bits.
-        OSError: If the file cannot be written.
+        InvalidValueError: Also if a position is beyond 2**23, or there is no such number of bits.
     """
     if not all(1 <= number <= 8 for number in harmonic_bits):
         raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Bool
 from torch import Tensor
 
@@ -39,8 +38,3 @@ class Erasures:
     def of_anchors(known: Bool[Tensor, "N"]) -> "Erasures":
         """Builds the erasures of atomic packaging: an anchor is there with all attributes or with none."""
         return Erasures(known[:, None].expand(-1, len(Attribute)).clone())
-
-    @staticmethod
-    def nothing_lost(num_anchors: int) -> "Erasures":
-        """Builds the erasures of a transfer that lost nothing."""
-        return Erasures(torch.ones(num_anchors, len(Attribute), dtype=torch.bool))

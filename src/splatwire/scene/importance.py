@@ -62,7 +62,3 @@ class Importance:
             ends.append(round(min(sum(fractions[:tier]) + fraction, 1) * number))
             tiers[order[ends[-2] : ends[-1]]] = tier
         return tiers
-
-    def held_by(self, chosen: Bool[Tensor, "N"]) -> float:
-        """Share of the footprint that some anchors hold together."""
-        return float(self.share.double()[chosen].sum())

@@ -23,7 +23,6 @@ POSITION_BITS = 16.0
 """What the place of an anchor costs, about: anchors that draw little are to know it."""
 NARROW = 0.5
 """Spreads, in steps, that training starts from are at least this."""
-_TINY = 1e-6
 
 
 class TrainedCausal:

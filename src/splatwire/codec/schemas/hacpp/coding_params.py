@@ -22,8 +22,6 @@ from splatwire.codec.schemas.hacpp.grid_lookup import lookup, unit_coordinates
 from splatwire.entropy.tables import step_table
 from splatwire.model.config import ModelConfig
 
-ATTRIBUTE_STEPS = ("feature", "scaling", "offset")
-
 
 @dataclass(frozen=True)
 class PriorColumns:
