@@ -34,6 +34,7 @@ def stream(request):
     return encode_levels(SplatScene(some_splats(900)), request.param)
 
 
+@settings(deadline=None)  # however busy the machine is
 @given(st.integers(1, 10**7), st.sampled_from([37, 500, 3000]))
 def test_tiles_are_the_blocks_of_a_plan(count, tile):
     shapes = level_shapes(count, tile)
@@ -48,7 +49,7 @@ def test_tiles_are_the_blocks_of_a_plan(count, tile):
         assert (np.diff(parents) >= 0).all()
 
 
-@settings(deadline=None)  # the kernel may have to be compiled
+@settings(deadline=None)  # however busy the machine is
 @given(st.integers(1, 200), st.integers(1, 20), st.integers(0, 99), st.booleans())
 def test_runs_of_a_kd_order_lie_apart(count, runs, seed, alike):
     rng = np.random.default_rng(seed)
@@ -192,6 +193,7 @@ def looking(tiles) -> Look:
     return Look(matrix, 300.0, 320, 240)
 
 
+@settings(deadline=None)  # however busy the machine is
 @given(st.integers(0, 10**6), st.integers(50, 2000), st.booleans())
 def test_a_cut_is_a_partition(stream, seed, budget, blind):
     tiles = tiles_of(stream)
