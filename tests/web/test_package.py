@@ -3,7 +3,6 @@
 import asyncio
 import json
 import re
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -17,21 +16,11 @@ from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import SceneStream, stream_to_bytes
 from transport.chromium import Browser, browser, executable
 from web.host import hosting
-from web.node import WEB, lacking
+from web.installed import called, install, package
+from web.node import WEB
 from web.pictures import ELEMENT, half_of
 from web.test_page import SMALL, ball, run
 
-PROJECT = {
-    "name": "theirs", "private": True, "type": "module",
-    "devDependencies": {"typescript": "7.0.2", "vite": "8.3.8"},
-}  # fmt: skip
-TSCONFIG = {
-    "compilerOptions": {
-        "target": "es2022", "module": "esnext", "moduleResolution": "bundler", "lib": ["es2022", "dom"], "types": [],
-        "strict": True, "noEmit": True, "skipLibCheck": False,
-    },
-    "include": ["*.ts"],
-}  # fmt: skip
 PAGE = '<!doctype html><link rel="icon" href="data:,">{element}<script type="module" src="./{script}.ts"></script>'
 VITE = """export default {
   base: "./",
@@ -59,12 +48,6 @@ console.log(JSON.stringify(told));
 """
 
 
-def called(words: list[str], folder: Path) -> str:
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout + done.stderr
-
-
 def examples() -> list[str]:
     """Code of the package's README, block by block."""
     return re.findall(r"```(?:html|ts)\n(.*?)```", (WEB / "PACKAGE.md").read_text(), re.DOTALL)
@@ -78,23 +61,15 @@ def stream() -> SceneStream:
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package as a file that `npm publish` would upload."""
-    if reason := lacking():
-        pytest.skip(reason)
-    folder = tmp_path_factory.mktemp("package")
-    called(["node", "scripts/package.mjs", str(folder / "splatwire")], WEB)
-    called(["npm", "pack", "--silent", "./splatwire"], folder)
-    [file] = folder.glob("*.tgz")
-    return file
+    return package(tmp_path_factory.mktemp("package"))
 
 
 @pytest.fixture(scope="module")
 def project(packed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Somebody's Vite project that has the package installed, and the README's examples as its code."""
     folder = tmp_path_factory.mktemp("theirs")
-    (folder / "package.json").write_text(json.dumps(PROJECT))
-    (folder / "tsconfig.json").write_text(json.dumps(TSCONFIG))
     (folder / "vite.config.js").write_text(VITE)
-    viewer, events, decoder = (text.replace("https://example.org/", "./") for text in examples())
+    viewer, events, decoder = (text.replace("https://example.org/", "./") for text in examples()[:3])
     element = re.search(r"<splat-wire.*</splat-wire>", viewer)
     assert element
     for name, script in (("index", "main"), ("strict", "strict")):
@@ -103,11 +78,7 @@ def project(packed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "main.ts").write_text(f"{events}\nimport './decoded.ts';\n")
     (folder / "strict.ts").write_text('import "splatwire/strict";\n')
     (folder / "decoded.ts").write_text(decoder)
-    words = ["npm", "install", "--no-audit", "--no-fund", "--loglevel=error", str(packed)]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
-    if done.returncode and ("ENOTFOUND" in done.stderr or "ECONNREFUSED" in done.stderr or "EAI_AGAIN" in done.stderr):
-        pytest.skip(f"npm reaches no registry, so the package was not installed anywhere: {done.stderr[-200:]}")
-    assert done.returncode == 0, done.stderr
+    install(folder, packed, {"typescript": "7.0.2", "vite": "8.3.8"})
     return folder
 
 

@@ -88,6 +88,16 @@ const drawing = (file) => ({
   },
 });
 
+/** Doors of other programs: their packages and our decoder stay modules of their own. */
+const decoderAlone = {
+  name: "decoder",
+  setup(setup) {
+    setup.onResolve({ filter: /\/decoder\.ts$/ }, () => ({ path: "./decoder.js", external: true }));
+  },
+};
+const DOORS = { playcanvas: "src/doors/playcanvas.ts", three: "src/doors/three.ts" },
+  THEIRS = ["playcanvas", "three", "@sparkjsdev/spark", "node:*"];
+
 /** Files of the npm package by name: modules with their source maps, and workers for pages without `blob:`. */
 export async function modules() {
   const found = [];
@@ -101,6 +111,10 @@ export async function modules() {
   await make({ view: "src/render/view.ts" }, { ...esm, plugins: [worker(false)] });
   await make({ strict: "src/index.ts" }, { ...esm, plugins: [worker(true), drawing("./strict-view.js")] });
   await make({ "strict-view": "src/render/view.ts" }, { ...esm, plugins: [worker(true)] });
+  const doors = { ...esm, external: THEIRS, plugins: [decoderAlone] };
+  await make(DOORS, doors);
+  const generator = { "splat-transform": "src/doors/splat_transform.ts" };
+  await make(generator, { ...doors, outExtension: { ".js": ".mjs" } });
   await make({ "splatwire-worker": "src/worker.ts" }, { format: "iife" });
   const stdin = { contents: SORTER, resolveDir: root, sourcefile: "splatwire-sorter.js" };
   await make(undefined, { format: "iife", stdin, outfile: "splatwire-sorter.js", outdir: undefined });

@@ -29,7 +29,7 @@ const reach = (name) => {
   for (const [, , target] of text.matchAll(IMPORT)) reach(join(dirname(name), `${target}.d.ts`));
   writeFileSync(path, text.replace(IMPORT, '$1$2.js"'));
 };
-for (const name of ["index.d.ts", "decoder.d.ts"]) reach(name);
+for (const name of ["index.d.ts", "decoder.d.ts", "doors/playcanvas.d.ts", "doors/three.d.ts"]) reach(name);
 for (const name of readdirSync(join(out, "types"), { recursive: true }))
   if (name.endsWith(".d.ts") && !reached.has(name)) rmSync(join(out, "types", name));
 
@@ -43,8 +43,16 @@ const packaged = {
     ".": { types: "./types/index.d.ts", default: "./index.js" },
     "./strict": { types: "./types/index.d.ts", default: "./strict.js" },
     "./decoder": { types: "./types/decoder.d.ts", default: "./decoder.js" },
+    "./playcanvas": { types: "./types/doors/playcanvas.d.ts", default: "./playcanvas.js" },
+    "./three": { types: "./types/doors/three.d.ts", default: "./three.js" },
+    "./splat-transform.mjs": "./splat-transform.mjs",
     "./package.json": "./package.json",
   },
+  // what the doors of other programs need of them; whoever uses the element or the decoder installs none
+  peerDependencies: { playcanvas: "^2.21.0", three: ">=0.180.0", "@sparkjsdev/spark": "^2.2.0" },
+  peerDependenciesMeta: Object.fromEntries(
+    ["playcanvas", "three", "@sparkjsdev/spark"].map((name) => [name, { optional: true }]),
+  ),
   sideEffects: ["./index.js", "./strict.js"],
   keywords: ["gaussian-splatting", "3dgs", "streaming", "webtransport", "web-component", "codec"],
 };

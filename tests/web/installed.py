@@ -1,0 +1,46 @@
+"""The npm package as others have it: packed, and installed into projects of their own."""
+
+import json
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from web.node import WEB, lacking
+
+TSCONFIG = {
+    "compilerOptions": {
+        "target": "es2022", "module": "esnext", "moduleResolution": "bundler", "lib": ["es2022", "dom"], "types": [],
+        "strict": True, "noEmit": True, "skipLibCheck": False,
+    },
+    "include": ["*.ts"],
+}  # fmt: skip
+
+
+def called(words: list[str], folder: Path) -> str:
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def package(folder: Path) -> Path:
+    """The package as a file that `npm publish` would upload."""
+    if reason := lacking():
+        pytest.skip(reason)
+    called(["node", "scripts/package.mjs", str(folder / "splatwire")], WEB)
+    called(["npm", "pack", "--silent", "./splatwire"], folder)
+    [file] = folder.glob("*.tgz")
+    return file
+
+
+def install(folder: Path, packed: Path, others: Mapping[str, str]) -> None:
+    """Makes the folder a project that has the package and these others, by version."""
+    project = {"name": "theirs", "private": True, "type": "module", "devDependencies": dict(others)}
+    (folder / "package.json").write_text(json.dumps(project))
+    (folder / "tsconfig.json").write_text(json.dumps(TSCONFIG))
+    words = ["npm", "install", "--no-audit", "--no-fund", "--loglevel=error", str(packed)]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=300)
+    if done.returncode and ("ENOTFOUND" in done.stderr or "ECONNREFUSED" in done.stderr or "EAI_AGAIN" in done.stderr):
+        pytest.skip(f"npm reaches no registry, so the package was not installed anywhere: {done.stderr[-200:]}")
+    assert done.returncode == 0, done.stderr

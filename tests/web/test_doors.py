@@ -1,0 +1,199 @@
+"""Other programs take streams through the package's doors: PlayCanvas, three.js with Spark, and splat-transform."""
+
+import asyncio
+import base64
+import io
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from explicit import encode_splats
+from scenes import tiny_cameras
+from splatwire.codec import decode_stream
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.conceal import conceal
+from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.render import render_scene
+from splatwire.scene_io import open_scene
+from transport.chromium import browser, executable
+from web.host import hosting
+from web.installed import called, install, package
+from web.node import WEB
+from web.pictures import half_of
+from web.test_page import SMALL, ball, run
+
+OTHERS = {
+    "typescript": "7.0.2", "vite": "8.3.8", "playcanvas": "2.23.3", "three": "0.187.0", "@types/three": "0.187.0",
+    "@sparkjsdev/spark": "2.2.0", "@playcanvas/splat-transform": "3.7.0",
+}  # fmt: skip
+VITE = """export default { base: "./", build: { target: "es2022",
+  rolldownOptions: { input: ["playcanvas.html", "three.html"], checks: { bundlerTimings: false } } } };
+"""
+PAGE = """<!doctype html><link rel="icon" href="data:,"><style>body {{ margin: 0; }}</style>
+<canvas width="240" height="180"></canvas><script type="module" src="./{name}.ts"></script>"""
+PLAYCANVAS = """
+import * as pc from "playcanvas";
+import { app } from "./example";
+declare global { interface Window { draw(pose: number[]): Promise<string>; failed?: string } }
+const camera = new pc.Entity("camera"), view = new pc.Mat4(), height = 180, width = 240;
+camera.addComponent("camera", { clearColor: new pc.Color(0.2, 0.5, 0.8), nearClip: 0.01, farClip: 100 });
+camera.camera!.fov = 2 * Math.atan(height / 2 / width) * pc.math.RAD_TO_DEG;
+app.root.addChild(camera);
+app.start();
+while (!app.root.findComponent("gsplat")) await new Promise((resolve) => setTimeout(resolve, 50));
+let sorted = false;
+app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) => (sorted = ready));
+window.draw = async (pose) => {
+  view.set(pose);
+  camera.setPosition(view.getTranslation());
+  camera.setRotation(new pc.Quat().setFromMat4(view));
+  let picture = "";
+  for (let same = 0; same < 60; ) {
+    await new Promise((resolve) => app.once("frameend", resolve));
+    const now = sorted ? app.graphicsDevice.canvas.toDataURL() : "";
+    same = now && now === picture ? same + 1 : 0;
+    picture = now;
+  }
+  return picture;
+};
+"""
+THREE = """
+import * as THREE from "three";
+import { SparkRenderer } from "@sparkjsdev/spark";
+import { loaded, scene } from "./example";
+declare global { interface Window { draw(pose: number[]): Promise<string>; failed?: string } }
+const width = 240, height = 180, canvas = document.querySelector("canvas")!;
+const renderer = new THREE.WebGLRenderer({ canvas, preserveDrawingBuffer: true });
+renderer.setClearColor(new THREE.Color().setRGB(0.2, 0.5, 0.8, THREE.SRGBColorSpace));
+scene.add(new SparkRenderer({ renderer, preBlurAmount: 0.3, blurAmount: 0, sortRadial: false }));
+const angle = 2 * Math.atan(height / 2 / width) * 180 / Math.PI;
+const camera = new THREE.PerspectiveCamera(angle, width / height, 0.01, 100);
+const plane = (left: number, right: number, depth: number, colour: number) => {
+  const shape = new THREE.PlaneGeometry((right - left) * depth, 20);
+  const mesh = new THREE.Mesh(shape, new THREE.MeshBasicMaterial({ color: colour, side: THREE.DoubleSide }));
+  mesh.position.set((left + right) / 2 * depth, 0, -depth);
+  camera.add(mesh);
+};
+plane(-0.5, -0.125, 1, 0xff0000); // before the ball, over the left 45 pixels
+plane(0.125, 0.5, 10, 0x00ff00); // behind it, over the right 45
+scene.add(camera);
+await loaded;
+window.draw = async (pose) => {
+  new THREE.Matrix4().fromArray(pose).decompose(camera.position, camera.quaternion, camera.scale);
+  for (let n = 0; n < 20; n++) {
+    renderer.render(scene, camera);
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  return canvas.toDataURL();
+};
+"""
+
+
+def example(word: str) -> str:
+    """The block of the package's README that has a word."""
+    blocks = re.findall(r"```ts\n(.*?)```", (WEB / "PACKAGE.md").read_text(), re.DOTALL)
+    [found] = [block for block in blocks if word in block]
+    return found.replace("/scene.swz", "./scene.swz")
+
+
+@pytest.fixture(scope="module")
+def stream() -> SceneStream:
+    """Half of a ball's packets."""
+    return half_of(encode_splats(ball(degree=3), SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)))
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("theirs")
+    install(folder, package(tmp_path_factory.mktemp("package")), OTHERS)
+    return folder
+
+
+def built(project: Path, name: str, script: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Pages and scripts of a project whose page runs this script and the README's example."""
+    (project / "example.ts").write_text(example(f"splatwire/{name}"))
+    (project / f"{name}.ts").write_text(script)
+    (project / f"{name}.html").write_text(PAGE.format(name=name))
+    (project / "vite.config.js").write_text(VITE.replace('"playcanvas.html", "three.html"', f'"{name}.html"'))
+    (project / "tsconfig.json").write_text(
+        json.dumps(
+            json.loads((project / "tsconfig.json").read_text()) | {"include": [f"{name}.ts", "example.ts"]}
+        ).replace('"skipLibCheck": false', '"skipLibCheck": true')  # the libraries of others
+    )
+    called(["node_modules/.bin/tsc"], project)
+    called(["node_modules/.bin/vite", "build", "--logLevel", "error"], project)
+    scripts = {f"assets/{path.name}": path.read_text() for path in (project / "dist" / "assets").iterdir()}
+    return {path.name: path.read_text() for path in (project / "dist").glob("*.html")}, scripts
+
+
+def drawn(project: Path, name: str, script: str, stream: SceneStream, poses: list[list[float]]) -> list[np.ndarray]:
+    """What a page of the project draws from these poses."""
+    pages, scripts = built(project, name, script)
+    found: list[np.ndarray] = []
+
+    def drive(url: str) -> None:
+        with browser() as page:
+            page.open(f"{url}{name}.html")
+            page.wait_for("Boolean(window.draw)", 60)
+            for pose in poses:
+                picture = page.resolve(f"draw({json.dumps(pose)})").split(",")[1]
+                found.append(np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0)
+
+    async def work() -> None:
+        async with hosting(pages, {"scene.swz": stream_to_bytes(stream)}, scripts) as host:
+            await asyncio.to_thread(drive, host.url)
+
+    run(work())
+    return found
+
+
+def poses_of(cameras: Any) -> list[list[float]]:
+    """From camera to world, column by column, for cameras that look along -z with y up."""
+    return [
+        (np.linalg.inv(view.numpy()) @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist() for view in cameras.viewmats
+    ]
+
+
+def psnr(first: np.ndarray, second: np.ndarray) -> float:
+    return float(-10 * np.log10(((first - second) ** 2).mean()))
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path, stream: SceneStream) -> None:
+    cameras = tiny_cameras(2, 240, 180)
+    expected = render_scene(conceal(decode_stream(stream), "grow"), cameras)
+    for ours, theirs in zip(expected, drawn(project, "playcanvas", PLAYCANVAS, stream, poses_of(cameras)), strict=True):
+        assert psnr(ours.numpy(), theirs) > 36
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream) -> None:
+    """A mesh in front hides Gaussians; one behind shines through them as a background of its colour does."""
+    cameras = tiny_cameras(2, 240, 180)
+    grown = conceal(decode_stream(stream), "grow")
+    over = [p.numpy() for p in render_scene(grown, cameras)]
+    green = [p.numpy() for p in render_scene(grown, cameras, background=torch.tensor([0.0, 1.0, 0.0]))]
+    for view, theirs in enumerate(drawn(project, "three", THREE, stream, poses_of(cameras))):
+        expected = over[view].copy()
+        expected[:, :90] = (1.0, 0.0, 0.0)
+        expected[:, 150:] = green[view][:, 150:]
+        assert psnr(expected, theirs) > 37
+
+
+def test_splat_transform_reads_a_stream(project: Path, stream: SceneStream, tmp_path: Path) -> None:
+    (tmp_path / "scene.swz").write_bytes(stream_to_bytes(stream))
+    tool, door = "node_modules/.bin/splat-transform", "node_modules/splatwire/splat-transform.mjs"
+    words = [tool, door, "-p", f"file={tmp_path / 'scene.swz'}"]
+    called([*words[:3], f"{words[3]},concealer=drop", str(tmp_path / "scene.ply")], project)
+    cameras = tiny_cameras(2, 240, 180)
+    ours = render_scene(conceal(decode_stream(stream), "drop"), cameras)
+    theirs = render_scene(open_scene(tmp_path / "scene.ply"), cameras, background=torch.tensor([0.2, 0.5, 0.8]))
+    assert psnr(ours.numpy(), theirs.numpy()) > 60
+    called([*words, str(tmp_path / "scene.spz")], project)
+    assert (tmp_path / "scene.spz").stat().st_size > 10_000

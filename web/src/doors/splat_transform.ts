@@ -1,0 +1,58 @@
+// splat-transform splat-transform.mjs -p file=scene.swz OUTPUT: a stream in every format that PlayCanvas's
+// splat-transform writes.
+
+import { readFile } from "node:fs/promises";
+
+import { decode, type Gaussians } from "../decoder.ts";
+import { type Columns, plyColumns } from "./columns.ts";
+
+interface Parameters {
+  readonly name: string;
+  readonly value: string;
+}
+
+/** What splat-transform asks of a generator. */
+export class Generator {
+  readonly columnNames: string[];
+  readonly #columns: Columns;
+
+  private constructor(
+    readonly count: number,
+    columns: Columns,
+  ) {
+    this.columnNames = columns.map(([name]) => name);
+    this.#columns = columns;
+  }
+
+  /** Parameters: `file`, the stream; `concealer`, what hides losses, `grow` if nothing is said. */
+  static async create(given: readonly Parameters[]): Promise<Generator> {
+    const { file, concealer = "grow", ...unknown } = Object.fromEntries(given.map(({ name, value }) => [name, value]));
+    const [other] = Object.keys(unknown);
+    if (other !== undefined) throw new Error(`there is no parameter '${other}', only file and concealer`);
+    if (!file) throw new Error("say which stream: -p file=scene.swz");
+    const { gaussians } = await decode(new Uint8Array(await readFile(file)), { concealer });
+    return new Generator(gaussians.count, plyColumns(turned(gaussians)));
+  }
+
+  getRow(index: number, row: Record<string, number>): void {
+    for (const [name, values] of this.#columns) row[name] = values[index];
+  }
+}
+
+/** Half a turn around z: streams have the axes of a PLY, splat-transform's rows those of PlayCanvas, y up. */
+function turned(gaussians: Gaussians): Gaussians {
+  const { degree } = gaussians,
+    number = (degree + 1) ** 2 - 1,
+    rotations = gaussians.rotations.map((_, n, all) => {
+      const [w, x, y, z] = all.subarray(n & ~3, (n & ~3) + 4);
+      return [-z, -y, x, w][n & 3];
+    });
+  const centres = gaussians.centres.map((value, n) => (n % 3 === 2 ? value : -value));
+  // coefficient j of all is of degree l and order m = j - l^2 - l; those of odd m change their sign
+  const harmonics = gaussians.harmonics.map((value, n) => {
+    const j = (Math.floor(n / 3) % number) + 1,
+      l = Math.floor(Math.sqrt(j));
+    return (j - l * l - l) % 2 === 0 ? value : -value;
+  });
+  return { ...gaussians, centres, rotations, harmonics };
+}
