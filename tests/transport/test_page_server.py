@@ -94,7 +94,7 @@ def test_heads_that_wait_are_bounded_and_the_greediest_network_makes_room():
                 await until(lambda: sum(map(ended, many)) == 15)
                 assert not any(map(ended, few))
                 assert [ended(client) for client in many] == [True] * 15 + [False] * 5, "the oldest go"
-                assert sum(map(len, server._waiting.values())) == 8
+                assert len(server._waiting) == 8
             await until(lambda: not server._waiting)
 
     run(work())
@@ -125,12 +125,12 @@ def test_slow_readers_share_one_body():
             assert await asked(server.port, BIG)
             tracemalloc.start()
             async with clients(server.port, readers, BIG):
-                await until(lambda: server._places.total() == readers)
+                await until(lambda: len(server._places) == readers)
                 assert (await asked(server.port, BIG)).endswith(BODY[-1000:])
                 # The honest client above, which lives in this process, holds the stream twice for a moment.
                 assert tracemalloc.get_traced_memory()[1] < readers * (CHUNK_BYTES + (1 << 16)) + 4 * len(BODY)
             tracemalloc.stop()
-            await until(lambda: server._places.total() == 0)
+            await until(lambda: len(server._places) == 0)
 
     try:
         run(work())
@@ -152,7 +152,7 @@ def test_readers_that_are_too_slow_lose_their_places(limits: PageLimits, reads: 
                 for client in slow if reads else ():
                     with contextlib.suppress(OSError):
                         client.recv(reads)
-                return server._places.total() == 0
+                return len(server._places) == 0
 
             await until(dropped)
             await until(lambda: not server._clients)  # nothing waits for them any more
@@ -168,10 +168,28 @@ def test_a_network_has_its_share_of_the_places():
             assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 503")
             assert (await asked(server.port, BIG)).endswith(BODY[-1000:])
             async with clients(server.port, 2, BIG, "127.0.0.3"):
-                await until(lambda: server._places.total() == 6)
-                assert (await asked(server.port)).startswith(b"HTTP/1.1 503")
-            await until(lambda: server._places.total() == 4)
-            assert (await asked(server.port)).startswith(b"HTTP/1.1 200")
+                await until(lambda: len(server._places) == 6)
+                assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 503")
+                assert (await asked(server.port, host="127.0.0.3")).startswith(b"HTTP/1.1 200"), "three of each"
+            await until(lambda: len(server._places) == 3)
+            assert (await asked(server.port, host=HERE)).startswith(b"HTTP/1.1 200")
+
+    run(work())
+
+
+def test_networks_that_hold_all_places_make_room_for_others():
+    """Slow readers of nine networks hold every place; honest ones of a tenth are all answered at once."""
+    limits = replace(PATIENT, places=36, per_network=4)
+
+    async def work() -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            server = await stack.enter_async_context(PageServer(CONTENT, limits=limits))
+            for network in range(9):
+                await stack.enter_async_context(clients(server.port, 4, BIG, f"127.0.1.{network + 1}"))
+            await until(lambda: len(server._places) == 36)
+            for _ in range(34):
+                assert (await asked(server.port)).startswith(b"HTTP/1.1 200")
+            assert len(server._places) >= 35, "one place was taken, and used by all of them"
 
     run(work())
 
@@ -191,7 +209,7 @@ def test_ending_prints_nothing_whatever_is_going_on(caplog: pytest.LogCaptureFix
             clients(server.port, 50, BIG),
             clients(server.port, 50, b"GET"),
         ):
-            await until(lambda: server._places.total() == 50 and len(server._clients) == 100)
+            await until(lambda: len(server._places) == 50 and len(server._clients) == 100)
 
     with caplog.at_level(logging.DEBUG, "asyncio"):
         asyncio.run(work(), debug=False)

@@ -1,5 +1,6 @@
 """Who may begin a transfer: places and starts are counted by network, whatever port or address of it asks."""
 
+import asyncio
 import ipaddress
 from collections import OrderedDict, deque
 from collections.abc import Hashable
@@ -28,6 +29,44 @@ def network_of(address: Hashable) -> Hashable:
     if isinstance(number, ipaddress.IPv6Address):
         return number.ipv4_mapped or int(number) >> (128 - PREFIX_BITS)
     return number
+
+
+class Places:
+    """Connections at once, shared between networks: where all are taken, whoever holds most of them makes room.
+
+    Args:
+        most: Of all networks together.
+        per_network: Of one network. Then the greediest makes room only for one that holds fewer, the new one counted;
+            without this number the oldest of the greediest always goes.
+    """
+
+    def __init__(self, most: int, per_network: int | None = None) -> None:
+        self._most, self._per_network = most, per_network
+        self._held: dict[Hashable, list[asyncio.WriteTransport]] = {}
+
+    def __len__(self) -> int:
+        return sum(map(len, self._held.values()))
+
+    def take(self, network: Hashable, connection: asyncio.WriteTransport) -> bool:
+        """Whether a connection has a place from now on. Another one may be ended for it."""
+        mine = len(self._held.get(network, ())) + 1
+        if self._per_network is not None and mine > self._per_network:
+            return False
+        if len(self) >= self._most:
+            greediest = max(self._held, key=lambda other: len(self._held[other]))
+            if self._per_network is not None and len(self._held[greediest]) <= mine:
+                return False
+            oldest = self._held[greediest][0]
+            self.leave(greediest, oldest)
+            oldest.abort()
+        self._held.setdefault(network, []).append(connection)
+        return True
+
+    def leave(self, network: Hashable, connection: asyncio.WriteTransport) -> None:
+        """A connection needs its place no more; nothing happens if it had lost it."""
+        left = [other for other in self._held.pop(network, []) if other is not connection]
+        if left:
+            self._held[network] = left
 
 
 class Starts:

@@ -2,13 +2,11 @@
 
 import asyncio
 import socket
-from collections import Counter
-from collections.abc import Hashable
 from dataclasses import dataclass
 from types import TracebackType
 
 from splatwire.transport.address import cannot_listen
-from splatwire.transport.admission import network_of
+from splatwire.transport.admission import Places, network_of
 from splatwire.transport.http_messages import Answer, make_answer
 from splatwire.transport.page_content import PageContent
 
@@ -22,7 +20,8 @@ class PageLimits:
     """What is spent on clients of the page.
 
     Attributes:
-        places: Answers that are sent at once.
+        places: Answers that are sent at once; at one more, the network with most of them loses its oldest, if the
+            one that asks has fewer.
         per_network: The same of one network (`admission.network_of`).
         waiting: Connections at once whose request is not there yet; at one more, the network with most of them loses
             its oldest.
@@ -63,8 +62,8 @@ class PageServer:
         self._limits = limits or PageLimits()
         self._server: asyncio.Server | None = None
         self._clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
-        self._waiting: dict[Hashable, list[asyncio.StreamWriter]] = {}
-        self._places: Counter[Hashable] = Counter()
+        self._waiting = Places(self._limits.waiting)
+        self._places = Places(self._limits.places, self._limits.per_network)
 
     async def __aenter__(self) -> "PageServer":
         host = self._content.host
@@ -110,35 +109,21 @@ class PageServer:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         network, limits = network_of(writer.get_extra_info("peername")), self._limits
         try:
-            head = await self._head(reader, writer, network)
-            if self._places.total() >= limits.places or self._places[network] >= limits.per_network:
+            self._waiting.take(network, writer.transport)
+            try:
+                async with asyncio.timeout(limits.request_s):
+                    head = await reader.readuntil(b"\r\n\r\n")
+            finally:
+                self._waiting.leave(network, writer.transport)
+            if not self._places.take(network, writer.transport):
                 await self._send(make_answer("503 Service Unavailable", headers="Retry-After: 1\r\n"), writer)
                 return
-            self._places[network] += 1
             try:
                 await self._send(self._content.answer(head), writer)
             finally:
-                self._places -= Counter([network])
+                self._places.leave(network, writer.transport)
         except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, TimeoutError, OSError):
             pass  # whoever it was wanted no page
-
-    async def _head(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, network: Hashable) -> bytes:
-        """Waits for a request's head, as long as there is room for those who wait."""
-        self._waiting.setdefault(network, []).append(writer)
-        if sum(map(len, self._waiting.values())) > self._limits.waiting:
-            most = max(self._waiting, key=lambda other: len(self._waiting[other]))
-            self._waiting[most][0].transport.abort()
-            self._waits_no_more(most, self._waiting[most][0])
-        try:
-            async with asyncio.timeout(self._limits.request_s):
-                return await reader.readuntil(b"\r\n\r\n")
-        finally:
-            self._waits_no_more(network, writer)
-
-    def _waits_no_more(self, network: Hashable, writer: asyncio.StreamWriter) -> None:
-        left = [other for other in self._waiting.pop(network, []) if other is not writer]
-        if left:
-            self._waiting[network] = left
 
     async def _send(self, answer: Answer, writer: asyncio.StreamWriter) -> None:
         """Hands an answer to the system as fast as it is read there.
