@@ -7,6 +7,7 @@ packets never loads torch.
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from splatwire.errors import how_to_install
 from splatwire.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -52,7 +53,12 @@ __all__ = [*_HOME, "__version__"]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'splatwire' has no attribute '{name}'")
-    value = getattr(importlib.import_module(_HOME[name]), name)
+    try:
+        value = getattr(importlib.import_module(_HOME[name]), name)
+    except ModuleNotFoundError as error:
+        if how := how_to_install(error.name):
+            error.add_note(how)
+        raise
     globals()[name] = value
     return value
 

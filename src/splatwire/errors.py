@@ -136,3 +136,30 @@ class UnknownNameError(SplatwireError, ValueError):
         super().__init__(f"unknown {kind} '{name}': known are {', '.join(sorted(known))}")
         self.kind = kind
         self.name = name
+
+
+EXTRAS = {
+    "scenes": (
+        "torch",
+        "scipy",
+        "numba",
+        "llvmlite",
+        "threadpoolctl",
+        "safetensors",
+        "jaxtyping",
+        "rich",
+        "PIL",
+        "zstandard",
+    ),
+    "report": ("matplotlib", "jinja2"),
+    "relay": ("raptorq", "aioquic", "cryptography"),
+}  # fmt: skip
+"""The modules that each extra of the package brings; without any it carries streams, and cannot look into them."""
+
+
+def how_to_install(module: str | None) -> str | None:
+    """What to do about a module that is not installed; None where it is of no extra."""
+    for extra, modules in EXTRAS.items():
+        if (module or "").split(".")[0] in modules:
+            return f"this needs {module}, which is not installed: pip install 'splatwire[{extra}]'"
+    return None

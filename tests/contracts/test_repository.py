@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from splatwire.errors import EXTRAS
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 MAX_DEMO_BYTES = 6_000_000
 
@@ -27,8 +29,19 @@ def test_every_requirement_is_pinned():
     pins = dict(line.split("==") for line in lines if line and not line.startswith("#"))
     project = _project()
     wanted = project["project"]["dependencies"] + project["dependency-groups"]["dev"]
+    wanted += [
+        line for extra in ("scenes", "report", "relay") for line in project["project"]["optional-dependencies"][extra]
+    ]
     assert {_name(requirement) for requirement in wanted} <= set(pins)
     assert pins["torch"] == "2.13.0"
+
+
+def test_an_extra_is_what_errors_say_of_it():
+    called = {"PIL": "pillow"}
+    for extra, modules in EXTRAS.items():
+        lines = _project()["project"]["optional-dependencies"][extra]
+        named = {_name(line) for line in lines if not line.startswith("splatwire[")}
+        assert named == {called.get(module, module) for module in modules}
 
 
 def test_no_dependency_has_a_viral_licence():

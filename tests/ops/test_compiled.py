@@ -195,3 +195,38 @@ def test_an_index_that_cannot_be_read_counts_as_empty(tmp_path, monkeypatch):
         (index,) = (tmp_path / "cache").rglob("*.nbi")
         content = index.read_bytes()
         index.write_bytes(content[: len(content) - 5])
+
+
+_DECODED = """
+import sys
+from splatwire.ops import compiled
+assert compiled.CAN_BORROW
+if sys.argv[1] == "plain":
+    compiled.CAN_BORROW = False
+from splatwire.packets import stream_from_bytes
+from splatwire.codec import decode_stream, encode_scene
+import base64, hashlib, json
+text = json.load(open(sys.argv[2]))["spread"]["swz"]
+stream, _ = stream_from_bytes(base64.b64decode(text))
+splats = decode_stream(stream).scene.splats
+digest = hashlib.sha256(b"".join(tensor.numpy().tobytes() for tensor in vars(splats).values()))
+print(digest.hexdigest())
+"""
+
+
+def test_kernels_say_the_same_where_numba_has_no_private_option(tmp_path):
+    """`_nrt` may be gone from the next numba: then kernels count who holds arrays, and decode the same bits."""
+    golden = SOURCE.parent / "tests" / "golden" / "gaussians.json"
+    found = {}
+    for way in ("plain", "borrowing"):
+        environment = os.environ | {"PYTHONPATH": str(SOURCE), "NUMBA_CACHE_DIR": str(tmp_path / way)}
+        words = [sys.executable, "-c", _DECODED, way, str(golden)]
+        done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+        found[way] = done.stdout
+    assert found["plain"] == found["borrowing"] != ""
+
+
+def test_an_option_that_numba_does_not_have_is_told_from_one_that_it_has():
+    assert compiled._knows("_nrt")
+    assert not compiled._knows("_gone")

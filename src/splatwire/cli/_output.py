@@ -54,24 +54,41 @@ def tell_lost_harmonics(scene: "Scene", path: str | Path) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Reporter]:
-    """Shows progress on standard error: bars on a terminal, a line per task elsewhere."""
-    from rich.console import Console
+    """Shows progress on standard error: bars on a terminal, a line per task elsewhere and where rich is not there."""
+    try:
+        from rich.console import Console
+    except ModuleNotFoundError:
+        yield _lines()
+        return
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines()
+        return
     columns = (TextColumn("{task.description:<34}"), BarColumn(bar_width=30), TimeElapsedColumn())
     tasks: dict[str, TaskID] = {}
-    started = time.perf_counter()
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+    with Progress(*columns, console=console) as progress:
 
         def report(task: str, share: float) -> None:
             if task not in tasks:
                 tasks[task] = progress.add_task(task, total=1.0)
-                if not console.is_terminal:
-                    console.print(f"[{time.perf_counter() - started:6.1f} s] {task}", markup=False, highlight=False)
             progress.update(tasks[task], completed=share)
 
         yield report
+
+
+def _lines() -> Reporter:
+    """Tells each task once, when it begins."""
+    told: set[str] = set()
+    started = time.perf_counter()
+
+    def report(task: str, share: float) -> None:
+        if task not in told:
+            told.add(task)
+            print(f"[{time.perf_counter() - started:6.1f} s] {task}", file=sys.stderr)
+
+    return report
 
 
 def _plain(value: Any) -> Any:

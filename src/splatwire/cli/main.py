@@ -17,7 +17,7 @@ from splatwire.cli._former import answer_former_words
 from splatwire.cli._help import tell
 from splatwire.cli._left_out import telling_what_is_left_out
 from splatwire.cli._waiting import telling_why_it_takes_long
-from splatwire.errors import SplatwireError
+from splatwire.errors import SplatwireError, how_to_install
 
 VERBS = {
     "demo": "demo.Demo",
@@ -121,6 +121,8 @@ def _run(arguments: list[str]) -> int:
             return 130
         if isinstance(error, (SplatwireError, OSError)):
             return _complain(str(error))
+        if isinstance(error, ModuleNotFoundError) and (how := how_to_install(error.name)):
+            return _complain(how)
         if isinstance(error, MemoryError):
             return _complain(f"there is not enough memory here: {error}".rstrip(": "))
         raise

@@ -112,12 +112,12 @@ class Receive:
 
     def _keep_preview(self, preview: bytes) -> str:
         """Writes the preview beside the output that there is not, as a PLY of 3DGS; says what became of it."""
+        if not preview:
+            return ""
         from splatwire.codec.preview import preview_scene
         from splatwire.errors import BitstreamError
         from splatwire.formats.ply import write_ply
 
-        if not preview:
-            return ""
         try:
             shown = preview_scene(preview)
         except BitstreamError as error:

@@ -27,6 +27,20 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _LOCK = threading.Lock()
 
 
+def _knows(option: str) -> bool:
+    """Whether this numba has a private option: it may rename those in any release."""
+    try:
+        from numba.core.registry import cpu_target
+
+        return hasattr(cpu_target.options, option)
+    except (ImportError, AttributeError):
+        return False
+
+
+CAN_BORROW = _knows("_nrt")
+"""Whether counting who holds an array can be left out; where it cannot, kernels are slower and say the same."""
+
+
 def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
     """`numba.njit` with a cache that has a place wherever the package is installed.
 
@@ -43,7 +57,7 @@ def njit(*, borrows: bool = False, **options: Any) -> Callable[[_F], _F]:
             arrays on to each other spend most of their time on it.
         options: Those of `numba.njit`; `cache` is always on.
     """
-    if borrows:
+    if borrows and CAN_BORROW:
         options["_nrt"] = False
 
     def decorate(function: _F) -> _F:

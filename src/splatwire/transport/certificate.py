@@ -11,7 +11,7 @@ DAYS = 13
 """Browsers take a certificate by its hash only if it is valid for less than 14 days."""
 RENEWED_DAYS = DAYS - 1
 """Another one takes its place a day before it ends: clocks differ."""
-INSTALL = "pip install 'splatwire[transport]'"
+INSTALL = "pip install 'splatwire[relay]'"
 
 
 class Identity(NamedTuple):

@@ -118,5 +118,5 @@ def _raptorq() -> Any:
     try:
         import raptorq
     except ImportError as error:
-        raise BackendUnavailableError("raptorq", "pip install 'splatwire[transport]'") from error
+        raise BackendUnavailableError("raptorq", "pip install 'splatwire[relay]'") from error
     return raptorq
