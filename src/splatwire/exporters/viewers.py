@@ -1,0 +1,88 @@
+"""Gaussians as the arguments of what draws them in viewers for Python, which are no dependencies of this package.
+
+server.scene.add_gaussian_splats("/scene", **viser_arguments(splatwire.open_scene("scene.swz")))
+rerun.log("scene", rerun.GaussianSplats3D(**rerun_arguments(splatwire.open_scene("scene.swz"))))
+"""
+
+from typing import Any
+
+import numpy as np
+
+from splatwire.errors import InvalidValueError
+from splatwire.model.appearance import Scene, explicit_gaussians
+from splatwire.ops.spherical_harmonics import DC, MAX_DEGREE, num_functions
+from splatwire.scene.splats import Splats
+
+
+def viser_arguments(scene: Scene) -> dict[str, Any]:
+    """Arguments of `add_gaussian_splats` of viser 1.1, which draws one colour for all directions.
+
+    Args:
+        scene: Explicit Gaussians, G of them.
+
+    Returns:
+        `centers` (G, 3), `covariances` (G, 3, 3), `rgbs` (G, 3) and `opacities` (G, 1) in [0, 1], all float32.
+
+    Raises:
+        InvalidValueError: If the scene's Gaussians depend on the view.
+    """
+    splats = _explicit(scene)
+    axes = _rotations(splats) * splats.scales.numpy()[:, None, :]
+    return {
+        "centers": splats.means.numpy(),
+        "covariances": axes @ axes.transpose(0, 2, 1),
+        "rgbs": _colours(splats),
+        "opacities": splats.opacities.numpy()[:, None],
+    }
+
+
+def rerun_arguments(scene: Scene) -> dict[str, Any]:
+    """Arguments of `GaussianSplats3D` of Rerun 0.41.
+
+    Args:
+        scene: Explicit Gaussians, G of them.
+
+    Returns:
+        `centers` and `scales` (G, 3), `quaternions` (G, 4; x, y, z, w), `colors` (G, 4; RGBA in bytes), and where there
+        are harmonics above degree 0 `sh_coefficients` (G, 15, 3), with zeros above the scene's degree.
+
+    Raises:
+        InvalidValueError: If the scene's Gaussians depend on the view.
+    """
+    splats = _explicit(scene)
+    seen = np.concatenate([_colours(splats), splats.opacities.numpy()[:, None]], axis=1)
+    found = {
+        "centers": splats.means.numpy(),
+        "scales": splats.scales.numpy(),
+        "quaternions": np.roll(splats.quats.numpy(), -1, axis=1),
+        "colors": np.rint(seen * 255).astype(np.uint8),
+    }
+    if splats.degree > 0:
+        harmonics = np.zeros((splats.num_gaussians, num_functions(MAX_DEGREE) - 1, 3), np.float32)
+        harmonics[:, : splats.sh.shape[1] - 1] = splats.sh[:, 1:].numpy()
+        found |= {"sh_coefficients": harmonics, "spherical_harmonics_degree": splats.degree}
+    return found
+
+
+def _explicit(scene: Scene) -> Splats:
+    splats = explicit_gaussians(scene)
+    if splats is None:
+        raise InvalidValueError(
+            "the scene's Gaussians depend on the view: `splatwire export ply` fits explicit ones first"
+        )
+    return splats
+
+
+def _colours(splats: Splats) -> np.ndarray:
+    return (0.5 + DC * splats.sh[:, 0].numpy()).clip(0, 1)
+
+
+def _rotations(splats: Splats) -> np.ndarray:
+    """Rotation matrices (G, 3, 3) of the quaternions."""
+    w, x, y, z = splats.quats.numpy().T
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
