@@ -45,6 +45,7 @@ STREAM = Kind(
     "a stream of splatwire",
     "`read_stream` reads it in Python, `inspect`, `decode`, `transmit`, `serve` and `view` in a shell",
 )
+STREAM_GLB = Kind("stream glb", "a glTF file with a stream of splatwire", STREAM.use)
 STREAM_FOLDER = Kind("stream folder", "a stream of splatwire as a folder", STREAM.use)
 SCENE = Kind("scene", "a scene file of splatwire", f"`open_scene` reads it in Python, {_VERBS} in a shell")
 PARTIAL = Kind(
@@ -86,7 +87,7 @@ PHOTOS = Kind(
 )
 EMPTY_FOLDER = Kind("empty folder", "an empty folder")
 FOLDER = Kind("folder", "a folder without stream, model or dataset")
-STREAMS = (STREAM, STREAM_FOLDER)
+STREAMS = (STREAM, STREAM_GLB, STREAM_FOLDER)
 """What `read_stream` reads."""
 SCENE_FILES = (SCENE, PARTIAL, TENSORS)
 """What may hold a scene of anchors; its reader says more of it."""
@@ -94,6 +95,7 @@ SOG_META_NAME, SOG_LEVELS_NAME = "meta.json", "lod-meta.json"
 _BY_NAME = {SOG_META_NAME: SOG_META, SOG_LEVELS_NAME: SOG_LEVELS}
 """JSON files that only their names tell."""
 _PICTURE_USE = "photos are read with their poses, as a dataset folder"
+GLB_MAGIC, EXT_SPLATWIRE, MAX_GLB_JSON_BYTES = b"glTF", "EXT_splatwire", 4 << 20
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"\x93SWZ", STREAM),
     (b"\x89PNG\r\n\x1a\n", Kind("picture", "a PNG picture", _PICTURE_USE)),
@@ -106,7 +108,6 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"\x93NUMPY", Kind("npy", "a NumPy array")),
     (b"PAR1", Kind("parquet", "a Parquet table")),
     (b"%PDF", Kind("pdf", "a PDF document")),
-    (b"glTF", GLB),
     (b"NGSP", SPZ),
     (b"version https://git-lfs", LFS),
 )
@@ -136,6 +137,8 @@ def file_kind(path: Path) -> Kind:
             (length,) = struct.unpack("<Q", head[:8]) if len(head) > 8 else (0,)
             if head[8:9] == b"{" and len(head) - 8 < length <= _MAX_SAFETENSORS_HEADER:
                 head += file.read(length + 8 - len(head))
+            if head.startswith(GLB_MAGIC):
+                head += file.read(max(0, _glb_json_end(head) - len(head)))
     except (FileNotFoundError, NotADirectoryError):
         return NOTHING
     except (OSError, ValueError):
@@ -173,6 +176,8 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
         return _ply_kind(inner) if inner.startswith(_PLY) else Kind("xz", "an xz archive")
     if head.startswith(_PLY):
         return _ply_kind(head)
+    if head.startswith(GLB_MAGIC):
+        return STREAM_GLB if f'"{EXT_SPLATWIRE}"'.encode() in head[20 : _glb_json_end(head)] else GLB
     for magic, kind in _MAGICS:
         if head.startswith(magic):
             return kind
@@ -187,6 +192,12 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
     if suffix == ".ksplat" and head[0] == 0:
         return KSPLAT
     return _weak_kind(head)
+
+
+def _glb_json_end(head: bytes) -> int:
+    """Where the document of a binary glTF ends, which tells whether a stream is in the file; 0 if it is absurd."""
+    (size,) = struct.unpack("<I", head[12:16]) if len(head) >= 20 else (0,)
+    return 20 + size if 0 < size <= MAX_GLB_JSON_BYTES else 0
 
 
 def _weak_kind(head: bytes) -> Kind:

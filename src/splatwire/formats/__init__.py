@@ -1,5 +1,14 @@
 """Files of explicit Gaussians: a file a format, both directions, told by first bytes."""
 
+from splatwire.formats.gltf_writer import write_gltf_with_stream
 from splatwire.formats.kinds import format_of, read_rows, read_splats, splats_kind, write_splats, writer_for
 
-__all__ = ["format_of", "read_rows", "read_splats", "splats_kind", "write_splats", "writer_for"]
+__all__ = [
+    "format_of",
+    "read_rows",
+    "read_splats",
+    "splats_kind",
+    "write_gltf_with_stream",
+    "write_splats",
+    "writer_for",
+]

@@ -17,9 +17,10 @@ from pathlib import Path
 
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
 from splatwire.files.capped import open_regular, read_at_most, read_capped
-from splatwire.files.kinds import NOTHING, STREAM, STREAMS, file_kind, is_not
+from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, is_not
 from splatwire.files.whole import written_whole
-from splatwire.packets.container import check_side_info, stream_from_file, stream_to_bytes
+from splatwire.packets.container import check_side_info, stream_from_bytes, stream_from_file, stream_to_bytes
+from splatwire.packets.glb import HEAD_BYTES, json_size, stream_place
 from splatwire.packets.intake import PacketIntake, ReadReport
 from splatwire.packets.limits import MAX_MANIFEST_BYTES, MAX_PACKET_BYTES
 from splatwire.packets.manifest import manifest_from_bytes, manifest_to_bytes
@@ -71,7 +72,7 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
     """Reads a stream in either form; damaged, foreign, duplicate or misnamed packets are counted losses.
 
     Args:
-        path: A `.swz` file (under any name) or a stream directory.
+        path: A `.swz` file (under any name), a `.glb` file with a stream, or a stream directory.
 
     Returns:
         The stream with the packets that are good, and the count of those that are not.
@@ -83,11 +84,17 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
     source = Path(path)
     if source.is_dir():
         return _read_directory(source)
-    if file_kind(source) != STREAM:
+    kind = file_kind(source)
+    if kind not in (STREAM, STREAM_GLB):
         raise BitstreamError(is_not(source, "a splatwire stream"))
     with open_regular(source, BitstreamError) as file:
         try:
-            return stream_from_file(file, str(source))
+            if kind == STREAM:
+                return stream_from_file(file, str(source))
+            text = file.read(json_size(file.read(HEAD_BYTES), str(source)))
+            start, size = stream_place(text, str(source))
+            file.seek(start)
+            return stream_from_bytes(file.read(size), str(source))
         except OSError as error:
             raise BitstreamError(f"{source} cannot be read: {error.strerror}") from error
 

@@ -1,12 +1,14 @@
-"""Writes binary glTF with KHR_gaussian_splatting (see `splatwire.formats.gltf`)."""
+"""Writes binary glTF with KHR_gaussian_splatting (see `splatwire.formats.gltf`), and with a stream in it."""
 
 import json
 import struct
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from splatwire.files.kinds import EXT_SPLATWIRE
 from splatwire.files.whole import written_whole
 from splatwire.formats._axes import GLTF_FLIPS, flip_axes
 from splatwire.formats._columns import join
@@ -31,18 +33,51 @@ def write_gltf(parts: Iterable[Splats], path: Path) -> int:
 
     See `splatwire.formats.write_splats`.
     """
-    splats = flip_axes(join(path, parts), GLTF_FLIPS)
-    columns = _columns(splats)
-    document = json.dumps(_document(columns), separators=(",", ":")).encode()
+    return _write(join(path, parts), path, None)
+
+
+def write_gltf_with_stream(stream: bytes, fallback: Splats, path: Path) -> int:
+    """Writes a stream into binary glTF, by the draft of EXT_splatwire (docs/gltf.md).
+
+    Args:
+        stream: The bytes of a `.swz` file of explicit Gaussians.
+        fallback: What is drawn by programs that do not know the extension.
+        path: The file.
+
+    Returns:
+        Number of Gaussians of the fallback.
+    """
+    return _write(fallback, path, stream)
+
+
+def _write(splats: Splats, path: Path, stream: bytes | None) -> int:
+    columns = _columns(flip_axes(splats, GLTF_FLIPS))
+    content = _document(columns)
+    packed = b"" if stream is None else stream + bytes(-len(stream) % 4)
+    if stream is not None:
+        _put_stream(content, len(stream), len(packed))
+    document = json.dumps(content, separators=(",", ":")).encode()
     document += b" " * (-len(document) % 4)
-    num_bytes = sum(values.nbytes for values in columns.values())
+    num_bytes = sum(values.nbytes for values in columns.values()) + len(packed)
     with written_whole(path) as unfinished, unfinished.open("wb") as file:
         file.write(struct.pack("<4sII", MAGIC, 2, 12 + 8 + len(document) + 8 + num_bytes))
         file.write(struct.pack("<I4s", len(document), b"JSON") + document)
         file.write(struct.pack("<I4s", num_bytes, b"BIN\0"))
         for values in columns.values():
             file.write(values.tobytes())
+        file.write(packed)
     return splats.num_gaussians
+
+
+def _put_stream(document: dict[str, Any], num_bytes: int, num_padded: int) -> None:
+    """Puts a stream behind the attributes."""
+    [buffer], views = document["buffers"], document["bufferViews"]
+    views.append({"buffer": 0, "byteOffset": buffer["byteLength"], "byteLength": num_bytes})
+    buffer["byteLength"] += num_padded
+    document["extensionsUsed"].append(EXT_SPLATWIRE)
+    [primitive] = document["meshes"][0]["primitives"]
+    packed = {"extensions": {EXT_SPLATWIRE: {"bufferView": len(views) - 1}}}
+    primitive["extensions"][EXTENSION] = _WAY | packed
 
 
 def _columns(splats: Splats) -> dict[str, np.ndarray]:
@@ -62,7 +97,7 @@ def _columns(splats: Splats) -> dict[str, np.ndarray]:
     return {name: np.ascontiguousarray(values) for name, values in columns.items()}
 
 
-def _document(columns: dict[str, np.ndarray]) -> dict[str, object]:
+def _document(columns: dict[str, np.ndarray]) -> dict[str, Any]:
     views: list[dict[str, int]] = []
     accessors: list[dict[str, object]] = []
     at = 0
