@@ -6,7 +6,6 @@ import io
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +17,11 @@ from scenes import tiny_cameras
 from splatwire.codec import decode_stream
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.conceal import conceal
+from splatwire.formats import write_gltf_with_stream
+from splatwire.model import SplatScene
 from splatwire.packets import SceneStream, stream_to_bytes
 from splatwire.render import render_scene
+from splatwire.scene import Cameras
 from splatwire.scene_io import open_scene
 from transport.chromium import browser, executable
 from web.host import hosting
@@ -95,6 +97,20 @@ window.draw = async (pose) => {
 """
 
 
+GLTF = """
+import * as pc from "playcanvas";
+export const app = new pc.Application(document.querySelector("canvas")!);
+const asset = new pc.Asset("scene", "container", { url: "./scene.glb" });
+asset.once("load", () => {
+  const scene = (asset.resource as pc.ContainerResource).instantiateRenderEntity();
+  scene.setLocalEulerAngles(0, 0, 180); // glTF has y up
+  app.root.addChild(scene);
+});
+app.assets.add(asset);
+app.assets.load(asset);
+"""
+
+
 def example(word: str) -> str:
     """The block of the package's README that has a word."""
     blocks = re.findall(r"```ts\n(.*?)```", (WEB / "PACKAGE.md").read_text(), re.DOTALL)
@@ -115,9 +131,9 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def built(project: Path, name: str, script: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Pages and scripts of a project whose page runs this script and the README's example."""
-    (project / "example.ts").write_text(example(f"splatwire/{name}"))
+def built(project: Path, name: str, script: str, code: str) -> tuple[dict[str, str], dict[str, str]]:
+    """Pages and scripts of a project whose page runs this script and, as `example`, this code."""
+    (project / "example.ts").write_text(code)
     (project / f"{name}.ts").write_text(script)
     (project / f"{name}.html").write_text(PAGE.format(name=name))
     (project / "vite.config.js").write_text(VITE.replace('"playcanvas.html", "three.html"', f'"{name}.html"'))
@@ -132,9 +148,12 @@ def built(project: Path, name: str, script: str) -> tuple[dict[str, str], dict[s
     return {path.name: path.read_text() for path in (project / "dist").glob("*.html")}, scripts
 
 
-def drawn(project: Path, name: str, script: str, stream: SceneStream, poses: list[list[float]]) -> list[np.ndarray]:
-    """What a page of the project draws from these poses."""
-    pages, scripts = built(project, name, script)
+def drawn(
+    project: Path, name: str, script: str, code: str, scene: tuple[str, bytes], cameras: Cameras
+) -> list[np.ndarray]:
+    """What a page of the project draws of a scene, a name and its bytes."""
+    pages, scripts = built(project, name, script, code)
+    poses = poses_of(cameras)
     found: list[np.ndarray] = []
 
     def drive(url: str) -> None:
@@ -146,14 +165,14 @@ def drawn(project: Path, name: str, script: str, stream: SceneStream, poses: lis
                 found.append(np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0)
 
     async def work() -> None:
-        async with hosting(pages, {"scene.swz": stream_to_bytes(stream)}, scripts) as host:
+        async with hosting(pages, dict([scene]), scripts) as host:
             await asyncio.to_thread(drive, host.url)
 
     run(work())
     return found
 
 
-def poses_of(cameras: Any) -> list[list[float]]:
+def poses_of(cameras: Cameras) -> list[list[float]]:
     """From camera to world, column by column, for cameras that look along -z with y up."""
     return [
         (np.linalg.inv(view.numpy()) @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist() for view in cameras.viewmats
@@ -168,7 +187,20 @@ def psnr(first: np.ndarray, second: np.ndarray) -> float:
 def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path, stream: SceneStream) -> None:
     cameras = tiny_cameras(2, 240, 180)
     expected = render_scene(conceal(decode_stream(stream), "grow"), cameras)
-    for ours, theirs in zip(expected, drawn(project, "playcanvas", PLAYCANVAS, stream, poses_of(cameras)), strict=True):
+    code, scene = example("splatwire/playcanvas"), ("scene.swz", stream_to_bytes(stream))
+    for ours, theirs in zip(expected, drawn(project, "playcanvas", PLAYCANVAS, code, scene, cameras), strict=True):
+        assert psnr(ours.numpy(), theirs) > 36
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_playcanvas_draws_the_fallback_of_a_gltf_file_with_a_stream(project: Path, stream: SceneStream) -> None:
+    """It reads KHR_gaussian_splatting, and does not know EXT_splatwire within."""
+    cameras, fallback = tiny_cameras(2, 240, 180), ball(300, degree=0)
+    expected = render_scene(SplatScene(fallback), cameras, background=torch.tensor([0.2, 0.5, 0.8]))
+    file = project / "scene.glb"
+    write_gltf_with_stream(stream_to_bytes(stream), fallback, file)
+    scene = ("scene.glb", file.read_bytes())
+    for ours, theirs in zip(expected, drawn(project, "playcanvas", PLAYCANVAS, GLTF, scene, cameras), strict=True):
         assert psnr(ours.numpy(), theirs) > 36
 
 
@@ -179,7 +211,8 @@ def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream)
     grown = conceal(decode_stream(stream), "grow")
     over = [p.numpy() for p in render_scene(grown, cameras)]
     green = [p.numpy() for p in render_scene(grown, cameras, background=torch.tensor([0.0, 1.0, 0.0]))]
-    for view, theirs in enumerate(drawn(project, "three", THREE, stream, poses_of(cameras))):
+    code, scene = example("splatwire/three"), ("scene.swz", stream_to_bytes(stream))
+    for view, theirs in enumerate(drawn(project, "three", THREE, code, scene, cameras)):
         expected = over[view].copy()
         expected[:, :90] = (1.0, 0.0, 0.0)
         expected[:, 150:] = green[view][:, 150:]
