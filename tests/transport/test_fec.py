@@ -30,7 +30,7 @@ def test_nothing_lost_needs_no_package(monkeypatch):
     del symbols[2]
     assert fec.recover(symbols, 4, 64) is None
     symbols[5] = bytes(64)
-    with pytest.raises(BackendUnavailableError, match=r"splatwire\[transport\]"):
+    with pytest.raises(BackendUnavailableError, match=r"splatwire\[relay\]"):
         fec.recover(symbols, 4, 64)
 
 
