@@ -20,7 +20,9 @@ ONE = f'{SCRIPT}<splat-wire src="ball.swz" panel="open" style="height: 12rem"></
 NONE = f'{SCRIPT}<canvas id="theirs"></canvas><div id="a"></div><div id="b"></div>'
 BROKEN = f"<script>HTMLCanvasElement.prototype.getContext = new Proxy(HTMLCanvasElement.prototype.getContext, {{apply: \
 (get, canvas, [kind, ...more]) => kind.startsWith('webgl') ? null : get.call(canvas, kind, ...more)}});</script>{ONE}"
-PAGES = {"one": ONE, "none": NONE, "broken": BROKEN}
+LATE = f"<script>const heard = EventTarget.prototype.addEventListener; Worker.prototype.addEventListener = function (kind, \
+handler) {{heard.call(this, kind, (event) => setTimeout(() => handler.call(this, event), 300))}};</script>{ONE}"
+PAGES = {"one": ONE, "none": NONE, "broken": BROKEN, "late": LATE}
 PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
 DRAWN = "[...document.querySelectorAll('splat-wire')].filter((one) => one.view)"
 LOADED = "events.find(([kind]) => kind === 'load')"
@@ -116,6 +118,42 @@ def test_attributes_are_followed_properties_reflect_and_events_are_told(stream: 
         page.evaluate(f"events.length = 0; {ELEMENT}.src = 'ball.swz'")
         page.wait_for(LOADED)
         assert page.evaluate(f"{ELEMENT}.status.failed") is None
+
+    hosted(stream, work)
+
+
+SETTLED = """(async () => {{
+  const view = {element}.view, pause = () => new Promise((resolve) => setTimeout(resolve, 100));
+  const moved = async (yaw) => {{ view.orbit.yaw = yaw; await view.frame(); }};
+  const settled = async () => {{
+    let picture = "";
+    for (let same = 0; same < 20; ) {{
+      await pause();
+      view.canvas.toDataURL();
+      await view.frame();
+      const now = view.canvas.toDataURL();
+      same = now === picture ? same + 1 : 0;
+      picture = now;
+    }}
+    return picture;
+  }};
+  for (let step = 0; step <= 20; step++) await moved(step * 0.3);
+  const first = await settled();
+  await moved(3);
+  await settled();
+  await moved(6);
+  return first === (await settled());
+}})()"""
+"""Whether a view at rest is the same whatever moved before."""
+
+
+def test_depths_are_sorted_for_where_the_camera_rests(stream: SceneStream) -> None:
+    """Its engine does not sort for a camera that moves while it sorts."""
+
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}late")  # where its worker answers late
+        page.wait_for(f"{ELEMENT}.view && {LOADED}")
+        assert page.resolve(SETTLED.format(element=ELEMENT)) is True
 
     hosted(stream, work)
 

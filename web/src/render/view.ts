@@ -42,6 +42,9 @@ export class View {
   #sorted: (() => void)[] = [];
   #steady: (() => void)[] = [];
   #isSorted = false;
+  readonly #pose = new Mat4();
+  /** Whether the camera moved since it last rested: the engine does not sort for who moves while it sorts. */
+  #moved = false;
   /**
    * Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen.
    */
@@ -87,7 +90,10 @@ export class View {
     this.#app.root.addChild(this.#scene);
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
-    this.#app.scene.on("gsplat:sorted", () => (this.#isSorted = true));
+    this.#app.scene.on("gsplat:sorted", () => {
+      this.#isSorted = true;
+      if (this.#moved) this.touch();
+    });
     this.#app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) =>
       this.#isReady(ready),
     );
@@ -243,7 +249,19 @@ export class View {
       this.#camera.setPosition(position.x, position.y, position.z);
       this.#camera.setRotation(rotation.x, rotation.y, rotation.z, rotation.w);
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
+    this.#sortAtRest();
     this.watcher?.(this.camera);
+  }
+
+  #sortAtRest(): void {
+    const pose = this.#camera.getWorldTransform();
+    if (!pose.equals(this.#pose)) {
+      this.#pose.copy(pose);
+      this.#moved = true;
+    } else if (this.#moved && this.#isSorted) {
+      this.#moved = false;
+      this.#changed();
+    }
   }
 
   #afterFrame(): void {
