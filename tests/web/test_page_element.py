@@ -21,7 +21,8 @@ NONE = f'{SCRIPT}<canvas id="theirs"></canvas><div id="a"></div><div id="b"></di
 BROKEN = f"<script>HTMLCanvasElement.prototype.getContext = new Proxy(HTMLCanvasElement.prototype.getContext, {{apply: \
 (get, canvas, [kind, ...more]) => kind.startsWith('webgl') ? null : get.call(canvas, kind, ...more)}});</script>{ONE}"
 LATE = f"<script>const heard = EventTarget.prototype.addEventListener; \
-Worker.prototype.addEventListener = function (kind, handler) {{heard.call(this, kind, (event) => setTimeout(() => handler.call(this, event), 300))}};</script>{ONE}"
+Worker.prototype.addEventListener = function (kind, handler) {{\
+heard.call(this, kind, (event) => setTimeout(() => handler.call(this, event), 300))}};</script>{ONE}"
 PAGES = {"one": ONE, "none": NONE, "broken": BROKEN, "late": LATE}
 PANEL = f"{ELEMENT}.shadowRoot.querySelector('.panel').innerText"
 DRAWN = "[...document.querySelectorAll('splat-wire')].filter((one) => one.view)"
