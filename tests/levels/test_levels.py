@@ -15,15 +15,17 @@ from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.levels.building import build_levels
 from splatwire.levels.encoding import encode_levels
 from splatwire.levels.merging import footprints, reduced
-from splatwire.levels.tiles import level_shapes, parents_of, tiles_of
-from splatwire.levels.view import Look, children_of, cut_of, pixel_errors
+from splatwire.levels.tiles import level_shapes, tiles_of
 from splatwire.model import SplatScene
 from splatwire.model.level_scene import Levels
 from splatwire.ops.kd_order import kd_order
 from splatwire.packets import PRESETS, Packetization, stream_from_bytes, stream_to_bytes
 from splatwire.packets.sections import sections_of
+from splatwire.packets.send_order import send_sequence
 from splatwire.packets.tiers import TierShape, spans_of
 from splatwire.packets.tile_index import SECTION, read_tile_index
+from splatwire.packets.tiles import parents_of
+from splatwire.packets.view import Look, cut_of, pixel_errors
 
 TILES = Packetization(block_size=40, lanes=2)
 DATAGRAMS = Packetization(block_size=40, lanes=1, grouping="hashed", packet_bytes=600)
@@ -168,9 +170,21 @@ def test_coarse_needs_levels():
         conceal(lossy, "coarse")
 
 
-def test_levels_are_not_put_into_other_packets(stream):
+def test_other_packets_hold_the_same_tiles(stream):
+    for packetization in (DATAGRAMS, TILES):
+        other, anew = repack(stream, packetization), encode_levels(SplatScene(some_splats(900)), packetization)
+        assert other.manifest.symbols_digest == anew.manifest.symbols_digest
+        index, data = read_tile_index(other.manifest, sections_of(other)), stream_to_bytes(other)
+        assert int(index.packets.sum()) == len(other.packets)
+        assert int(index.sizes.sum()) == sum(len(packet.data) + 4 for packet in other.packets) < len(data)
+        assert (tiles_of(other).errors == tiles_of(stream).errors).all()
     with pytest.raises(InvalidValueError, match="encode the scene again"):
         repack(stream, PRESETS["paper"])
+
+
+def test_a_server_sends_tile_by_tile(stream):
+    sent = [packet.id.block for packet in send_sequence(stream, "tiers")]
+    assert sent == sorted(sent)
 
 
 def test_tiles_hold_their_gaussians(stream):
@@ -182,8 +196,8 @@ def test_tiles_hold_their_gaussians(stream):
         assert len(means) == tiles.counts[tile]
     assert (tiles.errors[tiles.levels == 0] == 0).all()
     assert (tiles.errors[tiles.levels > 0] > 0).all()
-    for tile, children in enumerate(children_of(tiles)):
-        assert all(tiles.levels[child] == tiles.levels[tile] - 1 for child in children)
+    finer = tiles.parents >= 0
+    assert (tiles.levels[finer] == tiles.levels[tiles.parents[finer]] - 1).all()
 
 
 def looking(tiles) -> Look:

@@ -8,10 +8,11 @@ import numpy as np
 import torch
 
 from splatwire.levels.merging import reduced
-from splatwire.levels.tiles import LevelShape, level_shapes, parents_of
+from splatwire.levels.tiles import LevelShape, level_shapes
 from splatwire.model import SplatScene
 from splatwire.model.level_scene import LevelScene
 from splatwire.ops.kd_order import kd_order
+from splatwire.packets.tiles import parents_of
 from splatwire.scene.splats import Splats
 
 

@@ -84,6 +84,7 @@ class StreamSchema:
         page: Whether the page decodes it by itself.
         timed: Whether elements belong to groups of frames, two tiers each: what lasts, then what passes with the group.
             They are sent in that order; what lasts is sent again until it is there.
+        tiled: Whether a block is a tile that a view asks for by itself: what is sent comes tile by tile.
         max_tiers: Runs of blocks that a plan may have.
     """
 
@@ -98,6 +99,7 @@ class StreamSchema:
     explicit: bool = False
     page: bool = True
     timed: bool = False
+    tiled: bool = False
     max_tiers: int = MAX_TIERS
 
 
@@ -130,6 +132,7 @@ SCHEMAS = {
             MAX_BLOCK_SIZE // 7,
             spread=False,
             explicit=True,
+            tiled=True,
         ),
         StreamSchema(COLUMNS, 2, "anchors", ("header", "render_networks", "expected"), 1),
         StreamSchema(

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError
-from splatwire.packets.limits import LEVELS, MAX_PACKET_BYTES
+from splatwire.packets.limits import MAX_PACKET_BYTES
 from splatwire.packets.manifest import Manifest
 from splatwire.packets.scene_stream import RECORD_PREFIX, SceneStream
 from splatwire.packets.sections import add_concealment
@@ -70,7 +70,7 @@ def read_tile_index(manifest: Manifest, sections: Mapping[str, bytes]) -> TileIn
     Raises:
         BitstreamError: If it has none, or one that cannot be.
     """
-    if manifest.codec != LEVELS or SECTION not in sections:
+    if not manifest.schema.tiled or SECTION not in sections:
         raise BitstreamError("the stream has no index of tiles")
     reader = ByteReader(sections[SECTION], "index of tiles")
     num_blocks, coarser = manifest.plan.num_blocks, _coarser(manifest)

@@ -1,4 +1,4 @@
-// Which tiles a view shows, and which it needs next: the twin of `splatwire.levels.view`.
+// Which tiles a view shows, and which it needs next: the twin of `splatwire.packets.view`.
 
 import type { Camera } from "../../model/camera.ts";
 import { eyeOf } from "../../model/camera.ts";
@@ -49,70 +49,50 @@ function pixelError(tiles: Tiles, tile: number, look: Look | null, eye: readonly
 
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
 
-interface Waiting {
-  readonly error: number;
-  readonly tile: number;
-  readonly real: boolean;
-}
-
-/** Whether one comes out before another: the larger error, then the lower number. */
-const before = (a: Waiting, b: Waiting): boolean => a.error > b.error || (a.error === b.error && a.tile < b.tile);
-
 /**
  * Refines where the screen's error is largest, until the budget is spent or the error is small everywhere. A tile gives
  * way to the finer ones that it stands for when all of them are there.
  */
 export function cutOf(tiles: Tiles, there: (tile: number) => boolean, look: Look | null, budget = BUDGET): Cut {
-  const eye = look ? eyeOf(look) : [],
-    least = look ? FINE_ENOUGH : 0,
+  const { count, parents, children } = tiles,
+    real = Uint8Array.from({ length: count }, (_, tile) => Number(there(tile))),
+    refined = refinedTiles(tiles, look, budget),
+    givingWay = new Uint8Array(count),
     drawn: number[] = [],
-    wanted: number[] = [],
-    heap: Waiting[] = [];
-  const wait = (tile: number, real: boolean): void =>
-    push(heap, { error: pixelError(tiles, tile, look, eye), tile, real });
-  let count = 0;
-  for (let root = 0; root < tiles.count && tiles.parents[root] < 0; root++) {
-    count += tiles.gaussians[root];
-    if (!there(root)) wanted.push(root);
-    wait(root, there(root));
-  }
-  for (let next = pop(heap); next; next = pop(heap)) {
-    const { error, tile, real } = next,
-      finer = tiles.children[tile],
-      more = finer.reduce((sum, child) => sum + tiles.gaussians[child], -tiles.gaussians[tile]);
-    if (!finer.length || error <= least || count + more > budget) {
-      if (real) drawn.push(tile);
-      continue;
-    }
-    count += more;
-    const absent = finer.filter((child) => !there(child));
+    wanted: number[] = [];
+  for (let root = 0; root < count && parents[root] < 0; root++) if (!real[root]) wanted.push(root);
+  for (const tile of refined) {
+    const absent = children[tile].filter((child) => !real[child]);
     wanted.push(...absent);
-    if (real && absent.length) drawn.push(tile);
-    for (const child of finer) wait(child, real && !absent.length);
+    givingWay[tile] = Number(!absent.length);
   }
-  return { drawn: drawn.sort((a, b) => a - b), wanted };
+  for (let tile = 0; tile < count; tile++) {
+    const parent = parents[tile];
+    if (parent >= 0 && !(real[parent] && givingWay[parent])) real[tile] = 0; // coarser tiles come before finer ones
+    if (real[tile] && !givingWay[tile]) drawn.push(tile);
+  }
+  return { drawn, wanted };
 }
 
-function push(heap: Waiting[], one: Waiting): void {
-  let at = heap.push(one) - 1;
-  while (at > 0 && before(one, heap[(at - 1) >> 1])) {
-    heap[at] = heap[(at - 1) >> 1];
-    at = (at - 1) >> 1;
+/** Tiles whose finer ones are shown or wanted, the most useful first: no tile before what stands for it. */
+function refinedTiles(tiles: Tiles, look: Look | null, budget: number): number[] {
+  const { count, parents, children, gaussians } = tiles,
+    eye = look ? eyeOf(look) : [],
+    least = look ? FINE_ENOUGH : 0,
+    urgent = new Float64Array(count),
+    some: number[] = [];
+  let spent = 0;
+  for (let tile = 0; tile < count; tile++) {
+    const error = pixelError(tiles, tile, look, eye),
+      parent = parents[tile];
+    urgent[tile] = parent < 0 ? error : Math.min(error, urgent[parent]);
+    if (parent < 0) spent += gaussians[tile];
+    if (children[tile].length && urgent[tile] > least) some.push(tile);
   }
-  heap[at] = one;
-}
-
-function pop(heap: Waiting[]): Waiting | undefined {
-  const first = heap[0],
-    last = heap.pop();
-  if (!last || !heap.length) return first;
-  let at = 0;
-  for (let child = 1; child < heap.length; child = 2 * at + 1) {
-    if (child + 1 < heap.length && before(heap[child + 1], heap[child])) child++;
-    if (!before(heap[child], last)) break;
-    heap[at] = heap[child];
-    at = child;
-  }
-  heap[at] = last;
-  return first;
+  some.sort((a, b) => urgent[b] - urgent[a] || a - b);
+  const end = some.findIndex((tile) => {
+    spent = children[tile].reduce((sum, child) => sum + gaussians[child], spent - gaussians[tile]);
+    return spent > budget;
+  });
+  return end < 0 ? some : some.slice(0, end);
 }

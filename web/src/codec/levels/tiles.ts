@@ -1,4 +1,4 @@
-// Which tiles a scene with levels has: the twin of `splatwire.levels.tiles` and `splatwire.packets.tile_index`.
+// Which tiles a scene with levels has: the twin of `splatwire.packets.tiles` and `splatwire.packets.tile_index`.
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { MAX_PACKET_BYTES } from "../../packets/limits.ts";

@@ -102,16 +102,23 @@ class GaussianDecoder:
 
     def scene(self) -> Partial[SplatScene]:
         """See `Decoder.scene`."""
-        scene = SplatScene(self._splats, background=read_background(self.sections), coding=self._coding())
+        scene = SplatScene(
+            self._splats, background=read_background(self.sections), coding=coding_of(self._info, self._levels)
+        )
         return Partial(scene, self._erasures, concealer_sections(self.sections), self._said)
 
-    def _coding(self) -> SplatCoding | None:
-        """What encodes the Gaussians to the same integers again; None in streams whose integers depend on packets."""
-        info = self._info
-        if info.coarsest < 0:
-            return None
-        transform = torch.from_numpy(info.transform)
-        return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), transform, self._levels)
+
+def coding_of(info: SideInfo, classes: torch.Tensor) -> SplatCoding | None:
+    """What encodes Gaussians to the same integers again; None in streams whose integers depend on packets.
+
+    Args:
+        info: The stream's side information.
+        classes: Class of precision of each Gaussian, uint8 (N).
+    """
+    if info.coarsest < 0:
+        return None
+    transform = torch.from_numpy(info.transform)
+    return SplatCoding(info.size_log, info.unit, info.coarsest, tuple(info.bases.tolist()), transform, classes)
 
 
 def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from splatwire.codec.decoding import decode_stream
 from splatwire.codec.schema import Options, Prepared, Schema
 from splatwire.codec.schemas.gaussians.attributes import update_digest
-from splatwire.codec.schemas.gaussians.decoder import GaussianDecoder
+from splatwire.codec.schemas.gaussians.decoder import GaussianDecoder, coding_of, open_side_info
 from splatwire.codec.schemas.gaussians.encoder import prepare_splats
 from splatwire.errors import InvalidValueError
 from splatwire.model.level_scene import Levels, LevelScene
@@ -15,7 +16,8 @@ from splatwire.model.partial import Partial
 from splatwire.model.splat_scene import SplatScene
 from splatwire.packets import Manifest, Packetization, SceneStream
 from splatwire.packets.limits import LEVELS
-from splatwire.packets.tile_index import read_tile_index
+from splatwire.packets.sections import sections_of
+from splatwire.packets.tile_index import read_tile_index, with_tile_index
 from splatwire.scene.splats import Splats
 
 
@@ -46,7 +48,19 @@ def _prepare(scene: LevelScene, options: Options) -> Prepared:
 
 
 def _again(stream: SceneStream, packetization: Packetization, threads: int | None) -> Prepared:
-    raise InvalidValueError("tiles of levels are blocks of packets: encode the scene again for other packets")
+    if packetization.block_size != stream.manifest.packetization.block_size:
+        raise InvalidValueError("tiles of levels are blocks of packets: encode the scene again for other blocks")
+    info, partial = open_side_info(stream.manifest, stream.side_info), decode_stream(stream, threads=threads)
+    coding = coding_of(info, partial[Levels].classes)
+    sizes = [tier.num_anchors for tier in stream.manifest.tiers] or [stream.manifest.num_anchors]
+    tiers = np.repeat(np.arange(len(sizes), dtype=np.uint8), sizes)
+    scene = SplatScene(partial.scene.splats, background=partial.scene.background, coding=coding)
+    return prepare_splats(scene, Options(packetization, tiers=tiers, threads=threads), like=info, sorted_already=True)
+
+
+def _carried(stream: SceneStream, packed: SceneStream) -> SceneStream:
+    """Other packets have other sizes."""
+    return with_tile_index(packed, read_tile_index(stream.manifest, sections_of(stream)).errors)
 
 
 SCHEMA = Schema(
@@ -57,5 +71,5 @@ SCHEMA = Schema(
     prepare_again=_again,
     open_decoder=LevelsDecoder,
     update_digest=update_digest,
-    repackable=lambda stream: False,
+    carried=_carried,
 )

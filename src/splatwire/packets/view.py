@@ -1,11 +1,10 @@
 """Which tiles a view shows, and which it needs next: the twin of `web/src/codec/levels/cut.ts`."""
 
-import heapq
 from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.levels.tiles import Tiles
+from splatwire.packets.tiles import Tiles
 
 BUDGET = 1_000_000
 """Gaussians that a view shows at most."""
@@ -53,7 +52,7 @@ def pixel_errors(tiles: Tiles, look: Look | None) -> np.ndarray:
     Tiles that are not in the picture count for `BEHIND` of it; without a look, errors are those in world units.
     """
     if look is None:
-        return tiles.errors
+        return tiles.errors.copy()
     middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
     radius = _length(half)
     eye = np.array([-sum(look.viewmat[row, axis] * look.viewmat[row, 3] for row in range(3)) for axis in range(3)])
@@ -86,32 +85,35 @@ def cut_of(tiles: Tiles, there: np.ndarray, look: Look | None, budget: int = BUD
         look: Where somebody looks from; None for nowhere, which goes from coarse to fine all over.
         budget: Gaussians that are drawn at most.
     """
-    errors, children = pixel_errors(tiles, look), children_of(tiles)
-    roots = np.flatnonzero(tiles.parents < 0).tolist()
-    count, drawn, wanted = int(tiles.counts[roots].sum()), [], [root for root in roots if not there[root]]
-    least = FINE_ENOUGH if look is not None else 0.0
-    waiting = [(-errors[root], root, bool(there[root])) for root in roots]
-    heapq.heapify(waiting)
-    while waiting:
-        error, tile, real = heapq.heappop(waiting)
-        finer = children[tile]
-        more = int(tiles.counts[finer].sum() - tiles.counts[tile]) if finer else 0
-        if not finer or -error <= least or count + more > budget:
-            drawn += [tile] if real else []
-            continue
-        count += more
-        absent = [child for child in finer if not there[child]]
-        wanted += absent
-        drawn += [tile] if real and absent else []
-        for child in finer:  # where some are absent, the others are looked at for what they want themselves
-            heapq.heappush(waiting, (-errors[child], child, real and not absent))
-    return Cut(tuple(sorted(drawn)), tuple(wanted))
+    levels, finer = tiles.levels, np.flatnonzero(tiles.parents >= 0)
+    below, roots = tiles.parents[finer], np.flatnonzero(tiles.parents < 0)
+    refined = _refined(tiles, look, budget, finer, below)
+    giving_way = np.zeros(tiles.num_tiles, dtype=bool)
+    giving_way[refined] = True
+    giving_way[below[~there[finer]]] = False
+    real = there.copy()
+    for level in range(int(levels.max(initial=0)) - 1, -1, -1):
+        here = levels == level
+        parents = tiles.parents[here]
+        real[here] = real[parents] & giving_way[parents]
+    place = np.full(tiles.num_tiles, -1)
+    place[refined] = np.arange(len(refined))
+    absent = finer[(place[below] >= 0) & ~there[finer]]
+    wanted = absent[np.argsort(place[tiles.parents[absent]], kind="stable")]
+    drawn = np.flatnonzero(real & ~giving_way)
+    return Cut(tuple(drawn.tolist()), (*roots[~there[roots]].tolist(), *wanted.tolist()))
 
 
-def children_of(tiles: Tiles) -> list[list[int]]:
-    """The finer tiles that each tile stands for."""
-    children: list[list[int]] = [[] for _ in range(tiles.num_tiles)]
-    for tile, parent in enumerate(tiles.parents.tolist()):
-        if parent >= 0:
-            children[parent].append(tile)
-    return children
+def _refined(tiles: Tiles, look: Look | None, budget: int, finer: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """Tiles whose finer ones are shown or wanted, the most useful first: no tile before what stands for it."""
+    urgent = pixel_errors(tiles, look)
+    for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
+        here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
+        urgent[here] = np.minimum(urgent[here], urgent[tiles.parents[here]])
+    more = np.bincount(below, tiles.counts[finer], tiles.num_tiles).astype(np.int64) - tiles.counts
+    parents = np.unique(below)
+    some = parents[urgent[parents] > (FINE_ENOUGH if look is not None else 0.0)]
+    order = some[np.argsort(-urgent[some], kind="stable")]
+    spent = tiles.counts[tiles.parents < 0].sum() + np.cumsum(more[order])
+    over = np.flatnonzero(spent > budget)
+    return order[: over[0]] if len(over) else order
