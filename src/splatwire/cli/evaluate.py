@@ -31,6 +31,14 @@ class Evaluate:
     photos; for a clip the folder of its frames."""
     cameras: Path | None = None
     """Cameras file for --reference; without it those of --data, or views around the reference."""
+    path: Path | None = None
+    """Cameras file: a walk through a stream with levels while it arrives over a simulated link. PSNR over time."""
+    rate: str | None = None
+    """Of the link of --path, bits per second: 10M, 800k."""
+    delay: float | None = None
+    """Of one way of that link, milliseconds; 20 where absent."""
+    seconds: float | None = None
+    """How long the walk takes; a second from each camera to the next where absent."""
     loss: str | None = None
     """What is lost: none, bernoulli:RATE, gilbert:RATE,BURST, gilbert:PRESET or trace:FILE; the unit is a .pak.
     Without it the source is scored as it is."""
@@ -59,10 +67,24 @@ class Evaluate:
 
         self._check()
         with input_path(self.source) as path:
-            if is_stream(path) and (stream := read_stream(path)[0]).manifest.schema.timed:
+            if self.path is not None:
+                self._evaluate_path(read_stream(path)[0])
+            elif is_stream(path) and (stream := read_stream(path)[0]).manifest.schema.timed:
                 self._evaluate_clip(stream)
             else:
                 self._evaluate_scene(path)
+
+    def _evaluate_path(self, stream: "SceneStream") -> None:
+        from splatwire.cli._path_evaluation import evaluate_path, print_path_facts
+
+        with progress_bars() as show:
+            content = evaluate_path(self, stream, show)
+        if self.json:
+            print_json(content)
+            return
+        print_path_facts(content, Path(self.source).name)
+        if content["report"] is not None:
+            print(f"report: {content['report']}")
 
     def _evaluate_clip(self, stream: "SceneStream") -> None:
         from splatwire.cli._clip_evaluation import check_clip_options, evaluate_clip, print_clip_rows
@@ -103,13 +125,15 @@ class Evaluate:
             UnknownNameError: If there is no such concealer or renderer.
         """
         from splatwire.cli._clips import check_concealer
+        from splatwire.cli._path_evaluation import check_path_options
         from splatwire.render import create_renderer
 
         if self.source.endswith(".toml"):
             raise InvalidValueError(
                 f"{self.source} is a protocol, which `splatwire study {self.source} -o FOLDER` runs"
             )
-        check_inputs(self.data, self.reference, self.cameras)
+        check_inputs(self.data, self.reference, self.cameras, self.path)
+        check_path_options(self)
         if self.output is not None:
             check_folder(self.output)
         if self.loss is None:

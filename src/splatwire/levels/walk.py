@@ -1,0 +1,64 @@
+"""A way through a scene: cameras, and what lies between them."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation, Slerp
+
+from splatwire.errors import InvalidValueError
+from splatwire.levels.view import Look
+from splatwire.scene import Cameras
+
+PICTURES_A_SECOND = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """A way through a scene.
+
+    Attributes:
+        cameras: Where it leads; between two of them places are interpolated linearly, directions the shortest way.
+        seconds: How long it takes, evenly from the first camera to the last.
+
+    Raises:
+        InvalidValueError: If it takes no time, or more than an hour.
+    """
+
+    cameras: Cameras
+    seconds: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.seconds <= 3600:
+            raise InvalidValueError(f"a path takes more than 0 and at most 3600 seconds, not {self.seconds:g}")
+
+    def at(self, seconds: float) -> Cameras:
+        """The camera at a time; before the first and after the last one, those."""
+        cameras, last = self.cameras, self.cameras.num_views - 1
+        place = min(max(seconds / self.seconds, 0.0), 1.0) * last
+        before = min(int(place), max(last - 1, 0))
+        if not last:
+            return cameras
+        share, pair = place - before, cameras.viewmats[before : before + 2].double().numpy()
+        turn = Slerp([0, 1], Rotation.from_matrix(pair[:, :3, :3]))(share).as_matrix()
+        eyes = [-pose[:3, :3].T @ pose[:3, 3] for pose in pair]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, -turn @ ((1 - share) * eyes[0] + share * eyes[1])
+        near = cameras.select([before + round(share)])
+        return replace(near, viewmats=torch.from_numpy(pose[None].astype(np.float32)))
+
+    def look(self, seconds: float) -> Look:
+        """The same for the choice of tiles."""
+        return look_of(self.at(seconds))
+
+    @property
+    def times(self) -> list[float]:
+        """When pictures are compared, seconds."""
+        count = math.floor(self.seconds * PICTURES_A_SECOND + 1e-9)
+        return [number / PICTURES_A_SECOND for number in range(count + 1)]
+
+
+def look_of(camera: Cameras) -> Look:
+    """What the choice of tiles knows of the first of some cameras."""
+    return Look(camera.viewmats[0].double().numpy(), float(camera.Ks[0, 0, 0]), camera.width, camera.height)

@@ -1,0 +1,87 @@
+"""A walk through a scene that arrives: what comes when, and what is compared with what."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from codec.gaussians.test_gaussians import some_splats
+from splatwire.channel import parse_loss
+from splatwire.errors import InvalidValueError
+from splatwire.levels import cut_of, encode_levels, tiles_of
+from splatwire.levels.delivery import Link, deliver
+from splatwire.levels.journey import Journey, score_walk, settled
+from splatwire.levels.walk import Walk
+from splatwire.model import SplatScene
+from splatwire.packets import Packetization
+from splatwire.render.importance import surrounding_cameras
+
+TILES = Packetization(block_size=40, lanes=2)
+FAST, SLOW = Link(1e9, 0.0), Link(100e3)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return SplatScene(some_splats(900))
+
+
+@pytest.fixture(scope="module")
+def stream(scene):
+    return encode_levels(scene, TILES)
+
+
+@pytest.fixture(scope="module")
+def walk(scene):
+    return Walk(surrounding_cameras(scene, 3, 32), 4.0)
+
+
+def test_a_walk_passes_its_cameras_and_turns_between_them(walk):
+    for number in range(3):
+        torch.testing.assert_close(walk.at(2.0 * number).viewmats[0], walk.cameras.viewmats[number], atol=1e-5, rtol=0)
+    between = walk.at(1.0)
+    rotation = between.viewmats[0, :3, :3]
+    torch.testing.assert_close(rotation @ rotation.T, torch.eye(3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(between.centers[0], walk.cameras.centers[:2].mean(dim=0), atol=1e-4, rtol=0)
+    one = Walk(walk.cameras.select([1]), 3.0)
+    assert torch.equal(one.at(2.0).viewmats, walk.cameras.viewmats[1:2])
+
+
+@pytest.mark.parametrize("loss", ["none", "bernoulli:0.2"])
+def test_no_more_comes_than_the_link_carries_and_what_is_lost_comes_again(stream, walk, loss):
+    link = replace(SLOW, loss=parse_loss(loss, "datagram"))
+    delivery = deliver(stream, walk.look, walk.seconds, link)
+    came = np.sort(delivery.arrivals[np.isfinite(delivery.arrivals)])
+    for seconds in (0.5, 1.0, 2.0, 4.0):
+        assert 8 * delivery.bytes_at(seconds) <= link.rate * seconds
+    assert came[0] > delivery.head
+    lost = delivery.sent_bytes - delivery.sizes[np.isfinite(delivery.arrivals)].sum()
+    assert (lost > 0) == (loss != "none")
+    ample = deliver(stream, walk.look, walk.seconds, replace(link, rate=10e6))
+    tiles = tiles_of(stream)
+    for seconds in (3.0, 4.0):  # all that the view ever wanted, whatever was lost on the way
+        assert not cut_of(tiles, ample.there(tiles, seconds), walk.look(seconds - 0.5)).wanted
+
+
+def test_coarse_tiles_come_first_and_then_what_is_looked_at(stream, walk):
+    tiles, delivery = tiles_of(stream), deliver(stream, walk.look, walk.seconds, SLOW)
+    of_tile = np.array([delivery.arrivals[delivery.blocks == tile].max() for tile in range(tiles.num_tiles)])
+    roots = tiles.parents < 0
+    assert of_tile[roots].max() < of_tile[~roots].min()
+    other = deliver(stream, lambda seconds: walk.look(walk.seconds), walk.seconds, SLOW)
+    assert not np.array_equal(delivery.arrivals, other.arrivals)
+
+
+def test_with_everything_there_the_picture_is_the_complete_one(stream, scene, walk):
+    journey = Journey.of(stream, walk, FAST)
+    moments = score_walk(journey, scene, walk, [0.0, 3.5])
+    assert moments[0].num_gaussians == 0
+    assert moments[1].psnr == moments[1].complete_psnr
+    assert settled(moments) == 3.5
+    assert settled([*moments, replace(moments[1], psnr=moments[1].psnr - 2)]) is None
+    assert journey.whole_at < 0.2
+
+
+def test_a_stream_with_gaps_cannot_be_sent(stream, walk):
+    with pytest.raises(InvalidValueError, match="missing"):
+        deliver(stream.with_packets(stream.packets[1:]), walk.look, 1.0, SLOW)
