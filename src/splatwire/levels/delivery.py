@@ -12,9 +12,10 @@ import numpy as np
 from splatwire.channel import LossModel, Nothing
 from splatwire.channel.transmit import DATAGRAM_BYTES
 from splatwire.errors import InvalidValueError
-from splatwire.levels.tiles import Tiles, tiles_of
-from splatwire.levels.view import Look, cut_of
+from splatwire.levels.tiles import tiles_of
 from splatwire.packets import SceneStream
+from splatwire.packets.tiles import Tiles
+from splatwire.packets.view import Look, cut_of
 
 REPORT_SECONDS = 0.1
 """How often a receiver says where it looks."""

@@ -11,12 +11,13 @@ from torch import Tensor
 
 from splatwire.codec import decode_stream
 from splatwire.levels.delivery import Delivery, Link, deliver
-from splatwire.levels.tiles import Tiles, tiles_of
-from splatwire.levels.view import Look, cut_of
+from splatwire.levels.tiles import tiles_of
 from splatwire.levels.walk import Walk, look_of
 from splatwire.metrics import psnr
 from splatwire.model.appearance import Scene
 from splatwire.packets import SceneStream, arrived_blocks
+from splatwire.packets.tiles import Tiles
+from splatwire.packets.view import Look, cut_of
 from splatwire.render import Renderer, render_scene
 
 SETTLED_DB = 1.0

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation, Slerp
 
 from splatwire.errors import InvalidValueError
-from splatwire.levels.view import Look
+from splatwire.packets.view import Look
 from splatwire.scene import Cameras
 
 PICTURES_A_SECOND = 4
