@@ -13,6 +13,7 @@ import ssl
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 HOST, PORT = "10.78.0.1", 4850
 PIECE = 1 << 16
@@ -56,7 +57,7 @@ async def receive_http1(log: Log) -> bool:
     return True
 
 
-def http3_classes() -> tuple[type, type]:
+def http3_classes() -> tuple[Any, Any]:
     """Server's and client's protocol of aioquic; here because its import takes time."""
     from aioquic.asyncio import QuicConnectionProtocol
     from aioquic.h3.connection import H3Connection
@@ -69,7 +70,8 @@ def http3_classes() -> tuple[type, type]:
         def __init__(self, *arguments: object, **more: object) -> None:
             super().__init__(*arguments, **more)
             self._http: H3Connection | None = None
-            self.got, self.done, self.log = 0, asyncio.Event(), None
+            self.got, self.done = 0, asyncio.Event()
+            self.log: Any = None
 
         @property
         def http(self) -> H3Connection:

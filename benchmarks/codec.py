@@ -11,7 +11,9 @@ import json
 import platform
 import resource
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from figures import publish
@@ -27,6 +29,7 @@ from splatwire.importers.hacpp import import_hacpp
 from splatwire.model import AnchorScene
 from splatwire.packets import SceneStream
 
+Made = TypeVar("Made")
 GOALS = {"total_ratio": 1.0, "packet_overhead_percent": 0.5, "decode_us_per_anchor": 31.0, "encode_us_per_anchor": 31.8}
 
 
@@ -57,9 +60,9 @@ def single_streams(scene: AnchorScene, stream: SceneStream) -> dict[str, int]:
             columns[name].append(values[where])
             parts[name].append(tuple(d[where] for d in dist))
     sizes = {}
-    for name, values in columns.items():
-        dist = Mixtures(*(np.concatenate(d).astype(np.int64) for d in zip(*parts[name], strict=True)))
-        sizes[name] = len(encode_symbols(np.concatenate(values).astype(np.int64), dist))
+    for name, column in columns.items():
+        mixtures = Mixtures(*(np.concatenate(d).astype(np.int64) for d in zip(*parts[name], strict=True)))
+        sizes[name] = len(encode_symbols(np.concatenate(column).astype(np.int64), mixtures))
     mask = np.concatenate(masks)
     ones = np.minimum(np.cumsum(mask, axis=1) - mask, kernels.MASK_ONES - 1)
     contexts = np.arange(mask.shape[1])[None, :] * kernels.MASK_ONES + ones
@@ -83,13 +86,12 @@ def _plain(values: np.ndarray) -> tuple[np.ndarray, ...]:
     return zero, zero, zero + 65536
 
 
-def timed(action, runs: int = 3) -> tuple[object, float]:
-    best, result = float("inf"), None
-    for _ in range(runs + 1):  # the first run compiles
+def timed(action: Callable[[], Made], runs: int = 3) -> tuple[Made, float]:
+    best, result = float("inf"), action()  # the first run compiles
+    for _ in range(runs):
         start = time.perf_counter()
         result = action()
-        if _:
-            best = min(best, time.perf_counter() - start)
+        best = min(best, time.perf_counter() - start)
     return result, best
 
 

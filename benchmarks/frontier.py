@@ -64,9 +64,12 @@ COUNTED = 2000
 class Variant:
     """One stream of the scene, with and without tiers: what is known of it, and scores of deliveries seen before."""
 
-    def __init__(self, stream: SceneStream, pictures: LossyPictures, planning: LossyPictures) -> None:
-        self.pictures, self.planning, self.members, self.cache = pictures, planning, packet_members(stream), {}
-        self.offer = offer_of(stream, planning, seed=7)
+    def __init__(
+        self, stream: SceneStream, pictures: LossyPictures, planning: LossyPictures, concealment_bytes: int = 0
+    ) -> None:
+        self.pictures, self.planning, self.members = pictures, planning, packet_members(stream)
+        self.cache: dict[bytes, float] = {}
+        self.offer = offer_of(stream, planning, seed=7, concealment_bytes=concealment_bytes)
         preview = stream_preview(stream.side_info, stream.manifest.codec)
         self.blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
 
@@ -126,23 +129,30 @@ class Bench:
         self.scene, self.concealer = open_scene(arguments.scene), arguments.conceal
         self.train, self.planning, self.reported = looks_of(self.scene, arguments)
         seen_from = self.train.cameras.select(spread(self.train.cameras.num_views, 6))
-        importance = footprint_importance(self.scene, seen_from)
-        self.tiers = importance.tiers(tuple(arguments.tiers), self.scene.drawable)
+        self.importance = footprint_importance(self.scene, seen_from)
+        self.tiers = self.importance.tiers(tuple(arguments.tiers), self.scene.drawable)
 
     def streams(self) -> list[SceneStream]:
         """The scene as a stream without tiers, and with tiers and a preview."""
         classes = classes_of(self.scene)
         both = [encode_scene(self.scene, PRESETS["datagram"], tiers=t, classes=classes) for t in (None, self.tiers)]
-        return [both[0], add_concealment(both[1], PREVIEW, preview_for_scene(self.scene, self.train).section)]
+        return [both[0], self.with_preview(both[1])]
 
-    def variant(self, stream: SceneStream) -> Variant:
-        """A stream of the scene, with what the planner knows of it."""
+    def with_preview(self, stream: SceneStream) -> SceneStream:
+        """The stream with a preview of the scene."""
+        return add_concealment(stream, PREVIEW, preview_for_scene(self.scene, self.train).section)
+
+    def variant(self, stream: SceneStream, concealer: str | None = None, concealment_bytes: int = 0) -> Variant:
+        """A stream of the scene, with what the planner knows of it; concealed as asked for, or by this concealer.
+
+        So many of its bytes count as protection.
+        """
         complete = decode_stream(stream)
         seen, unseen = (
-            LossyPictures(complete, looks.cameras, self.concealer, photos=looks.pictures)
+            LossyPictures(complete, looks.cameras, concealer or self.concealer, photos=looks.pictures)
             for looks in (self.planning, self.reported)
         )
-        return Variant(stream, unseen, seen)
+        return Variant(stream, unseen, seen, concealment_bytes)
 
 
 def bare(load: StreamLoad) -> float:

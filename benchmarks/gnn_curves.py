@@ -5,6 +5,7 @@ python benchmarks/gnn_curves.py out/scene_paper out/other_paper ... -o benchmark
 """
 
 import argparse
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ def read(folder: Path) -> dict[str, Any]:
 def plot(runs: list[dict[str, Any]], path: Path) -> None:
     """Errors of features on the left, PSNR on the right, with the concealers that were not trained."""
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(10, 4))
-    for run, color in zip(runs, matplotlib.colormaps["tab10"].colors, strict=False):
+    for run, color in zip(runs, itertools.cycle(pyplot.rcParams["axes.prop_cycle"].by_key()["color"]), strict=False):
         drawn = [(p["step"], p["psnr"]) for p in run["points"] if "psnr" in p]
         left.plot([p["step"] for p in run["points"]], [p["errors"]["feature"] for p in run["points"]], color=color,
                   label=run["run"])  # fmt: skip

@@ -9,6 +9,7 @@ import argparse
 import json
 import resource
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import torch
@@ -19,7 +20,9 @@ from splatwire.conceal import conceal
 from splatwire.levels import encode_levels, tiles_of
 from splatwire.metrics import psnr
 from splatwire.model import RenderHints
+from splatwire.model.appearance import Scene
 from splatwire.model.level_scene import Levels
+from splatwire.packets import SceneStream
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
@@ -43,7 +46,7 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
     tiles, partial = tiles_of(stream), decode_stream(stream)
     level_of = partial[Levels].of
 
-    def quality(shown: object) -> float:
+    def quality(shown: Scene) -> float:
         return round(float(psnr(render_scene(shown, cameras), truth).mean()), 2)
 
     levels = []
@@ -71,7 +74,7 @@ def measured(path: str, rates: list[float]) -> dict[str, object]:
     }
 
 
-def lossy(stream: object, rate: float, quality: object) -> dict[str, float]:
+def lossy(stream: SceneStream, rate: float, quality: Callable[[Scene], float]) -> dict[str, float]:
     """PSNR of each concealer, mean over seeds; packets of coarser levels, which are protected, are not lost."""
     first, found = stream.manifest.plan.spans[-1].first_block, {}
     for name in ("drop", "grow", "scene_free", "coarse"):

@@ -24,7 +24,6 @@ from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
 from splatwire.calibrate.pseudo_loss import calibration_data
 from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
-from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.tiers import arrange_stream
@@ -33,7 +32,6 @@ from splatwire.packets import PRESETS, SceneStream
 from splatwire.plan.measure import LossyPictures
 from splatwire.plan.outline import draw_losses
 from splatwire.plan.planner import plan_protection
-from splatwire.render.importance import footprint_importance
 
 PAK_TIERS = (0.02, 0.05, 0.1, 0.2)
 PLANNED = 12
@@ -42,9 +40,8 @@ CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 
 def sketches(bench: Bench, stream: SceneStream, shares: list[float]) -> list[bytes]:
     """Sections of some shares of the stream's bytes; they fit every stream of the same scene."""
-    data, photos = calibration_data(stream, decode_stream(stream)), bench.train
-    views = CalibrationViews.of_photos(photos)
-    return [sketch_for_stream(data, views, stream.num_bytes, SketchConfig(share=s)).section for s in shares]
+    data = calibration_data(stream, decode_stream(stream))
+    return [sketch_for_stream(data, bench.train, stream.num_bytes, SketchConfig(share=s)).section for s in shares]
 
 
 def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.Namespace) -> dict:
@@ -88,7 +85,7 @@ class Pak(NamedTuple):
 
 def pak_ways(bench: Bench, sections: list[bytes], limit: float) -> list[Pak]:
     """Sizes of the tier times sketches; parity takes what the limit leaves."""
-    ways, importance = [], footprint_importance(bench.scene, bench.cameras)
+    ways, importance = [], bench.importance
     for share in PAK_TIERS:
         stream = encode_scene(bench.scene, PRESETS["paper"], tiers=importance.tiers((share,)))
         groups, packets = arrange_stream(stream)

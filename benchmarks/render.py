@@ -122,7 +122,7 @@ def kernel_times() -> dict[str, float]:
 
 
 def nanoseconds_per_pixel(kernel: Any, extra: tuple[Any, ...]) -> float:
-    from splatwire.render._cpu_kernels import TILE, _new_buffer
+    from splatwire.render._cpu_kernels import TILE, new_buffer
 
     @numba.njit
     def loop(buf, x, y, a, b, c, level, red, green, blue, *rest):  # type: ignore[no-untyped-def]
@@ -130,7 +130,7 @@ def nanoseconds_per_pixel(kernel: Any, extra: tuple[Any, ...]) -> float:
             kernel(buf, 0, TILE, x, y, a, b, c, level, red, green, blue, *rest)
 
     numbers = [np.float32(v) for v in (8.0, 8.0, -0.01, 0.001, -0.01, -7.0, 0.5, 0.5, 0.5)]
-    arguments = (_new_buffer(TILE, TILE), *numbers, *extra)
+    arguments = (new_buffer(TILE, TILE), *numbers, *extra)
     return round(milliseconds(lambda: loop(*arguments), 5) * 1e6 / (20_000 * TILE * TILE), 3)
 
 

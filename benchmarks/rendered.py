@@ -94,7 +94,7 @@ def main() -> None:
         sections = {f"sketch {s['share_asked']}": s["section"] for s in sketches}
         for method, each in scores.items():
             carried = {SECTION: sections[method]} if method in sections else {}
-            drawn = conceal(dataclasses.replace(partial, concealment=carried), method.split()[0])
+            drawn = conceal(dataclasses.replace(partial, sections=carried), method.split()[0])
             each.append(quality(drawn, test))
         print(name, seed, {m: round(e[-1], 3) for m, e in scores.items()}, file=sys.stderr, flush=True)
     report = {

@@ -144,7 +144,7 @@ def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name:
         spent = np.array([outcome.spent for outcome in outcomes])
         room = options.limit - float(spent.mean() + spent.std() / math.sqrt(len(spent)))
         print(f"sketch {sketch_bytes}: until {share:.3f} spends {spent.mean():.2%}", file=sys.stderr, flush=True)
-        if room >= 0 and (best is None or share > best[1].resendable / len(program.packets)):
+        if room >= 0 and (best is None or share > best[1].num_resendable / len(program.packets)):
             best = (outcomes, program)
         if 0 <= room < NEAR or (share == 0 and room < 0) or (share == 1 and room >= 0):
             break

@@ -51,7 +51,7 @@ def to_learn_from(source: Path, photos: Path, views: int, width: int) -> Calibra
 
 def train(options: argparse.Namespace) -> dict[str, object]:
     started = time.perf_counter()
-    scenes = [to_learn_from(*pair, options.views, options.width) for pair in options.scenes]
+    scenes = [to_learn_from(source, photos, options.views, options.width) for source, photos in options.scenes]
     losses: list[float] = []
 
     def told(step: int, loss: float) -> None:
@@ -80,7 +80,8 @@ def score_scene(
     source: Path, photos: Path, methods: dict[str, Concealer], options: argparse.Namespace
 ) -> dict[str, object]:
     stream, loss = open_stream(source), parse_loss(f"bernoulli:{options.rate}")
-    views = photo_views(open_dataset(photos, split="test")).every(options.views)
+    dataset = open_dataset(photos, split="test")
+    views = photo_views(dataset.select(spread(dataset.num_views, options.views)))
     background = torch.tensor(views.background)
 
     def mean_psnr(scene) -> float:  # type: ignore[no-untyped-def]

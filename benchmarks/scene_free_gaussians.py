@@ -12,6 +12,7 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from splatwire.calibrate.scene_free import SceneFreeConfig
 from splatwire.calibrate.scene_free_gaussians import LossyStream, train_for_gaussians
@@ -55,7 +56,7 @@ def train(options: argparse.Namespace) -> dict[str, object]:
 
 
 def score(options: argparse.Namespace) -> dict[str, object]:
-    loss, found = parse_loss(f"bernoulli:{options.rate}", "datagram"), {}
+    loss, found = parse_loss(f"bernoulli:{options.rate}", "datagram"), dict[str, dict[str, Any]]()
     given = {} if options.weights is None else {"gaussian_weights": options.weights}
     names = {name: create_concealer(name, **(given if name == "scene_free" else {})) for name in options.conceal}
     for path in options.scenes:

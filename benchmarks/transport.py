@@ -112,7 +112,7 @@ def side_protection(stream: SceneStream, trials: int, symbol_bytes: int | None =
 
     With and without the 28 bytes of UDP and IP (version 4) of every datagram.
     """
-    out = {}
+    out: dict[str, dict[str, object] | None] = {}
     for name, loss in LOSSES.items():
         low, high = 0.2, 1.2
         found = None

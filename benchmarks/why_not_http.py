@@ -19,6 +19,7 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -37,7 +38,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
 
 LINK = Path(__file__).with_name("click_link.py")
-WAYS = {
+WAYS: dict[str, dict[str, Any]] = {
     "SOG, HTTP/1.1, CUBIC": {"scheme": "http1", "congestion": "cubic", "kind": "sog"},
     "SOG, HTTP/1.1, BBR": {"scheme": "http1", "congestion": "bbr", "kind": "sog"},
     "SOG, HTTP/3": {"scheme": "http3", "kind": "sog"},
@@ -117,10 +118,12 @@ def written(source: Path, folder: Path) -> dict[str, Path]:
 
 def measure(source: Path, cells: list[dict], options: argparse.Namespace) -> dict[str, object]:
     """All ways over all links."""
+    rows: list[dict[str, Any]] = []
+    jobs: list[tuple[str, dict, dict]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files, rows = written(source, folder), []
-        whole, jobs = read_stream(files["swz"])[0], []
+        files = written(source, folder)
+        whole = read_stream(files["swz"])[0]
         screen = Screen(SplatScene(read_splats(source)), options.views, options.width)
         for number, (cell, way) in enumerate(itertools.product(cells, options.ways)):
             log = folder / f"{number}.log"

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from splatwire.channel import LOSS_PRESETS, Bernoulli, GilbertElliott, Nothing, Trace, parse_loss
+from splatwire.channel.trace import read_trace
 from splatwire.errors import DatasetError, InvalidValueError, SplatwireError, UnknownNameError
 
 
@@ -145,7 +146,7 @@ def test_the_trace_of_the_documents_is_one(pytestconfig, tmp_path):
     text = (pytestconfig.rootpath / "docs" / "transport.md").read_text(encoding="utf-8")
     path = tmp_path / "trace.txt"
     path.write_text(text.partition("A trace is text")[2].partition("```text\n")[2].partition("```")[0])
-    assert "".join(str(int(arrived)) for arrived in parse_loss(f"trace:{path}").entries) == "1111011001101"
+    assert "".join(str(int(arrived)) for arrived in read_trace(path)) == "1111011001101"
 
 
 def test_trace_too_short(tmp_path):

@@ -90,7 +90,7 @@ def test_a_study_and_its_workers_find_it(streams, engine):
 def test_in_one_process_with_its_laws(tmp_path, monkeypatch, known):
     monkeypatch.syspath_prepend(install_swell(tmp_path))
     assert "swell" in concealer_names()
-    assert create_concealer("swell", most=1.5).most == 1.5
+    assert vars(create_concealer("swell", most=1.5))["most"] == 1.5
     anchors = random_context(50, 3)
     assert float(conceal(anchors, "swell").hints.size_gain.max()) == pytest.approx(
         float(anchors.known.double().mean()) ** -0.5

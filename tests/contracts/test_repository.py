@@ -65,8 +65,8 @@ def _there(name: str) -> bool:
 def _licence(name: str) -> str:
     facts = importlib.metadata.metadata(name)
     classes = [line for line in facts.get_all("Classifier") or [] if line.startswith("License")]
-    first = (facts.get("License") or "").strip().partition("\n")[0]
-    return " ".join(filter(None, [facts.get("License-Expression"), first, *classes]))
+    said = {name: (facts.get_all(name) or [""])[0].strip() for name in ("License", "License-Expression")}
+    return " ".join(filter(None, [said["License-Expression"], said["License"].partition("\n")[0], *classes]))
 
 
 def test_the_bundled_scene_is_small():

@@ -113,6 +113,7 @@ def test_anchors_keep_every_bit(tmp_path: Path) -> None:
     scene = tiny_scene(num_anchors=40)
     splatwire.save_scene(scene, tmp_path / "a")
     back = splatwire.open_scene(tmp_path / "a")
+    assert isinstance(back, AnchorScene)
     for name, value in vars(scene.anchors).items():
         assert torch.equal(getattr(back.anchors, name), value)
 

@@ -60,15 +60,15 @@ def test_directional_derivative(name: str, iterations: int, rate: float, dataset
     state.parameters[name].register_hook(gradients.append)
     size = STEP * float(start.abs().mean().clamp(min=0.01))
     direction = torch.zeros_like(start)
-    losses = []
+    measured: list[float] = []
     for sign in (0, 1, -1):
         state.iteration = iterations
         state.generator.set_state(luck)
         with torch.no_grad():
             state.parameters[name].copy_(start + sign * direction)
-        losses.append(_loss(state, dataset, config))
+        measured.append(_loss(state, dataset, config))
         if sign == 0:  # a random direction uphill: straight across, the loss hardly changes more than float32 can tell
             direction = gradients[0].sign() * torch.rand(start.shape, generator=rng) * size
     expected = float((gradients[0] * direction).sum())
     assert expected > 1e-6
-    assert (losses[1] - losses[2]) / 2 == pytest.approx(expected, rel=0.03, abs=1e-7)
+    assert (measured[1] - measured[2]) / 2 == pytest.approx(expected, rel=0.03, abs=1e-7)

@@ -15,7 +15,6 @@ import torch
 from PIL import Image
 
 from explicit import encode_splats
-from leash import Page
 from scenes import tiny_cameras
 from splatwire.codec import decode_stream
 from splatwire.codec.schemas.gaussians.quality import Quality
@@ -26,7 +25,7 @@ from splatwire.packets import SceneStream, stream_to_bytes
 from splatwire.render import render_scene
 from splatwire.scene import Cameras
 from splatwire.scene_io import open_scene
-from transport.chromium import browser, executable
+from transport.chromium import Browser, browser, executable
 from web.host import hosting
 from web.installed import called, install, package
 from web.node import WEB
@@ -179,7 +178,7 @@ def draws(
     run(work())
 
 
-def taken(page: Page, pose: list[float]) -> np.ndarray:
+def taken(page: Browser, pose: list[float]) -> np.ndarray:
     picture = page.resolve(f"draw({json.dumps(pose)})").split(",")[1]
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")) / 255.0
 
