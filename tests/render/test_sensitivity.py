@@ -41,7 +41,7 @@ def test_removal_is_what_leaving_an_anchor_out_costs(scene, measured) -> None:
 
 
 def test_small_changes_of_features_cost_what_the_metric_says(scene, measured) -> None:
-    """On average over changes; smaller ones cross the threshold below which nothing is drawn as often, and cost more."""
+    """On average over changes; smaller ones cross the threshold for drawing as often, and cost more."""
     rng = torch.Generator().manual_seed(0)
     features = scene.anchors.features
     changes = [0.03 * torch.randn(features.shape, generator=rng) for _ in range(40)]
