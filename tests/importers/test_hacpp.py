@@ -33,7 +33,8 @@ def test_a_decoded_model_is_taken_as_it_is(model):
     assert_anchors(scene.anchors, model)
     assert np.array_equal(scene.anchors.scalings.numpy(), model.scalings)
     assert scene.coding.voxel_size == 0.02
-    assert scene.anchors.matches(scene.coding.config.layout)
+    layout, anchors = scene.coding.config.layout, scene.anchors
+    assert (anchors.features.shape[1], anchors.mask.shape[1]) == (layout.feature_dim, layout.num_offsets)
     assert scene.coding.config.layout.feature_groups == (2, 3)
     assert scene.coding.config.base_steps == (1.0, 0.001, 0.2)
 

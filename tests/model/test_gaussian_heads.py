@@ -64,7 +64,7 @@ def run(mlp: Mlp, x: list[float]) -> list[float]:
 
 
 def expected_gaussians(view: int) -> list[tuple[float, ...]]:
-    """HACPP_SPEC 2 in scalars: one row of centre, scale, quaternion, opacity, colour per Gaussian."""
+    """HAC++'s decoding of a view in scalars: one row of centre, scale, quaternion, opacity, colour per Gaussian."""
     anchors, heads, cameras = make_anchors(), make_heads(), make_cameras()
     pose, K_ = cameras.viewmats[view].tolist(), cameras.Ks[view].tolist()
     center = [-sum(pose[i][j] * pose[i][3] for i in range(3)) for j in range(3)]

@@ -251,4 +251,5 @@ def test_damage_is_one_clear_error_or_another_finite_scene(data, tiny_scene, tmp
     except BitstreamError:
         return
     assert all(torch.isfinite(value).all() for _, value in leaves(scene) if isinstance(value, torch.Tensor))
-    assert scene.anchors.matches(scene.coding.config.layout)
+    layout, anchors = scene.coding.config.layout, scene.anchors
+    assert (anchors.features.shape[1], anchors.mask.shape[1]) == (layout.feature_dim, layout.num_offsets)

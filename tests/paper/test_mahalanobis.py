@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from splatwire.paper.mahalanobis import MahalanobisSearch, plain_nearest
+from reference.mahalanobis import plain_nearest
+from splatwire.paper.mahalanobis import MahalanobisSearch
 
 
 def cloud(count: int, seed: int, spread: float) -> tuple[torch.Tensor, torch.Tensor]:

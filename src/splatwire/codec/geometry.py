@@ -23,7 +23,7 @@ def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
 
     Args:
         voxels: int64 (N, 3).
-        order: `morton` (Z-order) or `raster` (z, then y, then x: what HAC++ calls Morton order, HACPP_SPEC 7.1).
+        order: `morton` (Z-order) or `raster` (z, then y, then x: what HAC++ calls Morton order).
 
     Returns:
         int64 (N): index of the anchor at each rank; equal positions keep their order.

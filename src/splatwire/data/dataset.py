@@ -108,7 +108,7 @@ def open_dataset(
         path: The folder.
         split: Which views, one of `SPLITS`.
         images: Image folder instead of `images` (`images_4`); the intrinsics follow the size of what is in it.
-        max_width: Wider photos are reduced to this width (HACPP_SPEC 6); None for no limit.
+        max_width: Wider photos are reduced to this width (HAC++, training); None for no limit.
         test_views: Which views are for testing, one of `TEST_VIEWS`: every eighth, or the first 31 (as for
             BungeeNeRF). None chooses by the layout: a folder with a `poses_enu.json` is BungeeNeRF.
         background: RGB that shows where a photo's alpha is below 1.

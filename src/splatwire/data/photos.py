@@ -89,7 +89,7 @@ def load_mask(path: Path, size: tuple[int, int]) -> Bool[Tensor, "H W"]:
 
 
 def limited_size(width: int, height: int, max_width: int | None) -> tuple[int, int]:
-    """Returns the size after the width limit of HAC++ (HACPP_SPEC 6: wider than 1600 pixels is reduced to that).
+    """Returns the size after the width limit of HAC++ (wider than 1600 pixels is reduced to that).
 
     Both sides are divided by `width / max_width` and cut to whole pixels, in this order of operations, because the
     last pixel depends on it.

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 MIN_LIKELIHOOD = 1e-6
-"""Likelihoods below this cost as much as this, and pull at nothing (HACPP_SPEC 5)."""
+"""Likelihoods below this cost as much as this, and pull at nothing (HAC++, rate)."""
 
 
 def gaussian_likelihood(

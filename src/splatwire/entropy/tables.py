@@ -126,7 +126,7 @@ def weight_table() -> np.ndarray:
 
 @functools.cache
 def step_table(cells_per_unit: int, limit: int, bits: int) -> np.ndarray:
-    """The adaptive factor `1 + tanh(q)` of a quantisation step (HACPP_SPEC 4.2), in units of `2**-bits`.
+    """The adaptive factor `1 + tanh(q)` of a quantisation step (HAC++, adaptive steps), in units of `2**-bits`.
 
     Args:
         cells_per_unit: Table entries per unit of q.

@@ -62,7 +62,7 @@ def slots_of(scene: AnchorScene) -> Slots:
 
 @torch.no_grad()
 def slot_view(scene: AnchorScene, slots: Slots, camera_center: Float[Tensor, "3"]) -> SlotView:
-    """Runs the heads for some Gaussians as a camera at `camera_center` sees them (HACPP_SPEC 2 steps 2 to 5)."""
+    """Runs the heads for some Gaussians as a camera at `camera_center` sees them (HAC++, decoding of a view)."""
     anchors, heads = scene.anchors, scene.heads
     index, row = torch.unique_consecutive(slots.anchor_index, return_inverse=True)
     offset = slots.offset_index

@@ -1,4 +1,4 @@
-"""Turns the state dictionaries of an HAC++ checkpoint into networks and a hash grid (HACPP_SPEC 3 and 4)."""
+"""Turns the state dictionaries of an HAC++ checkpoint into networks and a hash grid."""
 
 import re
 from collections.abc import Mapping

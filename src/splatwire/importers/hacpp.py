@@ -1,4 +1,4 @@
-"""Imports what the official HAC++ code writes (HACPP_SPEC 1 to 4)."""
+"""Imports what the official HAC++ code writes."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -49,7 +49,7 @@ def import_hacpp(model_dir: Path) -> AnchorScene:
     Positions become the float32 nearest to `index * voxel_size`, at most one unit in the last place from the official
     float32 product.
 
-    The variant for Synthetic-NeRF, whose channel context does not see the prior (HACPP_SPEC 4.3), becomes the same
+    The variant for Synthetic-NeRF, whose channel context does not see the prior, becomes the same
     networks with zero weights for the prior. That affects the rate only, never a decoded value.
 
     Args:

@@ -59,7 +59,7 @@ def _layer(packed, num_inputs, num_groups, x, slope, out):
 @njit(inline="always")
 @no_type_check
 def _in_view(positions, scalings, n, camera):
-    """The pre-filter of HACPP_SPEC 2 step 1, see `gaussian_heads.visible_anchors`."""
+    """HAC++'s pre-filter, see `gaussian_heads.visible_anchors`."""
     pose, (fx, fy, cx, cy), _, width, height = camera
     p0, p1, p2 = np.float64(positions[n, 0]), np.float64(positions[n, 1]), np.float64(positions[n, 2])
     z = pose[2, 0] * p0 + pose[2, 1] * p1 + pose[2, 2] * p2 + pose[2, 3]

@@ -17,7 +17,7 @@ from splatwire.scene.rows import Rows, rows_of_anchors
 
 @dataclass(frozen=True, eq=False)
 class GaussianHeads:
-    """The three networks that turn an anchor and a view into Gaussians (HACPP_SPEC 2 step 3).
+    """The three networks that turn an anchor and a view into Gaussians (HAC++, decoding of a view).
 
     Each takes `[feature (F), view direction (3), view distance (1)]`.
 
@@ -34,7 +34,7 @@ class GaussianHeads:
 
 @dataclass(frozen=True, eq=False)
 class HashGrid:
-    """Signs of the binary hash grid, rows of all levels one after another (HACPP_SPEC 3).
+    """Signs of the binary hash grid, rows of all levels one after another (HAC++, hash grid).
 
     Attributes:
         volume: The 3D table, values -1 or +1.
@@ -55,9 +55,9 @@ class ContextModel:
 
     Attributes:
         grid: The hash grid.
-        prior: Hash-grid feature (H) to `ModelConfig.prior_dim` outputs (HACPP_SPEC 4.1).
+        prior: Hash-grid feature (H) to `ModelConfig.prior_dim` outputs (HAC++, prior network).
         channel: One network per feature group: the groups decoded so far and the prior's mean, scale and weight of
-            all F channels to mean, scale and weight of the group (HACPP_SPEC 4.3).
+            all F channels to mean, scale and weight of the group (HAC++, channel context).
     """
 
     grid: HashGrid

@@ -1,4 +1,4 @@
-"""What the feature groups decoded so far say about the next group (HACPP_SPEC 4.3)."""
+"""What the feature groups decoded so far say about the next group (HAC++, channel context)."""
 
 from dataclasses import dataclass
 

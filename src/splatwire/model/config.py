@@ -12,7 +12,7 @@ PLANES = ((0, 1), (0, 2), (1, 2))
 
 @dataclass(frozen=True)
 class HashGridConfig:
-    """Binary hash grid: one 3D table and three planes (HACPP_SPEC 3).
+    """Binary hash grid: one 3D table and three planes (HAC++, hash grid).
 
     Attributes:
         features_per_level: Values per table row.
@@ -48,7 +48,7 @@ class ModelConfig:
     Attributes:
         layout: Sizes of an anchor.
         grid: Shape of the hash grid.
-        base_steps: Quantisation steps of feature, scaling and offset before adaptation (HACPP_SPEC 4.2).
+        base_steps: Quantisation steps of feature, scaling and offset before adaptation (HAC++, adaptive steps).
     """
 
     layout: AnchorLayout = field(default_factory=AnchorLayout)

@@ -1,4 +1,4 @@
-"""From anchors to the Gaussians of one view (HACPP_SPEC 2, steps 1 to 5)."""
+"""From anchors to the Gaussians of one view (HAC++, decoding of a view)."""
 
 from dataclasses import dataclass
 
@@ -50,7 +50,7 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
 
 @torch.no_grad()
 def visible_anchors(anchors: Anchors, cameras: Cameras, view: int) -> Bool[Tensor, "N"]:
-    """Tells which anchors camera `view` may see: the pre-filter of HACPP_SPEC 2 step 1.
+    """Tells which anchors camera `view` may see: HAC++'s pre-filter.
 
     An anchor is projected as a Gaussian of its first three scalings, unrotated; it is kept when it is deeper than 0.2
     and its square of three standard deviations meets a tile of the image.
@@ -69,7 +69,7 @@ def spawn_gaussians(
     opacity_gain: Float[Tensor, "N"] | None = None,
     mask_weight: Float[Tensor, "N K"] | None = None,
 ) -> SpawnedGaussians:
-    """Runs the heads on the visible anchors (HACPP_SPEC 2 steps 2 to 5); differentiable.
+    """Runs the heads on the visible anchors (HAC++, decoding of a view); differentiable.
 
     Args:
         anchors: All anchors.

@@ -18,7 +18,7 @@ _CHUNK = 32768
 def interpolate_hash_grid(
     grid: HashGrid, positions: Float[Tensor, "N 3"], config: HashGridConfig
 ) -> Float[Tensor, "N H"]:
-    """Interpolates the signs of `grid` at anchor positions, in chunks (HACPP_SPEC 3).
+    """Interpolates the signs of `grid` at anchor positions, in chunks (HAC++, hash grid).
 
     Args:
         grid: The tables and the box that they fill.
@@ -65,7 +65,7 @@ def interpolate_tables(
 def corner_rows(
     unit: Float[Tensor, "N dims"], resolution: int, num_rows: int
 ) -> tuple[Int64[Tensor, "N corners"], Float[Tensor, "N corners"]]:
-    """Finds the table rows around each position and their multilinear weights on one level (HACPP_SPEC 3).
+    """Finds the table rows around each position and their multilinear weights on one level (HAC++, hash grid).
 
     Corners on the rim of the level (coordinate 0 or resolution - 1) do not count; the weights of the others are
     divided by their sum, so that they add up to 1 inside the box. Outside of it all weights are 0.

@@ -22,7 +22,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Mlp:
-    """Two affine layers with a (leaky) rectifier between them, the only network shape in HAC++ (HACPP_SPEC 2 and 4).
+    """Two affine layers with a (leaky) rectifier between them, the only network shape in HAC++.
 
     Attributes:
         hidden: First layer.

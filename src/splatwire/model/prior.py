@@ -27,7 +27,7 @@ class AttributePrior:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The hash-grid prior of N anchors (HACPP_SPEC 4.1, paper equation of `mu(x)`).
+    """The hash-grid prior of N anchors (HAC++, equation of `mu(x)`).
 
     Attributes:
         feature: Prior of the F feature channels.

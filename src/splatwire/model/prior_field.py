@@ -1,4 +1,4 @@
-"""What the hash grid and its network say about an anchor from its position alone (HACPP_SPEC 4.1 and 4.2)."""
+"""What the hash grid and its network say about an anchor from its position alone (HAC++)."""
 
 from dataclasses import dataclass
 

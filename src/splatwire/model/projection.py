@@ -12,7 +12,7 @@ from torch import Tensor
 from splatwire.scene import Cameras
 
 NEAR_DEPTH = 0.2
-"""Centres at this depth or nearer are not drawn (HACPP_SPEC 2 step 6)."""
+"""Centres at this depth or nearer are not drawn (HAC++, decoding of a view)."""
 DILATION = 0.3
 """Added to the diagonal of the 2D covariance, square pixels: no Gaussian is thinner than about half a pixel."""
 FRUSTUM_MARGIN = 0.3
@@ -46,7 +46,7 @@ class Projected:
         return torch.cat([low.clamp(min=0).minimum(grid), high.clamp(min=0).minimum(grid)], dim=1).detach()
 
     def touches_image(self, width: int, height: int) -> Bool[Tensor, "N"]:
-        """Tells which Gaussians are far enough and listed in at least one tile (HACPP_SPEC 2 step 1)."""
+        """Tells which Gaussians are far enough and listed in at least one tile (HAC++, decoding of a view)."""
         tiles = self.tile_rectangles(width, height)
         return (self.radii > 0) & (tiles[:, 2] > tiles[:, 0]) & (tiles[:, 3] > tiles[:, 1])
 
@@ -69,7 +69,7 @@ def project(
 
     Returns:
         The Gaussians on the image. The covariance is J W S W^T J^T + 0.3 I with the Jacobian J taken at the centre,
-        clamped to 1.3 times the half field of view (HACPP_SPEC 2 step 6).
+        clamped to 1.3 times the half field of view (HAC++, decoding of a view).
     """
     pose, K = cameras.viewmats[view].to(means), cameras.Ks[view].to(means)
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]

@@ -1,4 +1,4 @@
-"""Compiled search for neighbours by Mahalanobis distance. What it must find is `mahalanobis.plain_nearest`.
+"""Compiled search for neighbours by Mahalanobis distance. What it must find is `tests/reference/mahalanobis.py`.
 
 Every query is on its own, so results do not depend on how queries are shared among threads.
 """

@@ -70,15 +70,6 @@ class MahalanobisSearch:
         return np.asarray(squared * (1 + 1e-9))
 
 
-def plain_nearest(
-    points: Float[Tensor, "S 3"], sizes: Float[Tensor, "S 3"], queries: Float[Tensor, "Q 3"], k: int
-) -> tuple[Int64[Tensor, "Q kept"], Float[Tensor, "Q kept"]]:
-    """The plain version of `MahalanobisSearch`: every distance, sorted."""
-    gaps = (queries.double()[:, None] - points.double()) / sizes.double()
-    distance, index = torch.linalg.vector_norm(gaps, dim=2).sort(dim=1, stable=True)
-    return index[:, :k], distance[:, :k].to(queries.dtype)
-
-
 def _local_order(places: np.ndarray, extents: np.ndarray) -> np.ndarray:
     """Sorts points by octave of their largest extent, then along the Z-order curve."""
     low = places.min(axis=0, initial=np.inf)

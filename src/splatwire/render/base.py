@@ -11,7 +11,7 @@ from splatwire.scene import Cameras, Gaussians
 
 @runtime_checkable  # the test run checks annotations
 class Renderer(Protocol):
-    """Draws Gaussians; the conventions are those of 3DGS (HACPP_SPEC 2 step 6), whatever the backend."""
+    """Draws Gaussians; the conventions are those of 3DGS, whatever the backend."""
 
     def __call__(
         self, gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"]

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from splatwire.scene.attributes import AnchorLayout, Attribute
+from splatwire.scene.attributes import Attribute
 from splatwire.scene.erasures import Erasures
 
 MIN_SIZE = 1e-9
@@ -44,10 +44,6 @@ class Anchors:
     def present_offsets(self) -> Float[Tensor, "N K 3"]:
         """Offsets, zero where masked out, whatever was there."""
         return torch.where(self.mask[:, :, None], self.offsets, torch.zeros_like(self.offsets))
-
-    def matches(self, layout: AnchorLayout) -> bool:
-        """Tells whether the tensors have the sizes of `layout`."""
-        return self.features.shape[1] == layout.feature_dim and self.mask.shape[1] == layout.num_offsets
 
     def select(self, index: Tensor) -> "Anchors":
         """Returns the anchors at `index` (integers or a boolean mask over N), in that order."""

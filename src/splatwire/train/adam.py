@@ -8,7 +8,7 @@ from torch import Tensor
 from splatwire.train.state import Moments
 
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-15
-"""Epsilon is so small that even the faintest gradient moves a parameter by its full learning rate (HACPP_SPEC 6)."""
+"""Epsilon is so small that even the faintest gradient moves a parameter by its full learning rate (HAC++, training)."""
 
 
 @torch.no_grad()

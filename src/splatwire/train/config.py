@@ -1,4 +1,4 @@
-"""Every constant of a training run, in one frozen record (HACPP_SPEC 6)."""
+"""Every constant of a training run, in one frozen record (HAC++, training)."""
 
 import dataclasses
 from dataclasses import dataclass, field

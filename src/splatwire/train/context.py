@@ -1,4 +1,4 @@
-"""The context model in training: adaptive steps of what is drawn, and the rate of a sample (HACPP_SPEC 4 and 5)."""
+"""The context model in training: adaptive steps of what is drawn, and the rate of a sample (HAC++)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -146,7 +146,7 @@ class TrainedContext:
 def straight_through_masks(
     state: TrainState, config: TrainConfig, index: Int64[Tensor, "M"]
 ) -> tuple[Float[Tensor, "M K"], Float[Tensor, "M"]]:
-    """Masks of offsets and of anchors, 0 or 1, with the gradient of the sigmoid and of its mean (HACPP_SPEC 2)."""
+    """Masks of offsets and of anchors, 0 or 1, with the gradient of the sigmoid and of its mean (HAC++)."""
     share = torch.sigmoid(state.parameters["mask_logits"][index])
     hard = (share > config.mask_threshold).to(share)
     offsets = share + (hard - share).detach()
@@ -160,7 +160,7 @@ def step_columns(prior: Mlp) -> Mlp:
 
 
 def adaptive_steps(step_logits: Float[Tensor, "N 3"], config: ModelConfig) -> Float[Tensor, "N 3"]:
-    """Returns `base * (1 + tanh(logit))` for features, scalings and offsets (HACPP_SPEC 4.2)."""
+    """Returns `base * (1 + tanh(logit))` for features, scalings and offsets (HAC++, adaptive steps)."""
     return step_logits.new_tensor(config.base_steps) * (1 + torch.tanh(step_logits))
 
 
@@ -222,7 +222,7 @@ def attribute_bits(
     steps: Float[Tensor, "M 3"],
     values: tuple[Float[Tensor, "M F"], Float[Tensor, "M S"], Float[Tensor, "M O"]],
 ) -> AttributeBits:
-    """Prices every number of some anchors (HACPP_SPEC 5).
+    """Prices every number of some anchors (HAC++, rate).
 
     Args:
         outputs: What the prior network says of them.

@@ -1,4 +1,4 @@
-"""The binary hash grid as it is trained: signs in front, straight-through gradients behind (HACPP_SPEC 3).
+"""The binary hash grid as it is trained: signs in front, straight-through gradients behind (HAC++, hash grid).
 
 Rows and weights of the corners depend on positions alone: they are computed once per set of anchors.
 """

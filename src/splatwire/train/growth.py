@@ -1,4 +1,4 @@
-"""Where anchors are added and which are removed (HACPP_SPEC 6, as Scaffold-GS)."""
+"""Where anchors are added and which are removed (HAC++, as Scaffold-GS)."""
 
 import torch
 from jaxtyping import Bool, Float, Int64

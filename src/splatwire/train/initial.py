@@ -1,4 +1,4 @@
-"""The state that a run starts from: anchors at the sparse points, networks at random (HACPP_SPEC 1)."""
+"""The state that a run starts from: anchors at the sparse points, networks at random (HAC++)."""
 
 import math
 from pathlib import Path
@@ -88,13 +88,13 @@ def points_of(scene: Scene) -> SparsePoints:
 
 
 def camera_extent(cameras: Cameras) -> float:
-    """Returns 1.1 times the largest distance of a camera from the mean of all, world units (HACPP_SPEC 6)."""
+    """Returns 1.1 times the largest distance of a camera from the mean of all, world units (HAC++, training)."""
     centers = cameras.centers.double()
     return 1.1 * float(torch.linalg.vector_norm(centers - centers.mean(dim=0), dim=1).max())
 
 
 def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
-    """Returns the box of the hash grid: each side a fifth of its coordinate further out (HACPP_SPEC 3).
+    """Returns the box of the hash grid: each side a fifth of its coordinate further out (HAC++, hash grid).
 
     A side at 0 and an axis along which all anchors are equal get some room too, so that the box is never flat.
     """
@@ -175,7 +175,7 @@ def _voxels(points: Float[Tensor, "P 3"], voxel_size: float) -> Int64[Tensor, "N
 
 
 def _derived_voxel_size(points: Float[Tensor, "P 3"]) -> float:
-    """The median over points of the mean squared distance to three neighbours (HACPP_SPEC 1: no root is taken)."""
+    """The median over points of the mean squared distance to three neighbours (HAC++: no root is taken)."""
     size = float(_mean_squared_distance(torch.unique(points, dim=0)).median())
     if not (math.isfinite(size) and size > 0):
         raise DatasetError("the points give no voxel size: name one")

@@ -1,4 +1,4 @@
-"""What training minimises in a picture: 0.8 L1 + 0.2 (1 - SSIM), with a gradient computed in one go (HACPP_SPEC 6)."""
+"""What training minimises in a picture: 0.8 L1 + 0.2 (1 - SSIM), with a gradient computed in one go (HAC++)."""
 
 from dataclasses import dataclass
 from typing import Any

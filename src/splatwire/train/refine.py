@@ -2,7 +2,7 @@
 
 While pictures are learned, the context model chases attributes that move, and sees a twentieth of them at a time. Here
 attributes and steps stand still and no picture is drawn, so that a minute brings what the run had no time for: the bits
-of all attributes under the coder's own distributions (HACPP_SPEC 5) and those of the grid's signs become fewer, signs
+of all attributes under the coder's own distributions (HAC++, rate) and those of the grid's signs become fewer, signs
 that no longer pay are turned back, and the scene looks as before.
 """
 

@@ -9,7 +9,7 @@ SCALED_BY_EXTENT = ("offsets", "mask_logits")
 
 
 class Phase(enum.Enum):
-    """The three phases of HACPP_SPEC 6."""
+    """The three phases of HAC++'s training."""
 
     PLAIN = "plain"
     NOISE = "noise"

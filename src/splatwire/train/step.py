@@ -99,7 +99,7 @@ class TrainingStep:
 
     @torch.no_grad()
     def _visible(self, state: TrainState, view: int) -> Int64[Tensor, "M"]:
-        """The anchors that a view may see (HACPP_SPEC 2 step 1)."""
+        """The anchors that a view may see (HAC++, decoding of a view)."""
         projected = project(self._cache.positions(state), state.scalings()[:, :3], None, self._cameras, view)
         return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
 
@@ -132,7 +132,7 @@ class TrainingStep:
     def _whole_loss(
         self, picture: Float[Tensor, ""], state: TrainState, spawned: SpawnedGaussians, rate: SampleRate | None
     ) -> Float[Tensor, ""]:
-        """The loss of the picture, the Gaussians' volumes and the bits (HACPP_SPEC 6)."""
+        """The loss of the picture, the Gaussians' volumes and the bits (HAC++, training)."""
         weights, scales, loss = self._config.weights, spawned.gaussians.scales, picture
         if len(scales):
             loss = loss + weights.volume * scales.prod(dim=1).mean()

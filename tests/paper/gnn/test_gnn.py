@@ -6,6 +6,7 @@ import torch
 
 from conceal.gaps import CONTEXT_DIM, LAYOUT, only, permuted, random_context
 from paper.gnn.lively import SMALL, lively_network
+from reference.mahalanobis import plain_nearest
 from splatwire.conceal import concealer_names, create_concealer
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.model import Partial, Prior
@@ -13,9 +14,8 @@ from splatwire.paper import Cari, Gnn, GnnSettings, GnnWeights, Idw, PriorMean
 from splatwire.paper.gnn import GNN_PRESETS, load_weights, save_weights
 from splatwire.paper.gnn.fusion import branches, fuse
 from splatwire.paper.gnn.graph import attribute_columns, build_graph, prior_rows, query_inputs, source_inputs
-from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes, RawResiduals, edge_conv
+from splatwire.paper.gnn.network import InpaintingNetwork, InputSizes, RawResiduals, strongest_edge
 from splatwire.paper.gnn.weights import scene_fingerprint
-from splatwire.paper.mahalanobis import plain_nearest
 
 PARTS = ("features", "scalings", "offsets", "mask")
 
@@ -29,13 +29,14 @@ def test_factored_edge_conv_is_the_plain_one() -> None:
     own, others = torch.randn(30, 8, generator=rng), torch.randn(50, 8, generator=rng)
     index = torch.randint(0, 50, (30, 5), generator=rng)
     center, edge, bias = (torch.randn(*s, generator=rng) for s in ((16, 8), (16, 8), (16,)))
+    found = strongest_edge(own @ (center - edge).T + bias, others @ edge.T, index)
     for q in range(30):
         messages = []
         for k in index[q].tolist():
             pair = torch.cat([own[q], others[k] - own[q]])
             messages.append(torch.nn.functional.leaky_relu(torch.cat([center, edge], dim=1) @ pair + bias, 0.2))
         plain = torch.stack(messages).amax(dim=0)
-        torch.testing.assert_close(edge_conv(own, others, index, center, edge, bias)[q], plain, rtol=1e-4, atol=1e-5)
+        torch.testing.assert_close(found[q], plain, rtol=1e-4, atol=1e-5)
 
 
 def test_the_paper_preset() -> None:

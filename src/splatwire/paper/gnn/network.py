@@ -60,33 +60,18 @@ class RawResiduals:
     mask_logit: Float[Tensor, "Q K"]
 
 
-def edge_conv(
-    own: Float[Tensor, "Q C"],
-    others: Float[Tensor, "S C"],
-    index: Int64[Tensor, "Q k"],
-    center: Float[Tensor, "H C"],
-    edge: Float[Tensor, "H C"],
-    bias: Float[Tensor, "H"],
+def strongest_edge(
+    mine: Float[Tensor, "Q H"], theirs: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
 ) -> Float[Tensor, "Q H"]:
-    """Computes `max_j phi(center h_i + edge (h_j - h_i) + bias)` with a leaky rectifier `phi`, in factored form.
+    """EdgeConv `max_j phi(center h_i + edge (h_j - h_i) + bias)` with a leaky rectifier `phi`, in factored form.
 
     The two products are per node, `phi` is monotone and can follow the maximum: no value per edge is ever multiplied.
 
     Args:
-        own: Queries.
-        others: Known anchors.
+        mine: `(center - edge) h_i + bias` of queries.
+        theirs: `edge h_j` of known anchors.
         index: Neighbours of each query; without a neighbour the edges say nothing.
-        center: Weight of the query.
-        edge: Weight of the difference.
-        bias: Bias.
     """
-    return strongest_edge(own @ (center - edge).T + bias, others @ edge.T, index)
-
-
-def strongest_edge(
-    mine: Float[Tensor, "Q H"], theirs: Float[Tensor, "S H"], index: Int64[Tensor, "Q k"]
-) -> Float[Tensor, "Q H"]:
-    """The part of `edge_conv` that is per edge, given what each node says on its own."""
     strongest = theirs[index].amax(dim=1) if index.shape[1] else 0.0
     return functional.leaky_relu(mine + strongest, _SLOPE)
 

@@ -18,7 +18,7 @@ CELL = 1 << CELL_BITS
 @njit(borrows=True)
 @no_type_check
 def row_of(x, y, z, resolution, rows, dims):
-    """Row of a grid corner in its level's table: dense where the level fits, hashed elsewhere (HACPP_SPEC 3)."""
+    """Row of a grid corner in its level's table: dense where the level fits, hashed elsewhere (HAC++, hash grid)."""
     stride = resolution * resolution if dims == 2 else resolution * resolution * resolution
     if stride <= rows:
         return (x + y * resolution + z * resolution * resolution) % rows

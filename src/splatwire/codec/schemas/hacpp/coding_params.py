@@ -25,7 +25,7 @@ from splatwire.model.config import ModelConfig
 
 @dataclass(frozen=True)
 class PriorColumns:
-    """Where each quantity stands among the outputs of the prior network (HACPP_SPEC 4.1)."""
+    """Where each quantity stands among the outputs of the prior network (HAC++)."""
 
     feature_mean: int
     feature_scale: int

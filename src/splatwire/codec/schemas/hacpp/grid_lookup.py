@@ -1,4 +1,4 @@
-"""Integer hash-grid lookup: which table rows an anchor reads, and the interpolated context (HACPP_SPEC 3)."""
+"""Integer hash-grid lookup: which table rows an anchor reads, and the interpolated context (HAC++, hash grid)."""
 
 import functools
 import math
@@ -38,7 +38,7 @@ class GridLevels:
 
 @functools.cache
 def grid_levels(config: HashGridConfig) -> GridLevels:
-    """Lays out the levels: the 3D table first, then the planes xy, xz, yz (HACPP_SPEC 3, output order)."""
+    """Lays out the levels: the 3D table first, then the planes xy, xz, yz (HAC++)."""
     resolutions = list(config.resolutions_3d)
     rows = list(config.rows(3))
     axes = [(0, 1, 2)] * len(resolutions)

@@ -1,4 +1,4 @@
-"""Separated packets: HAC++'s own layout, in which each attribute of some anchors is a stream of its own (HACPP_SPEC 7).
+"""Separated packets: HAC++'s own layout, in which each attribute of some anchors is a stream of its own.
 
 The baseline that atomic packets are measured against. The symbols and their distributions are those of atomic packets;
 a feature group is predicted from the groups before it, so it cannot be read without them. The offset masks are one
