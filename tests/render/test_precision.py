@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import torch
 
 from splatwire.render.importance import cameras_around
-from splatwire.render.precision import precision_classes
+from splatwire.render.precision import SIZE, VIEWS_OF_PART, precision_classes
 from splatwire.scene.splats import Splats
 
 
@@ -27,3 +29,14 @@ def test_classes_repeat() -> None:
     splats = two_shells()
     cameras = cameras_around(splats.means, 2, 32)
     assert (precision_classes(splats, cameras) == precision_classes(splats, cameras)).all()
+
+
+def test_large_scenes_are_looked_at_part_by_part() -> None:
+    """A part knows nothing of the others: what is far away from it may be anything."""
+    near = two_shells()
+    far = replace(near, means=near.means + torch.tensor([1000.0, 0.0, 0.0]))
+    both = Splats(**{name: torch.cat([getattr(one, name) for one in (near, far)]) for name in vars(near)})
+    classes = precision_classes(both, part=240)
+    alone = precision_classes(near, cameras_around(near.means, VIEWS_OF_PART, SIZE))
+    assert (classes[:240] == alone).all()
+    assert (precision_classes(near, part=240) == precision_classes(near)).all()

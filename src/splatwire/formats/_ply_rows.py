@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.errors import DatasetError
+from splatwire.files.large import large_empty
 from splatwire.formats._ply_header import PlyHeader
 
 _BLOCK_NUMBERS = 1 << 16
@@ -18,11 +19,13 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
     Raises:
         DatasetError: If there are fewer or more bytes than the rows have.
     """
-    expected, data = header.num_bytes, bytearray()
-    while len(data) <= expected and (piece := next(source, b"")):
-        data += piece
-    if len(data) < expected or (len(data) > expected and header.lists is None):
-        raise _wrong_length(path, header, len(data) < expected)
+    expected, there = header.num_bytes, 0
+    data = large_empty((expected,), np.uint8)
+    while there <= expected and (piece := next(source, b"")):
+        data[there : there + len(piece)] = np.frombuffer(piece, np.uint8)[: expected - there]
+        there += len(piece)
+    if there < expected or (there > expected and header.lists is None):
+        raise _wrong_length(path, header, there < expected)
     elements, at = {}, 0
     for name, (count, dtype) in header.elements.items():
         elements[name] = np.frombuffer(data, dtype=dtype, count=count, offset=at)

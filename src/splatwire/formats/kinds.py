@@ -99,7 +99,7 @@ def read_splats(path: Path) -> Splats:
     if not bool(rows.kept.any()):
         found = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
         raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {found}")
-    return splats if rows.complete else splats.select(rows.kept)
+    return splats if rows.complete else splats.gathered(rows.kept)
 
 
 def read_rows(path: Path) -> tuple[Splats, Rows]:

@@ -6,6 +6,7 @@ all coefficients of red, then green, then blue, `opacity` is a logit, `scale` a 
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count, filled
 from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import degree_of
-from splatwire.scene.splats import Splats
+from splatwire.scene.splats import ROWS, Splats
 
 _COUNT_DIGITS = 12
 _MIN_OPACITY = 1e-6
@@ -38,16 +39,23 @@ def splats_of_vertices(vertices: PlyElement) -> Splats:
         hint = "; a PLY of anchors is read by `splatwire import scaffold` or `hacpp`" if count == 6 else ""
         raise DatasetError(f"{path}: has {count} properties scale_*, explicit Gaussians have 3{hint}")
     num_rest = vertices.count_of("f_rest_")
-    harmonics = [vertices.columns("f_dc_", 3)[:, None]]
     try:
-        degree_of(num_rest // 3 + 1 if num_rest % 3 == 0 else -1)
+        degree = degree_of(num_rest // 3 + 1 if num_rest % 3 == 0 else -1)
     except InvalidValueError as error:
         raise DatasetError(f"{path}: {num_rest} properties f_rest_* are not those of a degree from 0 to 3") from error
+    splats = Splats.empty(len(vertices.rows), degree)
+    for begin in range(0, len(vertices.rows), ROWS):
+        splats.fill(begin, _some(replace(vertices, rows=vertices.rows[begin : begin + ROWS]), num_rest))
+    return splats
+
+
+def _some(vertices: PlyElement, num_rest: int) -> Splats:
+    harmonics = [vertices.columns("f_dc_", 3)[:, None]]
     if num_rest:
         rest = vertices.columns("f_rest_", num_rest)
         harmonics.append(rest.reshape(len(rest), 3, -1).transpose(0, 2, 1))
     return build_splats(
-        path,
+        vertices.path,
         means=vertices.select(["x", "y", "z"]),
         quats=vertices.columns("rot_", 4),
         log_scales=vertices.columns("scale_", 3),

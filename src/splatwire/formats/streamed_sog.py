@@ -15,6 +15,7 @@ import torch
 from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.formats._columns import check_count
 from splatwire.formats.sog import read_sog
 from splatwire.scene.splats import Splats
 
@@ -60,10 +61,7 @@ def read_streamed_sog(path: Path) -> Splats:
         LOG.warning("%s: %d of %d chunks are not here: %s", index, len(absent), len(chunks), ", ".join(absent[:8]))
     if coarser:
         LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
-    parts = [_gathered(index, chunks[chunk], runs) for chunk, runs in sorted(pieces.items())]
-    if len({part.degree for part in parts}) > 1:
-        raise DatasetError(f"{index}: its chunks have harmonics of different degrees")
-    return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    return _joined(index, chunks, pieces)
 
 
 def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
@@ -129,11 +127,27 @@ def _piece(index: Path, level: Any, num_chunks: int) -> Piece:
     return Piece(*numbers)
 
 
+def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]]) -> Splats:
+    """The Gaussians of all runs; held in memory are those of one chunk, and of the environment."""
+    whole_ones = {n: read_sog(chunks[n]) for n, runs in pieces.items() if runs[0].count < 0}
+    counts = {n: sum(run.count for run in runs) for n, runs in pieces.items()}
+    counts |= {n: part.num_gaussians for n, part in whole_ones.items()}
+    file_bytes = sum(entry.stat().st_size for n in pieces for entry in chunks[n].iterdir())
+    total, at, joined = check_count(index, sum(counts.values()), file_bytes), 0, None
+    for chunk, runs in sorted(pieces.items()):
+        part = whole_ones.pop(chunk, None) or _gathered(index, chunks[chunk], runs)
+        joined = joined or Splats.empty(total, part.degree)
+        if part.degree != joined.degree:
+            raise DatasetError(f"{index}: its chunks have harmonics of different degrees")
+        joined.fill(at, part)
+        at += part.num_gaussians
+    assert joined is not None
+    return joined
+
+
 def _gathered(index: Path, folder: Path, runs: list[Piece]) -> Splats:
     """The Gaussians of some runs of a chunk; each belongs to one run."""
     splats = read_sog(folder)
-    if runs[0].count < 0:
-        return splats
     taken = torch.zeros(splats.num_gaussians, dtype=torch.bool)
     for run in runs:
         own = slice(run.offset, run.offset + run.count)

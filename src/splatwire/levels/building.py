@@ -13,7 +13,7 @@ from splatwire.model import SplatScene
 from splatwire.model.level_scene import LevelScene
 from splatwire.ops.kd_order import kd_order
 from splatwire.packets.tiles import parents_of
-from splatwire.scene.splats import Splats
+from splatwire.scene.splats import ROWS, Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,27 +43,30 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
         progress: Called with the share of the work that is done.
     """
     shapes = level_shapes(scene.num_elements, tile)
-    order = kd_order(scene.splats.means.numpy(), _nested(shapes))
-    levels, errors = [scene.splats.select(torch.from_numpy(order))], [np.zeros(shapes[0].num_tiles)]
-    old_ones = [np.ones(shapes[0].count, dtype=bool)]
-    total, done = sum(shape.count for shape in shapes[:-1]), 0
+    order = torch.from_numpy(kd_order(scene.splats.means.numpy(), _nested(shapes)))
+    sizes = [shape.count for shape in shapes]
+    whole, end = Splats.empty(sum(sizes), scene.splats.degree), sum(sizes)
+    finest = whole.run(end - sizes[0], end)
+    for begin in range(0, sizes[0], ROWS):
+        finest.fill(begin, scene.splats.select(order[begin : begin + ROWS]))
+    old, errors = np.ones(end, dtype=bool), [np.zeros(shapes[0].num_tiles)]
+    total, done = sum(sizes[:-1]), 0
     for finer, shape in itertools.pairwise(shapes):
-        parts, squares, olds = list[Splats](), np.zeros((shape.num_tiles, 2)), list[np.ndarray]()
+        below, end = whole.run(end - finer.count, end), end - finer.count
+        level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
         for parent, child, share in _shares(finer, shape):
-            some, old, error = _reduced(levels[-1], finer, child, share)
-            parts += [some] if share else []
-            olds.append(np.arange(share) < old)
-            below = errors[-1][child]
-            squares[parent] += share * (error**2 + below**2), share
+            some, kept, error = _reduced(below, finer, child, share)
+            if share:
+                level.fill(at - end + shape.count, some)
+                old[at + kept : at + share] = False
+                at += share
+            squares[parent] += share * (error**2 + errors[-1][child] ** 2), share
             done += int(np.diff(finer.edges[child : child + 2])[0])
             if progress:
                 progress(done / total)
-        levels.append(_joined(parts))
-        old_ones.append(np.concatenate(olds))
         errors.append(np.sqrt(squares[:, 0] / squares[:, 1]))
-    sizes = tuple(shape.count for shape in reversed(shapes))
-    whole = LevelScene(_joined(levels[::-1]), background=scene.background, level_sizes=sizes)
-    return Built(whole, order, np.concatenate(old_ones[::-1]), np.concatenate(errors[::-1]))
+    made = LevelScene(whole, background=scene.background, level_sizes=tuple(sizes[::-1]))
+    return Built(made, order.numpy(), old, np.concatenate(errors[::-1]))
 
 
 def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
@@ -88,10 +91,5 @@ def _shares(finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, in
 
 
 def _reduced(level: Splats, shape: LevelShape, tile: int, count: int) -> tuple[Splats, int, float]:
-    here = slice(int(shape.edges[tile]), int(shape.edges[tile + 1]))
-    some = Splats(**{name: values[here] for name, values in vars(level).items()})
+    some = level.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
     return reduced(some, count) if count else (some, 0, 0.0)
-
-
-def _joined(parts: list[Splats]) -> Splats:
-    return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})

@@ -1,6 +1,7 @@
 """A scene larger than a view becomes a stream with levels."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,7 +49,8 @@ def encode_levels(
     packetization, rows = packetization or PRESETS["paper"], scene.rows()
     rows.tell("encoding", scene.ELEMENTS)
     if not rows.complete:
-        scene, classes = scene.select(rows.kept), None if classes is None else classes[rows.kept.numpy()]
+        scene = replace(scene, splats=scene.splats.gathered(rows.kept), hints=None, coding=None)
+        classes = None if classes is None else classes[rows.kept.numpy()]
     if not scene.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     report = progress or (lambda share: None)
@@ -64,6 +66,6 @@ def _classes(built: Built, classes: np.ndarray | None, quality: str | Quality | 
     """Class of precision of each Gaussian of all levels."""
     chosen = quality_of(quality or "default").classes_of(built.scene.splats.degree)
     merged = max(COARSEST_CLASS, 1 - chosen)
-    found = np.where(built.old, merged + 1, merged)
+    found = np.where(built.old, np.int8(merged + 1), np.int8(merged))
     found[-len(built.order) :] = 0 if classes is None else classes[built.order]
     return found

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from splatwire.files.large import large_empty
+
 
 def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
     """Sorts points so that each run between bounds lies apart from the others of the same coarser run.
@@ -20,7 +22,8 @@ def kd_order(points: np.ndarray, nested: Sequence[np.ndarray]) -> np.ndarray:
     """
     from splatwire.ops import _kd_kernels as kernels
 
-    order = np.arange(len(points), dtype=np.int64)
+    order = large_empty((len(points),), np.int64)
+    order[:] = np.arange(len(points))
     points, outer = np.ascontiguousarray(points, dtype=np.float32), np.array([0, len(points)], dtype=np.int64)
     for inner in nested:
         edges = np.searchsorted(inner, outer)

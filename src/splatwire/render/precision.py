@@ -5,6 +5,7 @@ differs by orders of magnitude, mostly by how much of each is seen, and alike fo
 is taken into account; so each gets one class, an octave of step sizes.
 """
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +14,16 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from splatwire.model.appearance import Scene, explicit_gaussians
+from splatwire.ops.kd_order import kd_order
 from splatwire.render.backends import create_renderer
 from splatwire.render.importance import cameras_around
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.splats import Splats
 
+PART = 1 << 18
+"""So many Gaussians are looked at together: memory and time for each do not grow with the scene."""
+VIEWS, VIEWS_OF_PART, SIZE = 12, 6, 224
+"""Views around a scene, or around one of its parts, and their width and height in pixels."""
 FINEST_SHARE = 0.98
 """Classes count down from this quantile."""
 BRIGHTEST = 4.0
@@ -62,21 +68,37 @@ def classes_of(scene: Scene, cameras: Cameras | None = None, *, anew: bool = Fal
 
 
 def precision_classes(
-    splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, renderer: str = "cpu"
-) -> np.ndarray:
+    splats: Splats, cameras: Cameras | None = None, *, probes: int = 1, seed: int = 0, renderer: str = "cpu",
+    part: int = PART,
+) -> np.ndarray:  # fmt: skip
     """Sorts Gaussians into classes of precision.
 
     Args:
         splats: The Gaussians.
-        cameras: Where they are looked at from; None for 12 views around them.
+        cameras: Where they are looked at from; None for 12 views around them, or, where there are several parts, 6
+            around each.
         probes: Random sign patterns for each view.
         seed: Of the signs.
         renderer: Name of a differentiable renderer.
+        part: Gaussians that are looked at together at most, without cameras: a part of space alone.
 
     Returns:
-        int64 (N): 0 for the finest, -1 for those that may be an octave coarser, and so on; a few are above 0.
+        int8 (N): 0 for the finest, -1 for those that may be an octave coarser, and so on; a few are above 0.
     """
-    cameras = cameras if cameras is not None else cameras_around(splats.means, 12, 224)
+    count = -(-splats.num_gaussians // part)
+    if cameras is not None or count < 2:
+        cameras = cameras if cameras is not None else cameras_around(splats.means, VIEWS, SIZE)
+        return _classes(splats, cameras, probes, seed, renderer)
+    edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
+    order, classes = kd_order(splats.means.numpy(), [edges]), np.empty(splats.num_gaussians, np.int8)
+    for begin, end in itertools.pairwise(edges.tolist()):
+        some = splats.select(torch.from_numpy(np.sort(order[begin:end])))
+        around = cameras_around(some.means, VIEWS_OF_PART, SIZE)
+        classes[np.sort(order[begin:end])] = _classes(some, around, probes, seed, renderer)
+    return classes
+
+
+def _classes(splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str) -> np.ndarray:
     found = _sensitivities(splats, cameras, probes, seed, renderer)
     logs = splats.scales.double().log2().sort(dim=1, descending=True).values
     long, thin = logs[:, 0] - logs[:, 1], logs[:, 1] - logs[:, 2]
@@ -88,7 +110,7 @@ def precision_classes(
         octaves += weight * ((found[name] + _UNSEEN).log2() / 2 - expected)
     octaves /= sum(weights.values())
     finest = np.quantile(octaves.numpy(), FINEST_SHARE)
-    return np.rint(octaves.numpy() - finest).astype(np.int64)
+    return np.rint(octaves.numpy() - finest).clip(-100, 100).astype(np.int8)
 
 
 def _sensitivities(

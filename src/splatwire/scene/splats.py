@@ -3,14 +3,19 @@
 import dataclasses
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from splatwire.files.large import large_empty
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
 from splatwire.scene.anchors import MIN_SIZE
 from splatwire.scene.erasures import Erasures
 from splatwire.scene.gaussians import Gaussians
+
+ROWS = 1 << 16
+"""So many rows are copied at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +49,30 @@ class Splats:
     def degree(self) -> int:
         """Degree of the spherical harmonics."""
         return degree_of(self.sh.shape[1])
+
+    @staticmethod
+    def empty(count: int, degree: int) -> "Splats":
+        """Room for so many Gaussians, in a temporary file where it is large; what is there is undefined."""
+        shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "sh": (num_functions(degree), 3)}
+        rows = {name: large_empty((count, *shape), np.float32) for name, shape in shapes.items()}
+        return Splats(**{name: torch.from_numpy(values) for name, values in rows.items()})
+
+    def run(self, begin: int, end: int) -> "Splats":
+        """The Gaussians from one place to another; they share their memory with these."""
+        return Splats(**{f.name: getattr(self, f.name)[begin:end] for f in dataclasses.fields(self)})
+
+    def gathered(self, index: Tensor) -> "Splats":
+        """`select` for many Gaussians: what is found lies where `empty` puts it. Not differentiable."""
+        places = index.nonzero()[:, 0] if index.dtype == torch.bool else index
+        found = Splats.empty(len(places), self.degree)
+        for begin in range(0, len(places), ROWS):
+            found.fill(begin, self.select(places[begin : begin + ROWS]))
+        return found
+
+    def fill(self, begin: int, some: "Splats") -> None:
+        """Writes Gaussians to a place on, into the memory of these."""
+        for name, values in vars(self.run(begin, begin + some.num_gaussians)).items():
+            values[:] = getattr(some, name)
 
     def select(self, index: Tensor) -> "Splats":
         """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""

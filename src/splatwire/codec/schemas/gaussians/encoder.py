@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -59,8 +59,8 @@ def prepare_splats(
     shapes = shape_tiers(options.tiers, packetization) if options.tiers is not None else ()
     plan = PacketPlan(packetization, splats.num_gaussians, shapes)
     quality = quality_of(options.quality or "default")
-    source = SourceScene.of(splats, plan, options.classes, options.tiers if shapes else None, quality, coding)
-    source = replace(source, order=np.arange(splats.num_gaussians, dtype=np.uint32)) if sorted_already else source
+    tiers = options.tiers if shapes else None
+    source = SourceScene.of(splats, plan, options.classes, tiers, quality, coding, sorted_already=sorted_already)
     sections = {**({} if like is None else like.sections), **background_sections(scene.background)}
     sections.pop(TIERS, None)
     if shapes:

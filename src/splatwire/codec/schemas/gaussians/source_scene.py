@@ -37,6 +37,7 @@ from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.gaussians.side_info import DEFAULT_SHIFT, SideInfo
 from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.errors import InvalidValueError
+from splatwire.files.large import large_empty
 from splatwire.model import SplatCoding
 from splatwire.packets import PacketPlan
 from splatwire.scene.splats import Splats
@@ -107,8 +108,10 @@ class SourceScene:
         tiers: np.ndarray | None,
         quality: Quality,
         coding: SplatCoding | None = None,
+        *,
+        sorted_already: bool = False,
     ) -> "SourceScene":
-        """Sorts Gaussians into the blocks of a plan; `classes`, `tiers` and `coding` as in `encode_splats`."""
+        """Sorts Gaussians into the blocks of a plan, see `prepare_splats`."""
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
             bases, levels = np.array(coding.bases), coding.classes.numpy()
@@ -121,7 +124,7 @@ class SourceScene:
             unit = _lattice_unit(splats, levels, bases, size_log)
             coarsest = typical_cell(splats.means.numpy(), unit, size_log)
         centres = _centres(splats, levels, bases, size_log, unit, coarsest)
-        order = gaussian_order(centres, tiers)
+        order = _as_they_come(len(centres)) if sorted_already else gaussian_order(centres, tiers)
         edges = np.concatenate([[0], np.cumsum(block_sizes(plan))]).astype(np.int64)
         return SourceScene(
             splats,
@@ -209,13 +212,19 @@ class SourceScene:
         )
 
 
+def _as_they_come(count: int) -> np.ndarray:
+    order = large_empty((count,), np.uint32)
+    order[:] = np.arange(count, dtype=np.uint32)
+    return order
+
+
 def _levels(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
     """Classes as they are sent, 0 for the least precise of `most + 1`, uint8 (N)."""
     if classes is None:
         return np.broadcast_to(np.uint8(most), count)
     if np.shape(classes) != (count,):
         raise InvalidValueError(f"{np.shape(classes)} classes of precision for {count} Gaussians")
-    levels = np.empty(count, np.uint8)
+    levels = large_empty((count,), np.uint8)
     for level, some in zip(runs(levels), runs(np.asarray(classes)), strict=True):
         level[:] = np.clip(some, -most, 0) + most
     return levels
@@ -241,7 +250,7 @@ def _centres(
     """
     from splatwire.codec.schemas.gaussians import _gaussian_kernels as kernels
 
-    centres, begin = np.empty((splats.num_gaussians, 3), np.float32), 0
+    centres, begin = large_empty((splats.num_gaussians, 3), np.float32), 0
     for some in runs(centres):
         part = Splats(**{name: values[begin : begin + len(some)] for name, values in vars(splats).items()})
         shifts = np.empty(len(some), np.int64)

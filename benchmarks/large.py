@@ -1,0 +1,88 @@
+"""A scene of ten million Gaussians: written, encoded with levels, and what that took.
+
+    python benchmarks/large.py $SPLATWIRE_DATA/splats/tandt_truck_opensplat_116k.splat -o /var/tmp/large > large.json
+
+The scene is copied to a square until there are so many, and written as PLY (68 bytes a Gaussian) copy by copy. Memory
+is what `splatwire encode` holds of its own (`RssAnon` of /proc), sampled ten times a second, and all that is resident
+(`RssFile`: pages of files, which the system takes back when memory is short). Linux only.
+"""
+
+import argparse
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from splatwire.formats import write_splats
+from splatwire.scene.splats import Splats
+from splatwire.scene_io import open_scene
+
+
+def copies(splats: Splats, count: int) -> Iterator[Splats]:
+    """The scene beside itself on the ground, degree 0, until there are `count` Gaussians."""
+    splats = splats.at_most_degree(0)
+    low, high = (splats.means.quantile(q, dim=0) for q in (0.02, 0.98))
+    number = -(-count // splats.num_gaussians)
+    side = math.isqrt(number - 1) + 1
+    for copy in range(number):
+        x, z = divmod(copy, side)
+        shift = torch.tensor([x * float((high - low)[0]), 0.0, z * float((high - low)[2])])
+        left = count - copy * splats.num_gaussians
+        yield replace(splats, means=splats.means + shift).select(torch.arange(min(left, splats.num_gaussians)))
+
+
+def watched(command: list[str]) -> dict[str, float]:
+    """Runs a command and says what it took."""
+    began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    process = subprocess.Popen(command)
+    most = {"RssAnon": 0, "RssFile": 0, "VmRSS": 0}
+    while process.poll() is None:
+        try:
+            text = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8")
+        except OSError:
+            break
+        for line in text.splitlines():
+            name, _, value = line.partition(":")
+            if name in most:
+                most[name] = max(most[name], int(value.split()[0]))
+        time.sleep(0.1)
+    if process.wait():
+        sys.exit(f"{command[1]} failed")
+    seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"seconds": round(seconds, 1), "processor_seconds": round(cpu, 1),
+            **{f"{name}_mib": value >> 10 for name, value in most.items()}, "load": os.getloadavg()[0]}  # fmt: skip
+
+
+def main() -> None:
+    """Prints one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", help="file of explicit Gaussians")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for what is written")
+    parser.add_argument("--count", type=int, nargs="+", default=[1_000_000, 10_000_000], help="Gaussians")
+    given = parser.parse_args()
+    one = open_scene(given.scene).splats
+    given.output.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for count in given.count:
+        source, stream = given.output / f"{count}.ply", given.output / f"{count}.swz"
+        if not source.exists():
+            write_splats(copies(one, count), source)
+        command = [sys.executable, "-m", "splatwire", "encode", str(source), "-o", str(stream), "--levels", "auto"]
+        took = watched(command)
+        each = {"microseconds": took["seconds"], "processor_microseconds": took["processor_seconds"]}
+        sizes = {"gaussians": count, "source_bytes": source.stat().st_size, "bytes": stream.stat().st_size}
+        rows.append({**sizes, **took, **{f"{name}_a_gaussian": 1e6 * value / count for name, value in each.items()}})
+    print(json.dumps({"scene": given.scene.rsplit("/", 1)[-1], "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,268 @@
+"""Walks through a scene with levels while it arrives, beside streamed SOG's own order: PSNR of the view over time.
+
+    python benchmarks/walks.py $SPLATWIRE_DATA/splats/{tandt_truck_opensplat_116k.splat,playbot_125k.sog} > walks.json
+
+The scene is copied to a square of so many, without harmonics above degree 0. Streamed SOG is made of the same
+Gaussians: leaves of a k-d tree, levels of a quarter each by the same merging, files of at most 512 K Gaussians written
+and read as SOG. Its order, as PlayCanvas' engine has it: first the coarsest level of all, then of each leaf the level
+of its band of distance, the nearest first, two files at a time; each file takes two trips (its index, its pictures). No
+slow start is counted. Both are compared with pictures of the scene.
+"""
+
+import argparse
+import itertools
+import json
+import sys
+import tempfile
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from splatwire.channel import parse_loss
+from splatwire.formats._sog_writer import write_sog
+from splatwire.formats.sog import read_sog
+from splatwire.levels import Look, encode_levels
+from splatwire.levels.delivery import Link
+from splatwire.levels.journey import Journey, Moment, score_walk, settled
+from splatwire.levels.merging import reduced
+from splatwire.levels.walk import Walk
+from splatwire.model import SplatScene
+from splatwire.ops.kd_order import kd_order
+from splatwire.render.precision import classes_of
+from splatwire.scene import Cameras
+from splatwire.scene.splats import Splats
+from splatwire.scene_io import open_scene
+
+LINK = Link(10e6)
+SECONDS, SIZE = 20.0, 256
+LEAF, FILE = 32_768, 512 << 10
+LEVELS, FACTOR = 3, 4
+BUDGET = 1_000_000
+
+
+def copied(splats: Splats, side: int) -> Splats:
+    """A square of side x side copies on the ground, degree 0."""
+    splats = splats.at_most_degree(0)
+    low, high = (splats.means.quantile(q, dim=0) for q in (0.02, 0.98))
+    parts = [
+        replace(splats, means=splats.means + torch.stack([x * (high - low)[0], torch.tensor(0.0), z * (high - low)[2]]))
+        for x, z in itertools.product(range(side), repeat=2)
+    ]
+    return joined(parts)
+
+
+def joined(parts: list[Splats]) -> Splats:
+    """All Gaussians of some."""
+    return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+def walks(splats: Splats) -> dict[str, Walk]:
+    """Three ways: around the whole, from far away up to a part, and right through; y points down."""
+    means = splats.means[:: max(1, splats.num_gaussians // 200_000)]
+    low, middle, high = (means.quantile(q, dim=0).double().numpy() for q in (0.05, 0.5, 0.95))
+    span = float(np.linalg.norm((high - low)[[0, 2]]))
+    up = np.array([0.0, -1.0, 0.0])
+    around = [
+        (middle + 0.75 * span * np.array([np.cos(a), -0.35, np.sin(a)]), middle) for a in np.linspace(0, 2 * np.pi, 9)
+    ]
+    corner = middle + 0.3 * (high - low) * [1, 0, 1]
+    there = [(corner + share * span * np.array([0.6, -0.3, 0.8]), corner) for share in np.geomspace(1.2, 0.08, 9)]
+    eyes = [low + share * (high - low) * [1, 0, 1] + [0, 0.2 * (high - low)[1], 0] for share in np.linspace(0, 1, 9)]
+    eyes = [eye + 0.06 * span * up for eye in eyes]
+    turns = np.linspace(0.8, 3.2, 9)
+    through = [(eye, eye + np.array([np.cos(t), 0.15, np.sin(t)])) for eye, t in zip(eyes, turns, strict=True)]
+    return {name: Walk(cameras(way), SECONDS) for name, way in
+            {"around": around, "towards": there, "through": through}.items()}  # fmt: skip
+
+
+def cameras(way: list[tuple[np.ndarray, np.ndarray]]) -> Cameras:
+    """Cameras at places that look at others."""
+    poses = []
+    for eye, target in way:
+        ahead = (target - eye) / np.linalg.norm(target - eye)
+        right = np.cross([0.0, 1.0, 0.0], ahead)
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
+        pose[:3, 3] = -pose[:3, :3] @ eye
+        poses.append(pose)
+    intrinsics = np.array([[0.9 * SIZE, 0, SIZE / 2], [0, 0.9 * SIZE, SIZE / 2], [0, 0, 1]])
+    count = len(poses)
+    return Cameras(
+        torch.tensor(np.array(poses), dtype=torch.float32),
+        torch.tensor(intrinsics, dtype=torch.float32).repeat(count, 1, 1),
+        SIZE, SIZE, tuple(f"{n}" for n in range(count)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedSog:
+    """A scene as streamed SOG.
+
+    Attributes:
+        leaves: Gaussians of each leaf at each level, the finest first.
+        files: File of each leaf at each level, an index into `sizes`.
+        sizes: Bytes of each file.
+        low: Corners of each leaf.
+        high: Corners of each leaf.
+        base: Distance up to which the finest level is wanted; each further level up to three times as far.
+    """
+
+    leaves: list[list[Splats]]
+    files: list[list[int]]
+    sizes: list[int]
+    low: np.ndarray
+    high: np.ndarray
+    base: float
+
+    def wanted(self, eye: np.ndarray) -> tuple[list[int], list[int]]:
+        """Level of each leaf as seen from a place, coarser ones until the budget is kept; and leaves, nearest first."""
+        apart = np.maximum(np.maximum(self.low - eye, eye - self.high), 0)
+        distance = np.linalg.norm(apart, axis=1)
+        base = self.base
+        while True:
+            bands = [base * 3**level for level in range(LEVELS - 1)]
+            levels = np.searchsorted(bands, distance).tolist()
+            if sum(self.leaves[level][leaf].num_gaussians for leaf, level in enumerate(levels)) <= BUDGET:
+                return levels, np.argsort(distance, kind="stable").tolist()
+            base *= 0.8
+
+
+def streamed_sog(splats: Splats) -> StreamedSog:
+    """Makes the levels, writes the files and reads them again."""
+    count = splats.num_gaussians
+    edges = np.arange(-(-count // LEAF) + 1, dtype=np.int64) * count // -(-count // LEAF)
+    order = kd_order(splats.means.numpy(), [edges])
+    finest = [splats.select(torch.from_numpy(order[a:b])) for a, b in itertools.pairwise(edges)]
+    low, high = (
+        np.array([getattr(leaf.means, end)(dim=0).values.numpy() for leaf in finest]) for end in ("min", "max")
+    )
+    levels = [finest]
+    while len(levels) < LEVELS:
+        levels.append([reduced(leaf, -(-leaf.num_gaussians // FACTOR))[0] for leaf in levels[-1]])
+    leaves, files, sizes = [], [], []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chunk.sog"
+        for level in levels:
+            read, own, waiting = [], [], []
+            for number, leaf in enumerate(level):
+                waiting.append(leaf)
+                if number == len(level) - 1 or sum(part.num_gaussians for part in waiting) + LEAF > FILE:
+                    # Written leaf by leaf to know whose Gaussians are whose; a file's size is that of all of them.
+                    write_sog([joined(waiting)], path)
+                    sizes.append(path.stat().st_size)
+                    for part in waiting:
+                        write_sog([part], path)
+                        read.append(read_sog(path))
+                    own += [len(sizes) - 1] * len(waiting)
+                    waiting = []
+            leaves.append(read)
+            files.append(own)
+    ends = splats.means.quantile(torch.tensor([0.05, 0.95]), dim=0) if count < 1 << 24 else None
+    span = float((ends[1] - ends[0]).norm()) if ends is not None else float(np.linalg.norm(high.max(0) - low.min(0)))
+    return StreamedSog(leaves, files, sizes, low, high, span / 4)
+
+
+class SogJourney:
+    """Streamed SOG that arrives along a walk; see `splatwire.levels.journey.Show`."""
+
+    def __init__(self, sog: StreamedSog, walk: Walk, link: Link) -> None:
+        self._sog, self._link = sog, link
+        self._done: dict[int, float] = {}
+        self._deliver(walk)
+
+    def _deliver(self, walk: Walk) -> None:
+        sog, step = self._sog, 0.01
+        loads: dict[int, list[float]] = {}  # file: trips that are left, bytes that are left
+        now = 5 * self._link.delay  # handshake, and the scene's index
+        while now < walk.seconds:
+            eye = walk.at(now).centers[0].double().numpy()
+            levels, near = sog.wanted(eye)
+            order = [sog.files[-1][leaf] for leaf in near] + [sog.files[levels[leaf]][leaf] for leaf in near]
+            for file in order:
+                if len(loads) < 2 and file not in loads and file not in self._done:
+                    loads[file] = [4 * self._link.delay, float(sog.sizes[file])]
+            busy = [load for load in loads.values() if load[0] <= 0]
+            for load in loads.values():
+                load[0] -= step
+            for load in busy:
+                load[1] -= self._link.rate / 8 * step / len(busy)
+            now += step
+            for file in [file for file, load in loads.items() if load[1] <= 0]:
+                del loads[file]
+                self._done[file] = now
+
+    def _scene(self, look: Look, came: dict[int, float], seconds: float) -> SplatScene:
+        sog = self._sog
+        levels, _ = sog.wanted(-look.viewmat[:3, :3].T @ look.viewmat[:3, 3])
+        parts = [sog.leaves[0][0].select(torch.zeros(0, dtype=torch.int64))]
+        for leaf, level in enumerate(levels):
+            there = [n for n in range(LEVELS) if came.get(sog.files[n][leaf], np.inf) <= seconds]
+            best = min(there, key=lambda n: (n < level, abs(n - level)), default=None)
+            parts += [] if best is None else [sog.leaves[best][leaf]]
+        return SplatScene(joined(parts))
+
+    def shown(self, seconds: float, look: Look) -> SplatScene:
+        """See `Show.shown`."""
+        return self._scene(look, self._done, seconds)
+
+    def complete(self, look: Look) -> SplatScene:
+        """See `Show.complete`."""
+        return self._scene(look, dict.fromkeys(range(len(self._sog.sizes)), 0.0), 0.0)
+
+    def bytes_at(self, seconds: float) -> int:
+        """See `Show.bytes_at`."""
+        return sum(self._sog.sizes[file] for file, at in self._done.items() if at <= seconds)
+
+
+def told(moments: list[Moment]) -> dict[str, object]:
+    """What is printed of a walk."""
+    return {"settled": settled(moments), "moments": [asdict(moment) for moment in moments]}
+
+
+def measured(path: str, side: int) -> dict[str, object]:
+    """All walks through a scene."""
+    one = open_scene(path)
+    one = one.select(one.drawable)
+    classes = classes_of(one, None)
+    scene = SplatScene(copied(one.splats, side))
+    stream = encode_levels(scene, classes=None if classes is None else np.tile(classes, side * side))
+    sog = streamed_sog(scene.splats)
+    facts: dict[str, object] = {
+        "scene": path.rsplit("/", 1)[-1], "copies": side * side, "gaussians": scene.num_elements,
+        "bytes": stream.num_bytes, "sog_bytes": sum(sog.sizes), "sog_files": len(sog.sizes), "walks": {},
+    }  # fmt: skip
+    for name, walk in walks(scene.splats).items():
+        print(f"{path}: {name}", file=sys.stderr)
+        times = [0.5, *(float(second) for second in range(1, int(SECONDS) + 1))]
+        link = replace(LINK, loss=parse_loss("bernoulli:0.05", "datagram"))
+        ours, lossy = Journey.of(stream, walk, LINK), Journey.of(stream, walk, link)
+        found = {}
+        for key, show in (("ours", ours), ("ours, 5 % lost", lossy), ("streamed SOG", SogJourney(sog, walk, LINK))):
+            found[key] = told(score_walk(show, scene, walk, times))
+        whole = ours.whole_at
+        first = score_walk(ours, scene, walk, [whole])[0]
+        pairs = list(zip(*(found[key]["moments"] for key in found), strict=True))
+        facts["walks"][name] = {
+            "first_picture": asdict(first),
+            "worst_lead": min(a["psnr"] - c["psnr"] for a, _, c in pairs),
+            "seconds_behind": [a["seconds"] for a, _, c in pairs if a["psnr"] <= c["psnr"]],
+            "worst_of_loss": max(a["psnr"] - b["psnr"] for a, b, _ in pairs),
+            **found,
+        }
+    return facts
+
+
+def main() -> None:
+    """Prints one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="+", help="files of explicit Gaussians")
+    parser.add_argument("--side", type=int, default=3, help="the scene is copied to a square of so many on a side")
+    given = parser.parse_args()
+    print(json.dumps([measured(path, given.side) for path in given.scenes], indent=1))
+
+
+if __name__ == "__main__":
+    main()
