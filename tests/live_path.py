@@ -5,10 +5,18 @@ from dataclasses import dataclass, field
 
 from splatwire.clips import ClipEncoder, ClipFrame, ClipOptions
 from splatwire.clips.live import LiveDecoder
-from splatwire.packets import SceneStream
+from splatwire.packets import PacketId, SceneStream
 from splatwire.scene.splats import Splats
-from splatwire.transport import Finished, PacketArrived, Receiver, ServerLimits, SideInfoArrived
-from splatwire.transport.broadcast import Broadcast
+from splatwire.transport import (
+    Finished,
+    PacketArrived,
+    Protection,
+    Receiver,
+    ReceiverOptions,
+    ServerLimits,
+    SideInfoArrived,
+)
+from splatwire.transport.broadcast import PROTECTION, Broadcast
 from splatwire.transport.sender import Server
 from splatwire.transport.wire import DATA, decode, kind_of
 
@@ -24,6 +32,9 @@ class Watched:
     sent: list[tuple[int, int]] = field(default_factory=list)
     """Place of each packet that left, and the newest group then."""
     reason: str = ""
+    repaired: int = 0
+    """Packets that parity brought back."""
+    arrived: set[PacketId] = field(default_factory=set)
 
 
 class LivePath:
@@ -35,14 +46,19 @@ class LivePath:
         loss: Share of the datagrams that is lost, both ways.
         joins: When the receiver comes, seconds.
         rate: Bytes per second, fixed; None adapts.
+        protection: What is sent ahead.
+        asks: Whether the receiver asks for what it lacks.
     """
 
     def __init__(
-        self, frames: list[Splats], group: int, loss: float = 0.0, joins: float = 0.0, rate: float | None = None
-    ) -> None:
+        self, frames: list[Splats], group: int, loss: float = 0.0, joins: float = 0.0, rate: float | None = None,
+        protection: Protection = PROTECTION, asks: bool = True,
+    ) -> None:  # fmt: skip
         self._random = random.Random(7)
         self._frames, self._group, self._loss, self._joins = frames, group, loss, joins
-        self._encoder, self._broadcast = ClipEncoder(ClipOptions(group_frames=group)), Broadcast()
+        self._asks = asks
+        self._encoder = ClipEncoder(ClipOptions(group_frames=group))
+        self._broadcast = Broadcast(protection, self._encoder.worth)
         limits = ServerLimits(fixed_rate=rate)
         self._server = Server({}, secret=bytes(16), random=self._random.randbytes, limits=limits)
         self._receiver: Receiver | None = None
@@ -61,7 +77,7 @@ class LivePath:
                 self._push(self._frames[pushed], pushed + 1)
                 pushed += 1
             if self._receiver is None and self._now >= self._joins:
-                self._receiver = Receiver(5, self._now)
+                self._receiver = Receiver(5, self._now, ReceiverOptions(nack=self._asks))
             for _, data in self._server.poll(self._now):
                 if kind_of(data) == DATA:
                     self.watched.sent.append((decode(data).place, self._groups - 1))
@@ -99,6 +115,8 @@ class LivePath:
             if isinstance(event, SideInfoArrived):
                 self._show(self._decoder.grow(event.manifest, event.side_info))
             elif isinstance(event, PacketArrived):
+                self.watched.repaired += event.repaired
+                self.watched.arrived.add(event.packet.id)
                 self._show(self._decoder.add([event.packet]))
             elif isinstance(event, Finished):
                 self._show(self._decoder.finish())

@@ -10,6 +10,7 @@ import time
 import pytest
 
 from moving_clips import moving_frames, shuffled
+from splatwire.cli.serve import Serve
 from splatwire.formats import write_splats
 from splatwire.packets import read_stream
 from splatwire.scene_io import open_scene
@@ -223,3 +224,19 @@ def until(fact):
 
 def test_live_wants_a_folder_or_a_pipe(run, tmp_path):
     assert "no folder that frames appear in" in run("live", tmp_path / "none").err
+
+
+def test_a_clip_is_planned_and_served_with_parity_for_each_group(run, clip, tmp_path):
+    target = tmp_path / "plan.json"
+    words = ("--loss", "bernoulli:0.2", "--budget", 1.5, "--views", 1, "--trials", 20, "-o", target)
+    content = run("plan", clip, *words, "--json").json
+    assert content["psnr"] >= content["unprotected"]
+    serve = Serve((str(clip),), plan=target)
+    protection, planned = serve.protection()
+    assert [list(pair) for pair in protection.motion] == content["protection"]["motion"]
+    (program,) = serve._programs(protection, planned).values()
+    assert program.sizes()["packet_protection"] == content["parity_bytes"]
+    told = run("plan", clip, *words).out
+    assert "group 1: parity" in told
+    assert f"splatwire serve {clip} --plan {target}" in told
+    assert "--way-back is for a still scene" in run("plan", clip, "--way-back").err

@@ -29,7 +29,7 @@ def test_serve_takes_what_plan_wrote(run, datagrams, tmp_path):
     protection, planned = serve.protection()
     stream = read_stream(datagrams)[0]
     assert planned == stream.manifest.stream_id
-    assert {**content["protection"], "tier_repair": tuple(content["protection"]["tier_repair"])} == vars(protection)
+    assert content["protection"] == json.loads(json.dumps(vars(protection)))
     (program,) = serve._programs(protection, planned).values()
     assert program.schedule == make_program(stream, protection).schedule
     told = run("plan", datagrams, *words).out
@@ -92,7 +92,7 @@ def test_what_is_no_plan_is_told_in_one_line():
 def test_with_a_way_back_the_plan_says_what_is_sent_again(run, datagrams):
     words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--way-back")
     whole, part = (run("plan", datagrams, *words, "--budget", budget).json for budget in (2.0, 1.25))
-    assert whole["protection"] == {**vars(Protection(0.0, 0.3, resend=4.0)), "tier_repair": []}
+    assert whole["protection"] == {**vars(Protection(0.0, 0.3, resend=4.0)), "tier_repair": [], "motion": []}
     assert whole["lost"] == [0.0, 0.0]
     assert 0 < part["protection"]["resend_until"] < 1
     assert part["lost"][0] < part["lost"][1]
@@ -120,3 +120,16 @@ def test_a_stream_in_other_packets_is_planned_for_as_it_is_served(run, journey, 
 def test_mistakes_are_told(run, datagrams):
     assert "--deadline and --rate together" in run("plan", datagrams, "--deadline", 1.0).err
     assert "unknown loss" in run("plan", datagrams, "--loss", "weather").err.lower()
+
+
+def test_motion_of_a_plan_is_checked():
+    content = plan_content(Protection(motion=((0.5, 0.25), (1.0, 0.1))), 7, {})
+    text = json.dumps(content)
+    assert read_plan(text.encode(), "plan.json")[0].motion == ((0.5, 0.25), (1.0, 0.1))
+    older = json.loads(text)
+    del older["protection"]["motion"]
+    assert read_plan(json.dumps(older).encode(), "plan.json")[0].motion == ()
+    for wrong in ([[1.0]], 3, [[2.0, 0.1]], [[0.5, "x"]], [[0.5, 0.1]] * 5000):
+        other = {**content, "protection": {**content["protection"], "motion": wrong}}
+        with pytest.raises(InvalidValueError, match="motion"):
+            read_plan(json.dumps(other).encode(), "plan.json")

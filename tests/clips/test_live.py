@@ -11,12 +11,14 @@ from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
 from splatwire.clips.live import LiveDecoder
 from splatwire.codec import decode_stream
 from splatwire.errors import BitstreamError, InvalidValueError
+from splatwire.packets import packet_from_bytes
 from splatwire.packets.tiers import TierShape
 from splatwire.transport import Receiver
-from splatwire.transport.broadcast import Broadcast
+from splatwire.transport.broadcast import PROTECTION, Broadcast
 from splatwire.transport.frames import MORE, TierHead, Welcome
+from splatwire.transport.layout import parity_groups
 from splatwire.transport.sender import Server
-from splatwire.transport.wire import decode, encode
+from splatwire.transport.wire import PARITY, decode, encode
 
 GROUP = 5
 
@@ -148,3 +150,39 @@ def test_a_receiver_believes_only_welcomes_that_grow():
     receiver.receive(encode(welcome(1, 20, b"c" * 32, more=False)), 0.5)
     assert receiver.receive(encode(welcome(1, 30)), 0.6) == ([], [])
     assert decode(encode(welcome(1, 3))).open
+
+
+def test_parity_brings_motion_back_that_nobody_asks_for(frames):
+    bare, _ = LivePath(frames, GROUP, loss=0.1, asks=False).run()
+    protection = dataclasses.replace(PROTECTION, motion=((1.0, 1.0),))
+    watched, stream = LivePath(frames, GROUP, loss=0.1, protection=protection, asks=False).run()
+    motion = {p.id for p in stream.packets if not stream.manifest.plan.lasting(p.id.block)}
+    assert bare.repaired == 0
+    assert watched.repaired > 0
+    assert len(motion - watched.arrived) < len(motion - bare.arrived) / 2
+
+
+def test_codes_of_groups_keep_their_numbers_and_a_part_is_the_dearest(frames):
+    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    broadcast = Broadcast(dataclasses.replace(PROTECTION, motion=((0.5, 0.5),)), encoder.worth)
+    found = None
+    for splats in frames[: 3 * GROUP]:
+        packets = encoder.push(splats)
+        if not packets:
+            continue
+        manifest, side_info = encoder.so_far(STREAM_ID)
+        edition = broadcast.add(manifest, side_info, packets)
+        groups = parity_groups(edition.tiers)
+        alive = [number for number, group in enumerate(groups) if group.repair]
+        assert len(alive) == 1
+        assert found is None or alive[0] > found
+        found, own = alive[0], groups[alive[0]]
+        assert {group for kind, group, _ in edition.schedule if kind == PARITY} == {found}
+        worth = encoder.worth(
+            manifest, side_info, [packet_from_bytes(data, STREAM_ID) for data in edition.packets[edition.newest :]]
+        )
+        start = own.start - edition.newest
+        inside = worth[start : start + own.size]
+        outside = worth[start + own.size :]
+        assert inside
+        assert not outside or min(inside) >= max(outside)

@@ -19,7 +19,7 @@ from splatwire.cli._output import JsonFlag, print_json
 
 if TYPE_CHECKING:
     from splatwire.clips import ClipOptions
-    from splatwire.transport import Program
+    from splatwire.transport import Program, Protection
     from splatwire.transport.udp import UdpServer
 
 NAME = "live"
@@ -49,6 +49,10 @@ class Live:
     """Address to listen on; 0.0.0.0 for all of this machine's."""
     rate: float | None = None
     """Megabits per second to each client, fixed; without it the rate adapts to the path."""
+    plan: Path | None = None
+    """Parity for each group of frames, as `splatwire plan -o FILE` wrote it for a recording of something like this."""
+    protect: tuple[str, ...] = ()
+    """Without --plan: motion=REPAIR, repair symbols for each packet of motion."""
     json: JsonFlag = False
     """Print one JSON object when ready."""
 
@@ -63,9 +67,27 @@ class Live:
             raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
         if self.frames != STANDARD and not Path(self.frames).is_dir():
             raise InvalidValueError(f"{self.frames} is no folder that frames appear in, and not - for a pipe")
-        asyncio.run(self._serve(clip_options(self.fps, self.group, self.quality, None)))
+        protection = self._protection()
+        asyncio.run(self._serve(clip_options(self.fps, self.group, self.quality, None), protection))
 
-    async def _serve(self, options: "ClipOptions") -> None:
+    def _protection(self) -> "Protection":
+        from splatwire.cli.serve import protection_of
+        from splatwire.errors import InvalidValueError
+        from splatwire.plan.plan_file import MOST_BYTES, read_plan
+        from splatwire.transport.broadcast import PROTECTION
+
+        if self.plan is None:
+            protection = protection_of(PROTECTION.side_repair, self.protect)
+        elif self.protect:
+            raise InvalidValueError("--protect is what --plan decides: give one or the other")
+        else:
+            with self.plan.open("rb") as file:
+                protection = read_plan(file.read(MOST_BYTES + 1), str(self.plan))[0]
+        if protection.tier_repair:
+            raise InvalidValueError("what moves has parity for its motion, not for tiers: --protect motion=0.2")
+        return protection
+
+    async def _serve(self, options: "ClipOptions", protection: "Protection") -> None:
         from splatwire.transport import ServerLimits
         from splatwire.transport.udp import UdpServer
 
@@ -87,7 +109,7 @@ class Live:
             source = (
                 names_of_a_pipe(stop.is_set) if self.frames == STANDARD else files_of(Path(self.frames), stop.is_set)
             )
-            frames = await asyncio.to_thread(_encode, source, options, renew, stop.is_set)
+            frames = await asyncio.to_thread(_encode, source, options, protection, renew, stop.is_set)
             await _last(server)
         served = f"served {server.core.num_served} clients, {server.bytes_sent:,} bytes"
         print(f"{frames} frames, {served}", file=sys.stderr)
@@ -101,13 +123,15 @@ async def _last(server: "UdpServer") -> None:
 
 
 def _encode(
-    files: Iterator[Path | None], options: "ClipOptions", renew: "Callable[[Program], None]", stop: Callable[[], bool]
-) -> int:
+    files: Iterator[Path | None], options: "ClipOptions", protection: "Protection",
+    renew: "Callable[[Program], None]", stop: Callable[[], bool],
+) -> int:  # fmt: skip
     """Encodes frames at their rate, and hands on what is served after each group; how many they were."""
     from splatwire.clips import ClipEncoder, read_frames
     from splatwire.transport.broadcast import Broadcast
 
-    encoder, broadcast, count = ClipEncoder(options), Broadcast(), 0
+    encoder, count = ClipEncoder(options), 0
+    broadcast = Broadcast(protection, encoder.worth)
     stream_id = int.from_bytes(os.urandom(4), "little")
     due, behind = time.monotonic(), options.group_frames / float(options.rate)
     for path in files:

@@ -4,7 +4,7 @@ import json
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -15,7 +15,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.whole import write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from splatwire.channel import LossModel
     from splatwire.model.appearance import Partial
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from splatwire.plan.planner import Plan
     from splatwire.scene import Cameras
 
-_BUDGET, _TRIALS = 1.3, 100
+_BUDGET, _TRIALS, _VIEWS = 1.3, 100, 7
 
 
 @dataclass(frozen=True)
@@ -41,21 +41,26 @@ class PlanCommand:
     budget: float | None = None
     """Bytes that may be sent, as a multiple of the stream without any protection; 1.3 where absent."""
     deadline: float | None = None
-    """Instead of --budget: seconds until nothing more counts; needs --rate."""
+    """Instead of --budget: seconds until nothing more counts; needs --rate. Of a clip: for each group of frames."""
     rate: float | None = None
     """With --deadline: megabits per second."""
     most_protection: float = 1.0
     """Most protection as a share of all bytes: 0.08 for 8 %."""
     way_back: bool = False
     """The receiver can ask for what it lacks: nothing is sent ahead, and the plan says which packets are sent again."""
-    conceal: str = "grow"
-    """What the receiver does about gaps; a stream that carries a sketch is concealed by it."""
+    conceal: str | None = None
+    """What the receiver does about gaps; grow where absent, motion for a clip. A stream that carries a sketch is
+    concealed by it."""
     data: Path | None = None
     """Photos whose training cameras say what is seen; cameras around the scene if not given."""
-    views: int = 7
-    """Views that the damage is measured in; few tell too little of what is seen from elsewhere."""
+    reference: Path | None = None
+    """Of a clip: folder of the frames that it was made of. Without it the finest stream stands for them."""
+    views: int | None = None
+    """Views that the damage is measured in, 7 where absent, 3 for a clip; few tell too little of what is seen from
+    elsewhere."""
     trials: int | None = None
-    """Simulated transfers of each candidate, 100 where absent; there are none with --way-back."""
+    """Simulated transfers of each candidate, 100 where absent (a clip: of each group of frames); there are none with
+    --way-back."""
     drawn: int = 6
     """Simulated transfers whose pictures decide between the best candidates."""
     seed: int = 0
@@ -73,23 +78,43 @@ class PlanCommand:
         self._check()
         loss = parse_loss(self.loss)
         streams = [_read(path) for path in self.streams]
+        if any(stream.manifest.schema.timed for stream in streams):
+            self._plan_clips(streams, loss)
+            return
+        if self.reference is not None:
+            raise InvalidValueError("--reference is for clips: a still scene is compared with --data")
         with progress_bars() as report:
             offers = [self._offer(stream, lambda share: report("measuring damage", share)) for stream in streams]
             bare = [outline_transfer(offer.load, Protection(side_repair=0.0)) for offer in offers]
             plain = min(int(outline.num_bytes.sum()) for outline in bare)
-            budget = self._budget_bytes(plain)
+            budget = self.budget_bytes(plain)
             plan = self._plan(offers, loss, budget, lambda share: report("planning", share))
         path, stream = self.streams[plan.offer], streams[plan.offer]
         facts = {**asdict(plan), "protection_share": plan.protection_share, "loss": loss.name,
                  "budget_bytes": budget, "plain_bytes": plain, "stream": path}  # fmt: skip
         content = plan_content(plan.protection, stream.manifest.stream_id, facts)
+        self._tell(content, path, lambda how: _print_plan(plan, stream.manifest.elements, how))
+
+    def _plan_clips(self, streams: "Sequence[SceneStream]", loss: "LossModel") -> None:
+        from splatwire.cli._clip_plan import facts_of, plan_clips, print_clip_plan
+        from splatwire.plan.plan_file import plan_content
+
+        if not all(stream.manifest.schema.timed for stream in streams):
+            raise InvalidValueError("a clip and a still scene do not compete: plan for one of them")
+        with progress_bars() as report:
+            plan = plan_clips(self, streams, loss, report)
+        path, stream = self.streams[plan.offer], streams[plan.offer]
+        content = plan_content(plan.protection, stream.manifest.stream_id, facts_of(plan, loss, path))
+        self._tell(content, path, lambda how: print_clip_plan(plan, how))
+
+    def _tell(self, content: "dict[str, Any]", path: str, show: "Callable[[str], None]") -> None:
+        """Writes and prints a plan for a stream."""
         if self.output is not None:
             write_whole(self.output, (json.dumps(content, indent=1) + "\n").encode())
         if self.json:
             print_json(content)
         else:
-            file = self.output or "FILE (-o FILE writes it)"
-            _print_plan(plan, stream.manifest.elements, f"splatwire serve {path} --plan {file}")
+            show(f"splatwire serve {path} --plan {self.output or 'FILE (-o FILE writes it)'}")
 
     def _check(self) -> None:
         """Refuses what contradicts itself, before any work."""
@@ -97,14 +122,14 @@ class PlanCommand:
             raise InvalidValueError("name at least one stream to plan for")
         if self.output is not None:
             prepared_output(self.output)
-        check_inputs(self.data)
+        check_inputs(self.data, self.reference)
         if (self.deadline is None) != (self.rate is None) or (self.deadline is not None and self.budget is not None):
             raise InvalidValueError("give --budget, or --deadline and --rate together")
         above = {"--budget": self.budget, "--deadline": self.deadline, "--rate": self.rate}
         for name, value in above.items():
             if value is not None and not 0 < value < math.inf:
                 raise InvalidValueError(f"{name} must be above 0, not {value:g}")
-        if min(self.views, self.drawn, self._trials) < 1:
+        if min(_VIEWS if self.views is None else self.views, self.drawn, self.num_trials) < 1:
             raise InvalidValueError("--views, --trials and --drawn are at least 1")
         if not 0 < self.most_protection <= 1:
             raise InvalidValueError(f"--most-protection is above 0 and at most 1, not {self.most_protection:g}")
@@ -114,7 +139,8 @@ class PlanCommand:
             raise InvalidValueError(f"--seed is 0 or more, not {self.seed}")
 
     @property
-    def _trials(self) -> int:
+    def num_trials(self) -> int:
+        """Simulated transfers of each candidate."""
         return _TRIALS if self.trials is None else self.trials
 
     def _plan(
@@ -129,11 +155,16 @@ class PlanCommand:
                 seed=self.seed, progress=progress,
             )  # fmt: skip
         return plan_protection(
-            offers, loss, budget_bytes=budget, trials=self._trials, drawn=self.drawn, seed=self.seed,
+            offers, loss, budget_bytes=budget, trials=self.num_trials, drawn=self.drawn, seed=self.seed,
             most_protection=self.most_protection, progress=progress,
         )  # fmt: skip
 
-    def _budget_bytes(self, plain: int) -> float:
+    def budget_bytes(self, plain: int) -> float:
+        """Bytes that may be sent.
+
+        Args:
+            plain: Those of the stream without protection.
+        """
         if self.deadline is None or self.rate is None:
             return (_BUDGET if self.budget is None else self.budget) * plain
         return self.deadline * self.rate * 1e6 / 8
@@ -148,7 +179,7 @@ class PlanCommand:
             decode_stream(stream),
             sections_of(stream).get(SECTION, b""),
         )
-        pictures = LossyPictures(complete, self._cameras(complete), "sketch" if sketch else self.conceal)
+        pictures = LossyPictures(complete, self._cameras(complete), "sketch" if sketch else self.conceal or "grow")
         return offer_of(stream, pictures, concealment_bytes=len(sketch), seed=self.seed, progress=progress)
 
     def _cameras(self, complete: "Partial") -> "Cameras":
@@ -161,14 +192,14 @@ class PlanCommand:
             from splatwire.data import open_dataset
 
             cameras = open_dataset(self.data, split="train").cameras
-        return cameras.select(spread(cameras.num_views, self.views))
+        return cameras.select(spread(cameras.num_views, _VIEWS if self.views is None else self.views))
 
 
 def _read(path: str) -> "SceneStream":
     from splatwire.packets import read_stream
 
     with input_path(path) as file:
-        stream = read_stream(file)[0].still(file)
+        stream = read_stream(file)[0]
     if len(stream.packets) != stream.manifest.num_packets:
         raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
     return in_datagrams(stream, path)

@@ -55,7 +55,7 @@ class Serve:
     """Without --plan: repair symbols for each symbol of the side information; 0.35 where absent."""
     protect: tuple[str, ...] = ()
     """Without --plan: repair symbols for each packet of a tier: tierN=REPAIR, e.g. tier0=0.4. A stream that was encoded
-    without --tiers is tier 0."""
+    without --tiers is tier 0. motion=REPAIR: for each packet of motion of a clip, in every group of frames."""
     clients: int = 256
     """Most clients at once."""
     clients_per_address: int = 16
@@ -117,7 +117,7 @@ class Serve:
 
         if self.plan is None:
             side_repair = Protection().side_repair if self.side_repair is None else self.side_repair
-            return Protection(side_repair=side_repair, tier_repair=parse_tiers(self.protect)), None
+            return protection_of(side_repair, self.protect), None
         if self.side_repair is not None or self.protect:
             raise InvalidValueError("--side-repair and --protect are what --plan decides: give one or the other")
         with self.plan.open("rb") as file:
@@ -221,6 +221,21 @@ def _told_renewed(identity: "Identity") -> None:
     print(f"the certificate was renewed; fingerprint: {identity.fingerprint}", file=sys.stderr, flush=True)
 
 
+def protection_of(side_repair: float, texts: Sequence[str]) -> "Protection":
+    """Reads motion=REPAIR, and tierN=REPAIR (`parse_tiers`).
+
+    Raises:
+        InvalidValueError: If it is something else, or a number is out of range.
+    """
+    from splatwire.transport import Protection
+
+    motion = [match for match in (re.fullmatch(r"motion=([0-9]*\.?[0-9]+)", text.strip()) for text in texts) if match]
+    tiers = parse_tiers([text for text in texts if not text.strip().startswith("motion=")])
+    return Protection(
+        side_repair=side_repair, tier_repair=tiers, motion=tuple((1.0, float(match[1])) for match in motion[-1:])
+    )
+
+
 def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
     """Reads tierN=REPAIR, in any order; tiers between that are not named have no parity.
 
@@ -251,7 +266,10 @@ def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
     Raises:
         InvalidValueError: If it is incomplete, or its packets do not fit datagrams.
     """
+    from splatwire.clips.worth import worth_of_stream
     from splatwire.transport import make_program
     from splatwire.transport.preview import stream_preview
 
-    return make_program(stream, protection, preview=stream_preview(stream.side_info, stream.manifest.codec))
+    worth = worth_of_stream(stream) if any(share < 1 for share, _ in protection.motion) else None
+    preview = stream_preview(stream.side_info, stream.manifest.codec)
+    return make_program(stream, protection, preview=preview, worth=worth)

@@ -1,7 +1,7 @@
 """Frames in, packets out."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -10,6 +10,7 @@ import numpy as np
 from splatwire.clips.frames import Frame
 from splatwire.clips.grouping import NamedFrame, group_of
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
+from splatwire.clips.worth import weights_of, worth_of
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.codec.schemas.tracks.encoder import ClipWriter
 from splatwire.errors import InvalidValueError
@@ -113,6 +114,11 @@ class ClipEncoder:
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
         """Manifest and side information of the groups so far, of a stream whose id was chosen before its end."""
         return self._writer.so_far({SECTION: self.tracking.section()}, stream_id)
+
+    def worth(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> list[float]:
+        """What losing each of some packets of the clip so far costs, see `splatwire.clips.worth.worth_of`."""
+        bases = self._writer.bases
+        return worth_of(manifest, side_info, packets, weights_of(bases.scales[:, 0], bases.opacities[:, 0]))
 
     def flush(self) -> list[Packet]:
         """Ends the group that frames are being gathered for, which is the last one: packets of what there is."""

@@ -9,8 +9,10 @@ from splatwire.errors import InvalidValueError, UnsupportedVersionError
 from splatwire.transport.protection import Protection
 
 FORMAT, VERSION = "splatwire plan", 1
-MOST_BYTES = 1 << 16
+MOST_BYTES = 1 << 18
 MOST_TIERS = 8
+MOST_GROUPS = 4096
+"""Groups of frames of a clip with a protection of their own."""
 
 
 def plan_content(protection: Protection, stream_id: int, facts: dict[str, Any]) -> dict[str, Any]:
@@ -62,20 +64,28 @@ def _stream_id(value: Any) -> int:
 
 def _protection(values: Any) -> Protection:
     known = {field.name for field in fields(Protection)}
-    if not (isinstance(values, dict) and set(values) == known):
+    if not (isinstance(values, dict) and set(values) | {"motion"} == known):
         raise InvalidValueError(f"the plan's protection must have {', '.join(sorted(known))} and nothing else")
     repair, optional = values["tier_repair"], {"side_symbol_bytes", "resend"}
     if not (isinstance(repair, list) and len(repair) <= MOST_TIERS):
         raise InvalidValueError(f"the plan's tier_repair is not a list of at most {MOST_TIERS} numbers")
     numbers = {key: _number(key, value) for key, value in values.items()
-               if key != "tier_repair" and not (value is None and key in optional)}  # fmt: skip
+               if key not in {"tier_repair", "motion"} and not (value is None and key in optional)}  # fmt: skip
     size = numbers.pop("side_symbol_bytes", None)
     if size is not None and not size.is_integer():
         raise InvalidValueError(f"the plan's side_symbol_bytes is no whole number, but {size}")
     return Protection(
         **numbers, side_symbol_bytes=None if size is None else int(size),
-        tier_repair=tuple(_number("tier_repair", value) for value in repair),
+        tier_repair=tuple(_number("tier_repair", value) for value in repair), motion=_motion(values.get("motion", [])),
     )  # fmt: skip
+
+
+def _motion(values: Any) -> tuple[tuple[float, float], ...]:
+    """Share and repair of each group of frames."""
+    fine = isinstance(values, list) and len(values) <= MOST_GROUPS
+    if not (fine and all(isinstance(pair, list) and len(pair) == 2 for pair in values)):
+        raise InvalidValueError(f"the plan's motion is not a list of at most {MOST_GROUPS} pairs of numbers")
+    return tuple((_number("motion", share), _number("motion", repair)) for share, repair in values)
 
 
 def _number(key: str, value: Any) -> float:

@@ -166,8 +166,15 @@ class PacketCollector:
         self.highest = -1
 
     def renew(self, welcome: Welcome) -> None:
-        """Goes on with a stream that has grown: packets that are new wait until its manifest is there."""
-        self._welcome, self._finder = welcome, GroupFinder(welcome.tiers)
+        """Goes on with a stream that has grown: packets that are new wait until its manifest is there.
+
+        Codes whose time has passed are forgotten: the sender says of them that they have no repair symbols any more.
+        """
+        old, self._welcome, self._finder = self._finder, welcome, GroupFinder(welcome.tiers)
+        for number in {*self._members, *self._repair}:
+            if number >= self._finder.num_groups or self._finder.group(number) != old.group(number):
+                self._members.pop(number, None)
+                self._repair.pop(number, None)
         self._have.extend(bytes(welcome.num_packets - len(self._have)))
 
     @property
@@ -222,7 +229,7 @@ class PacketCollector:
             return []
         group = self._finder.group(frame.group)
         if frame.symbol >= group.repair:
-            self.num_bad += 1
+            self.num_bad += group.repair > 0  # else it is late: its code is one that has passed
             return []
         if len(self._members.get(frame.group, ())) == group.size:
             return []
@@ -268,7 +275,7 @@ class PacketCollector:
         self.num_packets -= 1
         place = self._finder.find(index)
         if place:
-            del self._members[place[0]][place[1]]
+            self._members.get(place[0], {}).pop(place[1], None)
 
     def _solve(self, number: int) -> list[Packet]:
         """Rebuilds a group's lost packets as soon as enough of it is there."""
@@ -283,9 +290,10 @@ class PacketCollector:
         out = []
         for n, symbol in enumerate(found):
             if n not in members:
-                packet = self._take(group.packet_of(n), fec.unframed(symbol))
-                if packet is not None:
-                    self.num_repaired += 1
+                place = group.packet_of(n)
+                packet = self._take(place, fec.unframed(symbol))
+                self.num_repaired += packet is not None
+                if packet is not None and self._intake and place < self._known:
                     out.append(packet)
         del self._repair[number]
-        return out if self._intake else []
+        return out

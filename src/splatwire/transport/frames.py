@@ -4,10 +4,13 @@ from typing import NamedTuple
 
 MAX_NAME = 64
 MAX_NACKS = 250
-MAX_TIERS = 10
-"""Runs of packets: a stream's eight tiers, what is in the head object, and what has no parity."""
+MAX_TIERS = 130
+"""Runs of packets. A scene has ten at most: eight tiers, what is in the head object, what has no parity; a clip has no
+preview, and two for each group of frames."""
 MAX_PREVIEW = 1024
-"""Most bytes of a preview: a welcome with it and `MAX_TIERS` runs is a datagram of 1180 bytes."""
+"""Most bytes of a preview."""
+MAX_DECLARED = MAX_PREVIEW + 8 * 10
+"""Most bytes of a preview and of runs, eight each: a welcome is a datagram of 1180 bytes."""
 TOKEN_BYTES = 16
 DIGEST_BYTES = 32
 

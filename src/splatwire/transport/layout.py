@@ -149,7 +149,7 @@ class GroupFinder:
         first = group = 0
         for tier in self._tiers:
             if index < first + tier.num_packets:
-                if not tier.groups:
+                if not tier.groups or not tier.repair:
                     return None
                 symbol, offset = divmod(index - first, tier.groups)
                 return group + offset, symbol

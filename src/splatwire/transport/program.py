@@ -4,13 +4,15 @@ import functools
 import hashlib
 import math
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from splatwire.errors import InvalidValueError
-from splatwire.packets import SceneStream, send_sequence
+from splatwire.packets import Packet, PacketId, SceneStream, send_sequence
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
 from splatwire.transport.frames import MAX_PREVIEW, MORE, TierHead
 from splatwire.transport.layout import Segments, head_object, parity_groups
+from splatwire.transport.motion import arrange, group_packets
 from splatwire.transport.protection import (
     SIDE_SYMBOL_BYTES,
     Protection,
@@ -122,13 +124,17 @@ class Program:
         }
 
 
-def make_program(stream: SceneStream, protection: Protection | None = None, *, preview: bytes = b"") -> Program:
+def make_program(
+    stream: SceneStream, protection: Protection | None = None, *, preview: bytes = b"",
+    worth: Mapping[PacketId, float] | None = None,
+) -> Program:  # fmt: skip
     """Prepares a stream for sending.
 
     Args:
         stream: The complete stream; its packets must fit datagrams.
         protection: Where redundancy goes.
         preview: What the welcome shows of the scene (`splatwire.transport.preview.stream_preview`).
+        worth: Of a clip: what losing each packet of motion costs; None: all alike.
 
     Raises:
         InvalidValueError: If packets are missing, or one of them or the preview is too large for a datagram.
@@ -142,7 +148,7 @@ def make_program(stream: SceneStream, protection: Protection | None = None, *, p
         )
     if len(preview) > MAX_PREVIEW:
         raise InvalidValueError(f"a preview of {len(preview):,} bytes: a welcome carries at most {MAX_PREVIEW}")
-    ordered = send_sequence(stream, "tiers")
+    ordered, tiers = _ordered(stream, protection, worth)
     packets = tuple(packet.data for packet in ordered)
     largest = max(map(len, packets), default=0)
     if largest > MAX_PACKET_BYTES:
@@ -154,13 +160,27 @@ def make_program(stream: SceneStream, protection: Protection | None = None, *, p
     symbol_bytes = protection.side_symbol_bytes or side_symbol_bytes(len(data))
     head, scheduled = head_symbols(data, symbol_bytes, protection)
     members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
-    tiers = protected_tiers(members, protection)
-    parity = _parity(packets, tiers, framed_bytes(largest))
+    timing = replace(protection, parity_until=0.0) if protection.motion else protection
+    parity = parity_symbols(packets, tiers, framed_bytes(largest))
     return Program(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, carried,
-        tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], protection, tier_sizes(members, protection)),
+        tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], timing, tier_sizes(members, protection)),
         preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
+
+
+def _ordered(
+    stream: SceneStream, protection: Protection, worth: Mapping[PacketId, float] | None
+) -> tuple[list[Packet], tuple[TierHead, ...]]:
+    """Packets in sending order, and the parity over runs of them."""
+    ordered, plan = send_sequence(stream, "tiers"), stream.manifest.plan
+    if not protection.motion:
+        return ordered, protected_tiers([plan.tier_of(packet.id.block) for packet in ordered], protection)
+    if not stream.manifest.schema.timed or protection.tier_repair or protection.tier_spread:
+        raise InvalidValueError("parity for the motion of groups of frames is for a clip, and excludes that for tiers")
+    costs = None if worth is None else [worth.get(packet.id, 0.0) for packet in ordered]
+    found = arrange(group_packets(ordered, plan), costs, protection)
+    return [ordered[number] for number in found.order], found.tiers
 
 
 def side_symbol_bytes(num_bytes: int) -> int:
@@ -186,9 +206,10 @@ def head_symbols(
     return tuple(out), scheduled
 
 
-def _parity(
-    packets: tuple[bytes, ...], tiers: tuple[TierHead, ...], symbol_bytes: int
+def parity_symbols(
+    packets: Sequence[bytes], tiers: Sequence[TierHead], symbol_bytes: int
 ) -> tuple[tuple[bytes, ...], ...]:
+    """Repair symbols of each parity group of some packets."""
     out = []
     for group in parity_groups(tiers):
         members = [packets[group.packet_of(n)] for n in range(group.size)]

@@ -42,6 +42,9 @@ class Protection:
         resend_until: Share of the packets, the first in sending order, that are sent again at all, 0 to 1. Of a stream
             with tiers these are the important ones: what is spent then goes to them in every transfer, where `resend`
             alone runs out in those that lose most and buys little in those that lose least.
+        motion: Of a clip, group after group of frames: share of the packets of its motion that are protected, 0 to 1
+            (the dearest ones), and repair symbols for each of them, 0 to 2. The last pair goes on for the groups after
+            it. Parity of a group leaves with its motion: it is of no use later.
 
     Raises:
         InvalidValueError: If a number is out of range.
@@ -56,6 +59,7 @@ class Protection:
     tier_spread: float = 0.0
     resend: float | None = None
     resend_until: float = 1.0
+    motion: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         checks = [("side_repair", self.side_repair, 2.0), ("side_lead", self.side_lead, 1.0)]
@@ -63,6 +67,8 @@ class Protection:
         checks += [("head_share", self.head_share, 1.0), ("resend", self.resend or 0.0, MOST_RESENT)]
         checks += [("resend_until", self.resend_until, 1.0)]
         checks += [("repair of a tier", repair, 2.0) for repair in self.tier_repair]
+        checks += [("share of motion", share, 1.0) for share, _ in self.motion]
+        checks += [("repair of motion", repair, 2.0) for _, repair in self.motion]
         for name, value, high in checks:
             if not 0.0 <= value <= high:
                 raise InvalidValueError(f"{name} must be from 0 to {high}, not {value}")
@@ -72,6 +78,10 @@ class Protection:
                 f"symbols of side information have a multiple of {ALIGNMENT} bytes from {MIN_SYMBOL_BYTES} to "
                 f"{SIDE_SYMBOL_BYTES}, not {size}"
             )
+
+    def motion_of(self, group: int) -> tuple[float, float]:
+        """Share of a group's motion that is protected, and repair symbols for each packet of it."""
+        return self.motion[min(group, len(self.motion) - 1)] if self.motion else (0.0, 0.0)
 
     @property
     def limits_resending(self) -> bool:

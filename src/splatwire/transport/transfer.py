@@ -9,6 +9,7 @@ from splatwire.transport.program import Program
 from splatwire.transport.wire import (
     DATA,
     DATA_OVERHEAD,
+    PARITY,
     SIDE,
     SIDE_OVERHEAD,
     WELCOME,
@@ -54,6 +55,14 @@ class ServerLimits:
     start_rate: float = START_RATE
     fixed_rate: float | None = None
     passes: float = 4.0
+
+
+def _still_worth(item: tuple[int, int, int], program: Program) -> bool:
+    """Whether something that waits to leave is of use in a program that has grown."""
+    kind, group, symbol = item
+    if kind == PARITY:
+        return group < len(program.parity) and symbol < len(program.parity[group])
+    return kind == DATA and program.resends(symbol)
 
 
 class ServerTransfer:
@@ -115,8 +124,10 @@ class ServerTransfer:
         old, self.program = self.program, program
         source = program.reliable_schedule if self._reliable_head else program.schedule
         head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule[self._next :] if item[0] == DATA and program.resends(item[2])]
-        new = [(DATA, 0, index) for index in range(len(old.packets), len(program.packets))]
+        left = [item for item in self._schedule[self._next :] if _still_worth(item, program)]
+        new = [] if len(old.packets) == len(program.packets) else [
+            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= len(old.packets))
+        ]  # fmt: skip
         told = (WELCOME, 0, 0)
         self._schedule, self._next = (told, *head, told, *left, told, *new), 0
         self._head_end = 1 + len(head)

@@ -13,6 +13,7 @@ from typing import Any
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.transport.frames import (
     DIGEST_BYTES,
+    MAX_DECLARED,
     MAX_NACKS,
     MAX_NAME,
     MAX_PREVIEW,
@@ -177,7 +178,13 @@ def _welcome(body: bytes) -> Welcome:
     *fields, count = _WELCOME.unpack_from(body)
     end = _WELCOME.size + count * _TIER.size
     (size,) = _SIZE.unpack_from(body, end)
-    if not 1 <= count <= MAX_TIERS or size > MAX_PREVIEW or len(body) != end + _SIZE.size + size:
+    declared = count * _TIER.size + size
+    if (
+        not 1 <= count <= MAX_TIERS
+        or size > MAX_PREVIEW
+        or declared > MAX_DECLARED
+        or len(body) != end + _SIZE.size + size
+    ):
         raise BitstreamError("a welcome whose size contradicts itself")
     tiers = tuple(TierHead(*tier) for tier in _TIER.iter_unpack(body[_WELCOME.size : end]))
     return Welcome._make([*fields[1:], tiers, body[end + _SIZE.size :]])

@@ -14,7 +14,8 @@ export const REQUEST = 3,
 export const MAX_DATAGRAM = 1200,
   MAX_HEAD_BYTES = 2 ** 28,
   MAX_PACKETS = 2 ** 21;
-const MAX_TIERS = 10,
+const MAX_TIERS = 130,
+  MAX_DECLARED = 1104,
   MAX_PREVIEW = 1024;
 
 export const viewOf = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
@@ -59,7 +60,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
   if (!(tiers >= 1 && tiers <= MAX_TIERS) || at + 2 > bytes.length - 4) return null;
   const size = numbers.getUint16(at, true),
     headBytes = Number(numbers.getBigUint64(17, true));
-  if (size > MAX_PREVIEW || at + 2 + size !== bytes.length - 4) return null;
+  if (size > MAX_PREVIEW || size + 8 * tiers > MAX_DECLARED || at + 2 + size !== bytes.length - 4) return null;
   const welcome = {
     session: numbers.getUint32(9, true),
     streamId: numbers.getUint32(13, true),

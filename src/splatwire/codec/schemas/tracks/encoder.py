@@ -138,6 +138,11 @@ class ClipWriter:
         self._packets += packets
         return packets
 
+    @property
+    def bases(self) -> Trajectories:
+        """How each track looked when it was born, one frame each."""
+        return self._known.bases
+
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """The stream of all groups, with more named sections."""
         side_info, tiers = self._stated(sections)

@@ -1,0 +1,180 @@
+"""The curve of clips under loss: parity alone, concealment alone, and what the planner makes of both, at equal bytes.
+
+    python benchmarks/clip_parity.py monkey=FRAMES/ guitar=FRAMES/ > benchmarks/results/clip_parity.json
+    python benchmarks/clip_parity.py --draw docs/images/clip_parity.png
+
+Each clip is encoded in several qualities. A budget is what one of them takes; bases are sent again until they are
+there, motion never. `parity`: the planner, for a receiver that leaves out or holds what lost its motion (the better of
+the two). `concealment`: all bytes into quality. `planner`: quality and parity, for a receiver that conceals. Other
+transfers than those that were planned with are drawn; three frames of each group are compared with the clip's own.
+"""
+
+import argparse
+import json
+import sys
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.channel import parse_loss
+from splatwire.cli._clip_plan import frames_of
+from splatwire.clips import frame_files, read_frames
+from splatwire.clips.concealment import CLIP_CONCEALERS
+from splatwire.clips.damage import draw, measure_clip_damage
+from splatwire.clips.delivery import ClipLoad, delivered
+from splatwire.clips.grouping import group_of
+from splatwire.clips.planning import ClipOffer, plan_clip
+from splatwire.clips.tracking import SECTION, Tracker
+from splatwire.clips.worth import worth_of_stream
+from splatwire.codec import decode_stream
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.codec.schemas.tracks.encoder import ClipWriter
+from splatwire.packets import SceneStream
+from splatwire.render.importance import surrounding_cameras
+from splatwire.render.precision import precision_classes
+from splatwire.transport import Protection
+
+RESULTS = Path(__file__).parent / "results" / "clip_parity.json"
+GROUP, RATE = 15, Fraction(30)
+LOSSES = [f"{kind}{rate}{rest}" for kind, rest in (("bernoulli:", ""), ("gilbert:", ",20"))
+          for rate in (0.01, 0.02, 0.05, 0.1, 0.2)]  # fmt: skip
+WAYS = {"parity": ("drop", "hold"), "concealment": ("motion",), "planner": ("motion",)}
+
+
+def encoded(files: list[Path], levels: list[float]) -> dict[float, SceneStream]:
+    """A clip in several qualities; frames are matched once."""
+    tracker = Tracker("auto")
+    named = [tracker.add(frame) for frame in read_frames(files)]
+    groups = [group_of(named[begin : begin + GROUP]) for begin in range(0, len(named), GROUP)]
+    classes, found = precision_classes(groups[0].first), {}
+    for level in levels:
+        writer = ClipWriter(RATE, GROUP, Quality(level=level))
+        for number, group in enumerate(groups):
+            writer.add(group, None if number else classes)
+        found[level] = writer.finish({SECTION: tracker.report.section()})
+    return found
+
+
+class Clip:
+    """A clip in several qualities, what losses do to each, and pictures of what arrives."""
+
+    def __init__(self, folder: Path, arguments: argparse.Namespace) -> None:
+        files = frame_files(folder)[: arguments.frames]
+        self.streams = encoded(files, arguments.levels)
+        finest = decode_stream(self.streams[max(self.streams)]).scene
+        self._cameras = surrounding_cameras(finest.bases(), arguments.views, 256)
+        self._references = frames_of(files, finest.timeline, self._cameras)
+        self.loads, self.offers = {}, {}
+        for level, stream in self.streams.items():
+            load = self.loads[level] = ClipLoad.of(stream, worth_of_stream(stream))
+            for name in ("motion", "drop", "hold"):
+                damage = measure_clip_damage(
+                    stream, load, CLIP_CONCEALERS[name], self._cameras, self._references, 0.0, seed=1
+                )
+                self.offers[level, name] = ClipOffer(load, damage)
+        self._known: dict = {}
+
+    def shown(self, level: float, protection: Protection, name: str, loss: str, seed: int) -> float:
+        """Decibels of one transfer, mean over frames and views."""
+        load, stream = self.loads[level], self.streams[level]
+        there = delivered(load, protection, parse_loss(loss, "datagram"), seed)
+        lasting = stream.manifest.plan.lasting
+        came = [p for p in stream.packets if p.id in there or lasting(p.id.block)]
+        key = (level, name, frozenset(p.id for p in came))
+        if key not in self._known:
+            clip = decode_stream(stream.with_packets(came)).scene
+            pairs = zip(draw(clip, CLIP_CONCEALERS[name], self._cameras), self._references, strict=True)
+            errors = [(a - b).double().square().mean(dim=(1, 2, 3)).numpy() for a, b in pairs]
+            self._known[key] = float((-10 * np.log10(np.array(errors))).mean())
+        return self._known[key]
+
+    def row(self, way: str, budget: float, loss: str, drawn: int) -> dict:
+        """One point of the curve."""
+        channel, best = parse_loss(loss, "datagram"), None
+        for name in WAYS[way]:
+            fit = [level for level, load in self.loads.items() if load.num_bytes <= budget]
+            levels = [max(fit)] if way == "concealment" else fit
+            room = self.loads[max(fit)].num_bytes if way == "concealment" else budget
+            offers = [self.offers[level, name] for level in levels]
+            plan = plan_clip(offers, channel, budget_bytes=room, seed=7)
+            if best is None or plan.psnr > best[0].psnr:
+                best = plan, levels[plan.offer], name
+        plan, level, name = best
+        found = [self.shown(level, plan.protection, name, loss, 1000 + seed) for seed in range(drawn)]
+        return {
+            "way": way, "loss": loss, "level": level, "concealer": name, "parity_bytes": plan.parity_bytes,
+            "bytes": plan.sent_bytes, "expected": plan.psnr, "psnr": float(np.mean(found)), "transfers": found,
+        }  # fmt: skip
+
+
+def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
+    """All curves of a clip."""
+    clip, rows = Clip(folder, arguments), []
+    for budget in arguments.budgets:
+        limit = clip.loads[budget].num_bytes
+        whole = clip.shown(budget, Protection(), "motion", "bernoulli:0", 0)
+        for loss in LOSSES:
+            for way in WAYS:
+                began = time.perf_counter()
+                row = {"budget_level": budget, "budget_bytes": limit, "whole": whole,
+                       **clip.row(way, float(limit), loss, arguments.drawn)}  # fmt: skip
+                rows.append(row)
+                told = f"{way} {loss} {row['psnr']:.2f} dB, level {row['level']}, parity {row['parity_bytes']:,}"
+                print(f"{name} {budget}: {told}, {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
+    sizes = {str(level): load.num_bytes for level, load in clip.loads.items()}
+    return {"name": name, "frames": arguments.frames, "bytes": sizes, "rows": rows}
+
+
+def plot(target: Path) -> None:
+    """The curves as a picture."""
+    import matplotlib.pyplot as plt
+
+    clips = json.loads(RESULTS.read_text())
+    budgets = list(dict.fromkeys(row["budget_level"] for row in clips[0]["rows"]))
+    shape = (len(budgets), 2 * len(clips))
+    figure, axes = plt.subplots(*shape, figsize=(3.1 * shape[1], 2.7 * shape[0]), sharex=True, squeeze=False)
+    for column, clip in enumerate(clips):
+        for row, budget in enumerate(budgets):
+            for burst, kind in enumerate(("bernoulli:", "gilbert:")):
+                axis = axes[row][2 * column + burst]
+                for way, style in (("parity", "C1s--"), ("concealment", "C0o-"), ("planner", "C2^-")):
+                    own = [r for r in clip["rows"] if (r["budget_level"], r["way"]) == (budget, way)]
+                    own = [r for r in own if r["loss"].startswith(kind)]
+                    rates = [100 * float(r["loss"].split(":")[1].split(",")[0]) for r in own]
+                    axis.plot(rates, [r["psnr"] for r in own], style, label=way, markersize=4)
+                size = next(r["budget_bytes"] for r in clip["rows"] if r["budget_level"] == budget) / 1e6
+                axis.set_title(f"{clip['name']}, {size:.2f} MB, {'bursts of 20' if burst else 'random'}", fontsize=9)
+                axis.set_xscale("log")
+                axis.set_xticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
+                axis.minorticks_off()
+                axis.grid(alpha=0.3)
+    for axis in axes[-1]:
+        axis.set_xlabel("% of the datagrams lost")
+    for line in axes:
+        line[0].set_ylabel("PSNR, dB")
+    axes[0][0].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(target, dpi=110)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clips", nargs="*", help="NAME=FOLDER")
+    parser.add_argument("--frames", type=int, default=45)
+    parser.add_argument("--levels", type=float, nargs="+", default=[6.5, 7.25, 8.0, 8.75, 9.5])
+    parser.add_argument("--budgets", type=float, nargs="+", default=[8.0, 9.5], help="levels whose bytes may be spent")
+    parser.add_argument("--views", type=int, default=2)
+    parser.add_argument("--drawn", type=int, default=6)
+    parser.add_argument("--draw", type=Path)
+    arguments = parser.parse_args()
+    if arguments.draw:
+        plot(arguments.draw)
+        return
+    named = [clip.partition("=")[::2] for clip in arguments.clips]
+    print(json.dumps([measure(name, Path(folder), arguments) for name, folder in named], indent=1))
+
+
+if __name__ == "__main__":
+    main()

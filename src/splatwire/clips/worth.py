@@ -1,0 +1,56 @@
+"""What losing packets of motion costs, told without a picture: how much of what is seen moves in them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from splatwire.codec import decode_stream
+from splatwire.codec.schemas.tracks.decoder import decode_motion
+from splatwire.codec.schemas.tracks.layout import MOVING, STATE, TRACK
+from splatwire.codec.schemas.tracks.side_info import open_side_info
+from splatwire.packets import Manifest, Packet, PacketId, SceneStream
+
+
+def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """How much is seen of Gaussians: squared opacity times the largest area that they show, float64 (T).
+
+    Args:
+        scales: (T, 3).
+        opacities: (T).
+    """
+    rising = np.sort(scales.astype(np.float64), axis=1)
+    weights: np.ndarray = rising[:, 1] * rising[:, 2] * opacities.astype(np.float64) ** 2
+    return weights
+
+
+def worth_of(manifest: Manifest, side_info: bytes, packets: Sequence[Packet], weights: np.ndarray) -> list[float]:
+    """What is seen of the tracks that move in each packet; 0 for bases.
+
+    A quarter of the packets holds 0.4 to 0.8 of what losing one at a time costs (a bent guitar, monkey), and this finds
+    most of it. Residuals do not: where neighbours tell little, as many bits say less.
+
+    Args:
+        manifest: Of the clip.
+        side_info: Its side information.
+        packets: Some of its packets.
+        weights: Of all tracks, see `weights_of`.
+    """
+    info, plan = open_side_info(manifest, side_info), manifest.plan
+    firsts = np.cumsum([0, *(group.births for group in info.groups)])
+
+    def worth(packet: Packet) -> float:
+        if plan.lasting(packet.id.block):
+            return 0.0
+        group = plan.tier_of(packet.id.block) // 2
+        heads, _ = decode_motion(info, group, np.array([packet.num_anchors]), [packet.payload], int(firsts[group]))
+        return float(weights[heads[heads[:, STATE] == MOVING, TRACK]].sum())
+
+    return [worth(packet) for packet in packets]
+
+
+def worth_of_stream(stream: SceneStream) -> dict[PacketId, float]:
+    """The same of all packets of a complete clip, by their names."""
+    splats = decode_stream(stream).scene.tracks.splats
+    weights = weights_of(splats.scales.numpy(), splats.opacities.numpy())
+    found = worth_of(stream.manifest, stream.side_info, stream.packets, weights)
+    return {packet.id: worth for packet, worth in zip(stream.packets, found, strict=True)}
