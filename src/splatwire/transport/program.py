@@ -21,7 +21,7 @@ from splatwire.transport.protection import (
     tier_sizes,
 )
 from splatwire.transport.timetable import timetable
-from splatwire.transport.wire import DATA_OVERHEAD, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
+from splatwire.transport.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
 
 MAX_PACKET_BYTES = 1150
 FINEST_BY_ITSELF = 256
@@ -99,6 +99,12 @@ class Program:
     def resends(self, index: int) -> bool:
         """Whether a packet is sent again on request."""
         return index < self.num_resendable
+
+    def wants(self, kind: int, group: int, symbol: int) -> bool:
+        """Whether a packet or a repair symbol of one that waits to leave is worth it still."""
+        if kind == PARITY:
+            return group < len(self.parity) and symbol < len(self.parity[group])
+        return kind == DATA and self.resends(symbol)
 
     @property
     def open(self) -> bool:

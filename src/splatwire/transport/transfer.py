@@ -57,14 +57,6 @@ class ServerLimits:
     passes: float = 4.0
 
 
-def _still_worth(item: tuple[int, int, int], program: Program) -> bool:
-    """Whether something that waits to leave is of use in a program that has grown."""
-    kind, group, symbol = item
-    if kind == PARITY:
-        return group < len(program.parity) and symbol < len(program.parity[group])
-    return kind == DATA and program.resends(symbol)
-
-
 class ServerTransfer:
     """One client's transfer of a program.
 
@@ -124,7 +116,7 @@ class ServerTransfer:
         old, self.program = self.program, program
         source = program.reliable_schedule if self._reliable_head else program.schedule
         head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule[self._next :] if _still_worth(item, program)]
+        left = [item for item in self._schedule[self._next :] if program.wants(*item)]
         new = [] if len(old.packets) == len(program.packets) else [
             item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= len(old.packets))
         ]  # fmt: skip
