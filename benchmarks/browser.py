@@ -4,8 +4,9 @@
     python benchmarks/browser.py [scene.swz] --minutes 10 > benchmarks/results/browser_open.json
     python benchmarks/browser.py [scene.swz] --elements 100 > benchmarks/results/browser_elements.json
 
-The stream is one of explicit Gaussians in datagrams (`splatwire encode scene.ply -o scene.swz --preset datagram`), or
-the bundled scene's.
+The stream is one of explicit Gaussians in datagrams, or the bundled scene's:
+
+    splatwire encode scene.ply -o scene.swz --preset datagram --no-sketch
 
 * `bundle`: bytes of the page's two scripts, and compressed with gzip -9; a preview waits for the first of them only.
 * `decode`: processor time of a Gaussian or an anchor in node, which has Chromium's engine, and in Python on one thread,

@@ -22,8 +22,7 @@ import numpy as np
 import torch
 from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
-from splatwire.calibrate.pseudo_loss import calibration_data
-from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
+from splatwire.calibrate.sketch import SketchConfig, sketch_of
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.tiers import arrange_stream
@@ -40,8 +39,8 @@ CHANNELS = ("bernoulli:0.2", "gilbert:0.2,20")
 
 def sketches(bench: Bench, stream: SceneStream, shares: list[float]) -> list[bytes]:
     """Sections of some shares of the stream's bytes; they fit every stream of the same scene."""
-    data = calibration_data(stream, decode_stream(stream))
-    return [sketch_for_stream(data, bench.train, stream.num_bytes, SketchConfig(share=s)).section for s in shares]
+    complete = decode_stream(stream)
+    return [sketch_of(stream, complete, bench.train, SketchConfig(share=s)).section for s in shares]
 
 
 def over_datagrams(variants: list[Variant], loss_name: str, arguments: argparse.Namespace) -> dict:

@@ -17,8 +17,7 @@ from pathlib import Path
 
 import torch
 
-from splatwire.calibrate.pseudo_loss import calibration_data
-from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
+from splatwire.calibrate.sketch import SketchConfig, sketch_of
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene, without_concealment
@@ -43,12 +42,12 @@ def stream_of(path: Path) -> SceneStream:
 
 
 def calibrated(stream: SceneStream, photos: Dataset, shares: list[float], told: str) -> list[dict]:
-    data = calibration_data(stream, decode_stream(stream))
+    complete = decode_stream(stream)
     views = CalibrationViews.of_photos(photos)
     rows = []
     for share in shares:
         cpu, started = time.process_time(), time.perf_counter()
-        made = sketch_for_stream(data, views, stream.num_bytes, SketchConfig(share=share))
+        made = sketch_of(stream, complete, views, SketchConfig(share=share))
         richer = add_concealment(stream, SECTION, made.section)
         row = {
             "share_asked": share,

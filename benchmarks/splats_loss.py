@@ -18,8 +18,7 @@ import numpy as np
 import torch
 from figures import publish
 
-from splatwire.calibrate.sketch import SketchConfig
-from splatwire.calibrate.sketch_of import sketch_of
+from splatwire.calibrate.sketch import SketchConfig, sketch_of
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import add_concealment, decode_stream, encode_scene

@@ -7,14 +7,17 @@ be compared on a busy machine; the official figures are wall time, of two idle c
     python benchmarks/train.py [--data DIR] [--run snowmiku_small_2400] [--iterations N] [--threads 2] [--output SCENE]
 
 On a GPU, iterations per second and anchors beside the official ones every 1,000 iterations, first without waiting for
-the end of the schedule, then with quality and size:
+the end of the schedule, then with quality and size; the causal model aims at half of the official bytes. `gpu.sh` does
+all of it, `--table` shows what it left:
 
     python benchmarks/train.py --run bonsai_30k --device cuda --until 12000
-    python benchmarks/train.py --run bonsai_30k --device cuda
+    python benchmarks/train.py --run bonsai_30k --device cuda --model causal --minutes 16
+    python benchmarks/train.py --table FOLDER/*.json
 """
 
 import argparse
 import json
+import math
 import os
 import resource
 import time
@@ -26,14 +29,17 @@ import torch
 
 from splatwire.cli.train import check_device
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.data import open_dataset
+from splatwire.data import Dataset, open_dataset
 from splatwire.model.scene_file import save_scene
-from splatwire.train import Listener, Progress, RunOptions, create_config, train_scene
+from splatwire.train import Listener, Progress, RunOptions, TrainResult, create_config, train_scene
+from splatwire.train.presets import HACPP, MODELS
 from splatwire.train.quality import assess_scene
 
 RUNS = {"snowmiku_small_2400": ("snowmiku_small", 2400, 0.01), "snowmiku_15k": ("snowmiku", 15_000, 0.001),
         "bonsai_30k": ("bonsai", 30_000, 0.001)}  # fmt: skip
 MARK = 200
+TOTAL = "total_bytes_files_plus_mlps"
+"""What the official metrics call their bytes."""
 
 
 class Marks:
@@ -86,7 +92,31 @@ def machine(device: str) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+COLUMNS = ("run", "model", "device", "iterations done", "its/s", "official its/s", "ratio at equal anchors", "PSNR, dB",
+           "official", "bytes", "of the official", "GPU memory, GiB")  # fmt: skip
+
+
+def table(summaries: list[dict[str, Any]]) -> str:
+    """Runs as rows of a Markdown table; a dash stands for what a run that was stopped does not know.
+
+    Iterations a second are means over all marks that both runs have.
+    """
+    rows = [COLUMNS, ("---",) * len(COLUMNS)]
+    for found in summaries:
+        done, compared = found["marks"][-1] if found["marks"] else {"it": 0, "s": 0.0}, found["speed"]
+        mean = {key: sum(row[key] for row in compared) / len(compared) if compared else None
+                for key in ("official_its_per_s", "ratio_at_equal_anchors")}  # fmt: skip
+        cells = (
+            found["run"], found["model"], found.get("gpu", found["device"]), done["it"],
+            done["it"] / done["s"] if done["s"] else None, *mean.values(), found.get("decoded_psnr"),
+            found.get("official_psnr"), found.get("bytes"), found.get("bytes_ratio"), found.get("peak_gpu_gib"),
+        )  # fmt: skip
+        rows.append(tuple("-" if c is None else f"{c:.2f}" if isinstance(c, float) else str(c) for c in cells))
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def parse() -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("SPLATWIRE_DATA", "../shared/data")))
     parser.add_argument("--run", choices=RUNS, default="snowmiku_small_2400")
@@ -94,49 +124,71 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     parser.add_argument("--until", type=int, help="stop after so many iterations of the schedule: the speed alone")
-    parser.add_argument("--output", type=Path)
-    arguments = parser.parse_args()
+    parser.add_argument("--model", choices=MODELS, default="hacpp")
+    parser.add_argument("--minutes", type=float, help="stop after so many minutes, however far the schedule is")
+    parser.add_argument("--output", type=Path, help="scene file to write")
+    parser.add_argument("--json", type=Path, help="file for the summary as well")
+    parser.add_argument("--table", type=Path, nargs="+", help="such files: print them as a table, train nothing")
+    return parser.parse_args()
+
+
+def main() -> None:
+    arguments = parse()
+    if arguments.table:
+        print(table([json.loads(path.read_text()) for path in arguments.table]))
+        return
     torch.set_num_threads(arguments.threads)
     numba.set_num_threads(arguments.threads)
 
     scene_name, iterations, voxel_size = RUNS[arguments.run]
     official = json.loads((arguments.data / "hacpp" / arguments.run / "metrics.json").read_text())
     length = arguments.iterations or iterations
-    config = create_config(model="hacpp", iterations=length, lmbda=0.004, voxel_size=voxel_size)
+    aim: dict[str, Any] = {"lmbda": 0.004} if arguments.model == HACPP else {"size": official[TOTAL] // 2}
+    config = create_config(model=arguments.model, iterations=length, voxel_size=voxel_size, **aim)
     folder = arguments.data / "scenes" / scene_name
     train, test = open_dataset(folder, split="train"), open_dataset(folder, split="test")
     marks = Marks()
     options = RunOptions(test_interval=0)
     stop = arguments.until or config.marks.iterations
-    listener = Listener(marks, should_stop=lambda: bool(marks.rows) and marks.rows[-1]["it"] >= stop)
+    end = time.perf_counter() + 60 * (arguments.minutes or math.inf)
+    listener = Listener(
+        marks, should_stop=lambda: (bool(marks.rows) and marks.rows[-1]["it"] >= stop) or time.perf_counter() > end
+    )
     result = train_scene(train, test, config, options=options, listener=listener, device=check_device(arguments.device))
     summary: dict[str, Any] = {
-        "run": arguments.run, "device": arguments.device, "iterations": config.marks.iterations, "until": stop,
-        "threads": arguments.threads, "seconds": result.seconds, **machine(arguments.device),
+        "run": arguments.run, "model": arguments.model, "device": arguments.device,
+        "iterations": config.marks.iterations, "until": stop, "threads": arguments.threads, "seconds": result.seconds,
+        **machine(arguments.device),
         "official_gpu": official.get("gpu"), "speed": speed(marks.rows, official["marks"]), "marks": marks.rows,
         "official_marks": official["marks"],
     }  # fmt: skip
-    if result.stopped:
-        print(json.dumps(summary, indent=1))
-        return
-    if arguments.output:
-        save_scene(result.scene, arguments.output)
+    if not result.stopped:
+        if arguments.output:
+            save_scene(result.scene, arguments.output)
+        summary |= quality(result, test, official)
+    text = json.dumps(summary, indent=1)
+    print(text)
+    if arguments.json:
+        arguments.json.write_text(text + "\n")
+
+
+def quality(result: TrainResult, test: Dataset, official: dict[str, Any]) -> dict[str, Any]:
+    """PSNR and bytes of a finished run, beside the official ones."""
     stream = encode_scene(result.scene)
-    decoded = assess_scene(decode_stream(stream).scene, test, test.num_views, iterations)
+    decoded = assess_scene(decode_stream(stream).scene, test, test.num_views, result.state.iteration)
     assert result.test is not None
-    summary |= {
+    return {
         "test_psnr": result.test.psnr,
         "decoded_psnr": decoded.psnr,
         "decoded_ssim": decoded.ssim,
         "official_psnr": official["test_after_psnr"],
         "psnr_gain_db": decoded.psnr - official["test_after_psnr"],
         "bytes": stream.num_bytes,
-        "official_bytes": official["total_bytes_files_plus_mlps"],
-        "bytes_ratio": stream.num_bytes / official["total_bytes_files_plus_mlps"],
+        "official_bytes": official[TOTAL],
+        "bytes_ratio": stream.num_bytes / official[TOTAL],
         "anchors": result.scene.anchors.num_anchors,
         "official_anchors": official["anchors_kept"],
     }
-    print(json.dumps(summary, indent=1))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@ import torch
 
 from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
 from splatwire.calibrate.pseudo_loss import calibration_data
-from splatwire.calibrate.sketch import SketchConfig, sketch_for_stream
+from splatwire.calibrate.sketch import SketchConfig, sketch_of
+from splatwire.calibrate.sketch_anchors import AnchorSketch
 from splatwire.calibrate.sketch_fit import SketchFit, fit_sketch, sketch_material
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
@@ -21,7 +22,7 @@ from splatwire.render import render_scene
 from splatwire.render.sensitivity import render_sensitivity
 
 VIEWS = CalibrationViews(tiny_cameras(num_views=3, width=48, height=32))
-CONFIG = SketchConfig(share=0.1, views=3, scored_views=2, exponents=(0.0, 0.3))
+CONFIG = SketchConfig(share=0.1, views=3, scored_views=2)
 
 
 @pytest.fixture(scope="module")
@@ -36,24 +37,24 @@ def data(stream):
 
 @pytest.fixture(scope="module")
 def result(stream, data):
-    return sketch_for_stream(data, VIEWS, stream.num_bytes, CONFIG)
+    return sketch_of(stream, data.complete, VIEWS, CONFIG)
 
 
 @pytest.fixture(scope="module")
 def material(data):
-    return sketch_material(data.complete, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
+    return sketch_material(data.complete, render_sensitivity(data.scene, VIEWS.cameras, probes=4), 10**6)
 
 
 def test_a_sketch_fits_its_share_and_brings_something(stream, result) -> None:
     assert len(result.section) <= 0.1 * stream.num_bytes
     assert result.num_sketched > 0
-    assert result.exponent in CONFIG.exponents
-    assert result.trust in CONFIG.trusts
+    assert (result.exponent,) in AnchorSketch.growths
+    assert result.trust in AnchorSketch.trusts
     assert result.psnr["no loss"] > result.psnr["sketch"] > max(result.psnr["grow"], result.psnr["drop"])
 
 
 def test_the_same_seed_gives_the_same_bytes(stream, data, result) -> None:
-    assert sketch_for_stream(data, VIEWS, stream.num_bytes, CONFIG).section == result.section
+    assert sketch_of(stream, data.complete, VIEWS, CONFIG).section == result.section
 
 
 def test_the_stream_carries_it(stream, data, result) -> None:
@@ -114,7 +115,7 @@ def test_a_pseudo_loss_leaves_what_a_receiver_has(make) -> None:
 def test_copies_stand_where_the_lost_ones_stood(make) -> None:
     stream = encode_scene(make(seed=2, num_anchors=300), Packetization(block_size=100))
     data = calibration_data(stream, decode_stream(stream))
-    material = sketch_material(data.complete, render_sensitivity(data.scene, VIEWS.cameras, probes=4))
+    material = sketch_material(data.complete, render_sensitivity(data.scene, VIEWS.cameras, probes=4), 10**6)
     section = fit_sketch(material, 1e-15, SketchFit(num_levels=6))
     copied = with_sketch(data.complete.without(torch.zeros(300, dtype=torch.bool)), section).scene.anchors
     there, true = torch.from_numpy(section.levels > 0)[:, None] & copied.mask, data.complete.scene.anchors
@@ -138,17 +139,16 @@ def test_mistakes(stream, data) -> None:
         ("drop_rate", 1.0),
         ("views", 0),
         ("seed", -1),
-        ("exponents", (-1.0,)),
-        ("trusts", (9.0,)),
+        ("masks", -1),
     ):
         with pytest.raises(InvalidValueError, match=field):
             SketchConfig(**{field: value})
     with pytest.raises(InvalidValueError, match="no sketch fits"):
-        sketch_for_stream(data, VIEWS, 200, CONFIG)
+        sketch_of(stream, data.complete, VIEWS, dataclasses.replace(CONFIG, share=20 / stream.num_bytes))
     away = dataclasses.replace(VIEWS.cameras, viewmats=VIEWS.cameras.viewmats.clone())
     away.viewmats[:, 2, 3] = -1e4
     with pytest.raises(InvalidValueError, match="no view shows anything"):
-        sketch_for_stream(data, CalibrationViews(away), stream.num_bytes, CONFIG)
+        sketch_of(stream, data.complete, CalibrationViews(away), CONFIG)
 
 
 @pytest.mark.parametrize("width", [48, 31])
@@ -162,7 +162,7 @@ def test_what_masks_leave_out_of_photos_chooses_nothing(stream, data, width) -> 
         photos = torch.where(mask[..., None], pictures, torch.full_like(pictures, garbage))
         photos[2] = pictures[2]
         views = CalibrationViews(VIEWS.cameras, photos.__getitem__, mask=lambda view: None if view == 2 else mask)
-        found.append(sketch_for_stream(data, views, stream.num_bytes, config))
-    whole = sketch_for_stream(data, dataclasses.replace(views, mask=None), stream.num_bytes, config)
+        found.append(sketch_of(stream, data.complete, views, config))
+    whole = sketch_of(stream, data.complete, dataclasses.replace(views, mask=None), config)
     assert found[0].psnr == found[1].psnr != whole.psnr
     assert found[0].section == found[1].section

@@ -34,7 +34,7 @@ def stream(ply):
 
     path = ply.with_name("cloud.swz")
     with pytest.raises(SystemExit) as ended:
-        main(["encode", str(ply), "-o", str(path), "--preset", "datagram"])
+        main(["encode", str(ply), "-o", str(path), "--preset", "datagram", "--no-sketch"])
     assert ended.value.code == 0
     return path
 
@@ -200,6 +200,20 @@ def test_a_sketch_travels_in_the_stream(run, stream, tmp_path):
     assert left["drop"] < left["sketch"] < COUNT
     plain = run("inspect", stream, "--json").json
     assert run("inspect", target, "--json").json["side_info_parts"].keys() - plain["side_info_parts"] == {"sketch"}
+
+
+def test_datagrams_come_with_a_sketch(run, journey, ply, stream, tmp_path):
+    """A hundredth of the bytes, beside the same packets; where nothing fits into that it is said."""
+    target = tmp_path / "sketched.swz"
+    content = run("encode", ply, "-o", target, "--preset", "datagram", "--json").json
+    assert content["parts"]["side_info"] - run("inspect", stream, "--json").json["parts"]["side_info"] > 0
+    assert content["num_bytes"] <= 1.011 * stream.stat().st_size
+    assert read_stream(target)[0].packets == read_stream(stream)[0].packets
+    assert "sketch" in run("inspect", target, "--json").json["side_info_parts"]
+    assert run("encode", ply, "-o", tmp_path / "a.swz", "--no-sketch").status == 2
+    tiny = run("encode", journey / "tiny.scene", "-o", tmp_path / "b.swz", "--preset", "datagram")
+    assert tiny.status == 0
+    assert "without a sketch: no sketch fits" in tiny.err
 
 
 @pytest.mark.parametrize(

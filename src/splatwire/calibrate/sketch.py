@@ -1,27 +1,28 @@
-"""A sketch of the anchors that matter, and how far the rest grows, chosen on pictures."""
+"""A sketch of the elements that matter, and how far the rest grows, chosen on pictures; whatever the elements are."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool
-from torch import Tensor
 
 from splatwire.calibrate.checks import check_settings
-from splatwire.calibrate.pseudo_loss import CalibrationData
-from splatwire.calibrate.sketch_fit import SketchFit, SketchMaterial, fit_sketch, sketch_material
+from splatwire.calibrate.pseudo_loss import dropped_packets
+from splatwire.calibrate.sketch_anchors import AnchorSketch
+from splatwire.calibrate.sketch_fit import SketchFit
+from splatwire.calibrate.sketch_gaussians import GaussianSketch
 from splatwire.calibrate.views import CalibrationViews, Progress, References
-from splatwire.conceal import Concealed, Concealer, Drop, Grow
+from splatwire.codec import decode_stream
+from splatwire.conceal import Concealed, conceal
 from splatwire.conceal.conceal import drawn
-from splatwire.conceal.sketch.concealer import SketchedLoss, buckets_of, conceal_with, with_sketch
-from splatwire.conceal.sketch.section import MAX_TRUST, SketchSection, write_sketch
 from splatwire.errors import InvalidValueError
-from splatwire.model import AnchorScene, Partial
+from splatwire.model import Partial, Prior
+from splatwire.model.appearance import Scene
+from splatwire.packets import SceneStream
+from splatwire.packets.sections import add_concealment
 from splatwire.render import iterate_views
-from splatwire.render.sensitivity import render_sensitivity
 
-_PRICE_STEPS = 12
 _MAX_WIDTH = 400
 
 
@@ -32,14 +33,12 @@ class SketchConfig:
     Attributes:
         share: Bytes of the sketch over those of the stream.
         drop_rate: Share of packets that a pseudo-loss takes.
-        masks: Pseudo-losses that choose the growth.
-        held_out_masks: Pseudo-losses that choose nothing: the gain is reported on them.
-        views: Most views that sensitivities are taken from, and
+        masks: Pseudo-losses that choose the growth; 0 for the growth that is usual.
+        held_out_masks: Pseudo-losses that choose nothing: the gain is reported on them. 0 for no report.
+        views: Most views that tell what elements are worth, and
         scored_views: most views that pictures are compared in.
         width: Pictures are drawn at most this wide.
         probes: Random sign patterns per view (`render_sensitivity`).
-        exponents: Powers of the growth that are tried.
-        trusts: How much of the scene-free network's correction of the growth is tried, 0 for none.
         fit: How anchors are chosen and rounded.
         seed: Seed of everything random.
     """
@@ -52,18 +51,19 @@ class SketchConfig:
     scored_views: int = 6
     width: int = _MAX_WIDTH
     probes: int = 2
-    exponents: tuple[float, ...] = (0.0, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
-    trusts: tuple[float, ...] = (0.0, 0.5, 1.0)
     fit: SketchFit = field(default_factory=SketchFit)
     seed: int = 0
 
     def __post_init__(self) -> None:
         check_settings(
-            self, "a calibration", ("masks", "held_out_masks", "views", "scored_views", "width", "probes"),
+            self, "a calibration", ("views", "scored_views", "width", "probes"),
+            masks=self.masks >= 0, held_out_masks=self.held_out_masks >= 0,
             drop_rate=0 < self.drop_rate < 1, share=0 < self.share <= 0.5, seed=self.seed >= 0,
-            exponents=bool(self.exponents) and all(0 <= e <= 4 for e in self.exponents),
-            trusts=bool(self.trusts) and all(0 <= t <= MAX_TRUST for t in self.trusts),
         )  # fmt: skip
+
+
+QUICK = SketchConfig(share=0.01, masks=0, held_out_masks=0, views=8, width=224, probes=3)
+"""What encoding has time for: one look at the scene, and the growth that is usual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +72,10 @@ class SketchResult:
 
     Attributes:
         section: Bytes of the section.
-        num_sketched: Anchors that are sketched.
+        num_sketched: Elements that are sketched.
         exponent: Of the growth.
         trust: In the network that corrects it.
-        psnr: Decibels on losses that chose nothing: `no loss`, `drop`, `grow` and `sketch`.
+        psnr: Decibels on losses that chose nothing: `no loss`, `drop`, `grow` and `sketch`; empty without such losses.
         seconds: Time taken.
     """
 
@@ -87,129 +87,134 @@ class SketchResult:
     seconds: float
 
 
-def sketch_for_stream(
-    data: CalibrationData,
+@runtime_checkable
+class Sketch(Protocol):
+    """Copies of one kind of element, with a growth.
+
+    Attributes:
+        num_sketched: Elements that there are copies of.
+        growth: Exponents of the growth, as the kind has them, and trust in the scene-free network.
+        growths: Exponents that are tried, the usual ones first, and
+        trusts: how much of the network's correction of them is.
+    """
+
+    @property
+    def num_sketched(self) -> int:
+        """See above."""
+
+    @property
+    def growth(self) -> tuple[float, ...]:
+        """See above."""
+
+    @property
+    def growths(self) -> Sequence[tuple[float, ...]]:
+        """See above."""
+
+    @property
+    def trusts(self) -> Sequence[float]:
+        """See above."""
+
+    def growing(self, growth: tuple[float, ...]) -> "Sketch":
+        """The same copies with another growth."""
+
+    def section(self) -> bytes:
+        """What travels."""
+
+    def around(self, partial: Partial) -> Any:
+        """A lossy scene with the copies in place, and all that the growth follows from."""
+
+    def proposal(self, around: Any) -> tuple[Partial, Concealed]:
+        """The lossy scene, and what to draw of it with this growth."""
+
+
+def sketch_of(
+    stream: SceneStream,
+    complete: Partial,
     views: CalibrationViews,
-    stream_bytes: int,
     config: SketchConfig,
     *,
     progress: Progress | None = None,
 ) -> SketchResult:
-    """Makes the section `sketch` for a stream.
+    """Makes the section `sketch` for a stream that has none yet.
 
     Args:
-        data: The complete scene and its packets.
+        stream: The complete stream.
+        complete: What a decoder made of it.
         views: Where it is looked at from.
-        stream_bytes: Size of the stream, of which the sketch may be a share.
         config: The run.
         progress: Called with what is done and the share of it that is done.
 
     Raises:
-        InvalidValueError: If a sketch of that size holds nothing, or no view shows anything.
+        InvalidValueError: If something was lost, there are fewer than two packets, a sketch of that size holds nothing,
+            or no view shows anything.
     """
     started, show = time.perf_counter(), progress or (lambda task, share: None)
-    data = replace(data, complete=replace(data.complete, scene=views.in_front(data.scene)))
-    sensitivity = render_sensitivity(
-        data.scene, views.reduced(config.views, config.width).cameras, probes=config.probes, seed=config.seed,
-        progress=lambda share: show("what each anchor is worth", share),
-    )  # fmt: skip
-    if not float(sensitivity.removal.sum()) > 0:
-        raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
-    material = sketch_material(data.complete, sensitivity)
-    buckets = buckets_of(data.complete)
-    section = _of_size(material, buckets, config, round(config.share * stream_bytes), show)
-    scored = _Scores(data, views.reduced(config.scored_views, config.width), config)
-    section = _best_growth(scored, section, config, show)
-    show("held-out losses", 0.0)
-    quality = {"no loss": scored.quality(data.scene)}
-    rows: dict[str, Concealer | SketchSection] = {"drop": Drop(), "grow": Grow(), "sketch": section}
-    for number, (name, method) in enumerate(rows.items()):
-        quality[name] = scored.held_out_quality(method)
-        show("held-out losses", (number + 1) / len(rows))
-    coded = write_sketch(section, buckets)
+    if complete.erasures.num_lost:
+        raise InvalidValueError("calibration needs the complete scene, and of this one packets were lost")
+    if len(stream.packets) < 2:
+        raise InvalidValueError("calibration needs a stream of at least two packets")
+    complete = replace(complete.to_cpu(), scene=views.in_front(complete.scene))
+    fit: Callable[..., Sketch] = GaussianSketch.fitted if complete.find(Prior) is None else AnchorSketch.fitted
+    most = round(config.share * stream.num_bytes)
+    sketch = fit(stream, complete, views.reduced(config.views, config.width).cameras, most, config, show)
+    quality: dict[str, float] = {}
+    if config.masks + config.held_out_masks:
+        scored = _Scores(stream, complete.scene, views.reduced(config.scored_views, config.width), config)
+        sketch = scored.best_growth(sketch, show) if config.masks else sketch
+        quality = scored.held_out(sketch, show) if config.held_out_masks else {}
     seconds = time.perf_counter() - started
-    return SketchResult(coded, len(section.values), section.exponent, section.trust, quality, seconds)
-
-
-def _of_size(
-    material: SketchMaterial, buckets: np.ndarray, config: SketchConfig, most: int, show: Progress
-) -> SketchSection:
-    """The sketch with the lowest price that takes at most so many bytes."""
-    low, high = -40.0, 0.0  # logarithms of the price: too many bytes, few enough
-    best: SketchSection | None = None
-    for step in range(2 * _PRICE_STEPS):
-        middle = 0.5 * (low + high)
-        section = fit_sketch(material, 2.0**middle, config.fit)
-        size = len(write_sketch(section, buckets)) if len(section.values) else 0
-        if size > most:
-            low = middle
-        else:
-            high, best = middle, section if size else best
-            if size > 0.98 * most:
-                break
-        show("choosing anchors and steps", (step + 1) / (2 * _PRICE_STEPS))
-    show("choosing anchors and steps", 1.0)
-    if best is None:
-        raise InvalidValueError(f"no sketch fits into {most:,} bytes: give it a larger share of the stream")
-    return best
-
-
-def _best_growth(scored: "_Scores", section: SketchSection, config: SketchConfig, show: Progress) -> SketchSection:
-    """The section with the exponent, the trust at it, and the exponent at that trust which give the best pictures."""
-    losses = [scored.sketched(section, known) for known in scored.chosen_on]
-    tried: dict[tuple[float, float], float] = {}
-    most = 2 * (len(config.exponents) + len(config.trusts))
-
-    def best_of(pairs: Sequence[tuple[float, float]]) -> tuple[float, float]:
-        for pair in pairs:
-            if pair not in tried:
-                candidate = replace(section, exponent=pair[0], trust=pair[1])
-                tried[pair] = sum(scored.quality_of(loss, candidate) for loss in losses) / len(losses)
-            show("choosing the growth", len(tried) / most)
-        return max(pairs, key=lambda pair: tried[pair])
-
-    trust = config.trusts[0]
-    for _ in range(2):
-        exponent, _ = best_of([(exponent, trust) for exponent in config.exponents])
-        exponent, trust = best_of([(exponent, trust) for trust in config.trusts])
-    show("choosing the growth", 1.0)
-    return replace(section, exponent=exponent, trust=trust)
+    return SketchResult(sketch.section(), sketch.num_sketched, sketch.growth[0], sketch.growth[-1], quality, seconds)
 
 
 class _Scores:
-    """Mean PSNR of concealed pseudo-losses; references are drawn, or loaded, once."""
+    """Mean PSNR of concealed losses; references are drawn, or loaded, once."""
 
-    def __init__(self, data: CalibrationData, views: CalibrationViews, config: SketchConfig) -> None:
-        self._complete = data.complete
-        rates = [config.drop_rate] * (config.masks + config.held_out_masks)
-        known = data.pseudo_losses(rates, config.seed)
-        self.chosen_on, self._held_out = known[: config.masks], known[config.masks :]
-        self._references = References.of(data.scene, views)
+    def __init__(self, stream: SceneStream, scene: Scene, views: CalibrationViews, config: SketchConfig) -> None:
+        self._stream, self._scene, self._config = stream, scene, config
+        self._references = References.of(scene, views)
+        number = config.masks + config.held_out_masks
+        self._seeds = np.random.SeedSequence(config.seed).generate_state(number).tolist()
 
-    def held_out_quality(self, method: "Concealer | SketchSection") -> float:
-        """Decibels over the views, mean over the losses that choose nothing."""
-        return sum(self.quality(self._concealed(method, known)) for known in self._held_out) / len(self._held_out)
+    def best_growth(self, sketch: Sketch, show: Progress) -> Sketch:
+        """The sketch with the trust that gives the best pictures with its growth, and then the growth that does."""
+        losses = [sketch.around(self._decoded(self._stream, seed)) for seed in self._seeds[: self._config.masks]]
+        tried: dict[tuple[float, ...], float] = {}
 
-    def sketched(self, section: SketchSection, known: Bool[Tensor, "N"]) -> SketchedLoss:
-        """A loss with the copies in place, for `quality_of` with any growth."""
-        return SketchedLoss.of(with_sketch(self._complete.without(known), section))
+        def best_of(growths: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
+            for growth in growths:
+                candidate = sketch.growing(growth)
+                tried[growth] = sum(self._quality_of(*candidate.proposal(loss)) for loss in losses)
+                show("choosing the growth", len(tried) / (len(sketch.growths) + len(sketch.trusts) - 1))
+            return max(tried, key=lambda growth: tried[growth])
 
-    def quality_of(self, loss: SketchedLoss, section: SketchSection) -> float:
-        """Decibels over the views with the growth of a section."""
-        return self.quality(self._drawn(loss.filled, loss.proposal(section)))
+        trust = best_of([(*sketch.growths[0], trust) for trust in sketch.trusts])[-1]
+        return sketch.growing(best_of([(*growth, trust) for growth in sketch.growths[1:]]))
 
-    def quality(self, scene: AnchorScene) -> float:
+    def held_out(self, sketch: Sketch, show: Progress) -> dict[str, float]:
+        """Decibels without loss, and on losses that chose nothing by concealer."""
+        found, richer = (
+            {"no loss": self._quality(self._scene)},
+            add_concealment(self._stream, "sketch", sketch.section()),
+        )
+        losses = [self._decoded(richer, seed) for seed in self._seeds[self._config.masks :]]
+        for number, name in enumerate(("drop", "grow", "sketch")):
+            found[name] = sum(self._quality(conceal(partial, name)) for partial in losses) / len(losses)
+            show("held-out losses", (number + 1) / 3)
+        return found
+
+    def _decoded(self, stream: SceneStream, seed: int) -> Partial:
+        """What a receiver has of the stream after a loss."""
+        dropped = set(dropped_packets(len(stream.packets), self._config.drop_rate, seed))
+        partial = decode_stream(
+            stream.with_packets([packet for k, packet in enumerate(stream.packets) if k not in dropped])
+        )
+        return replace(partial, scene=replace(partial.scene, background=self._scene.background))
+
+    def _quality_of(self, partial: Partial, proposal: Concealed) -> float:
+        return self._quality(drawn(partial, partial, proposal, "sketch"))
+
+    def _quality(self, scene: Scene) -> float:
         """Decibels over the views."""
         pictures = enumerate(iterate_views(scene, self._references.cameras))
         each = [self._references.psnr(view, picture) for view, picture in pictures]
         return sum(each) / len(each)
-
-    def _concealed(self, method: "Concealer | SketchSection", known: Bool[Tensor, "N"]) -> AnchorScene:
-        partial = self._complete.without(known)
-        return self._drawn(
-            partial, conceal_with(partial, method) if isinstance(method, SketchSection) else method(partial)
-        )
-
-    def _drawn(self, partial: Partial[AnchorScene], proposal: Concealed) -> AnchorScene:
-        scene: AnchorScene = drawn(partial, partial, proposal, "sketch")
-        return scene

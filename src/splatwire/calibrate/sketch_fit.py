@@ -13,8 +13,10 @@ from splatwire.conceal.sketch.section import MAX_DIRECTION, OFFSET_STEPS, Sketch
 from splatwire.model import AnchorScene, ExpectedPlaces, Partial, Prior
 from splatwire.render.sensitivity import Sensitivity
 
-_CANDIDATES = 0.3
-"""Share of anchors that are looked at; no sketch is as large."""
+BITS_OF_COPY = 60
+"""About what a sketched anchor takes, at least."""
+_CANDIDATES, _MOST_CANDIDATES = 4, 0.3
+"""Anchors that are looked at: four times as many as could be sketched, and at most this share of them."""
 _BASIS_SHARE = 0.05
 """The basis is that of the most important anchors: about as many as will be sketched."""
 _ROUNDS = 4
@@ -79,15 +81,20 @@ class SketchMaterial:
     mask: np.ndarray
     num_anchors: int
 
+    def price_of(self, count: float, options: SketchFit) -> float:
+        """About the price at which so many anchors are sketched: where leaving the last of them out costs as much."""
+        ranked = np.sort(self.removal)[::-1]
+        return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
 
-def sketch_material(complete: Partial[AnchorScene], sensitivity: Sensitivity) -> SketchMaterial:
-    """Prepares a complete scene for sketches of any size."""
+
+def sketch_material(complete: Partial[AnchorScene], sensitivity: Sensitivity, most: int) -> SketchMaterial:
+    """Prepares a complete scene for sketches of at most so many bytes."""
     anchors = complete.scene.anchors
     removal = sensitivity.removal.numpy()
     num = len(removal)
     order = np.argsort(-removal, kind="stable")
     important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
-    candidates = np.sort(order[: max(round(_CANDIDATES * num), 1)])
+    candidates = np.sort(order[: max(min(_CANDIDATES * 8 * most // BITS_OF_COPY, round(_MOST_CANDIDATES * num)), 1)])
     relative = (anchors.scalings.clamp(min=1e-9) / expected_scalings(complete[Prior])).log()
     relative = relative.clamp(-MAX_LOG_SIZE, MAX_LOG_SIZE)
     channels = torch.cat([anchors.features, relative], dim=1).double().numpy()
@@ -145,7 +152,7 @@ def fit_sketch(material: SketchMaterial, price: float, options: SketchFit) -> Sk
 
 def _basis(material: SketchMaterial, price: float, options: SketchFit) -> tuple[SketchBasis, float]:
     """Steps at which a bit more costs what it saves: for a fine step s, error `w s^2 / 12` halves twice with a bit."""
-    likely = options.crowding * material.removal > price * 60  # an anchor takes about that many bits
+    likely = options.crowding * material.removal > price * BITS_OF_COPY
     weight = np.quantile(material.weight[likely], 0.1) if likely.any() else material.weight.max()
     ideal = 6 / math.log(2) * price
     step = math.sqrt(ideal / weight)

@@ -1,5 +1,6 @@
 """What calibrations share: the stream that they start from, where they look from, the section that they add."""
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from splatwire.calibrate.views import CalibrationViews
     from splatwire.model.appearance import Scene
     from splatwire.packets import SceneStream
+    from splatwire.scene import Cameras
     from splatwire.scene.background import Background
 
 
@@ -106,6 +108,31 @@ def complete_stream(source: Path, show: Reporter) -> "SceneStream":
         return read_stream(source)[0].still(source)
     scene = open_scene(source)
     return encode_scene(scene, classes=classes_of(scene), progress=lambda share: show("encoding", share))
+
+
+def with_quick_sketch(stream: "SceneStream", cameras: "Cameras | None", show: Reporter) -> "SceneStream":
+    """The stream with a sketch that takes no longer than encoding, or, as is then told, as it is if none fits.
+
+    Args:
+        stream: The complete stream.
+        cameras: Where the scene is looked at from; None for views around it.
+        show: Called with what is done and the share of it that is done.
+    """
+    from splatwire.calibrate.sketch import QUICK, sketch_of
+    from splatwire.calibrate.views import CalibrationViews
+    from splatwire.codec import add_concealment, decode_stream
+    from splatwire.conceal.sketch import SECTION
+    from splatwire.render.importance import surrounding_cameras
+
+    complete = decode_stream(stream)
+    if cameras is None:
+        cameras = surrounding_cameras(complete.scene, QUICK.views, QUICK.width)
+    try:
+        made = sketch_of(stream, complete, CalibrationViews(cameras), QUICK, progress=show)
+    except InvalidValueError as reason:
+        print(f"without a sketch: {reason}", file=sys.stderr)
+        return stream
+    return add_concealment(stream, SECTION, made.section)
 
 
 def write_with_section(bare: "SceneStream", name: str, section: bytes, path: Path) -> dict[str, int | float]:

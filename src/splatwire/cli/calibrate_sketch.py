@@ -18,8 +18,7 @@ class CalibrateSketch(StreamCalibration):
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.calibrate.sketch import SketchConfig
-        from splatwire.calibrate.sketch_of import sketch_of
+        from splatwire.calibrate.sketch import SketchConfig, sketch_of
         from splatwire.codec import decode_stream, without_concealment
         from splatwire.conceal.sketch import SECTION
 

@@ -53,7 +53,8 @@ def render_sensitivity(
         scene: The complete scene.
         cameras: Where it is looked at from.
         background: RGB behind everything; the scene's own where absent.
-        probes: Random sign patterns per view.
+        probes: Random sign patterns per view that tell what is worth most if it is left out; all else, which goes
+            through the networks and decides less, follows from the first.
         seed: Of the signs.
         renderer: Name of a differentiable renderer.
         progress: Called with the share of views that is done.
@@ -72,23 +73,25 @@ def render_sensitivity(
         presence = torch.ones_like(spawned.gaussians.opacities, requires_grad=True)
         gaussians = replace(spawned.gaussians, opacities=spawned.gaussians.opacities * presence)
         picture = draw(gaussians, cameras.select([view]), background=behind)[0]
+        place = spawned.anchor_index * count + spawned.offset_index
         for probe in range(probes):
             signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
-            gradients = torch.autograd.grad(
-                (picture * signs).sum(), [*inputs, presence], retain_graph=probe < probes - 1
+            wanted, again = [presence] if probe else [presence, *inputs], probe < probes - 1
+            present, *others = (
+                g.double() for g in torch.autograd.grad((picture * signs).sum(), wanted, retain_graph=again)
             )
-            features, scalings, offsets, present = (g.double() for g in gradients)
-            place = spawned.anchor_index * count + spawned.offset_index
             each = torch.zeros(num * count, dtype=torch.float64).index_add_(0, place, present).view(num, count)
-            rows = torch.cat([features, scalings * a.scalings], dim=1)
-            total.removal.add_(each.sum(dim=1) ** 2)
-            total.offset_removal.add_(each**2)
-            total.channels.add_(rows**2)
-            total.offsets.add_((offsets**2).mean(dim=2))
-            total.metric.add_(rows.T @ rows)
+            total.removal.add_(each.sum(dim=1) ** 2 / probes)
+            total.offset_removal.add_(each**2 / probes)
+            if others:
+                features, scalings, offsets = others
+                rows = torch.cat([features, scalings * a.scalings], dim=1)
+                total.channels.add_(rows**2)
+                total.offsets.add_((offsets**2).mean(dim=2))
+                total.metric.add_(rows.T @ rows)
         if progress:
             progress((view + 1) / cameras.num_views)
-    scale = 1 / max(probes * cameras.num_views * cameras.width * cameras.height * 3, 1)
+    scale = 1 / max(cameras.num_views * cameras.width * cameras.height * 3, 1)
     return Sensitivity(**{name: value * scale for name, value in vars(total).items()})
 
 
