@@ -75,7 +75,6 @@ def conceal_scene(path: Path, options: argparse.Namespace) -> dict[str, object]:
         richer = add_concealment(stream, "sketch", made.section)
         rows[f"sketch {share}"] = {
             "psnr": concealed(richer, "sketch"), "bytes": richer.num_bytes, "copies": made.num_sketched,
-            "growth": [number / 64 for number in made.section[1:4]],
         }  # fmt: skip
     rows["sketch of encode"] = quick_row(scene, lambda sent: concealed(sent, "sketch"))
     print(path.name, {name: round(row["psnr"], 2) for name, row in rows.items()}, file=sys.stderr, flush=True)
