@@ -117,16 +117,17 @@ def test_a_head_that_is_dribbled_has_as_long_as_any():
     run(work())
 
 
-def test_slow_readers_share_one_body():
-    readers = 64
+@pytest.mark.parametrize("wanted", [b"", b"Range: bytes=1-\r\n"], ids=["whole", "range"])
+def test_slow_readers_share_one_body(wanted: bytes):
+    readers, said = 64, b"%b%b\r\n" % (BIG[:-2], wanted)
 
     async def work() -> None:
         async with PageServer(CONTENT, limits=replace(PATIENT, per_network=readers)) as server:
             assert await asked(server.port, BIG)
             tracemalloc.start()
-            async with clients(server.port, readers, BIG):
+            async with clients(server.port, readers, said):
                 await until(lambda: len(server._places) == readers)
-                assert (await asked(server.port, BIG)).endswith(BODY[-1000:])
+                assert (await asked(server.port, said)).endswith(BODY[-1000:])
                 # The honest client above, which lives in this process, holds the stream twice for a moment.
                 assert tracemalloc.get_traced_memory()[1] < readers * (CHUNK_BYTES + (1 << 16)) + 4 * len(BODY)
             tracemalloc.stop()

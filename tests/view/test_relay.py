@@ -10,7 +10,7 @@ from splatwire.codec import encode_scene
 from splatwire.errors import BitstreamError, MissingSideInfoError
 from splatwire.packets import COLUMNS, PacketIntake, Packetization, SceneStream, stream_from_bytes
 from splatwire.transport import Event, Finished, PacketArrived, Receiver, SideInfoArrived
-from splatwire.view import Relay, columns_of
+from splatwire.view import Relay, columns_of, relay
 
 HASHED = Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=900)
 
@@ -64,6 +64,20 @@ def test_what_browsers_do_not_decode_is_handed_on_as_columns() -> None:
     found, _ = stream_from_bytes(asyncio.run(files(relay_of(sent(stream))))[0])
     assert found.manifest.codec == COLUMNS
     assert found.packets == columns_of(stream).packets
+
+
+def test_one_who_reads_slowly_holds_a_little_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(relay, "AT_ONCE", 2000)
+    stream = encode_scene(tiny_causal_scene(num_anchors=400), HASHED)
+    handed_on = relay_of(sent(stream))
+
+    async def sizes() -> list[int]:
+        await handed_on.run()
+        return [len(piece) async for piece in handed_on.pieces()]
+
+    _, *found = asyncio.run(sizes())
+    assert len(found) > 2
+    assert max(found) < 2000 + HASHED.packet_bytes + 8
 
 
 def test_a_transfer_without_a_scene_is_an_error() -> None:

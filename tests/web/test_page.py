@@ -68,7 +68,7 @@ def programs(stream: SceneStream) -> dict[str, Program]:
 def answered(content: PageContent, request: bytes) -> bytes:
     """What is answered, in one piece."""
     head, body = content.answer(request)
-    assert isinstance(body, bytes)
+    assert isinstance(body, bytes | memoryview)
     return head + body
 
 

@@ -44,10 +44,10 @@ class Growing(Protocol):
 
 
 class Answer(NamedTuple):
-    """What is sent back: a head and a body, which answers share; without a length where the body grows."""
+    """What is sent back: a head and a body, of which answers share every part; without a length where it grows."""
 
     head: bytes
-    body: bytes | Growing
+    body: bytes | memoryview | Growing
 
 
 def read_request(head: bytes) -> Request:
@@ -122,13 +122,13 @@ def make_part(kind: str, body: bytes, headers: str, request: Request) -> Answer:
     if first == end:
         return make_answer("416 Range Not Satisfiable", headers=f"Content-Range: bytes */{len(body)}\r\n{headers}")
     headers = f"Content-Range: bytes {first}-{end - 1}/{len(body)}\r\n{headers}"
-    return make_answer("206 Partial Content", kind, body[first:end], headers, bodiless=bodiless)
+    return make_answer("206 Partial Content", kind, memoryview(body)[first:end], headers, bodiless=bodiless)
 
 
 def make_answer(
     status: str,
     kind: str = "text/plain; charset=utf-8",
-    body: bytes | Growing = b"",
+    body: bytes | memoryview | Growing = b"",
     headers: str = "",
     *,
     bodiless: bool = False,
@@ -144,10 +144,10 @@ def make_answer(
         bodiless: Whether the body is left out (HEAD); its size is told nevertheless.
         packed: Whether the body is compressed; it is kept then.
     """
-    if isinstance(body, bytes):
+    if not isinstance(body, Growing):
         body = body or f"{status}\n".encode()
         if packed:
-            body, headers = _packed(body), f"{headers}Content-Encoding: gzip\r\n"
+            body, headers = _packed(bytes(body)), f"{headers}Content-Encoding: gzip\r\n"
         headers = f"Content-Length: {len(body)}\r\n{headers}"
     head = (
         f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\n{headers}"

@@ -7,7 +7,7 @@ from types import TracebackType
 
 from splatwire.transport.address import cannot_listen
 from splatwire.transport.admission import Places, network_of
-from splatwire.transport.http_messages import Answer, make_answer
+from splatwire.transport.http_messages import Answer, Growing, make_answer
 from splatwire.transport.page_content import PageContent
 
 MOST_HEAD_BYTES = 8192
@@ -137,7 +137,7 @@ class PageServer:
         if connection is not None and hasattr(socket, "TCP_NOTSENT_LOWAT"):  # else it buffers megabytes of its own
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, CHUNK_BYTES)
         await self._write(answer.head, writer)
-        if isinstance(answer.body, bytes):
+        if not isinstance(answer.body, Growing):
             async with asyncio.timeout(limits.grace_s + len(answer.body) / limits.slowest_bytes_s):
                 await self._write(answer.body, writer)
         else:
@@ -145,7 +145,7 @@ class PageServer:
                 await self._write(piece, writer)
         writer.close()
 
-    async def _write(self, data: bytes, writer: asyncio.StreamWriter) -> None:
+    async def _write(self, data: bytes | memoryview, writer: asyncio.StreamWriter) -> None:
         body = memoryview(data)
         for at in range(0, len(body), CHUNK_BYTES):
             async with asyncio.timeout(self._limits.chunk_s):

@@ -9,6 +9,7 @@ import socket
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
 from urllib.parse import quote, unquote
@@ -96,7 +97,7 @@ class PageContent:
             return "200 OK", "text/html; charset=utf-8", self._page(query, called).encode(), self._policy(called)
         shared = _SHARED if self.origins is None else self._shared(origin)
         if kind := FILES.get(target[1:]):
-            return "200 OK", f"{kind}; charset=utf-8", web_file(target[1:]).encode(), shared
+            return "200 OK", f"{kind}; charset=utf-8", _web_bytes(target[1:]), shared
         if target == "/streams.json":
             return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
         name = unquote(target.removeprefix(STREAMS).removesuffix(".swz"))
@@ -155,7 +156,13 @@ class PageContent:
 
 def web_file(name: str) -> str:
     """The text of a file of the page."""
-    return files("splatwire.transport").joinpath("web").joinpath(name).read_bytes().decode()
+    return _web_bytes(name).decode()
+
+
+@cache
+def _web_bytes(name: str) -> bytes:
+    """A file of the page, one for all who read it."""
+    return files("splatwire.transport").joinpath("web").joinpath(name).read_bytes()
 
 
 def stream_path(name: str) -> str:

@@ -14,6 +14,8 @@ from splatwire.view.columns import columns_head, columns_packet, rows_of
 
 Receive: TypeAlias = Callable[[Callable[[Event], None]], Awaitable[Receiver]]
 """Receives one stream and calls back with everything that happens."""
+AT_ONCE = 1 << 16
+"""Bytes that are put together for one page: all that is kept for one that reads slowly."""
 
 
 class Relay:
@@ -71,9 +73,10 @@ class Relay:
             while given == len(self._pieces) and not self._over:
                 async with self._changed:
                     await self._changed.wait()
-            piece = b"".join(self._pieces[given:])
-            given = len(self._pieces)
-            yield piece
+            begin, size = given, 0
+            while given < len(self._pieces) and size < AT_ONCE:
+                size, given = size + len(self._pieces[given]), given + 1
+            yield b"".join(self._pieces[begin:given])
 
     async def _hand_on(self) -> None:
         while (event := await self._events.get()) is not None:
