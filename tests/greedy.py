@@ -1,6 +1,7 @@
 """Small streams that announce, or claim to hold, as much as their format lets them: what they cost is theirs to say."""
 
 import hashlib
+import itertools
 import json
 import math
 import sys
@@ -18,9 +19,14 @@ from splatwire.codec.schemas.causal.side_info import write_side_info as write_ca
 from splatwire.codec.schemas.hacpp.side_info import MASK_CONTEXTS
 from splatwire.codec.schemas.hacpp.side_info import SideInfo as HacppInfo
 from splatwire.codec.schemas.hacpp.side_info import write_side_info as write_hacpp
+from splatwire.codec.schemas.tracks.decoder import open_side_info as open_clip
+from splatwire.codec.schemas.tracks.layout import ENDS, HEAD, MAX_CANDIDATES, MOVING, NUM_CHANNELS, STATE, TRACK
+from splatwire.codec.schemas.tracks.motion_coder import MotionCoder
+from splatwire.codec.schemas.tracks.side_info import write_side_info as write_clip
 from splatwire.codec.weight_bytes import framed
 from splatwire.codec.weights import QuantisedLinear, QuantisedMlp
 from splatwire.model.causal import CausalConfig
+from splatwire.model.clip import Timeline
 from splatwire.model.config import HashGridConfig, ModelConfig
 from splatwire.packets import (
     ANCHORS,
@@ -32,11 +38,14 @@ from splatwire.packets import (
     SceneStream,
     make_packet,
 )
+from splatwire.packets.limits import TRACKS
 from splatwire.packets.tiers import TierShape
 from splatwire.scene import AnchorLayout
 
 LARGEST = Packetization(block_size=65_535, lanes=1, grouping="contiguous")
 SMALLEST = Packetization(block_size=1, lanes=256, grouping="contiguous")
+CUT = Packetization(block_size=1 << 12, lanes=1, grouping="hashed", packet_bytes=1150)
+"""As clips are packed."""
 SEPARATED = Packetization(block_size=65_535, lanes=1, grouping="contiguous", packaging="separated")
 
 
@@ -64,6 +73,44 @@ def greedy_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream]]:
     yield "separated anchors", of_hacpp(AnchorLayout(), 500_000, 32, SEPARATED, 7)
     yield "separated anchors alone", of_hacpp(AnchorLayout(2, 1, (2,)), 5_000, 8, replace(SEPARATED, block_size=1), 99)
     yield "networks of format 1", of_hacpp(AnchorLayout(), 8_000, 1024, LARGEST, 1)
+
+
+def greedy_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
+    """Clips of at most a megabyte; `real` is a small one, whose tables are taken."""
+    for blocks in (30, 160, 1600):
+        yield f"{blocks} blocks of tracks announced", of_tracks(real, blocks, 64, bases=False, motion=0)
+    yield "tracks that arrive in no bytes", of_tracks(real, 160, 64, bases=True, motion=0)
+    yield "tracks that move in few bytes", of_tracks(real, 20, 64, bases=True, motion=19)
+    yield "tracks that arrive and few of which move", of_tracks(real, 20, 64, bases=True, motion=1)
+
+
+def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: bool, motion: int) -> SceneStream:
+    """A clip of one group: tracks in so many blocks, bases that arrive in no bytes or not at all, packets of motion."""
+    info, num = open_clip(real.manifest, real.side_info), blocks * CUT.block_size
+    base, none = info.bases, np.zeros((blocks, 3), np.int64)
+    boxes = replace(base.boxes, shifts=none[:, 0], origins=none, extents=none)
+    base = replace(base, boxes=boxes, defaults=np.repeat(base.defaults[:1], blocks, axis=0))
+    coder = MotionCoder(*moving_rows(frames), first_new=0, most=60_000)
+    zero = coder.fitted([0, MAX_CANDIDATES])
+    info = replace(info, timeline=Timeline(info.timeline.rate, frames, frames), bases=base, bit_zero=zero, sections={})
+    tiers, sizes = (TierShape(num, 1), TierShape(num, 1)), [CUT.block_size] * blocks
+    stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
+    packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes) if bases]
+    _, payloads, _ = coder.encode(zero, 0, MAX_CANDIDATES)
+    for n in range(motion):
+        block, begin = divmod(n * MAX_CANDIDATES, CUT.block_size)
+        packets.append(make_packet(PacketId(blocks + block, begin), MAX_CANDIDATES, payloads[0], 7))
+    return SceneStream(stream.manifest, stream.side_info, tuple(packets))
+
+
+def moving_rows(frames: int) -> tuple[np.ndarray, ...]:
+    """As many tracks as a packet may speak of, which all do what the first does, in every order."""
+    heads = np.zeros((MAX_CANDIDATES, HEAD), np.int64)
+    heads[:, TRACK], heads[:, STATE], heads[:, ENDS] = np.arange(MAX_CANDIDATES), MOVING, frames
+    targets = np.zeros((MAX_CANDIDATES, NUM_CHANNELS, frames))
+    targets[:, 0, frames - 1] = 1 << 12
+    shifts = np.full((MAX_CANDIDATES, NUM_CHANNELS), 10, np.int64)
+    return heads, np.zeros((MAX_CANDIDATES, 3), np.int64), shifts, targets
 
 
 def of_gaussians(real: SceneStream, packetization: Packetization, num: int, num_packets: int) -> SceneStream:
@@ -138,13 +185,15 @@ def stream_of(
     num_packets: int,
     layout: AnchorLayout | None = None,
     tiers: tuple[TierShape, ...] = (),
+    packets: int | None = None,
 ) -> SceneStream:
-    """A stream whose first packets came, and are empty."""
+    """A stream whose first packets came, and are empty; it announces so many, or one for each block and part."""
     shape = () if layout is None else (layout.feature_dim, layout.num_offsets, layout.feature_groups)
     parts = 2 + len(layout.feature_groups) if packetization.separated and layout else 1
     blocks = math.ceil(num / packetization.block_size)
     manifest = Manifest(
-        packetization=packetization, num_anchors=num, num_packets=blocks * parts, stream_id=7,
+        packetization=packetization, num_anchors=num, stream_id=7,
+        num_packets=blocks * parts if packets is None else packets,
         side_info_bytes=len(side_info), side_info_digest=hashlib.sha256(side_info).hexdigest(),
         symbols_digest="0" * 64, writer="greedy", codec=codec, tiers=tiers,
         **dict(zip(("feature_dim", "num_offsets", "feature_groups"), shape, strict=False)),
@@ -154,8 +203,7 @@ def stream_of(
         block, part = divmod(n, parts)
         if block < blocks:
             names.append(PacketId(block, 0, plan.parts[part]))
-    packets = tuple(make_packet(name, plan.count(name), b"", 7) for name in names)
-    return SceneStream(manifest, side_info, packets)
+    return SceneStream(manifest, side_info, tuple(make_packet(name, plan.count(name), b"", 7) for name in names))
 
 
 def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
@@ -163,6 +211,8 @@ def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
     import resource
 
     from splatwire.cli.inspect import describe
+    from splatwire.clips import ClipDecoder
+    from splatwire.clips.decoding import decode_frames
     from splatwire.codec import ProgressiveDecoder, decode_stream
     from splatwire.conceal import conceal
     from splatwire.errors import SplatwireError
@@ -170,19 +220,35 @@ def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
     from splatwire.scene_io import save_decoded
 
     def progressive(stream: SceneStream) -> None:
+        if stream.manifest.schema.timed:
+            clip = ClipDecoder(stream.manifest, stream.side_info)
+            for packet in stream.packets:
+                clip.push(packet)
+            return
         decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
         for packet in stream.packets:
             decoder.add([packet])
 
     def saved(stream: SceneStream) -> None:
         partial = decode_stream(stream)
+        if stream.manifest.schema.timed:
+            for _ in itertools.islice(decode_frames(partial.scene), 2):
+                pass
+            return
         save_decoded(partial, None, folder / ("out.ply" if stream.manifest.codec == GAUSSIANS else "out.scene"))
+
+    def dropped(stream: SceneStream) -> None:
+        partial = decode_stream(stream)
+        if stream.manifest.schema.timed:
+            next(decode_frames(partial.scene, "drop"))
+        else:
+            conceal(partial, "drop")
 
     works: dict[str, Callable[[Path], object]] = {
         "inspect": describe,
         "progressive": lambda file: progressive(read_stream(file)[0]),
         "decode": lambda file: saved(read_stream(file)[0]),
-        "drop": lambda file: conceal(decode_stream(read_stream(file)[0]), "drop"),
+        "drop": lambda file: dropped(read_stream(file)[0]),
     }
     for work in works.values():
         work(warm)

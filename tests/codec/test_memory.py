@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from greedy import LARGEST, greedy_streams, of_gaussians
+from greedy import LARGEST, greedy_clips, greedy_streams, of_gaussians
 from splatwire.codec import ProgressiveDecoder, decode_stream, memory
 from splatwire.codec.memory import VARIABLE, allocating, check_memory, threads_within
 from splatwire.errors import BitstreamError, InvalidValueError
@@ -28,13 +28,15 @@ def real_gaussians() -> bytes:
 
 @pytest.fixture(scope="module")
 def greedy() -> dict[str, SceneStream]:
-    return dict(greedy_streams(stream_from_bytes(real_gaussians())[0]))
+    clips = greedy_clips(read_stream(GOLDEN / "tiny_clip.swz")[0])
+    return dict([*greedy_streams(stream_from_bytes(real_gaussians())[0]), *clips])
 
 
-@pytest.mark.parametrize("codec", ["gaussians", "causal", "hacpp"])
+@pytest.mark.parametrize("codec", ["gaussians", "causal", "hacpp", "tracks"])
 def test_no_small_stream_takes_much_memory(greedy: dict[str, SceneStream], codec: str, tmp_path: Path) -> None:
     """Inspecting, decoding at once and packet by packet, writing what arrived, leaving out what did not."""
-    warm = {"causal": GOLDEN / "tiny_causal.swz", "hacpp": GOLDEN / "tiny.swz"}.get(codec, tmp_path / "warm.swz")
+    small = {"causal": "tiny_causal.swz", "hacpp": "tiny.swz", "tracks": "tiny_clip.swz"}
+    warm = GOLDEN / small[codec] if codec in small else tmp_path / "warm.swz"
     (tmp_path / "warm.swz").write_bytes(real_gaussians())
     names = [name for name, stream in greedy.items() if stream.manifest.codec == codec]
     for n, name in enumerate(names):

@@ -1,10 +1,12 @@
 """Concealment in time: what a track does whose motion was lost, from the group before and from its neighbours."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.clip import ClipScene, GroupMotion
 
@@ -15,6 +17,8 @@ WILD = 3.0
 """Sum of the magnitudes of weights from which on a plane reaches too far out of its neighbours: their mean is safer."""
 RIDGE = 1e-3
 """How much planes through neighbours are kept level, by the spread of these."""
+AT_ONCE = 1 << 15
+"""Tracks whose neighbours are looked for together."""
 
 
 @dataclass(frozen=True)
@@ -79,15 +83,15 @@ class GroupPoses:
         tracks: They, ascending, int64 (n).
         begins: First frame of each, counted from the group's, int64 (n).
         ends: First frame after each, int64 (n).
-        offsets: See `GroupMotion.offsets`, float32 (n, C, F).
         concealed: Tracks whose motion was lost, bool (n).
+        at: See `GroupMotion.at`, float32 (n, C) of all.
     """
 
     tracks: np.ndarray
     begins: np.ndarray
     ends: np.ndarray
-    offsets: np.ndarray
     concealed: np.ndarray
+    at: Callable[[int], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,17 +138,15 @@ def conceal_group(
         The poses, and what is known when the group ends.
     """
     frames, born = len(clip.timeline.frames_of(group)), clip.tracks.born
-    poses = _arrived(motion, frames)
+    poses = _arrived(motion)
     before = _first_memory(clip) if memory is None else memory.grown(clip.num_gaussians)
     waiting = there & ((born == group) | (before.alive if memory is not None else born < group))
     lost = waiting & ~motion.spoken
     lost[poses.tracks] = False
     who = np.flatnonzero(lost)
-    if motion.unchanged:
-        poses = _joined(poses, _standing(who, frames, poses.offsets.shape[1]))
-    elif len(who):
-        guessed = _guessed(clip, poses, who, before, frames, concealer)
-        poses = _joined(poses, guessed)
+    if len(who):
+        guess = _standing(who) if motion.unchanged else _guess(clip, poses, who, before, frames, concealer)
+        poses = _joined(poses, who, frames, guess, concealed=not motion.unchanged)
     after = _remembered(poses, clip.num_gaussians, frames, before)
     if not concealer.shown:
         poses = _some(poses, ~poses.concealed)
@@ -153,67 +155,99 @@ def conceal_group(
 
 def _first_memory(clip: ClipScene) -> Memory:
     count = clip.num_gaussians
-    zero = np.zeros((count, 13), np.float32)
+    zero = np.zeros((count, NUM_CHANNELS), np.float32)
     return Memory(np.zeros(count, bool), zero, zero, np.zeros(count, bool))
 
 
-def _arrived(motion: GroupMotion, frames: int) -> GroupPoses:
-    offsets = np.zeros((len(motion.tracks), motion.offsets.shape[1], frames), np.float32)
-    offsets[motion.moving] = motion.offsets
-    return GroupPoses(motion.tracks, motion.begins, motion.ends, offsets, np.zeros(len(motion.tracks), bool))
+def _arrived(motion: GroupMotion) -> GroupPoses:
+    def at(frame: int) -> np.ndarray:
+        offsets = np.zeros((len(motion.tracks), NUM_CHANNELS), np.float32)
+        offsets[motion.moving] = motion.at(frame)
+        return offsets
+
+    return GroupPoses(motion.tracks, motion.begins, motion.ends, np.zeros(len(motion.tracks), bool), at)
 
 
-def _standing(who: np.ndarray, frames: int, channels: int) -> GroupPoses:
+_Guess = Callable[[int, np.ndarray], np.ndarray]
+"""Of a frame, and of how those that arrived differ from their bases then: how the others do, float32 (n, C)."""
+
+
+def _standing(who: np.ndarray) -> _Guess:
     """Tracks that stay at their bases."""
-    count = len(who)
-    offsets = np.zeros((count, channels, frames), np.float32)
-    return GroupPoses(who, np.zeros(count, np.int64), np.full(count, frames), offsets, np.zeros(count, bool))
+    return lambda _frame, _arrived: np.zeros((len(who), NUM_CHANNELS), np.float32)
 
 
-def _guessed(
+def _guess(
     clip: ClipScene, arrived: GroupPoses, who: np.ndarray, before: Memory, frames: int, concealer: ClipConcealer,
-) -> GroupPoses:  # fmt: skip
-    """Poses of tracks whose motion was lost."""
-    offsets = np.repeat(before.offsets[who][:, :, None], frames, axis=2)
+) -> _Guess:  # fmt: skip
+    """What tracks do whose motion was lost."""
+    start = before.offsets[who]
     whole = (arrived.begins == 0) & (arrived.ends == frames)
-    if concealer.neighbors and whole.any():
-        # From where they were, unless that is a guess itself: then from their bases, so that errors do not add up.
-        known = ~before.concealed[who]
-        told = np.flatnonzero(whole & ~before.concealed[arrived.tracks])
-        if len(told):
-            offsets[known] += _moves_of_neighbors(clip, arrived, told, who[known], before.offsets, concealer)
-        bases, told = np.zeros_like(before.offsets), np.flatnonzero(whole)
-        offsets[~known] = _moves_of_neighbors(clip, arrived, told, who[~known], bases, concealer)
-    elif concealer.momentum:
-        steps = np.arange(1, frames + 1, dtype=np.float32)
-        offsets[:, PLACE] += concealer.momentum * before.velocity[who][:, PLACE, None] * steps
-    count = len(who)
-    return GroupPoses(who, np.zeros(count, np.int64), np.full(count, frames), offsets, np.ones(count, bool))
+    if not (concealer.neighbors and whole.any()):
+        speed = concealer.momentum * before.velocity[who]
+        speed[:, PLACE.stop :] = 0
+        return lambda frame, _arrived: start + (frame + 1) * speed if concealer.momentum else start
+    # From where they were, unless that is a guess itself: then from their bases, so that errors do not add up.
+    known, parts = ~before.concealed[who], []
+    start[~known] = 0
+    told = np.flatnonzero(whole & ~before.concealed[arrived.tracks])
+    if len(told):
+        parts.append((known, _Neighbors.of(clip, arrived, told, who[known], before.offsets, concealer)))
+    bases, told = np.zeros_like(before.offsets), np.flatnonzero(whole)
+    parts.append((~known, _Neighbors.of(clip, arrived, told, who[~known], bases, concealer)))
+
+    def at(_frame: int, offsets: np.ndarray) -> np.ndarray:
+        found = start.copy()
+        for some, neighbors in parts:
+            found[some] += neighbors.moves(offsets)
+        return found
+
+    return at
 
 
-def _moves_of_neighbors(
-    clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, since: np.ndarray,
-    concealer: ClipConcealer,
-) -> np.ndarray:  # fmt: skip
-    """How the nearest of the tracks that are told about differ from offsets, float32 (T, C): (n, C, F) for `who`."""
-    places = clip.tracks.splats.means.numpy() + since[:, PLACE]
-    mine = arrived.tracks[told]
-    changes = arrived.offsets[told] - since[mine][:, :, None]
-    count = min(concealer.neighbors, len(told))
-    moves = np.zeros((len(who), *changes.shape[1:]), np.float32)
-    if not len(who):
+@dataclass(frozen=True, eq=False)
+class _Neighbors:
+    """Who tells how some tracks move.
+
+    Attributes:
+        told: Rows of the poses that arrived which are asked, int64 (m).
+        since: From where on they are asked how they moved, float32 (m, C).
+        near: Which of them are near to each track, int32 (n, k).
+        weights: How much each of these counts, float32 (n, k).
+    """
+
+    told: np.ndarray
+    since: np.ndarray
+    near: np.ndarray
+    weights: np.ndarray
+
+    @staticmethod
+    def of(
+        clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, since: np.ndarray,
+        concealer: ClipConcealer,
+    ) -> "_Neighbors":  # fmt: skip
+        """The nearest of those that are told about, to the tracks `who`; all where they were `since`, (T, C)."""
+        places = clip.tracks.splats.means.numpy() + since[:, PLACE]
+        mine, count = arrived.tracks[told], min(concealer.neighbors, len(told))
+        near, weights = np.zeros((len(who), count), np.int32), np.zeros((len(who), count), np.float32)
+        weigh, tree = plane_weights if concealer.plane else distance_weights, cKDTree(places[mine])
+        for begin in range(0, len(who), AT_ONCE):
+            some = slice(begin, begin + AT_ONCE)
+            _, found = tree.query(places[who[some]], k=count, workers=-1)
+            near[some] = found.reshape(-1, count)
+            weights[some] = weigh(places[mine][near[some]] - places[who[some]][:, None])
+        return _Neighbors(told, since[mine], near, weights)
+
+    def moves(self, offsets: np.ndarray) -> np.ndarray:
+        """How the tracks move, float32 (n, C), given the offsets of all that arrived, float32 (arrived, C)."""
+        changes, moves = offsets[self.told] - self.since, np.zeros((len(self.near), NUM_CHANNELS), np.float32)
+        low = high = changes[self.near[:, 0]][:, LOOKS]
+        for column in range(self.near.shape[1]):
+            change = changes[self.near[:, column]]
+            moves += self.weights[:, column, None] * change
+            low, high = np.minimum(low, change[:, LOOKS]), np.maximum(high, change[:, LOOKS])
+        moves[:, LOOKS] = moves[:, LOOKS].clip(low, high)  # none grows, shines or reddens more than all around it
         return moves
-    _, near = cKDTree(places[mine]).query(places[who], k=count, workers=-1)
-    near = near.reshape(len(who), count)
-    weigh = plane_weights if concealer.plane else distance_weights
-    weights = weigh(places[mine][near] - places[who][:, None])
-    low, high = changes[near[:, 0]][:, LOOKS], changes[near[:, 0]][:, LOOKS]
-    for column in range(count):
-        change = changes[near[:, column]]
-        moves += weights[:, column, None, None] * change
-        low, high = np.minimum(low, change[:, LOOKS]), np.maximum(high, change[:, LOOKS])
-    moves[:, LOOKS] = moves[:, LOOKS].clip(low, high)  # none grows, shines or reddens more than all around it
-    return moves
 
 
 def distance_weights(offsets: np.ndarray) -> np.ndarray:
@@ -261,20 +295,31 @@ def _remembered(poses: GroupPoses, count: int, frames: int, before: Memory) -> M
     last = poses.ends == frames
     rows = poses.tracks[last]
     alive[rows], concealed[rows] = True, poses.concealed[last]
-    offsets[rows] = poses.offsets[last][:, :, -1]
+    offsets[rows] = poses.at(frames - 1)[last]
     if frames > 1:
-        velocity[rows] = poses.offsets[last][:, :, -1] - poses.offsets[last][:, :, -2]
+        velocity[rows] = offsets[rows] - poses.at(frames - 2)[last]
     return Memory(alive, offsets, velocity, concealed)
 
 
-def _joined(first: GroupPoses, second: GroupPoses) -> GroupPoses:
-    order = np.argsort(np.concatenate([first.tracks, second.tracks]), kind="stable")
+def _joined(first: GroupPoses, who: np.ndarray, frames: int, guess: _Guess, *, concealed: bool) -> GroupPoses:
+    """Those that arrived and others, which are there in all frames, ascending by track."""
+    tracks = np.concatenate([first.tracks, who])
+    order = np.argsort(tracks, kind="stable")
+
+    def at(frame: int) -> np.ndarray:
+        offsets = first.at(frame)
+        return np.concatenate([offsets, guess(frame, offsets)])[order]
+
+    begins, ends = np.zeros(len(who), np.int64), np.full(len(who), frames)
+    guesses = np.concatenate([first.concealed, np.full(len(who), concealed)])
     return GroupPoses(
-        **{name: np.concatenate([values, getattr(second, name)])[order] for name, values in vars(first).items()}
-    )
+        tracks[order], np.concatenate([first.begins, begins])[order], np.concatenate([first.ends, ends])[order],
+        guesses[order], at,
+    )  # fmt: skip
 
 
 def _some(poses: GroupPoses, index: np.ndarray) -> GroupPoses:
     if index.all():
         return poses
-    return GroupPoses(**{name: values[index] for name, values in vars(poses).items()})
+    some = (values[index] for values in (poses.tracks, poses.begins, poses.ends, poses.concealed))
+    return GroupPoses(*some, at=lambda frame: poses.at(frame)[index])

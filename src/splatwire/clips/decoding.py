@@ -141,7 +141,7 @@ def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: Re
     """
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]
-    splats = moved(clip.tracks.splats.select(torch.from_numpy(tracks)), torch.from_numpy(poses.offsets[here, :, index]))
+    splats = moved(clip.tracks.splats.select(torch.from_numpy(tracks)), torch.from_numpy(poses.at(index)[here]))
     scene = SplatScene(splats, background=clip.background)
     if hints is not None:
         opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
@@ -151,7 +151,7 @@ def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: Re
 
 
 def moved(splats: Splats, offsets: Float[Tensor, "n C"]) -> Splats:
-    """Gaussians that differ from these as `splatwire.model.clip.GroupMotion.offsets` says."""
+    """Gaussians that differ from these as `splatwire.model.clip.GroupMotion.at` says."""
     turn, order = offsets[:, 3:6] / 4, (-splats.scales).argsort(dim=1, stable=True)
     square = (turn * turn).sum(dim=1, keepdim=True)
     rotation = torch.cat([1 - square, 2 * turn], dim=1) / (1 + square)

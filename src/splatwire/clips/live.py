@@ -35,6 +35,7 @@ class LiveDecoder:
         self._have: dict[int, int] = {}
         self._next = 0
         self._memory: Memory | None = None
+        self._num_bytes = 0
 
     def grow(self, manifest: Manifest, side_info: bytes) -> Iterator[ClipFrame]:
         """Takes what is said of the clip by now; frames of groups whose time has passed, and what is complete.
@@ -60,6 +61,7 @@ class LiveDecoder:
         """
         assert self._manifest is not None
         for packet in packets:
+            self._num_bytes += packet.num_bytes
             block, plan = packet.id.block, self._manifest.plan
             group = plan.tier_of(block) // 2
             if group < self._next and not plan.lasting(block):
@@ -90,8 +92,9 @@ class LiveDecoder:
     def _group(self, group: int) -> Iterator[ClipFrame]:
         assert self._manifest is not None
         manifest, what = self._manifest, f"decoding {self._manifest.num_anchors:,} tracks"
-        opened = TracksDecoder(manifest, self._side_info, 0)
-        check_memory(opened.scene_bytes, None, what)
+        num_bytes = len(self._side_info) + self._num_bytes
+        opened = TracksDecoder(manifest, self._side_info, num_bytes)
+        check_memory(opened.scene_bytes, num_bytes, what)
         with allocating(what):
             opened.expect(None)
             if self._decoder is not None:

@@ -61,9 +61,10 @@ class GroupMotion:
         moving: Which of them move, bool (n); the others stand where their bases are.
         begins: First frame of each, counted from the group's, int64 (n).
         ends: First frame after each, int64 (n).
-        offsets: How each moving one differs from its base, float64 (moving, C, F): place in world units, rotation
-            (vector of four times the tangent of a quarter of the angle), natural logarithms of scales by falling size
-            and of opacity, red, green and blue of the harmonics' constant.
+        at: How each moving one differs from its base in a frame, counted from the group's first, float64 (moving, C):
+            place in world units, rotation (vector of four times the tangent of a quarter of the angle), natural
+            logarithms of scales by falling size and of opacity, red, green and blue of the harmonics' constant. Frame
+            by frame, so that memory does not grow with the frames of a group.
         spoken: Tracks that packets speak of, bool (T): those of them that are not in `tracks` are gone.
         complete: Whether no packet is missing.
         unchanged: Whether the group has no motion at all: every track stays as it was.
@@ -73,7 +74,7 @@ class GroupMotion:
     moving: np.ndarray
     begins: np.ndarray
     ends: np.ndarray
-    offsets: np.ndarray
+    at: Callable[[int], np.ndarray]
     spoken: np.ndarray
     complete: bool
     unchanged: bool

@@ -14,7 +14,7 @@ from splatwire.codec.schemas.tracks.decoder import decode_motion
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS, STATE
 from splatwire.codec.schemas.tracks.motion_rows import coefficients_of
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
-from splatwire.codec.schemas.tracks.trajectories import Trajectories, offsets_of, targets_of
+from splatwire.codec.schemas.tracks.trajectories import Trajectories, offsets_at, targets_of
 from splatwire.packets import Packet, SceneStream
 
 FRAMES, GROUP = 10, 5
@@ -94,7 +94,7 @@ def test_trajectories_come_back_from_their_coefficients():
     opacities = np.full((200, 6), 0.5, np.float32)
     moves = Trajectories(**stacked, opacities=opacities, colours=np.stack([f.sh[:, 0].numpy() for f in frames], axis=1))
     targets, turns = targets_of(moves, moves.at(np.zeros(200, np.int64)), 30, 0)
-    offsets = offsets_of(np.rint(targets).astype(np.int64), 30, 0)
+    offsets = np.stack([offsets_at(np.rint(targets), 6, frame, 30, 0) for frame in range(6)], axis=2)
     assert turns.max() < 1e-12
     assert np.allclose(offsets[:, :3], (moves.means - moves.means[:, :1]).swapaxes(1, 2), atol=1e-6)
     assert np.allclose(offsets[:, 10:], (moves.colours - moves.colours[:, :1]).swapaxes(1, 2), atol=1e-2)

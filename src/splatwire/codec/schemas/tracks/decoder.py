@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from splatwire.codec.background import read_background
+from splatwire.codec.memory import check_memory
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Rows, Run
 from splatwire.codec.schemas.gaussians.attributes import empty_rows as empty_bases
@@ -29,11 +30,14 @@ from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, empty_ro
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
-from splatwire.codec.schemas.tracks.trajectories import offsets_of
+from splatwire.codec.schemas.tracks.trajectories import offsets_at
 from splatwire.model import Partial
 from splatwire.model.clip import ClipScene, GroupMotion, Tracks
 from splatwire.packets import Manifest, Packet
 from splatwire.scene import Erasures
+
+SHOWN_BYTES = 768
+"""Of memory, what a track takes while a group is concealed and its frames are made, beside its base and its motion."""
 
 
 class TracksDecoder:
@@ -58,8 +62,8 @@ class TracksDecoder:
         self.sections = info.sections
         self._spans = _Spans(info, manifest)
         self._num_tracks = sum(group.births for group in info.groups)
-        degree = info.bases.degree
-        self.scene_bytes = self._num_tracks * (4 * (11 + 3 * (degree + 1) ** 2) + 8 * int(COLUMNS) + 8) + self._num
+        self._num_bytes, side = num_bytes, 3 * (info.bases.degree + 1) ** 2
+        self.scene_bytes = self._num_tracks * (4 * (11 + side) + 8 * int(COLUMNS) + 8 + SHOWN_BYTES) + self._num
         frames = info.timeline.group_frames
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.bases.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
@@ -75,6 +79,7 @@ class TracksDecoder:
         self._received = torch.zeros(self._num_tracks, dtype=torch.bool)
         self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
         self._packets: dict[int, tuple[Packet, ...]] = {}
+        self._sizes: dict[int, int] = {}
 
     def take_over(self, other: "TracksDecoder") -> None:
         """Goes on from what a decoder of the same stream had when it was shorter; call `expect` first."""
@@ -95,6 +100,7 @@ class TracksDecoder:
         """See `Decoder.store`: of motion the packets are kept, which are a hundredth of what is in them."""
         _, base = self._spans.of(run.block)
         self._erasures.received[torch.from_numpy(run.ranks)] = True
+        self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
         if base is None:
             self._packets[run.block] = run.packets
             return
@@ -122,9 +128,14 @@ class TracksDecoder:
         return Partial(clip, self._erasures, concealer_sections(self.sections))
 
     def _motion(self, group: int, there: np.ndarray) -> GroupMotion:
-        """What arrived of a group's motion, of tracks whose bases are there."""
-        frames, blocks = len(self.info.timeline.frames_of(group)), self._spans.motion_blocks(group)
-        heads, offsets, spoken, num = [], [], np.zeros(self._num_tracks, bool), 0
+        """What arrived of a group's motion, of tracks whose bases are there.
+
+        Raises:
+            BitstreamError: If it takes more memory than a stream of so many bytes may.
+        """
+        blocks, bases, time = self._spans.motion_blocks(group), self.info.bases, self.info.timeline
+        heads, moves, spoken, num, held = [], [], np.zeros(self._num_tracks, bool), 0, self.scene_bytes
+        num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
             counts = np.array([packet.num_anchors])
             rows, residuals = decode_motion(self.info, group, counts, [packet.payload], self._spans.first_new[group])
@@ -136,13 +147,25 @@ class TracksDecoder:
                 continue  # until its bases are there
             spoken[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
             own = self._rows[rows[:, TRACK]]
-            shifts = motion_shifts(own, self.info.bases, self.info.coarser)
-            coefficients = coefficients_of(rows, residuals, own[:, :3], shifts)
+            shifts = motion_shifts(own, bases, self.info.coarser)
             heads.append(rows)
-            offsets.append(offsets_of(coefficients, self.info.bases.unit, self.info.bases.size_log))
-        joined = np.concatenate([np.zeros((0, HEAD), np.int64), *heads])
-        moves = np.concatenate([np.zeros((0, NUM_CHANNELS, frames)), *offsets])
-        return _sorted(joined, moves, frames, spoken, num == self.info.groups[group].motions, not blocks)
+            moves.append(_in_use(coefficients_of(rows, residuals, own[:, :3], shifts)))
+            held += rows.nbytes + moves[-1].nbytes
+            check_memory(held, num_bytes, f"the motion of {num:,} tracks")
+        frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
+
+        def offsets(frame: int) -> np.ndarray:
+            some = (offsets_at(move, frames, frame, bases.unit, bases.size_log) for move in moves)
+            return np.concatenate([np.zeros((0, NUM_CHANNELS)), *some])
+
+        return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, frames, spoken, complete,
+                       not blocks)  # fmt: skip
+
+
+def _in_use(coefficients: np.ndarray) -> np.ndarray:
+    """Coefficients up to the last order that any of them has, float32 (n, C, K): most have few."""
+    used = np.flatnonzero(coefficients.any(axis=(0, 1)))
+    return coefficients[:, :, : used[-1] + 1 if len(used) else 0].astype(np.float32)
 
 
 def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[np.ndarray, np.ndarray]:
@@ -152,16 +175,17 @@ def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[n
 
 
 def _sorted(
-    heads: np.ndarray, moves: np.ndarray, frames: int, spoken: np.ndarray, complete: bool, unchanged: bool
-) -> GroupMotion:
+    heads: np.ndarray, offsets: Callable[[int], np.ndarray], frames: int, spoken: np.ndarray, complete: bool,
+    unchanged: bool,
+) -> GroupMotion:  # fmt: skip
     """Puts tracks of all packets in order; of one that is there twice the first counts."""
     tracks, first = np.unique(heads[:, TRACK], return_index=True)
     moving = heads[:, STATE] == MOVING
     row_of = np.cumsum(moving) - 1
-    some = heads[first]
+    some, wanted = heads[first], row_of[first][moving[first]]
     begins = np.clip(some[:, BEGINS], 0, frames - 1)
     return GroupMotion(
-        tracks, moving[first], begins, np.clip(some[:, ENDS], begins, frames), moves[row_of[first][moving[first]]],
+        tracks, moving[first], begins, np.clip(some[:, ENDS], begins, frames), lambda frame: offsets(frame)[wanted],
         spoken, complete, unchanged,
     )  # fmt: skip
 

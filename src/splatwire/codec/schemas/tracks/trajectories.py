@@ -74,19 +74,21 @@ def targets_of(moves: Trajectories, bases: Trajectories, unit: int, size_log: in
     return values @ polynomials(moves.num_frames), np.linalg.norm(turns, axis=2).max(axis=1, initial=0.0)
 
 
-def offsets_of(coefficients: np.ndarray, unit: int, size_log: int) -> np.ndarray:
-    """What coefficients do to bases, float64 (n, C, F) as in `splatwire.model.clip.GroupMotion.offsets`.
+def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, size_log: int) -> np.ndarray:
+    """What coefficients do to bases in one frame, float64 (n, C) as in `splatwire.model.clip.GroupMotion.at`.
 
     Args:
-        coefficients: int64 (n, C, F).
+        coefficients: (n, C, K), the first K of a group; the others are 0.
+        frames: Frames of the group.
+        frame: Which of them.
         unit: As for `targets_of`.
         size_log: As there.
     """
-    values = coefficients.astype(np.float64) @ polynomials(coefficients.shape[2]).T
+    values = coefficients @ polynomials(frames)[frame, : coefficients.shape[2]]
     values[:, :3] = np.ldexp(values[:, :3], size_log - unit - 1)
     values[:, 3:6] /= _TURN
     values[:, 6:10] *= np.log(2.0) / _FIXED
-    values[:, 10:] = np.einsum("nkf,kc->ncf", values[:, 10:] / (_FIXED * DC), LUMA_CHROMA)
+    values[:, 10:] = values[:, 10:] / (_FIXED * DC) @ LUMA_CHROMA
     return values
 
 
