@@ -4,21 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from splatwire.clips.neighbors import PLACE, Neighbors
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.clip import ClipScene, GroupMotion
-
-PLACE, LOOKS = slice(0, 3), slice(6, None)
-NEAREST = 0.1
-"""A neighbour counts no more than one at a third of the mean distance does."""
-WILD = 3.0
-"""Sum of the magnitudes of weights from which on a plane reaches too far out of its neighbours: their mean is safer."""
-RIDGE = 1e-3
-"""How much planes through neighbours are kept level, by the spread of these."""
-AT_ONCE = 1 << 15
-"""Tracks whose neighbours are looked for together."""
 
 
 @dataclass(frozen=True)
@@ -188,13 +178,17 @@ def _guess(
         speed[:, PLACE.stop :] = 0
         return lambda frame, _arrived: start + (frame + 1) * speed if concealer.momentum else start
     # From where they were, unless that is a guess itself: then from their bases, so that errors do not add up.
-    known, parts = ~before.concealed[who], []
+    known, parts, means = ~before.concealed[who], [], clip.tracks.splats.means.numpy()
+
+    def ask(told: np.ndarray, who: np.ndarray, since: np.ndarray) -> Neighbors:
+        return Neighbors.of(means, arrived.tracks, told, who, since, concealer.neighbors, plane=concealer.plane)
+
     start[~known] = 0
     told = np.flatnonzero(whole & ~before.concealed[arrived.tracks])
     if len(told):
-        parts.append((known, _Neighbors.of(clip, arrived, told, who[known], before.offsets, concealer)))
+        parts.append((known, ask(told, who[known], before.offsets)))
     bases, told = np.zeros_like(before.offsets), np.flatnonzero(whole)
-    parts.append((~known, _Neighbors.of(clip, arrived, told, who[~known], bases, concealer)))
+    parts.append((~known, ask(told, who[~known], bases)))
 
     def at(_frame: int, offsets: np.ndarray) -> np.ndarray:
         found = start.copy()
@@ -203,89 +197,6 @@ def _guess(
         return found
 
     return at
-
-
-@dataclass(frozen=True, eq=False)
-class _Neighbors:
-    """Who tells how some tracks move.
-
-    Attributes:
-        told: Rows of the poses that arrived which are asked, int64 (m).
-        since: From where on they are asked how they moved, float32 (m, C).
-        near: Which of them are near to each track, int32 (n, k).
-        weights: How much each of these counts, float32 (n, k).
-    """
-
-    told: np.ndarray
-    since: np.ndarray
-    near: np.ndarray
-    weights: np.ndarray
-
-    @staticmethod
-    def of(
-        clip: ClipScene, arrived: GroupPoses, told: np.ndarray, who: np.ndarray, since: np.ndarray,
-        concealer: ClipConcealer,
-    ) -> "_Neighbors":  # fmt: skip
-        """The nearest of those that are told about, to the tracks `who`; all where they were `since`, (T, C)."""
-        places = clip.tracks.splats.means.numpy() + since[:, PLACE]
-        mine, count = arrived.tracks[told], min(concealer.neighbors, len(told))
-        near, weights = np.zeros((len(who), count), np.int32), np.zeros((len(who), count), np.float32)
-        weigh, tree = plane_weights if concealer.plane else distance_weights, cKDTree(places[mine])
-        for begin in range(0, len(who), AT_ONCE):
-            some = slice(begin, begin + AT_ONCE)
-            _, found = tree.query(places[who[some]], k=count, workers=-1)
-            near[some] = found.reshape(-1, count)
-            weights[some] = weigh(places[mine][near[some]] - places[who[some]][:, None])
-        return _Neighbors(told, since[mine], near, weights)
-
-    def moves(self, offsets: np.ndarray) -> np.ndarray:
-        """How the tracks move, float32 (n, C), given the offsets of all that arrived, float32 (arrived, C)."""
-        changes, moves = offsets[self.told] - self.since, np.zeros((len(self.near), NUM_CHANNELS), np.float32)
-        low = high = changes[self.near[:, 0]][:, LOOKS]
-        for column in range(self.near.shape[1]):
-            change = changes[self.near[:, column]]
-            moves += self.weights[:, column, None] * change
-            low, high = np.minimum(low, change[:, LOOKS]), np.maximum(high, change[:, LOOKS])
-        moves[:, LOOKS] = moves[:, LOOKS].clip(low, high)  # none grows, shines or reddens more than all around it
-        return moves
-
-
-def distance_weights(offsets: np.ndarray) -> np.ndarray:
-    """Weights by inverse squared distance (Shepard, 1968); as `plane_weights`."""
-    return _closeness((offsets.astype(np.float64) ** 2).sum(axis=2))[0].astype(np.float32)
-
-
-def _closeness(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights by inverse squared distance that add up to one, (n, k), and the mean squared distance, (n, 1)."""
-    scale = square.mean(axis=1, keepdims=True) + 1e-30
-    near = 1 / (square / scale + NEAREST)
-    return near / near.sum(axis=1, keepdims=True), scale
-
-
-def plane_weights(offsets: np.ndarray) -> np.ndarray:
-    """Weights that give a smooth motion's value here from its neighbours': of the plane that fits them best.
-
-    What turns or grows as a whole moves as a linear function of place, of which a weighted mean of neighbours on one
-    side is wrong and a plane is right. Near neighbours count more, by inverse squared distance.
-
-    Args:
-        offsets: Where neighbours are from here, (n, k, 3).
-
-    Returns:
-        float32 (n, k); each row adds up to one.
-    """
-    offsets = offsets.astype(np.float64)
-    near, scale = _closeness((offsets**2).sum(axis=2))
-    offsets /= np.sqrt(scale)[:, :, None]
-    middle = np.einsum("nk,nka->na", near, offsets)
-    apart = offsets - middle[:, None]
-    spread = np.einsum("nk,nka,nkb->nab", near, apart, apart)
-    spread += (RIDGE * np.trace(spread, axis1=1, axis2=2) + 1e-12)[:, None, None] * np.eye(3)
-    slope = np.linalg.solve(spread, middle[:, :, None])
-    weights = near * (1 - np.einsum("nka,na->nk", apart, slope[:, :, 0]))
-    wild = np.abs(weights).sum(axis=1) > WILD
-    weights[wild] = near[wild]
-    return weights.astype(np.float32)
 
 
 def _remembered(poses: GroupPoses, count: int, frames: int, before: Memory) -> Memory:
@@ -321,5 +232,5 @@ def _joined(first: GroupPoses, who: np.ndarray, frames: int, guess: _Guess, *, c
 def _some(poses: GroupPoses, index: np.ndarray) -> GroupPoses:
     if index.all():
         return poses
-    some = (values[index] for values in (poses.tracks, poses.begins, poses.ends, poses.concealed))
-    return GroupPoses(*some, at=lambda frame: poses.at(frame)[index])
+    tracks, begins, ends, concealed = (v[index] for v in (poses.tracks, poses.begins, poses.ends, poses.concealed))
+    return GroupPoses(tracks, begins, ends, concealed, lambda frame: poses.at(frame)[index])

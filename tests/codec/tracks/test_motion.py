@@ -8,7 +8,7 @@ import pytest
 from moving_clips import moving_frames
 from reference.motion_packets import ReferenceMotion, coefficients
 from splatwire.clips import ClipOptions, encode_clip
-from splatwire.clips.concealment import distance_weights, plane_weights
+from splatwire.clips.neighbors import distance_weights, plane_weights
 from splatwire.codec.schemas.tracks.basis import polynomials
 from splatwire.codec.schemas.tracks.decoder import decode_motion
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS, STATE
