@@ -22,6 +22,8 @@ def check_concealed(page: Browser, url: str, stream: SceneStream, least: float) 
     """Half of a stream's packets: the page at that address conceals what is missing as Python does."""
     page.open(url)
     page.wait_for(f"{ELEMENT}?.status && {ELEMENT}.status.finished && {ELEMENT}.status.gaussians > 0", 60)
+    best = "sketch" if "sketch" in concealers_of(stream) else "grow"
+    assert page.evaluate(f"{ELEMENT}.panel.settings.concealer") == best
     pictures = [check_pictures(page, stream, least, name) for name in ("drop", *concealers_of(stream))]
     assert len(set(pictures)) == len(pictures), "two concealers draw the same"
 

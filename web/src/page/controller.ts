@@ -91,7 +91,7 @@ export class Controller {
       this.panel.element.hidden = value === "none";
       this.panel.open = value === "open";
     }
-    if (name === "concealer") this.panel.set({ concealer: value ?? "grow" });
+    if (name === "concealer") this.panel.offer(this.panel.concealers, value);
     if (name === "up" && !this.stage.orbit.placed) this.stage.orbit.upIs(value === "y");
     if (name === "viewpoint") this.#viewpoint(true);
     this.stage.touch();

@@ -84,9 +84,9 @@ export class SplatWire extends HTMLElement {
     this.setAttribute("fingerprint", value);
   }
 
-  /** What hides losses: `drop`, `grow`, `scene_free`, `sketch`. */
+  /** What hides losses: `drop`, `grow`, `scene_free`, `sketch`; "" for `sketch` if there is one, else `grow`. */
   get concealer(): string {
-    return this.getAttribute("concealer") ?? "grow";
+    return this.getAttribute("concealer") ?? "";
   }
 
   set concealer(value: string) {

@@ -43,6 +43,7 @@ export class Panel {
   readonly #choice = make("select", { "aria-label": "concealer" });
   readonly #sliders = new Map<Slider, { slider: HTMLInputElement; told: HTMLElement }>();
   #playing = 0;
+  #chosen: string | null = null;
 
   /**
    * `changed` is called with every change of the settings; `copies` gives texts for the clipboard by the words on their
@@ -93,14 +94,15 @@ export class Panel {
   }
 
   /**
-   * Lists the concealers that there are for a stream, and says which it lacks; a choice that is none of them gives way
-   * to `grow`.
+   * Lists the concealers that there are for a stream, and says which it lacks. Where nobody chose, or chose none of
+   * these, it is `sketch`, on which the sender spent bytes, or `grow`.
    */
-  offer(names: readonly string[]): void {
+  offer(names: readonly string[], chosen = this.#chosen): void {
     this.#list(names);
     if (names.includes("grow") && !names.includes("sketch"))
       this.#choice.append(make("option", { value: "sketch", disabled: "" }, "sketch (the stream has none)"));
-    this.set(names.includes(this.settings.concealer) ? {} : { concealer: names.includes("grow") ? "grow" : names[0] });
+    this.set({ concealer: [chosen, "sketch", "grow"].find((name) => name && names.includes(name)) ?? names[0] });
+    this.#chosen = chosen;
   }
 
   /** Whether the laboratory is open. */
@@ -124,6 +126,7 @@ export class Panel {
 
   set(some: Partial<Settings>): void {
     this.settings = { ...this.settings, ...some };
+    this.#chosen = some.concealer ?? this.#chosen;
     this.#choice.value = this.settings.concealer;
     for (const [name, { slider, told }] of this.#sliders) {
       const value = this.settings[name];
