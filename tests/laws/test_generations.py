@@ -11,14 +11,18 @@ import torch
 
 from scenes import tiny_causal_scene, tiny_scene
 from splatwire.codec import add_concealment, decode_stream, encode_scene, repack
+from splatwire.codec.schemas.gaussians.coding import coding_to_bytes
 from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
 from splatwire.codec.schemas.gaussians.decoder import open_side_info
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.formats import PlyNote, write_splats
 from splatwire.model import AnchorScene, Copies, SplatScene
 from splatwire.model.appearance import Scene
 from splatwire.model.scene_file import load_scene, save_partial, save_scene
 from splatwire.packets import PRESETS, Packetization, SceneStream, spread_packetization, stream_from_bytes
 from splatwire.scene.splats import Splats
+from splatwire.scene_io import open_scene
+from splatwire.scene_io import save_scene as save_scene_as
 
 ANCHORS = {"hacpp": tiny_scene(5, 300), "causal": tiny_causal_scene(5, 300)}
 PACKETIZATIONS = {
@@ -167,6 +171,48 @@ def test_decoded_gaussians_encode_to_the_same_integers(degree: int, quality: str
     assert np.array_equal(ordered(again)[1], ordered(first)[1])
     assert abs(again.num_bytes - first.num_bytes) <= 0.005 * first.num_bytes
     assert digest(encode_scene(decode_stream(again).scene, PACKETIZATIONS["few"])) == digest(first)
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_decoded_gaussians_are_a_fixed_point_through_a_ply(degree: int, tmp_path: Path) -> None:
+    """Those that arrived, and all; who changes a row of the file has Gaussians that nobody rounded."""
+    scene, classes = gaussians(degree)
+    first, path = encode_scene(scene, PACKETIZATIONS["few"], classes=classes), tmp_path / "decoded.ply"
+    save_scene_as(decode_stream(first), path)
+    assert digest(encode_scene(open_scene(path), PACKETIZATIONS["few"])) == digest(first)
+    some = decode_stream(first.with_packets(first.packets[::2]))
+    save_scene_as(some, path)
+    again = ordered(encode_scene(open_scene(path), PACKETIZATIONS["few"]))[0]
+    received = some.scene.elements.select(some.erasures.received.all(dim=1))
+    assert set(map(bytes, again[:, :3])) == set(map(bytes, received.means.numpy()))
+    assert set(map(bytes, again[:, 7:10])) == set(map(bytes, received.scales.numpy()))
+    raw = bytearray(path.read_bytes())
+    raw[-100] ^= 1
+    path.write_bytes(raw)
+    changed = open_scene(path)
+    assert isinstance(changed, SplatScene)
+    assert changed.coding is None
+
+
+def test_whatever_a_ply_says_that_gaussians_were_rounded_to(tmp_path: Path) -> None:
+    scene, _ = gaussians(1)
+    rng, path, refused = np.random.default_rng(0), tmp_path / "scene.ply", 0
+    coding = decode_stream(encode_scene(scene, PACKETIZATIONS["few"])).scene.coding
+    good = np.frombuffer(coding_to_bytes(coding), np.uint8)
+    for case in range(120):
+        content, marks = good.copy(), coding.classes.numpy().copy()
+        at = rng.integers(len(good) if case % 2 else 16)
+        content[at] = rng.choice([0, 1, 63, 64, 127, 128, 255])
+        if case % 5 == 0:
+            marks[rng.integers(400)] = rng.integers(256)
+        write_splats([scene.splats], path, PlyNote(content.tobytes(), marks))
+        try:
+            found = decode_stream(encode_scene(open_scene(path), PACKETIZATIONS["few"])).scene.elements
+        except SplatwireError:
+            refused += 1
+        else:
+            assert all(bool(values.isfinite().all()) for values in vars(found).values())
+    assert 0 < refused < 120
 
 
 @pytest.mark.parametrize("packets", PACKETIZATIONS)

@@ -24,6 +24,7 @@ from splatwire.files.kinds import (
     file_kind,
     is_not,
 )
+from splatwire.formats._ply_note import PlyNote
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
 from splatwire.formats.gltf import read_gltf
@@ -141,13 +142,14 @@ def writer_for(path: str | os.PathLike[str]) -> Writer:
     raise UnknownNameError("format of explicit Gaussians", name, WRITERS)
 
 
-def write_splats(parts: Iterable[Splats], path: Path) -> int:
+def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = None) -> int:
     """Writes explicit Gaussians in the format that the end of the file's name says (`WRITERS`).
 
     Args:
         parts: The Gaussians, all of one degree; may be a generator: PLY and `.splat` are written part by
             part.
         path: The file; it appears under its name when it is complete.
+        note: What is noted of them, in a PLY; other formats have no room for it.
 
     Returns:
         How many Gaussians were written.
@@ -157,4 +159,5 @@ def write_splats(parts: Iterable[Splats], path: Path) -> int:
         InvalidValueError: If there is none, a number is not finite, or degrees differ.
         OSError: If the file cannot be written.
     """
-    return writer_for(path)(parts, path)
+    writer = writer_for(path)
+    return write_ply(parts, path, note) if writer is write_ply else writer(parts, path)

@@ -5,6 +5,7 @@ all coefficients of red, then green, then blue, `opacity` is a logit, `scale` a 
 (w, x, y, z).
 """
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from scipy.special import expit
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count, filled
+from splatwire.formats._ply_note import DIGEST_DIGITS, PlyNote, marked
 from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import degree_of
 from splatwire.scene.splats import ROWS, Splats
@@ -64,21 +66,25 @@ def _some(vertices: PlyElement, num_rest: int) -> Splats:
     )
 
 
-def write_ply(parts: Iterable[Splats], path: Path) -> int:
+def write_ply(parts: Iterable[Splats], path: Path, note: PlyNote | None = None) -> int:
     """Writes Gaussians part by part, so that they never have to be in memory together.
 
     Normals are written as 0, opacities are kept a millionth from 0 and 1. See `splatwire.formats.write_splats`.
     """
-    count, degree = 0, 0
+    count, degree, digest = 0, 0, hashlib.sha256()
     with written_whole(path) as unfinished, unfinished.open("wb") as file:
         for part in filled(path, parts):
             if not count:
                 degree = part.degree
-                file.write(_header(0, degree))
-            file.write(_rows(part).astype("<f4").tobytes())
-            count += part.num_gaussians
+                file.write(_header(0, degree, note, digest.hexdigest()))
+            rows, end = _rows(part), count + part.num_gaussians
+            rows = rows if note is None else marked(rows, note.marks[count:end])
+            data = rows.astype("<f4").tobytes()
+            digest.update(data)
+            file.write(data)
+            count = end
         file.seek(0)
-        file.write(_header(count, degree))
+        file.write(_header(count, degree, note, digest.hexdigest()))
     return count
 
 
@@ -95,10 +101,11 @@ def property_names(degree: int) -> list[str]:
     ]
 
 
-def _header(count: int, degree: int) -> bytes:
+def _header(count: int, degree: int, note: PlyNote | None, digest: str) -> bytes:
     """The header; a comment fills it up, so that it is equally long whatever the count."""
     digits = str(count)
     lines = ["ply", "format binary_little_endian 1.0", "comment splatwire" + "." * (_COUNT_DIGITS - len(digits))]
+    lines += [] if note is None else [note.line(digest[:DIGEST_DIGITS])]
     lines += [f"element vertex {digits}", *(f"property float {name}" for name in property_names(degree))]
     return ("\n".join(lines) + "\nend_header\n").encode("ascii")
 

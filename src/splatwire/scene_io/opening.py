@@ -6,16 +6,18 @@ from pathlib import Path
 
 from splatwire.codec import decode_stream
 from splatwire.codec.background import background_of
+from splatwire.codec.schemas.gaussians.coding import coding_from_bytes
 from splatwire.conceal import Concealer, concealed, create_concealer
 from splatwire.errors import BitstreamError
-from splatwire.files.kinds import SCENE_FILES, SOG_LEVELS, STREAMS, Kind, file_kind, is_not
-from splatwire.formats import format_of, read_splats
-from splatwire.model import SplatScene
+from splatwire.files.kinds import SCENE_FILES, SOG_LEVELS, SPLATS_PLY, STREAMS, Kind, file_kind, is_not
+from splatwire.formats import format_of, read_note, read_splats
+from splatwire.model import SplatCoding, SplatScene
 from splatwire.model.appearance import Partial, Scene, scene_of
 from splatwire.model.scene_file import load_background, load_scene_file
 from splatwire.packets import read_stream
 from splatwire.scene import Erasures
 from splatwire.scene.background import BLACK, Background
+from splatwire.scene.splats import Splats
 
 _WANTED = "a scene file, stream or file of explicit Gaussians"
 
@@ -119,13 +121,22 @@ def background_of_file(path: Path) -> Background:
 
 def _read(path: Path, kind: Kind) -> SceneFile:
     if format_of(kind) is not None:
-        return SceneFile(kind, SplatScene(read_splats(path)), None)
+        splats = read_splats(path)
+        return SceneFile(kind, SplatScene(splats, coding=_coding(path, kind, splats)), None)
     if kind in STREAMS:
         partial = decode_stream(read_stream(path)[0].still(path))
         return SceneFile(kind, partial, partial.erasures)
     if kind in SCENE_FILES:
         return SceneFile(kind, *load_scene_file(path))
     raise BitstreamError(is_not(path, _WANTED))
+
+
+def _coding(path: Path, kind: Kind, splats: Splats) -> SplatCoding | None:
+    """What the Gaussians of a PLY were rounded to, if it says so."""
+    note = read_note(path) if kind is SPLATS_PLY else None
+    if note is None or len(note.marks) != splats.num_gaussians:
+        return None
+    return coding_from_bytes(note.content, note.marks, splats.degree)
 
 
 def _has_gaps(path: Path, lost: int, what: str) -> BitstreamError:

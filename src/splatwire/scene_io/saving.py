@@ -3,11 +3,12 @@
 import os
 from pathlib import Path
 
+from splatwire.codec.schemas.gaussians.coding import coding_to_bytes
 from splatwire.conceal import Concealer, conceal
 from splatwire.errors import InvalidValueError
-from splatwire.formats import write_splats
+from splatwire.formats import PlyNote, write_splats
 from splatwire.formats.kinds import READERS, WRITERS
-from splatwire.model import Partial, Prior
+from splatwire.model import Partial, Prior, SplatCoding
 from splatwire.model.appearance import Scene, explicit_gaussians
 from splatwire.model.scene_file import save_partial
 from splatwire.model.scene_file import save_scene as save_anchors
@@ -24,7 +25,8 @@ def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures
     Args:
         scene: Anchors become a scene file, exactly, with their gaps if they have some. Explicit Gaussians are written
             in the format that the end of the name says (`.ply`, `.compressed.ply`, `.spz`, `.sog`, `.splat`), as they
-            are drawn: those that were lost or that a concealer leaves out are not in it.
+            are drawn: those that were lost or that a concealer leaves out are not in it. A `.ply` of decoded ones
+            keeps what they were rounded to, so that they are encoded to the same integers again.
         path: The file.
         erasures: What had been received before losses were concealed; a scene file keeps it for the record.
 
@@ -37,7 +39,7 @@ def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures
     if isinstance(scene, Partial) and scene.find(Prior) is None:
         scene = conceal(scene, "drop")
     if not isinstance(scene, Partial) and (splats := explicit_gaussians(scene)) is not None:
-        write_splats([splats], target)
+        write_splats([splats], target, _note_of(scene))
         return
     if target.name.lower().endswith(_OTHERS):
         raise InvalidValueError(
@@ -48,6 +50,18 @@ def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures
         save_partial(scene, target)
     else:
         save_anchors(scene, target, erasures=erasures)
+
+
+def _note_of(scene: Scene) -> PlyNote | None:
+    """What decoded Gaussians were rounded to, if they are drawn as they were decoded."""
+    coding: SplatCoding | None = getattr(scene, "coding", None)
+    if coding is None:
+        return None
+    if scene.hints is not None:
+        if scene.hints.opacity_gain is not None or not bool((scene.hints.size_gain == 1).all()):
+            return None
+        coding = coding.select(~scene.hints.left_out)
+    return PlyNote(coding_to_bytes(coding), coding.classes.numpy())
 
 
 def save_decoded(partial: Partial, concealer: Concealer | None, path: Path) -> Scene:

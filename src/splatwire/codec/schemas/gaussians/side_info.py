@@ -1,6 +1,7 @@
 """Side information of Gaussians: steps, boxes of blocks, tables of contexts, and named sections (docs/format.md)."""
 
 import functools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -25,6 +26,7 @@ from splatwire.entropy.coder import decode_bits, encode_bits, fresh_models, tabl
 from splatwire.entropy.integers import read_integers, write_integers
 from splatwire.entropy.tables import NUM_SCALES
 from splatwire.errors import BitstreamError, UnsupportedVersionError
+from splatwire.model import SplatCoding
 from splatwire.packets.limits import GAUSSIANS, MAX_DEGREE, MAX_SIZE_LOG, SCHEMAS
 from splatwire.packets.sections import read_sections, write_sections
 
@@ -95,7 +97,7 @@ class SideInfo:
 def write_side_info(info: SideInfo) -> bytes:
     """Writes side information."""
     writer = ByteWriter()
-    for part in (_header(info), write_blocks(info.boxes, info.defaults), _contexts(info)):
+    for part in (write_header(info), write_blocks(info.boxes, info.defaults), _contexts(info)):
         writer.blob(part)
     return writer.bytes() + write_sections(info.sections)
 
@@ -114,25 +116,32 @@ def read_side_info(data: bytes, num_blocks: int) -> SideInfo:
     reader = ByteReader(data, "side information")
     header, blocks, contexts = (reader.blob() for _ in SCHEMAS[GAUSSIANS].sections)
     sections = read_sections(reader.rest())
-    fields = _read_header(header)
+    fields = read_header(header)
     boxes, defaults = read_blocks(blocks, num_blocks)
     return SideInfo(*fields, boxes, defaults, *_read_contexts(contexts, fields[0]), sections)
 
 
-def _header(info: SideInfo) -> bytes:
+def write_header(of: SideInfo | SplatCoding) -> bytes:
+    """Writes the steps that Gaussians are rounded to."""
     writer = ByteWriter()
-    writer.u8(RELATIVE if info.coarsest < 0 else VERSION)
-    writer.u8(info.degree)
-    writer.signed(info.size_log)
-    writer.signed(info.unit)
-    for base in info.bases.tolist():
+    writer.u8(RELATIVE if of.coarsest < 0 else VERSION)
+    writer.u8(math.isqrt(len(of.transform) + 1) - 1)
+    writer.signed(of.size_log)
+    writer.signed(of.unit)
+    for base in map(int, of.bases):
         writer.signed(base)
-    if info.coarsest >= 0:
-        writer.u8(info.coarsest)
-    return writer.bytes() + info.transform.astype(np.int8).tobytes()
+    if of.coarsest >= 0:
+        writer.u8(of.coarsest)
+    return writer.bytes() + np.asarray(of.transform).astype(np.int8).tobytes()
 
 
-def _read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray]:
+def read_header(data: bytes) -> tuple[int, int, int, np.ndarray, int, np.ndarray]:
+    """Reads degree, size, unit, bases, coarsest cell and transform (see `SideInfo`); the inverse of `write_header`.
+
+    Raises:
+        UnsupportedVersionError: If a newer release wrote it.
+        BitstreamError: If the bytes are damaged or something else.
+    """
     reader = ByteReader(data, "side information header")
     version = reader.u8()
     if version not in (RELATIVE, VERSION):
