@@ -235,7 +235,7 @@ def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
             for _ in itertools.islice(decode_frames(partial.scene), 2):
                 pass
             return
-        save_decoded(partial, None, folder / ("out.ply" if stream.manifest.codec == GAUSSIANS else "out.scene"))
+        save_decoded(partial, None, folder / ("out.ply" if stream.manifest.schema.explicit else "out.scene"))
 
     def dropped(stream: SceneStream) -> None:
         partial = decode_stream(stream)

@@ -1,17 +1,20 @@
 """Clips that grow while they are watched: nothing but time tells them from clips that are there."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 import torch
 
+from greedy import of_tracks
 from live_path import FRAME_RATE, STREAM_ID, LivePath
 from moving_clips import moving_frames
 from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
 from splatwire.clips.live import LiveDecoder
 from splatwire.codec import decode_stream
+from splatwire.codec.memory import VARIABLE
 from splatwire.errors import BitstreamError, InvalidValueError
-from splatwire.packets import packet_from_bytes
+from splatwire.packets import packet_from_bytes, read_stream
 from splatwire.packets.tiers import TierShape
 from splatwire.transport import Receiver
 from splatwire.transport.broadcast import PROTECTION, Broadcast
@@ -186,3 +189,13 @@ def test_codes_of_groups_keep_their_numbers_and_a_part_is_the_dearest(frames):
         outside = worth[start + own.size :]
         assert inside
         assert not outside or min(inside) >= max(outside)
+
+
+def test_a_clip_that_announces_millions_takes_no_memory():
+    real, _ = read_stream(Path(__file__).parents[1] / "golden" / "tiny_clip.swz")
+    greedy = of_tracks(real, 1600, 64, bases=False, motion=1)
+    decoder = LiveDecoder()
+    assert list(decoder.grow(greedy.manifest, greedy.side_info)) == []
+    assert list(decoder.add(greedy.packets)) == []
+    with pytest.raises(BitstreamError, match=VARIABLE):
+        list(decoder.finish())
