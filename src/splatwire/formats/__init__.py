@@ -1,8 +1,8 @@
 """Files of explicit Gaussians: a file a format, both directions, told by first bytes."""
 
-from splatwire.formats._ply_note import PlyNote, read_note
 from splatwire.formats.gltf_writer import write_gltf_with_stream
 from splatwire.formats.kinds import format_of, read_rows, read_splats, splats_kind, write_splats, writer_for
+from splatwire.formats.ply_note import PlyNote, read_note
 
 __all__ = [
     "PlyNote",

@@ -24,7 +24,6 @@ from splatwire.files.kinds import (
     file_kind,
     is_not,
 )
-from splatwire.formats._ply_note import PlyNote
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
 from splatwire.formats.gltf import read_gltf
@@ -32,6 +31,7 @@ from splatwire.formats.gltf_writer import write_gltf
 from splatwire.formats.ksplat import read_ksplat
 from splatwire.formats.ply import splats_of_vertices, write_ply
 from splatwire.formats.ply_file import read_ply_elements
+from splatwire.formats.ply_note import PlyNote
 from splatwire.formats.sog import read_sog
 from splatwire.formats.splat import read_splat, write_splat
 from splatwire.formats.spz import read_spz, write_spz

@@ -16,8 +16,8 @@ from scipy.special import expit
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count, filled
-from splatwire.formats._ply_note import DIGEST_DIGITS, PlyNote, marked
 from splatwire.formats.ply_file import PlyElement
+from splatwire.formats.ply_note import DIGEST_DIGITS, PlyNote, marked
 from splatwire.ops.spherical_harmonics import degree_of
 from splatwire.scene.splats import ROWS, Splats
 
