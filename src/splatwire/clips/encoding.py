@@ -127,7 +127,9 @@ class ClipEncoder:
     def _flush(self) -> list[Packet]:
         group = group_of(self._frames)
         self._tell_harmonics()
-        classes = self._classes(group.first) if not self._groups and group.first.num_gaussians else None
+        classes = None
+        if not self._groups and len(group.keys):
+            classes = self._classes(group.first(np.arange(len(group.keys))))
         self._frames, self._groups = [], self._groups + 1
         return self._writer.add(group, classes)
 

@@ -30,8 +30,7 @@ def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
 
     Before and after a track is there it is held as it is at that end.
     """
-    keys = np.unique(np.concatenate([frame.keys for frame in frames]))
-    where = [np.searchsorted(keys, frame.keys) for frame in frames]
+    keys, where = _rows_of([frame.keys for frame in frames])
     begins, ends = np.full(len(keys), len(frames), np.int64), np.zeros(len(keys), np.int64)
     for number, rows in enumerate(where):
         begins[rows] = np.minimum(begins[rows], number)
@@ -42,7 +41,18 @@ def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
             for name in ("means", "quats", "scales", "opacities", "colours")
         }
     )
-    return TrackGroup(keys, begins, ends, moves, _first(frames, where, begins))
+    return TrackGroup(keys, begins, ends, moves, lambda some: _first(frames, keys[some], begins[some]))
+
+
+def _rows_of(names: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """All names, ascending, and which of them those of each frame are; names are numbers that were counted up."""
+    least = min((int(some.min()) for some in names if len(some)), default=0)
+    most = max((int(some.max()) for some in names if len(some)), default=-1)
+    there = np.zeros(most + 1 - least, bool)
+    for some in names:
+        there[some - least] = True
+    row = np.cumsum(there) - 1
+    return np.flatnonzero(there) + least, [row[some - least] for some in names]
 
 
 def _moving(splats: Splats, name: str) -> Tensor:
@@ -57,21 +67,25 @@ def _stacked(
     stacked = np.zeros((len(begins), len(values), *values[0].shape[1:]), np.float32)
     for frame, (some, rows) in enumerate(zip(values, where, strict=True)):
         stacked[rows, frame] = some
+    dying, late = np.flatnonzero(ends < len(values)), np.flatnonzero(begins > 0)
     for frame in range(1, len(values)):
-        gone = ends <= frame
+        gone = dying[ends[dying] <= frame]
         stacked[gone, frame] = stacked[gone, frame - 1]
     for frame in range(len(values) - 2, -1, -1):
-        unborn = begins > frame
+        unborn = late[begins[late] > frame]
         stacked[unborn, frame] = stacked[unborn, frame + 1]
     return stacked
 
 
-def _first(frames: Sequence[NamedFrame], where: Sequence[np.ndarray], begins: np.ndarray) -> Splats:
-    """Each track at its first frame."""
+def _first(frames: Sequence[NamedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
+    """Some tracks, each at its first frame."""
     parts, order = [], []
-    for number, (frame, rows) in enumerate(zip(frames, where, strict=True)):
-        new = np.flatnonzero(begins[rows] == number)
-        parts.append(frame.splats.select(torch.from_numpy(new)))
-        order.append(rows[new])
+    for number, frame in enumerate(frames):
+        own = np.flatnonzero(begins == number)
+        if len(own) or not number:
+            by = np.argsort(frame.keys, kind="stable")
+            rows = by[np.searchsorted(frame.keys, keys[own], sorter=by)]
+            parts.append(frame.splats.select(torch.from_numpy(rows)))
+            order.append(own)
     joined = Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])})
     return joined.select(torch.from_numpy(np.argsort(np.concatenate(order), kind="stable")))

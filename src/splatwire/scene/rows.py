@@ -64,8 +64,9 @@ def rows_of_splats(splats: Splats) -> Rows:
     """Judges Gaussians: opacities above 0 draw something, up to 1; sizes must be above 0."""
     drawn, valid = [], []
     for begin in range(0, splats.num_gaussians, ROWS):
-        some = splats.select(torch.arange(begin, min(begin + ROWS, splats.num_gaussians)))
-        colours = 2 * some.sh.abs().flatten(1).sum(dim=1)  # whatever the direction, a colour is less
+        some = Splats(**{name: values[begin : begin + ROWS] for name, values in vars(splats).items()})
+        # Whatever the direction, a colour is less.
+        colours = 2 * (some.sh.abs().flatten(1) @ torch.ones(3 * some.sh.shape[1]))
         good = _finite(some.means, some.scales, some.opacities, colours, some.quats)
         good &= (some.scales > 0).all(dim=1) & (some.opacities <= 1) & some.quats.any(dim=1)
         drawn.append(good & (some.opacities > 0))

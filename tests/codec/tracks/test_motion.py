@@ -7,6 +7,7 @@ import pytest
 
 from moving_clips import moving_frames
 from reference.motion_packets import ReferenceMotion, coefficients
+from reference.trajectories import targets_of as plain_targets
 from splatwire.clips import ClipOptions, encode_clip
 from splatwire.clips.neighbors import distance_weights, plane_weights
 from splatwire.codec.schemas.tracks.basis import polynomials
@@ -93,12 +94,34 @@ def test_trajectories_come_back_from_their_coefficients():
     }
     opacities = np.full((200, 6), 0.5, np.float32)
     moves = Trajectories(**stacked, opacities=opacities, colours=np.stack([f.sh[:, 0].numpy() for f in frames], axis=1))
-    targets, turns = targets_of(moves, moves.at(np.zeros(200, np.int64)), 30, 0)
-    offsets = np.stack([offsets_at(np.rint(targets), 6, frame, 30, 0) for frame in range(6)], axis=2)
-    assert turns.max() < 1e-12
+    here = np.arange(200)
+    targets = targets_of(moves, moves.at(here, np.zeros(200, np.int64)), here, 30, 0)
+    offsets = np.stack([offsets_at(np.rint(targets.coefficients), 6, frame, 30, 0) for frame in range(6)], axis=2)
+    assert targets.turns.max() < 1e-12
     assert np.allclose(offsets[:, :3], (moves.means - moves.means[:, :1]).swapaxes(1, 2), atol=1e-6)
     assert np.allclose(offsets[:, 10:], (moves.colours - moves.colours[:, :1]).swapaxes(1, 2), atol=1e-2)
     assert np.abs(offsets[:, 3:10]).max() < 1e-3
+
+
+@pytest.mark.parametrize("frames", [1, 6])
+def test_coefficients_are_those_of_the_plain_reference(frames):
+    rng = np.random.default_rng(frames)
+    shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "colours": (3,)}
+    moves = {name: rng.normal(size=(300, frames, *shape)).astype(np.float32) for name, shape in shapes.items()}
+    moves |= {name: np.exp(moves[name]) for name in ("scales", "opacities")}
+    for name, values in moves.items():  # some stand still in all, some in one
+        values[:40] = values[:40, :1]
+        if name != "quats":
+            values[40:60] = values[40:60, :1]
+    moves["scales"][60:90, :, 1] = moves["scales"][60:90, :, 0]
+    numbers, tracks = rng.permutation(300), Trajectories(**moves)
+    bases = tracks.at(np.argsort(numbers), np.zeros(300, np.int64))
+    fast = targets_of(tracks, bases, numbers, 30, 2)
+    coefficients, turns = plain_targets(tracks, bases.select(numbers), 30, 2)
+    assert np.allclose(fast.coefficients, coefficients, rtol=1e-9, atol=1e-9 * np.abs(coefficients).max() + 1e-9)
+    assert np.array_equal(fast.largest, np.abs(fast.coefficients).max(axis=2))
+    assert np.allclose(fast.turns, turns, rtol=1e-6)
+    assert not fast.coefficients[:40].any()
 
 
 def test_planes_keep_what_is_linear():

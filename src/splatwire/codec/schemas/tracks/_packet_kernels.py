@@ -21,7 +21,6 @@ from splatwire.ops.compiled import njit
 
 AIM, ENOUGH = 5, 3
 """As `splatwire.codec.schemas.gaussians._packet_kernels` cuts."""
-FIRST_GUESS = 256
 SLACK, TRACK_BYTES = 64, 4
 """Bytes of a packet's buffer beside its coefficients, and for the head of each track."""
 
@@ -71,9 +70,7 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
     orders = np.zeros(NUM_KINDS, np.int64)
     _needed_orders(targets, shifts, frames, orders)
     out[:] = 0
-    follow_neighbours(
-        places, heads[:, STATE].copy(), shifts, orders, out, targets, dead, np.zeros(targets.shape, np.int64)
-    )
+    follow_neighbours(places, heads[:, STATE].copy(), shifts, orders, out, targets, dead, np.zeros((0, 1, 1), np.int64))
     _trim(out, orders)
     coder = new_coder(
         ENCODING, buffer, ZERO, models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()
@@ -92,9 +89,22 @@ def _candidates(heads, begin, n):
     return n
 
 
+@njit(error_model="numpy")
+@no_type_check
+def _expected(costs, begin, end, scale, aim):
+    """How many rows from `begin` are expected to take `aim` bytes, at least one."""
+    total, at = 0.0, begin
+    while at < end and (at == begin or (total + costs[at]) * scale <= aim):
+        total += costs[at]
+        at += 1
+    return at - begin
+
+
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def encode_cut(models, counts, frames, first_new, dead, heads, places, shifts, targets, most, buffer, out, sizes, ends):
+def encode_cut(
+    models, counts, frames, first_new, dead, heads, places, shifts, targets, most, costs, buffer, out, sizes, ends
+):
     """Encodes a block in packets of at most `most` bytes, as many tracks to each as fit; returns how many packets.
 
     Args:
@@ -108,17 +118,19 @@ def encode_cut(models, counts, frames, first_new, dead, heads, places, shifts, t
         shifts: int64 (n, C), log2 of the steps.
         targets: float64 (n, C, F), coefficients as they are.
         most: Bytes.
+        costs: Bytes that each track is expected to take, above 0, float64 (n): the better, the fewer tries.
         buffer: uint8, filled with the payloads one after another.
         out: int32 (n, C, F), filled with residuals.
         sizes: int64 (n), filled with tracks of each packet.
         ends: int64 (n), filled with ends of payloads in the buffer.
     """
     total, begin, at, packets = len(heads), 0, 0, 0
-    aim, guess = most - (most >> AIM), FIRST_GUESS
+    aim, scale = most - (most >> AIM), 1.0
+    kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
     while begin < total:
         left = _candidates(heads, begin, total - begin)
-        low, high, tries, last, length, n = 0, left + 1, 0, 0, 0, min(guess, left)
-        kept = np.zeros((NUM_CONTEXTS, 2), np.int64)
+        low, high, tries, last, length = 0, left + 1, 0, 0, 0
+        n = _expected(costs, begin, begin + left, scale, aim)
         while high - low > 1 or last != low:
             n = n if high - low > 1 else low
             kept[:] = 0
@@ -128,17 +140,17 @@ def encode_cut(models, counts, frames, first_new, dead, heads, places, shifts, t
                 buffer[at:], out[some],
             )  # fmt: skip
             tries, last = tries + 1, n
+            scale = max(length, 1) / costs[begin : begin + n].sum()
             if length <= most or n == 1:
                 low = n
                 if n == left or length >= most - (most >> ENOUGH) or tries > 6:
                     break
             else:
                 high = n
-            n = min(max(n * aim // max(length, 1), low + 1), high - 1)
+            n = min(max(_expected(costs, begin, begin + left, scale, aim), low + 1), high - 1)
         counts += kept
         at += length
         sizes[packets], ends[packets] = low, at
-        guess = max(low * aim // max(length, 1), 1)
         begin += low
         packets += 1
     return packets

@@ -83,21 +83,32 @@ def coarse_to_fine(places, moving, shifts):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _nearest(places, known, count, i, who, far):
+def _know(places, i, known, around, count):
+    """Takes a track among the known ones: its number, and its place in columns, which are searched side by side."""
+    known[count] = i
+    for a in range(3):
+        around[a, count] = places[i, a]
+    return count + 1
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _nearest(places, known, around, count, i, squares, who, far):
     """The nearest of the `count` tracks in `known`, nearest first; returns how many. Of equals the earlier one."""
     found = 0
-    x, y, z = places[i, 0], places[i, 1], places[i, 2]
+    x, y, z = np.float64(places[i, 0]), np.float64(places[i, 1]), np.float64(places[i, 2])
     for m in range(count):
-        j = known[m]
-        dx, dy, dz = places[j, 0] - x, places[j, 1] - y, places[j, 2] - z
-        d = dx * dx + dy * dy + dz * dz
-        if found == NUM_NEIGHBOURS and d >= far[found - 1]:
+        dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
+        squares[m] = dx * dx + dy * dy + dz * dz  # below 2**53: doubles hold it
+    for m in range(count):
+        if found == NUM_NEIGHBOURS and squares[m] >= far[found - 1]:
             continue
+        d = np.int64(squares[m])
         at = found if found < NUM_NEIGHBOURS else found - 1
         while at > 0 and far[at - 1] > d:
             far[at], who[at] = far[at - 1], who[at - 1]
             at -= 1
-        far[at], who[at] = d, j
+        far[at], who[at] = d, known[m]
         found = min(found + 1, NUM_NEIGHBOURS)
     return found
 
@@ -162,20 +173,50 @@ def _plane(places, i, who, far, found, radius, offsets, near, weights):
         weights[m] = min(max(share, -(ONE << WEIGHT_BITS)), ONE << WEIGHT_BITS)
 
 
+@njit(error_model="numpy")
+@no_type_check
+def _used(orders):
+    """Which coefficients are coded: how many, and for each its channel and order, int64 (U, 2)."""
+    used = np.empty((NUM_CHANNELS * orders.max(), 2), np.int64)
+    count = 0
+    for c in range(NUM_CHANNELS):
+        for k in range(orders[KIND_OF[c]]):
+            used[count, 0], used[count, 1] = c, k
+            count += 1
+    return used[:count]
+
+
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _quantised(value, shift, dead):
-    """A residual in steps; what is less than half a step and `dead` out of 64 steps more becomes 0."""
-    magnitude = abs(value)
-    steps = (magnitude + ((ONE << shift) >> 1) - ((dead << shift) >> 6)) >> shift
-    steps = min(max(steps, 0), MAX_QUANTISED)
-    return steps if value >= 0 else -steps
+def _means(known, moving, who, weights, found, means):
+    """What neighbours make expected; a sum of products stays below 2**53, so that doubles hold it."""
+    means[:] = 0.0
+    for m in range(found):
+        if moving[who[m]]:
+            weight, row = np.float64(weights[m]), known[who[m]]
+            for u in range(len(means)):
+                means[u] += weight * row[u]
+    for u in range(len(means)):
+        means[u] = np.floor(means[u] * (1.0 / (1 << WEIGHT_BITS)) + 0.5)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _quantise(targets, means, used, shifts, dead, quantised):
+    """Residuals in steps; what is less than half a step and `dead` out of 64 steps more becomes 0."""
+    for u in range(len(used)):
+        c, k = used[u, 0], used[u, 1]
+        shift = shifts[c]
+        value = np.int64(np.rint(targets[c, k]) - means[u])
+        steps = (abs(value) + ((ONE << shift) >> 1) - ((dead << shift) >> 6)) >> shift
+        steps = min(max(steps, 0), MAX_QUANTISED)
+        quantised[c, k] = steps if value >= 0 else -steps
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, coefficients):
-    """Coefficients of a packet's tracks from their residuals, or, of an encoder, both from what is wanted.
+    """Coefficients of a packet's tracks from their residuals, or, of an encoder, residuals from what is wanted.
 
     Args:
         places: int64 (M, 3), of the bases.
@@ -185,34 +226,33 @@ def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, 
         quantised: int32 (M, C, F), residuals in steps; filled by an encoder.
         targets: float64 (M, C, F) of an encoder; of length 0 for a decoder.
         dead: How much an encoder favours 0, out of 64 steps.
-        coefficients: int64 (M, C, F), zero before; filled.
+        coefficients: int64 (M, C, F) of a decoder, zero before, filled; of length 0 for an encoder.
     """
     if not len(places):
         return
-    near = shrunk(places)
-    moving = np.flatnonzero(states == MOVING)
-    known = np.empty(len(places), np.int64)
+    near, used = shrunk(places), _used(orders)
+    moving = states == MOVING
+    known, around, squares = np.empty(len(places), np.int64), np.empty((3, len(places))), np.empty(len(places))
     count = 0
     for i in range(len(places)):
-        if states[i] != MOVING:
-            known[count] = i
-            count += 1
+        if not moving[i]:
+            count = _know(near, i, known, around, count)
+    values, means = np.zeros((len(places), len(used))), np.empty(len(used))
     who, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
-    for i in coarse_to_fine(near, moving, shifts):
-        found = _nearest(near, known, count, i, who, far)
+    for i in coarse_to_fine(near, np.flatnonzero(moving), shifts):
+        found = _nearest(near, known, around, count, i, squares, who, far)
         _weigh(near, i, who, far, found, offsets, closeness, weights)
-        for c in range(NUM_CHANNELS):
-            shift = shifts[i, c]
-            for k in range(orders[KIND_OF[c]]):
-                mean = np.int64(0)
-                for m in range(found):
-                    mean += weights[m] * coefficients[who[m], c, k]
-                mean = (mean + (ONE << (WEIGHT_BITS - 1))) >> WEIGHT_BITS
-                if len(targets):
-                    quantised[i, c, k] = _quantised(np.int64(np.rint(targets[i, c, k])) - mean, shift, dead)
-                value = mean + (np.int64(quantised[i, c, k]) << shift)
-                coefficients[i, c, k] = min(max(value, -MAX_COEFFICIENT), MAX_COEFFICIENT)
-        known[count] = i
-        count += 1
+        _means(values, moving, who, weights, found, means)
+        if len(targets):
+            _quantise(targets[i], means, used, shifts[i], dead, quantised[i])
+        for u in range(len(used)):
+            c, k = used[u, 0], used[u, 1]
+            value = means[u] + np.float64(np.int64(quantised[i, c, k]) << shifts[i, c])
+            values[i, u] = min(max(value, -MAX_COEFFICIENT), MAX_COEFFICIENT)
+        count = _know(near, i, known, around, count)
+    if len(coefficients):
+        for i in range(len(places)):
+            for u in range(len(used)):
+                coefficients[i, used[u, 0], used[u, 1]] = np.int64(values[i, u])

@@ -1,13 +1,13 @@
 """Groups of frames to packets, one group after another: what is there at the end is a stream."""
 
+import functools
 import hashlib
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
-import torch
 
 from splatwire.codec.background import background_sections
 from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
@@ -23,16 +23,15 @@ from splatwire.codec.schemas.tracks.layout import (
     MAX_COEFFICIENT,
     MAX_QUANTISED,
     MOVING,
-    NUM_CHANNELS,
     NUM_CONTEXTS,
     STATE,
     TRACK,
 )
-from splatwire.codec.schemas.tracks.motion_coder import DEAD, MotionCoder
+from splatwire.codec.schemas.tracks.motion_coder import DEAD, FIRST_COST, MotionCoder
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, Group, write_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
-from splatwire.codec.schemas.tracks.trajectories import Trajectories, targets_of
+from splatwire.codec.schemas.tracks.trajectories import Targets, Trajectories, targets_of
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
 from splatwire.model.clip import Timeline
@@ -70,14 +69,14 @@ class TrackGroup:
         begins: First frame of each, counted from the group's, int64 (n).
         ends: First frame after each, int64 (n).
         moves: What they do.
-        first: Each as it is at its first frame of the group, with all harmonics.
+        first: Of some of them, by their index: each as it is at its first frame of the group, with all harmonics.
     """
 
     keys: np.ndarray
     begins: np.ndarray
     ends: np.ndarray
     moves: Trajectories
-    first: Splats
+    first: Callable[[np.ndarray], Splats]
 
 
 class ClipWriter:
@@ -108,6 +107,7 @@ class ClipWriter:
         self._num_blocks = self._num_frames = self._num_tracks = 0
         self._digest = hashlib.sha256()
         self._known = KnownTracks.empty()
+        self._costs = np.zeros(0)
 
     def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
         """Codes the next group.
@@ -129,8 +129,10 @@ class ClipWriter:
         births = len(self._known.keys) - self._num_tracks
         first_new, self._num_tracks = self._num_tracks, len(self._known.keys)
         numbers = self._known.numbers_of(group.keys)
-        if new.any():
-            targets[new] = self._targets(group.moves.select(new), numbers[new])[0]
+        if new.all():
+            targets = self._targets(group.moves, numbers)
+        elif new.any():
+            targets.put(new, self._targets(group.moves.select(new), numbers[new]))
         motions, moved = self._motions(group, numbers, targets, first_new)
         self._groups.append(Group(births, motions))
         self._num_frames += group.moves.num_frames
@@ -171,55 +173,51 @@ class ClipWriter:
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
-    def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray]:
+    def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, Targets]:
         """Tracks that need a base, for they are new or went further than theirs allows, bool; targets of the others."""
-        old = np.isin(group.keys, self._known.keys)
-        new, targets = ~old, np.zeros((len(old), NUM_CHANNELS, group.moves.num_frames))
-        if not old.any():
-            return new, targets
-        numbers = self._known.numbers_of(group.keys[old])
-        found, turns = self._targets(group.moves if old.all() else group.moves.select(old), numbers)
-        largest = _largest(found)
-        steps = largest / np.exp2(self._shifts(numbers))
-        far = (steps > MAX_QUANTISED / 2).any(axis=1) | (largest > MAX_COEFFICIENT / 2).any(axis=1)
-        new[old], targets[old] = far | (turns > WIDEST_TURN), found
-        return new, targets
+        numbers = self._known.numbers_of(group.keys)
+        new = numbers < 0
+        if new.all():
+            return new, Targets.none()
+        numbers = np.maximum(numbers, 0)
+        targets = self._targets(group.moves, numbers)
+        steps = targets.largest / np.exp2(self._shifts(numbers))
+        far = (steps > MAX_QUANTISED / 2).any(axis=1) | (targets.largest > MAX_COEFFICIENT / 2).any(axis=1)
+        return new | far | (targets.turns > WIDEST_TURN), targets
 
     def _births(self, group: TrackGroup, classes: np.ndarray | None, new: np.ndarray) -> list[Packet]:
         """Codes the bases of some tracks."""
         where = np.flatnonzero(new)
         if not len(where):
             return []
-        coded = self._bases.encode(
-            group.first.select(torch.from_numpy(where)), None if classes is None else classes[where], {}
-        )
+        coded = self._bases.encode(group.first(where), None if classes is None else classes[where], {})
         born = where[coded.order]
-        bases = group.moves.select(born).at(group.begins[born])
+        bases = group.moves.at(born, group.begins[born])
         self._known = self._known.with_births(bases, group.keys[born], coded.rows)
         for rows in coded.digested:
             digest_bases(self._digest, rows)
         return self._named(coded.packets, coded.num_blocks)
 
-    def _targets(self, moves: Trajectories, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _targets(self, moves: Trajectories, numbers: np.ndarray) -> Targets:
         info = self._bases.info
-        return targets_of(moves, self._known.bases.select(numbers), info.unit, info.size_log)
+        return targets_of(moves, self._known.bases, numbers, info.unit, info.size_log, self._threads)
 
     def _shifts(self, numbers: np.ndarray) -> np.ndarray:
         return motion_shifts(self._known.rows[numbers], self._bases.info, COARSER)
 
     def _motions(
-        self, group: TrackGroup, numbers: np.ndarray, targets: np.ndarray, first_new: int
+        self, group: TrackGroup, numbers: np.ndarray, targets: Targets, first_new: int
     ) -> tuple[int, list[Packet]]:
         """Codes what tracks do; nothing where all stay as they were."""
         by = np.argsort(numbers)
-        numbers, targets, frames = numbers[by], targets[by], group.moves.num_frames
+        numbers, frames = numbers[by], group.moves.num_frames
         shifts = self._shifts(numbers)
         heads = np.zeros((len(by), HEAD), dtype=np.int64)
         heads[:, TRACK], heads[:, BEGINS], heads[:, ENDS] = numbers, group.begins[by], group.ends[by]
         heads[:, BEFORE] = np.diff(numbers, prepend=-1) - 1
         if len(numbers):
             heads[-1, AFTER] = self._num_tracks - 1 - numbers[-1]
-        worth = _largest(targets) * 64 >= np.exp2(shifts) * (32 + DEAD)
+        worth = targets.largest[by] * 64 >= np.exp2(shifts) * (32 + DEAD)
         heads[:, STATE] = np.where(worth.any(axis=1), MOVING, 0)
         constant = (heads[:, STATE] == 0) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)
         unchanged = constant.all() and np.array_equal(self._known.alive, numbers[numbers < first_new])
@@ -227,38 +225,32 @@ class ClipWriter:
         if unchanged:
             return 0, []
         places = np.ascontiguousarray(self._known.rows[numbers, :3])
-        return len(numbers), self._cut(heads, places, shifts, targets, first_new)
-
-    def _cut(
-        self, heads: np.ndarray, places: np.ndarray, shifts: np.ndarray, targets: np.ndarray, first_new: int
-    ) -> list[Packet]:
-        size = span_size(len(heads), self._packetization.block_size)
-        edges = [*range(0, len(heads), size), len(heads)]
+        costs = np.concatenate([self._costs, np.full(self._num_tracks - len(self._costs), FIRST_COST)])
         most = self._packetization.packet_bytes - HEADER_BYTES
-        coder = MotionCoder(heads, places, shifts, targets, first_new, most)
+        coder = MotionCoder(heads, places, shifts, targets.coefficients, by, first_new, most, costs[numbers])
+        packets, costs[numbers] = self._cut(coder)
+        self._costs = costs
+        return len(numbers), packets
+
+    def _cut(self, coder: MotionCoder) -> tuple[list[Packet], np.ndarray]:
+        """Packets of all tracks, block by block, and what each track took."""
+        heads = coder.heads
+        size = span_size(len(heads), self._packetization.block_size)
+        parts = list(itertools.pairwise([*range(0, len(heads), size), len(heads)]))
         if self._zero is None:
-            self._zero = coder.fitted(edges)
-        parts = list(itertools.pairwise(edges))
-        packets = []
-        zero = self._zero
-        coded = ordered_map(lambda ends: coder.encode(zero, *ends), parts, self._threads)
-        for block, (begin, (sizes, payloads, residuals)) in enumerate(zip(edges, coded, strict=False)):
-            starts = np.cumsum(sizes) - sizes
-            for start, count, payload in zip(starts.tolist(), sizes.tolist(), payloads, strict=True):
+            self._zero = coder.fitted(parts, self._threads)
+        packets, costs = [], []
+        coded = ordered_map(functools.partial(coder.encode, self._zero), parts, self._threads)
+        for block, ((begin, end), part) in enumerate(zip(parts, coded, strict=True)):
+            starts = np.cumsum(part.sizes) - part.sizes
+            for start, count, payload in zip(starts.tolist(), part.sizes.tolist(), part.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
-            digest_motion(self._digest, (heads[begin : begin + len(residuals)], residuals))
-        return self._named(packets, len(parts))
+            digest_motion(self._digest, (heads[begin:end], part.residuals))
+            costs.append(part.costs)
+        return self._named(packets, len(parts)), np.concatenate(costs)
 
     def _named(self, packets: list[Packet], num_blocks: int) -> list[Packet]:
         """Packets of a run of blocks at its place in the stream."""
         first = self._num_blocks
         self._num_blocks += num_blocks
         return [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets]
-
-
-def _largest(targets: np.ndarray) -> np.ndarray:
-    """Largest magnitude of each channel's coefficients, float64 (n, C)."""
-    largest = np.abs(targets[:, :, 0])
-    for order in range(1, targets.shape[2]):  # numpy takes ten times as long to reduce an axis that is so short
-        np.maximum(largest, np.abs(targets[:, :, order]), out=largest)
-    return largest

@@ -14,12 +14,14 @@ class KnownTracks:
 
     Attributes:
         keys: Key of each, int64 (T).
+        by_key: Tracks in the order of their keys; of one key, as they were born, int64 (T).
         bases: How each looked when it was born.
         rows: Integers of each, int64 (T, COLUMNS).
         alive: Those that are there at the end of the last group, ascending, int64.
     """
 
     keys: np.ndarray
+    by_key: np.ndarray
     bases: Trajectories
     rows: np.ndarray
     alive: np.ndarray
@@ -29,18 +31,23 @@ class KnownTracks:
         """Nobody."""
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
-        return KnownTracks(none, empty, np.zeros((0, COLUMNS), np.int64), none)
+        return KnownTracks(none, none, empty, np.zeros((0, COLUMNS), np.int64), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
-        """The track of each key, the last one that it was given, int64."""
-        order = np.argsort(self.keys, kind="stable")
-        return order[np.searchsorted(self.keys[order], keys, side="right") - 1]
+        """The track of each key, the last one that it was given; -1 where it has none, int64."""
+        if not len(self.keys):
+            return np.full(len(keys), -1, np.int64)
+        names = self.keys[self.by_key]
+        at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
+        return np.where(names[at] == keys, self.by_key[at], -1)
 
     def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray) -> "KnownTracks":
         """With tracks that are born, in the order of their numbers: trajectories of one frame, keys, integers."""
         joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
+        names = np.concatenate([self.keys, keys])
         return KnownTracks(
-            np.concatenate([self.keys, keys]),
+            names,
+            np.argsort(names, kind="stable"),
             Trajectories(**joined),
             np.concatenate([self.rows, rows]),
             self.alive,

@@ -1,17 +1,43 @@
 """Motion of a group's tracks to packets."""
 
+import functools
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatwire.codec.schemas.gaussians.fit import fit_bits
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS, NUM_CONTEXTS
+from splatwire.codec.threads import ordered_map
 
 DEAD = 8
 """See `follow_neighbours`: what an encoder favours 0 by, out of 64 steps."""
-FITTED_ROUNDS, FITTED_BLOCKS = 2, 16
+FITTED_ROUNDS, FITTED_BLOCKS = 2, 4
 BYTES_PER_COEFFICIENT = 5
+FIRST_COST = 4.0
+"""Bytes that a track is expected to take of which nothing is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class CodedMotion:
+    """A block of motion.
+
+    Attributes:
+        sizes: Tracks of each packet, int64 (packets).
+        payloads: Of each packet.
+        residuals: int32 (n, C F).
+        counts: How often each bit was coded, int64 (contexts, 2).
+    """
+
+    sizes: np.ndarray
+    payloads: list[bytes]
+    residuals: np.ndarray
+    counts: np.ndarray
+
+    @property
+    def costs(self) -> np.ndarray:
+        """Bytes that each track took, those of a packet alike, float64 (n)."""
+        return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.sizes, self.sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,51 +48,52 @@ class MotionCoder:
         heads: Of all tracks that are there, int64 (n, HEAD), ascending by track.
         places: Places of their bases, half lattice units, int64 (n, 3).
         shifts: log2 of their steps, int64 (n, C).
-        targets: What they do, float64 (n, C, F).
+        targets: What they do, float64 (n, C, F), in an order of their own.
+        rows: Row of `targets` of each, int64 (n).
         first_new: First track that is born in the group.
         most: Bytes of a payload.
+        costs: Bytes that each track is expected to take, float64 (n): the better, the fewer tries.
     """
 
     heads: np.ndarray
     places: np.ndarray
     shifts: np.ndarray
     targets: np.ndarray
+    rows: np.ndarray
     first_new: int
     most: int
+    costs: np.ndarray
 
-    def fitted(self, edges: list[int]) -> np.ndarray:
-        """Initial P(0) of the models out of 2**8, int64 (contexts), from some of the blocks between these edges."""
+    def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
+        """Initial P(0) of the models out of 2**8, int64 (contexts), from some of the blocks."""
         zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)
-        blocks = list(itertools.pairwise(edges))
         some = [
             blocks[i] for i in sorted({*np.linspace(0, len(blocks) - 1, min(len(blocks), FITTED_BLOCKS)).astype(int)})
         ]
+        coder = self
         for _ in range(FITTED_ROUNDS):
-            counts = np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
-            for begin, end in some:
-                self._encode(zero, begin, end, counts)
-            zero = fit_bits(counts)
+            coded = list(ordered_map(functools.partial(coder.encode, zero), some, threads))
+            zero = fit_bits(np.sum([block.counts for block in coded], axis=0))
+            coder = replace(self, costs=self.costs.copy())
+            for (begin, end), block in zip(some, coded, strict=True):
+                coder.costs[begin:end] = block.costs
         return zero
 
-    def encode(self, zero: np.ndarray, begin: int, end: int) -> tuple[np.ndarray, list[bytes], np.ndarray]:
-        """Tracks and payloads of each packet of a block, and the residuals, int32 (n, C F)."""
-        return self._encode(zero, begin, end, np.zeros((NUM_CONTEXTS, 2), dtype=np.int64))
-
-    def _encode(
-        self, zero: np.ndarray, begin: int, end: int, counts: np.ndarray
-    ) -> tuple[np.ndarray, list[bytes], np.ndarray]:
+    def encode(self, zero: np.ndarray, ends: tuple[int, int]) -> CodedMotion:
+        """Codes the tracks of a block."""
         from splatwire.codec.schemas.tracks import _packet_kernels as kernels
 
+        begin, end = ends
         count, frames, some = end - begin, self.targets.shape[2], slice(begin, end)
-        models = np.repeat(zero[:, None] << 8, 2, axis=1)
+        models, counts = np.repeat(zero[:, None] << 8, 2, axis=1), np.zeros((NUM_CONTEXTS, 2), dtype=np.int64)
         residuals = np.zeros((count, NUM_CHANNELS, frames), dtype=np.int32)
         room = kernels.SLACK + kernels.TRACK_BYTES * count + BYTES_PER_COEFFICIENT * residuals.size
-        buffer, sizes, ends = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
+        buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_cut(
             models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
-            self.places[some], self.shifts[some], self.targets[some], np.int64(self.most),
-            buffer, residuals, sizes, ends,
+            self.places[some], self.shifts[some], self.targets[self.rows[some]], np.int64(self.most),
+            self.costs[some], buffer, residuals, sizes, stops,
         )  # fmt: skip
-        bounds = [0, *ends[:used].tolist()]
+        bounds = [0, *stops[:used].tolist()]
         payloads = [buffer[a:b].tobytes() for a, b in itertools.pairwise(bounds)]
-        return sizes[:used], payloads, residuals.reshape(count, -1)
+        return CodedMotion(sizes[:used], payloads, residuals.reshape(count, -1), counts)

@@ -3,16 +3,18 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from splatwire.codec.schemas.gaussians.attributes import LUMA_CHROMA
 from splatwire.codec.schemas.gaussians.layout import BITS, DIRECTION_BITS
 from splatwire.codec.schemas.tracks.basis import polynomials
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
+from splatwire.codec.threads import ordered_map
 from splatwire.ops.spherical_harmonics import DC
 
 _TURN = float(1 << DIRECTION_BITS)
 _FIXED = float(1 << BITS)
+RUN = 2048
+"""Tracks whose coefficients a thread finds at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,36 +44,65 @@ class Trajectories:
         """The tracks at `index`."""
         return replace(self, **{name: values[index] for name, values in vars(self).items()})
 
-    def at(self, frame: np.ndarray) -> "Trajectories":
-        """Each track at a frame of its own, as trajectories of one frame."""
-        here = np.arange(len(frame))
-        return replace(self, **{name: values[here, frame][:, None] for name, values in vars(self).items()})
+    def at(self, index: np.ndarray, frame: np.ndarray) -> "Trajectories":
+        """The tracks at `index`, each at a frame of its own, as trajectories of one frame."""
+        return replace(self, **{name: values[index, frame][:, None] for name, values in vars(self).items()})
 
 
-def targets_of(moves: Trajectories, bases: Trajectories, unit: int, size_log: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of what tracks do, relative to their bases, in units of the channels.
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Coefficients of what n tracks do, relative to their bases, in units of the channels.
+
+    Attributes:
+        coefficients: float64 (n, C, F).
+        largest: Largest magnitude of each channel's, float64 (n, C).
+        turns: Largest rotation of each, the tangent of a quarter of its angle, float64 (n).
+    """
+
+    coefficients: np.ndarray
+    largest: np.ndarray
+    turns: np.ndarray
+
+    @staticmethod
+    def none() -> "Targets":
+        """Of no track."""
+        return Targets(np.zeros((0, NUM_CHANNELS, 1)), np.zeros((0, NUM_CHANNELS)), np.zeros(0))
+
+    def put(self, index: np.ndarray, others: "Targets") -> None:
+        """Replaces those at `index`."""
+        for name, values in vars(self).items():
+            values[index] = getattr(others, name)
+
+
+def targets_of(
+    moves: Trajectories, bases: Trajectories, numbers: np.ndarray, unit: int, size_log: int, threads: int | None = None
+) -> Targets:
+    """Coefficients of what tracks do; rotations go on from frame to frame, so that they may be up to a whole turn.
 
     Args:
         moves: n tracks over F frames.
-        bases: The same when they were born, one frame each.
+        bases: How tracks were when they were born, one frame each.
+        numbers: Which base each of the n has, int64 (n).
         unit: `-log2` of the lattice's unit, relative to the scene's size.
         size_log: log2 of the scene's size.
-
-    Returns:
-        float64 (n, C, F); and largest rotation of each, the tangent of a quarter of its angle, float64 (n).
+        threads: Threads to use, which changes no bit; None for one for each processor.
     """
-    values = np.empty((len(moves.means), NUM_CHANNELS, moves.num_frames))
-    difference = moves.means.astype(np.float64) - bases.means
-    values[:, :3] = np.ldexp(difference, unit + 1 - size_log).swapaxes(1, 2)
-    turns = rotation_vectors(moves.quats, bases.quats)
-    values[:, 3:6] = (turns * (4 * _TURN)).swapaxes(1, 2)
-    falling = np.argsort(-bases.scales[:, 0], axis=1, kind="stable")
-    ratios = np.log2(moves.scales.astype(np.float64)) - np.log2(bases.scales.astype(np.float64))
-    values[:, 6:9] = np.take_along_axis(ratios, falling[:, None, :], axis=2).swapaxes(1, 2) * _FIXED
-    values[:, 9] = (np.log2(moves.opacities.astype(np.float64)) - np.log2(bases.opacities.astype(np.float64))) * _FIXED
-    colours = (moves.colours.astype(np.float64) - bases.colours) * DC
-    values[:, 10:] = (colours @ LUMA_CHROMA.T * _FIXED).swapaxes(1, 2)
-    return values @ polynomials(moves.num_frames), np.linalg.norm(turns, axis=2).max(axis=1, initial=0.0)
+    from splatwire.codec.schemas.tracks import _target_kernels as kernels
+
+    count, frames = len(numbers), moves.num_frames
+    found = Targets(np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, NUM_CHANNELS)), np.zeros(count))
+    luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(frames).copy()
+    known, scale = tuple(vars(bases).values()), float(np.ldexp(1.0, unit + 1 - size_log))
+
+    def fit(some: slice) -> None:
+        kernels.fit_targets(
+            tuple(values[some] for values in vars(moves).values()), known, numbers[some], scale, luma, table,
+            found.coefficients[some], found.largest[some], found.turns[some],
+        )  # fmt: skip
+
+    for _ in ordered_map(fit, [slice(begin, begin + RUN) for begin in range(0, count, RUN)], threads):
+        pass
+    return found
 
 
 def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, size_log: int) -> np.ndarray:
@@ -90,31 +121,3 @@ def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, siz
     values[:, 6:10] *= np.log(2.0) / _FIXED
     values[:, 10:] = values[:, 10:] / (_FIXED * DC) @ LUMA_CHROMA
     return values
-
-
-def rotation_vectors(quats: np.ndarray, bases: np.ndarray) -> np.ndarray:
-    """Rotations from bases, as axes times the tangent of a quarter of the angle, float64 (n, F, 3).
-
-    They go on from frame to frame: of the two quaternions of a rotation the one nearer to the frame before counts, so
-    that more than half a turn is one, too (up to a whole one).
-
-    Args:
-        quats: (n, F, 4).
-        bases: (n, 1, 4).
-    """
-    q = torch.from_numpy(np.asarray(quats, np.float64))
-    b = torch.from_numpy(np.asarray(bases, np.float64))
-    q, b = q / q.norm(dim=2, keepdim=True), b / b.norm(dim=2, keepdim=True)
-    w = (q * b).sum(dim=2)
-    v = (
-        b[..., :1] * q[..., 1:]
-        - q[..., :1] * b[..., 1:]
-        - torch.linalg.cross(q[..., 1:], b[..., 1:].expand_as(q[..., 1:]))
-    )
-    turn = torch.cat([w[..., None], v], dim=2)
-    signs = torch.ones(turn.shape[:2], dtype=torch.float64)
-    signs[:, 0] = torch.where(w[:, 0] < 0, -1.0, 1.0)
-    steps = (turn[:, 1:] * turn[:, :-1]).sum(dim=2)
-    signs[:, 1:] = torch.where(steps < 0, -1.0, 1.0)
-    turn = turn * signs.cumprod(dim=1)[..., None]
-    return (turn[..., 1:] / (1 + turn[..., :1]).clamp(min=1e-3)).numpy()

@@ -1,0 +1,128 @@
+"""Numba kernel that turns what tracks do into coefficients; `tests/reference/trajectories.py` says the same plainly."""
+
+from typing import no_type_check
+
+import numpy as np
+
+from splatwire.codec.schemas.gaussians.layout import BITS, DIRECTION_BITS
+from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
+from splatwire.ops.compiled import njit
+
+_TURN, _FIXED = 4.0 * (1 << DIRECTION_BITS), 1.0 * (1 << BITS)
+_ZERO, _ONE = np.float64(0.0), np.float64(1.0)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _turns(quats, base, values):
+    """Rotations of a track from its base, see `trajectories.rotation_vectors`; returns the largest one's length."""
+    frames = len(quats)
+    far, same = _ZERO, True
+    for f in range(frames):
+        for a in range(4):
+            same &= quats[f, a] == base[a]
+    if same:
+        values[3:6] = 0.0
+        return far
+    length = _ZERO
+    for a in range(4):
+        length += np.float64(base[a]) * np.float64(base[a])
+    length = np.sqrt(length)
+    b0, b1, b2, b3 = base[0] / length, base[1] / length, base[2] / length, base[3] / length
+    w0, x0, y0, z0 = _ONE, _ZERO, _ZERO, _ZERO
+    for f in range(frames):
+        q0, q1, q2, q3 = (
+            np.float64(quats[f, 0]),
+            np.float64(quats[f, 1]),
+            np.float64(quats[f, 2]),
+            np.float64(quats[f, 3]),
+        )
+        length = np.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+        q0, q1, q2, q3 = q0 / length, q1 / length, q2 / length, q3 / length
+        w = q0 * b0 + q1 * b1 + q2 * b2 + q3 * b3
+        x = b0 * q1 - q0 * b1 - (q2 * b3 - q3 * b2)
+        y = b0 * q2 - q0 * b2 - (q3 * b1 - q1 * b3)
+        z = b0 * q3 - q0 * b3 - (q1 * b2 - q2 * b1)
+        if w * w0 + x * x0 + y * y0 + z * z0 < 0:
+            w, x, y, z = -w, -x, -y, -z
+        w0, x0, y0, z0 = w, x, y, z
+        below = max(_ONE + w, 1e-3)
+        x, y, z = x / below, y / below, z / below
+        far = max(far, np.sqrt(x * x + y * y + z * z))
+        values[3, f], values[4, f], values[5, f] = x * _TURN, y * _TURN, z * _TURN
+    return far
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _sizes(scales, opacities, base, opacity, values):
+    """Logarithms of scales, by falling size of the base's, and of opacity; what is as in the base takes none."""
+    for rank in range(3):
+        here = 0
+        for axis in range(3):  # as many are before it as are larger, or as large and before it
+            before = 0
+            for other in range(3):
+                before += base[other] > base[axis] or (base[other] == base[axis] and other < axis)
+            if before == rank:
+                here = axis
+        for f in range(len(scales)):
+            same = scales[f, here] == base[here]
+            values[6 + rank, f] = (
+                _ZERO if same else (np.log2(np.float64(scales[f, here])) - np.log2(np.float64(base[here]))) * _FIXED
+            )
+    for f in range(len(scales)):
+        same = opacities[f] == opacity
+        values[9, f] = _ZERO if same else (np.log2(np.float64(opacities[f])) - np.log2(np.float64(opacity))) * _FIXED
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _project(values, table, own, largest):
+    """Coefficients of each channel's values and their largest magnitude; zeros stay as they are."""
+    frames = len(table)
+    for c in range(NUM_CHANNELS):
+        some = False
+        for f in range(frames):
+            some |= values[c, f] != 0
+        if not some:
+            continue
+        row = own[c]
+        for f in range(frames):
+            value = values[c, f]
+            for k in range(frames):
+                row[k] += value * table[f, k]
+        for k in range(frames):
+            largest[c] = max(largest[c], abs(row[k]))
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def fit_targets(moves, bases, numbers, unit, luma, table, targets, largest, turns):
+    """Coefficients of what tracks do, see `trajectories.targets_of`.
+
+    Args:
+        moves: Means, quaternions, scales, opacities, colours of n tracks, float32 (n, F, ...).
+        bases: The same of bases, float32 (T, 1, ...).
+        numbers: Base of each track, int64 (n).
+        unit: Units of place in one of the scene.
+        luma: Colours to luma and chroma, float64 (3, 3).
+        table: Polynomials, float64 (F, F).
+        targets: float64 (n, C, F), zero before; filled.
+        largest: Largest magnitude of each channel's coefficients, float64 (n, C), zero before; filled.
+        turns: Tangent of a quarter of the largest rotation, float64 (n); filled.
+    """
+    means, quats, scales, opacities, colours = moves
+    m, q, s, o, c = bases
+    values = np.empty((NUM_CHANNELS, len(table)))
+    for i in range(len(numbers)):
+        j = numbers[i]
+        for f in range(len(table)):
+            for a in range(3):
+                values[a, f] = (np.float64(means[i, f, a]) - np.float64(m[j, 0, a])) * unit
+                total = _ZERO
+                for b in range(3):
+                    total += (np.float64(colours[i, f, b]) - np.float64(c[j, 0, b])) * luma[a, b]
+                values[10 + a, f] = total
+        turns[i] = _turns(quats[i], q[j, 0], values)
+        _sizes(scales[i], opacities[i], s[j, 0], o[j, 0], values)
+        _project(values, table, targets[i], largest[i])
