@@ -7,7 +7,7 @@ import { Bases } from "./bases.ts";
 import { addMoves, type Poses } from "./concealment.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
-import { coefficients } from "./predict.ts";
+import { coefficients, coefficientsOf } from "./predict.ts";
 import type { ClipInfo, Timeline } from "./side_info.ts";
 import { move, offsetsOf, unitsOf } from "./trajectories.ts";
 
@@ -36,12 +36,16 @@ interface Memory {
   readonly offsets: Float32Array;
 }
 
-interface Played extends Poses {
+interface Concealed {
+  /** Whose motion is a guess. */
+  readonly concealed: Uint8Array;
+}
+
+interface Played extends Poses, Concealed {
   readonly group: number;
   readonly numBases: number;
   readonly shown: (packet: Packet) => boolean;
   readonly concealer: string;
-  readonly concealed: Uint8Array;
   readonly memory: Memory;
 }
 
@@ -89,14 +93,17 @@ export class Clip implements Moving {
       frames = this.framesOf(group),
       at = number - group * this.info.timeline.groupFrames,
       left = concealer === "drop",
-      here = Array.from(slots.keys()).filter((n) => begins[n] <= at && at < ends[n] && !(left && concealed[n])),
-      splats = emptySplats(here.length, this.info.bases.degree);
+      here = rowsWhere(slots.length, (n) => begins[n] <= at && at < ends[n] && !(left && concealed[n])),
+      splats = emptySplats(here.length, this.info.bases.degree),
+      tracks = new Int32Array(here.length);
     let guesses = 0;
-    here.forEach((n, to) => {
+    for (let to = 0; to < here.length; to++) {
+      const n = here[to];
       move(this.bases.splats, slots[n], offsets, (n * frames + at) * NUM_CHANNELS, splats, to);
+      tracks[to] = this.bases.tracks[slots[n]];
       guesses += concealed[n];
-    });
-    return { number, splats, tracks: Int32Array.from(here, (n) => this.bases.tracks[slots[n]]), concealed: guesses };
+    }
+    return { number, splats, tracks, concealed: guesses };
   }
 
   /** Decodes motion of the group that comes next, for so many milliseconds: it is asked for soon. */
@@ -152,8 +159,11 @@ export class Clip implements Moving {
         frames,
         info.groups[group].firstNew,
       ),
-      slots = Int32Array.from({ length: packet.count }, (_, i) => bases.slots[heads[HEAD * i + TRACK]] ?? -1);
-    if (slots.some((slot) => slot < 0)) return null;
+      slots = new Int32Array(packet.count);
+    for (let i = 0; i < slots.length; i++) {
+      slots[i] = bases.slots[heads[HEAD * i + TRACK]] ?? -1;
+      if (slots[i] < 0) return null;
+    }
     const decoded = { heads, offsets: this.#offsets(heads, residuals, orders, slots, frames) };
     this.#keep(packet, decoded);
     return decoded;
@@ -181,16 +191,19 @@ export class Clip implements Moving {
       count = slots.length,
       own = new Float64Array(3 * count),
       steps = new Int32Array(NUM_CHANNELS * count),
-      moving = Uint8Array.from({ length: count }, (_, i) => Number(heads[HEAD * i + STATE] === MOVING)),
+      moving = new Uint8Array(count),
       size = frames * NUM_CHANNELS,
       offsets = new Float32Array(size * count);
-    slots.forEach((slot, i) => {
-      own.set(places.subarray(3 * slot, 3 * slot + 3), 3 * i);
-      steps.set(shifts.subarray(NUM_CHANNELS * slot, NUM_CHANNELS * (slot + 1)), NUM_CHANNELS * i);
-    });
-    const found = coefficients(own, moving, steps, residuals, orders);
+    for (let i = 0; i < count; i++) {
+      const slot = slots[i];
+      for (let a = 0; a < 3; a++) own[3 * i + a] = places[3 * slot + a];
+      for (let c = 0; c < NUM_CHANNELS; c++) steps[NUM_CHANNELS * i + c] = shifts[NUM_CHANNELS * slot + c];
+      moving[i] = Number(heads[HEAD * i + STATE] === MOVING);
+    }
+    const found = coefficients(own, moving, steps, residuals, orders),
+      row = coefficientsOf(orders);
     for (let i = 0; i < count; i++)
-      if (moving[i]) offsetsOf(found, i * size, frames, orders, this.#units, offsets, i * size);
+      if (moving[i]) offsetsOf(found, i * row, frames, orders, this.#units, offsets, i * size);
     return offsets;
   }
 
@@ -212,18 +225,11 @@ export class Clip implements Moving {
         isNew = track >= firstNew && track < firstNew + births;
       if (!spoken[slot] && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
     }
-    const slots = Int32Array.from([...poses.slots, ...lost]),
-      offsets = new Float32Array(size * slots.length);
-    offsets.set(poses.offsets);
-    if (motions)
-      this.#guess(poses, lost, before, frames, offsets.subarray(poses.offsets.length), concealer === "motion");
-    const found = {
-      slots,
-      offsets,
-      begins: Int32Array.from([...poses.begins, ...lost.map(() => 0)]),
-      ends: Int32Array.from([...poses.ends, ...lost.map(() => frames)]),
-      concealed: Uint8Array.from(slots, (_, n) => Number(n >= poses.slots.length && motions > 0)),
-    };
+    const found = extended(poses, lost, frames, motions > 0);
+    if (motions && lost.length) {
+      const guesses = found.offsets.subarray(size * poses.slots.length);
+      this.#guess(poses, lost, before, frames, guesses, concealer === "motion");
+    }
     return {
       ...found,
       group,
@@ -265,7 +271,7 @@ export class Clip implements Moving {
 
   #remember(
     group: number,
-    { slots, ends, offsets, concealed }: Poses & { concealed: Uint8Array },
+    { slots, ends, offsets, concealed }: Poses & Concealed,
     before: Memory | null,
     frames: number,
   ): Memory {
@@ -273,13 +279,14 @@ export class Clip implements Moving {
       last = before ? widened(before.offsets, count * NUM_CHANNELS) : new Float32Array(count * NUM_CHANNELS),
       alive = new Uint8Array(count),
       guessed = new Uint8Array(count);
-    slots.forEach((slot, n) => {
-      if (ends[n] !== frames) return;
+    for (let n = 0; n < slots.length; n++) {
+      if (ends[n] !== frames) continue;
+      const slot = slots[n],
+        end = (n * frames + frames - 1) * NUM_CHANNELS;
       alive[slot] = 1;
       guessed[slot] = concealed[n];
-      const end = (n * frames + frames - 1) * NUM_CHANNELS;
-      last.set(offsets.subarray(end, end + NUM_CHANNELS), slot * NUM_CHANNELS);
-    });
+      for (let c = 0; c < NUM_CHANNELS; c++) last[slot * NUM_CHANNELS + c] = offsets[end + c];
+    }
     return { group, alive, guessed, offsets: last };
   }
 }
@@ -287,26 +294,56 @@ export class Clip implements Moving {
 /** Tracks of all packets; of one that is there twice the first counts. */
 function joined(found: readonly Decoded[], slotOf: Int32Array, frames: number): Poses {
   const size = frames * NUM_CHANNELS,
-    seen = new Set<number>(),
-    rows: { slot: number; begins: number; ends: number; offsets: Float32Array }[] = [];
+    most = found.reduce((sum, { offsets }) => sum + offsets.length / size, 0),
+    seen = new Uint8Array(slotOf.length),
+    slots = new Int32Array(most),
+    begins = new Int32Array(most),
+    ends = new Int32Array(most),
+    all = new Float32Array(size * most);
+  let rows = 0;
   for (const { heads, offsets } of found) {
     for (let i = 0; i < offsets.length / size; i++) {
-      const slot = slotOf[heads[HEAD * i + TRACK]],
-        begins = Math.min(Math.max(heads[HEAD * i + BEGINS], 0), frames - 1),
-        ends = Math.min(Math.max(heads[HEAD * i + ENDS], begins), frames);
-      if (seen.has(slot)) continue;
-      seen.add(slot);
-      rows.push({ slot, begins, ends, offsets: offsets.subarray(i * size, (i + 1) * size) });
+      const slot = slotOf[heads[HEAD * i + TRACK]];
+      if (seen[slot]) continue;
+      seen[slot] = 1;
+      slots[rows] = slot;
+      begins[rows] = Math.min(Math.max(heads[HEAD * i + BEGINS], 0), frames - 1);
+      ends[rows] = Math.min(Math.max(heads[HEAD * i + ENDS], begins[rows]), frames);
+      all.set(offsets.subarray(i * size, (i + 1) * size), rows++ * size);
     }
   }
-  const all = new Float32Array(size * rows.length);
-  rows.forEach((row, n) => all.set(row.offsets, n * size));
   return {
-    slots: Int32Array.from(rows, ({ slot }) => slot),
-    begins: Int32Array.from(rows, ({ begins }) => begins),
-    ends: Int32Array.from(rows, ({ ends }) => ends),
-    offsets: all,
+    slots: slots.subarray(0, rows),
+    begins: begins.subarray(0, rows),
+    ends: ends.subarray(0, rows),
+    offsets: all.subarray(0, rows * size),
   };
+}
+
+/** With tracks that stay as they are for all frames behind them: whose motion is lost, or of whom nothing is said. */
+function extended(poses: Poses, others: readonly number[], frames: number, lost: boolean): Poses & Concealed {
+  const known = poses.slots.length,
+    count = known + others.length,
+    concealed = new Uint8Array(count).fill(Number(lost), known);
+  if (!others.length) return { ...poses, concealed };
+  const slots = new Int32Array(count),
+    begins = new Int32Array(count),
+    ends = new Int32Array(count).fill(frames, known),
+    offsets = new Float32Array(count * frames * NUM_CHANNELS);
+  slots.set(poses.slots);
+  slots.set(others, known);
+  begins.set(poses.begins);
+  ends.set(poses.ends);
+  offsets.set(poses.offsets);
+  return { slots, begins, ends, offsets, concealed };
+}
+
+/** Rows for which something holds, ascending. */
+function rowsWhere(count: number, holds: (row: number) => boolean): Int32Array {
+  const found = new Int32Array(count);
+  let some = 0;
+  for (let n = 0; n < count; n++) if (holds(n)) found[some++] = n;
+  return found.subarray(0, some);
 }
 
 function widened(old: Float32Array, length: number): Float32Array {

@@ -12,8 +12,19 @@ const RADIUS = 1 << 10,
 
 const clip = (value: number, low: number, high: number): number => Math.min(Math.max(value, low), high);
 
+/** How many coefficients of all channels a track has. */
+export function coefficientsOf(orders: Int32Array): number {
+  let total = 0;
+  for (let c = 0; c < NUM_CHANNELS; c++) total += orders[KIND_OF[c]];
+  return total;
+}
+
+/** Grows with the largest packet; a packet's coefficients are read before the next one's are found. */
+let room = new Float64Array(0);
+
 /**
- * Coefficients, n times channels times F; of tracks that do not move 0.
+ * Coefficients, a row for each track: of each channel as many as its kind has. Of tracks that do not move 0. They are
+ * there until the next call.
  *
  * @param places Of the bases, half lattice units, 3 each.
  * @param moving Whether each moves.
@@ -30,27 +41,31 @@ export function coefficients(
 ): Float64Array {
   const count = moving.length,
     frames = residuals.length / NUM_CHANNELS / Math.max(count, 1),
-    out = new Float64Array(residuals.length),
-    size = NUM_CHANNELS * frames,
-    begin = new Int32Array(NUM_NEIGHBOURS),
+    size = coefficientsOf(orders),
     small = shrunk(places),
     known = new Int32Array(count),
+    means = new Float64Array(size),
     plane = new Plane(small);
+  if (room.length < count * size) room = new Float64Array(count * size);
+  const out = room.subarray(0, count * size).fill(0);
   let found = 0;
   for (let i = 0; i < count; i++) if (!moving[i]) known[found++] = i;
   for (const i of coarseToFine(small, moving, shifts)) {
     plane.fit(known, found, i);
-    const { count: near, weights, who } = plane;
-    for (let m = 0; m < near; m++) begin[m] = who[m] * size;
-    for (let c = 0; c < NUM_CHANNELS; c++) {
-      const own = i * size + c * frames,
-        end = orders[KIND_OF[c]],
+    const { count: near, weights, who } = plane,
+      own = i * size;
+    means.fill(0);
+    for (let m = 0; m < near; m++) {
+      if (!moving[who[m]]) continue;
+      const weight = weights[m];
+      for (let u = 0, from = who[m] * size; u < size; u++, from++) means[u] += weight * out[from];
+    }
+    for (let c = 0, u = 0; c < NUM_CHANNELS; c++) {
+      const end = orders[KIND_OF[c]],
         step = end ? 2 ** shifts[i * NUM_CHANNELS + c] : 0;
-      for (let k = 0, at = c * frames; k < end; k++, at++) {
-        let mean = 0;
-        for (let m = 0; m < near; m++) mean += weights[m] * out[begin[m] + at];
-        const value = Math.floor((mean + WEIGHT / 2) / WEIGHT) + residuals[own + k] * step;
-        out[own + k] = clip(value, -MAX_COEFFICIENT, MAX_COEFFICIENT);
+      for (let k = 0, at = (i * NUM_CHANNELS + c) * frames; k < end; k++, at++, u++) {
+        const value = Math.floor((means[u] + WEIGHT / 2) / WEIGHT) + residuals[at] * step;
+        out[own + u] = clip(value, -MAX_COEFFICIENT, MAX_COEFFICIENT);
       }
     }
     known[found++] = i;
@@ -158,8 +173,15 @@ class Plane {
       total = 0;
     for (let m = 0; m < count; m++)
       for (let a = 0; a < 3; a++) radius = Math.max(radius, Math.abs(places[3 * who[m] + a] - places[3 * i + a]));
-    const f = [0, 0, 0],
-      s = [0, 0, 0, 0, 0, 0];
+    let sx = 0,
+      sy = 0,
+      sz = 0,
+      xx = 0,
+      xy = 0,
+      xz = 0,
+      yy = 0,
+      yz = 0,
+      zz = 0;
     for (let m = 0; m < count; m++) {
       const w = (near[m] = 1 + Math.floor((2 * (far[0] + 1)) / (far[m] + 1)));
       for (let a = 0; a < 3; a++)
@@ -168,33 +190,32 @@ class Plane {
         y = o[3 * m + 1],
         z = o[3 * m + 2];
       total += w;
-      f[0] += w * x;
-      f[1] += w * y;
-      f[2] += w * z;
-      s[0] += w * x * x;
-      s[1] += w * x * y;
-      s[2] += w * x * z;
-      s[3] += w * y * y;
-      s[4] += w * y * z;
-      s[5] += w * z * z;
+      sx += w * x;
+      sy += w * y;
+      sz += w * z;
+      xx += w * x * x;
+      xy += w * x * y;
+      xz += w * x * z;
+      yy += w * y * y;
+      yz += w * y * z;
+      zz += w * z * z;
     }
-    const [x, y, z] = f;
-    let [xx, xy, xz, yy, yz, zz] = [
-      total * s[0] - x * x,
-      total * s[1] - x * y,
-      total * s[2] - x * z,
-      total * s[3] - y * y,
-      total * s[4] - y * z,
-      total * s[5] - z * z,
-    ];
+    xx = total * xx - sx * sx;
+    xy = total * xy - sx * sy;
+    xz = total * xz - sx * sz;
+    yy = total * yy - sy * sy;
+    yz = total * yz - sy * sz;
+    zz = total * zz - sz * sz;
     const trace = xx + yy + zz;
     let spread = 1;
     while (Math.floor(trace / spread) >= SPREAD) spread *= 2;
     const ridge = Math.floor(trace / (spread * RIDGE)) + LEAST_RIDGE;
-    [xx, xy, xz, yy, yz, zz] = [xx, xy, xz, yy, yz, zz].map((value) => Math.floor(value / spread));
-    xx += ridge;
-    yy += ridge;
-    zz += ridge;
+    xx = Math.floor(xx / spread) + ridge;
+    xy = Math.floor(xy / spread);
+    xz = Math.floor(xz / spread);
+    yy = Math.floor(yy / spread) + ridge;
+    yz = Math.floor(yz / spread);
+    zz = Math.floor(zz / spread) + ridge;
     const a = yy * zz - yz * yz,
       b = xz * yz - xy * zz,
       c = xy * yz - xz * yy,
@@ -202,17 +223,18 @@ class Plane {
       e = xy * xz - xx * yz,
       g = xx * yy - xy * xy,
       determinant = Math.max(xx * a + xy * b + xz * c, 1);
-    let pulls = [a * x + b * y + c * z, b * x + d * y + e * z, c * x + e * y + g * z],
+    let hx = a * sx + b * sy + c * sz,
+      hy = b * sx + d * sy + e * sz,
+      hz = c * sx + e * sy + g * sz,
       pull = 1;
-    const most = Math.max(...pulls.map(Math.abs));
+    const most = Math.max(Math.abs(hx), Math.abs(hy), Math.abs(hz));
     while (Math.floor(most / pull) >= PULL) pull *= 2;
-    pulls = pulls.map((value) => Math.floor(value / pull));
+    hx = Math.floor(hx / pull);
+    hy = Math.floor(hy / pull);
+    hz = Math.floor(hz / pull);
     const scale = (TURN * pull) / spread;
     for (let m = 0; m < count; m++) {
-      const moment =
-          pulls[0] * (total * o[3 * m] - x) +
-          pulls[1] * (total * o[3 * m + 1] - y) +
-          pulls[2] * (total * o[3 * m + 2] - z),
+      const moment = hx * (total * o[3 * m] - sx) + hy * (total * o[3 * m + 1] - sy) + hz * (total * o[3 * m + 2] - sz),
         turn = Math.floor((moment / determinant) * scale + 0.5),
         share = Math.floor((near[m] * (TURN - turn)) / (total * (TURN / WEIGHT)));
       weights[m] = clip(share, -WEIGHT, WEIGHT);

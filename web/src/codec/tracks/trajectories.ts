@@ -46,8 +46,7 @@ const R2 = Math.sqrt(2),
   R6 = Math.sqrt(6);
 
 /**
- * What coefficients of a track, channels times `frames` from `from` on (the first `orders` of each kind), do in each
- * frame; to `out`, frames times
+ * What coefficients of a track, from `from` on as `coefficients` returns them, do in each frame; to `out`, frames times
  * channels from `to` on: place, rotation (vector of four times the tangent of a quarter of the angle), logarithms of
  * scales and opacity, red, green, blue.
  */
@@ -61,10 +60,10 @@ export function offsetsOf(
   to: number,
 ): void {
   const table = polynomials(frames);
-  for (let c = 0; c < NUM_CHANNELS; c++) {
-    const end = orders[KIND_OF[c]],
-      own = from + c * frames,
-      unit = units[c];
+  for (let c = 0, own = from; c < NUM_CHANNELS; own += orders[KIND_OF[c++]]) {
+    const unit = units[c];
+    let end = orders[KIND_OF[c]];
+    while (end && !coefficients[own + end - 1]) end--;
     if (!end) continue;
     for (let f = 0, row = 0; f < frames; f++, row += frames) {
       let sum = 0;
@@ -75,7 +74,9 @@ export function offsetsOf(
   if (!orders[KIND_OF[NUM_CHANNELS - 1]]) return;
   for (let f = 0; f < frames; f++) {
     const at = to + f * NUM_CHANNELS;
-    const [y, co, cg] = [out[at + 10], out[at + 11], out[at + 12]];
+    const y = out[at + 10],
+      co = out[at + 11],
+      cg = out[at + 12];
     out[at + 10] = y / R3 + co / R2 - cg / R6;
     out[at + 11] = y / R3 + (2 * cg) / R6;
     out[at + 12] = y / R3 - co / R2 - cg / R6;
@@ -101,8 +102,14 @@ function turn(quats: Float32Array, q: number, offsets: Float32Array, r: number, 
     z = offsets[r + 2] / 4,
     square = x * x + y * y + z * z,
     part = 2 / (1 + square),
-    [w, i, j, k] = [(1 - square) / (1 + square), x * part, y * part, z * part],
-    [a, b, c, d] = [quats[q], quats[q + 1], quats[q + 2], quats[q + 3]];
+    w = (1 - square) / (1 + square),
+    i = x * part,
+    j = y * part,
+    k = z * part,
+    a = quats[q],
+    b = quats[q + 1],
+    c = quats[q + 2],
+    d = quats[q + 3];
   out[to] = w * a - i * b - j * c - k * d;
   out[to + 1] = w * b + i * a + j * d - k * c;
   out[to + 2] = w * c - i * d + j * a + k * b;
