@@ -12,7 +12,7 @@ from splatwire.clips import ClipOptions, encode_clip
 from splatwire.clips.neighbors import distance_weights, plane_weights
 from splatwire.codec.schemas.tracks.basis import polynomials
 from splatwire.codec.schemas.tracks.decoder import decode_motion
-from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS, STATE
+from splatwire.codec.schemas.tracks.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
 from splatwire.codec.schemas.tracks.motion_rows import coefficients_of
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
 from splatwire.codec.schemas.tracks.trajectories import Trajectories, offsets_at, targets_of
@@ -42,10 +42,13 @@ def test_packets_read_as_in_plain_python(stream, info, group):
     packets = motion_packets(stream, group)
     assert packets
     for packet in packets:
-        heads, residuals = decode_motion(info, group, np.array([packet.num_anchors]), [packet.payload], first_new)
+        counts = np.array([packet.num_anchors])
+        heads, residuals, orders = decode_motion(info, group, counts, [packet.payload], first_new)
         plain = ReferenceMotion(packet.payload, info.bit_zero.tolist(), packet.num_anchors, GROUP, first_new).decode()
         assert heads.tolist() == plain[0]
         assert residuals.reshape(-1, NUM_CHANNELS, GROUP).tolist() == plain[1]
+        behind = np.arange(GROUP) >= orders[0][KIND_OF][:, None]
+        assert not residuals.reshape(-1, NUM_CHANNELS, GROUP)[:, behind].any()
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -55,7 +58,7 @@ def test_altered_packets_read_as_in_plain_python(stream, info, seed):
     for place in rng.integers(0, len(payload), 3):
         payload[place] = rng.integers(0, 256)
     altered = bytes(payload)
-    heads, residuals = decode_motion(info, 0, np.array([packet.num_anchors]), [altered], 0)
+    heads, residuals, _ = decode_motion(info, 0, np.array([packet.num_anchors]), [altered], 0)
     plain = ReferenceMotion(altered, info.bit_zero.tolist(), packet.num_anchors, GROUP, 0).decode()
     found = len(plain[0])
     assert heads[:found].tolist() == plain[0]
@@ -73,7 +76,7 @@ def test_neighbours_tell_what_they_tell_in_plain_python(seed, size):
     residuals = rng.integers(-40, 40, (count, NUM_CHANNELS, 4)).astype(np.int32)
     residuals[rng.random(residuals.shape) < 0.5] = 0
     residuals[heads[:, STATE] == 0] = 0
-    fast = coefficients_of(heads, residuals.reshape(count, -1), places, shifts)
+    fast = coefficients_of(heads, residuals.reshape(count, -1), np.full(NUM_KINDS, 4), places, shifts)
     plain = coefficients(places.tolist(), heads[:, STATE].tolist(), shifts.tolist(), residuals.tolist())
     assert fast.tolist() == [own for own, state in zip(plain, heads[:, STATE], strict=True) if state]
 

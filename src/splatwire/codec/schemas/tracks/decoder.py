@@ -23,6 +23,7 @@ from splatwire.codec.schemas.tracks.layout import (
     HEAD,
     MOVING,
     NUM_CHANNELS,
+    NUM_KINDS,
     STATE,
     TRACK,
 )
@@ -94,7 +95,7 @@ class TracksDecoder:
         group, base = self._spans.of(run.block)
         if base is not None:
             return decode_packets(self.info.bases, base, run.counts, run.payloads)
-        return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])
+        return decode_motion(self.info, group, run.counts, run.payloads, self._spans.first_new[group])[:2]
 
     def store(self, run: Run, rows: Rows) -> None:
         """See `Decoder.store`: of motion the packets are kept, which are a hundredth of what is in them."""
@@ -138,7 +139,9 @@ class TracksDecoder:
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
             counts = np.array([packet.num_anchors])
-            rows, residuals = decode_motion(self.info, group, counts, [packet.payload], self._spans.first_new[group])
+            rows, residuals, orders = decode_motion(
+                self.info, group, counts, [packet.payload], self._spans.first_new[group]
+            )
             rows, residuals = _valid(rows, residuals, self._num_tracks)
             num += packet.num_anchors
             if not len(rows):
@@ -149,7 +152,8 @@ class TracksDecoder:
             own = self._rows[rows[:, TRACK]]
             shifts = motion_shifts(own, bases, self.info.coarser)
             heads.append(rows)
-            moves.append(_in_use(coefficients_of(rows, residuals, own[:, :3], shifts)))
+            coefficients = coefficients_of(rows, residuals, orders[0], own[:, :3], shifts)
+            moves.append(coefficients[:, :, : orders.max()].astype(np.float32))
             held += rows.nbytes + moves[-1].nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
@@ -160,12 +164,6 @@ class TracksDecoder:
 
         return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, frames, spoken, complete,
                        not blocks)  # fmt: skip
-
-
-def _in_use(coefficients: np.ndarray) -> np.ndarray:
-    """Coefficients up to the last order that any of them has, float32 (n, C, K): most have few."""
-    used = np.flatnonzero(coefficients.any(axis=(0, 1)))
-    return coefficients[:, :, : used[-1] + 1 if len(used) else 0].astype(np.float32)
 
 
 def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[np.ndarray, np.ndarray]:
@@ -238,7 +236,7 @@ def update_digest(digest: Any, rows: Rows) -> None:
 
 def decode_motion(
     info: ClipInfo, group: int, counts: np.ndarray, payloads: Sequence[bytes], first_new: int
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decodes packets of a group's motion; any bytes decode to something.
 
     Args:
@@ -249,7 +247,8 @@ def decode_motion(
         first_new: First track that is born in the group.
 
     Returns:
-        Heads int64 (n, HEAD) and residuals int32 (n, C F), packet by packet.
+        Heads int64 (n, HEAD) and residuals int32 (n, C F), packet by packet, and how many coefficients of each kind
+        each packet has, int64 (packets, kinds).
     """
     from splatwire.codec.schemas.tracks import _packet_kernels as kernels
 
@@ -258,8 +257,9 @@ def decode_motion(
     ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     heads, residuals = empty_rows(int(starts[-1]), frames)
+    orders = np.zeros((len(payloads), NUM_KINDS), np.int64)
     kernels.decode_packets(
         info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, heads,
-        np.zeros((len(payloads), 5), np.int64), residuals.reshape(len(heads), NUM_CHANNELS, frames),
+        orders, residuals.reshape(len(heads), NUM_CHANNELS, frames),
     )  # fmt: skip
-    return heads, residuals
+    return heads, residuals, orders

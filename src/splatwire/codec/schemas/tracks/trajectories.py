@@ -115,7 +115,9 @@ def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, siz
         unit: As for `targets_of`.
         size_log: As there.
     """
-    values = coefficients @ polynomials(frames)[frame, : coefficients.shape[2]]
+    tracks, channels, orders = coefficients.shape
+    rows = coefficients.reshape(tracks * channels, orders).astype(np.float64)  # one product: of three axes it is many
+    values = (rows @ polynomials(frames)[frame, :orders]).reshape(tracks, channels)
     values[:, :3] = np.ldexp(values[:, :3], size_log - unit - 1)
     values[:, 3:6] /= _TURN
     values[:, 6:10] *= np.log(2.0) / _FIXED
