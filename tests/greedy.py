@@ -90,13 +90,14 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: bool, motio
     base, none = info.bases, np.zeros((blocks, 3), np.int64)
     boxes = replace(base.boxes, shifts=none[:, 0], origins=none, extents=none)
     base = replace(base, boxes=boxes, defaults=np.repeat(base.defaults[:1], blocks, axis=0))
-    coder = MotionCoder(*moving_rows(frames), first_new=0, most=60_000)
-    zero = coder.fitted([0, MAX_CANDIDATES])
+    every = np.arange(MAX_CANDIDATES)
+    coder = MotionCoder(*moving_rows(frames), every, first_new=0, most=60_000, costs=np.ones(MAX_CANDIDATES))
+    zero = coder.fitted([(0, MAX_CANDIDATES)], 1)
     info = replace(info, timeline=Timeline(info.timeline.rate, frames, frames), bases=base, bit_zero=zero, sections={})
     tiers, sizes = (TierShape(num, 1), TierShape(num, 1)), [CUT.block_size] * blocks
     stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
     packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes) if bases]
-    _, payloads, _ = coder.encode(zero, 0, MAX_CANDIDATES)
+    payloads = coder.encode(zero, (0, MAX_CANDIDATES)).payloads
     for n in range(motion):
         block, begin = divmod(n * MAX_CANDIDATES, CUT.block_size)
         packets.append(make_packet(PacketId(blocks + block, begin), MAX_CANDIDATES, payloads[0], 7))
