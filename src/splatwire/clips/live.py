@@ -69,6 +69,8 @@ class LiveDecoder:
             self._blocks.setdefault(block, []).append(packet)
             self._fresh.add(block)
             self._have[group] = self._have.get(group, 0) + packet.num_anchors
+            if self._decoder is not None and not plan.lasting(block):
+                self._opened().prepare(packet, self._num_bytes)
         yield from self._complete()
 
     def finish(self) -> Iterator[ClipFrame]:
@@ -89,18 +91,30 @@ class LiveDecoder:
             group, self._next = self._next, self._next + 1
             yield from self._group(group)
 
-    def _group(self, group: int) -> Iterator[ClipFrame]:
+    def _opened(self) -> TracksDecoder:
+        """The decoder of what is said of the clip by now; goes on from the one before.
+
+        Raises:
+            BitstreamError: If a scene of all tracks takes too much memory.
+        """
         assert self._manifest is not None
-        manifest, what = self._manifest, f"decoding {self._manifest.num_anchors:,} tracks"
-        num_bytes = len(self._side_info) + self._num_bytes
-        opened = TracksDecoder(manifest, self._side_info, num_bytes)
+        if self._decoder is not None and self._decoder.manifest is self._manifest:
+            return self._decoder
+        num_bytes, what = len(self._side_info) + self._num_bytes, f"decoding {self._manifest.num_anchors:,} tracks"
+        opened = TracksDecoder(self._manifest, self._side_info, num_bytes)
         check_memory(opened.scene_bytes, num_bytes, what)
         with allocating(what):
             opened.expect(None)
             if self._decoder is not None:
                 opened.take_over(self._decoder)
-            self._decoder = opened
-            self._store(opened, manifest, group)
+        self._decoder = opened
+        return opened
+
+    def _group(self, group: int) -> Iterator[ClipFrame]:
+        assert self._manifest is not None
+        opened = self._opened()
+        with allocating(f"decoding {self._manifest.num_anchors:,} tracks"):
+            self._store(opened, self._manifest, group)
             clip = opened.scene().scene
             frames, self._memory = decode_group(clip, group, clip.tracks.received, self._memory, self._method)
             yield from frames

@@ -34,11 +34,14 @@ from splatwire.codec.schemas.tracks.steps import motion_shifts
 from splatwire.codec.schemas.tracks.trajectories import offsets_at
 from splatwire.model import Partial
 from splatwire.model.clip import ClipScene, GroupMotion, Tracks
-from splatwire.packets import Manifest, Packet
+from splatwire.packets import Manifest, Packet, PacketId
 from splatwire.scene import Erasures
 
 SHOWN_BYTES = 768
 """Of memory, what a track takes while a group is concealed and its frames are made, beside its base and its motion."""
+
+_Moved = tuple[np.ndarray, np.ndarray]
+"""Of a packet of motion: heads int64 (n, HEAD), coefficients of those that move, float32 (m, C, orders)."""
 
 
 class TracksDecoder:
@@ -58,7 +61,7 @@ class TracksDecoder:
     whole_blocks, alone = True, True
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
-        info = open_side_info(manifest, side_info)
+        info, self.manifest = open_side_info(manifest, side_info), manifest
         self.info, self._plan, self._num = info, manifest.plan, manifest.num_anchors
         self.sections = info.sections
         self._spans = _Spans(info, manifest)
@@ -81,6 +84,8 @@ class TracksDecoder:
         self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
         self._packets: dict[int, tuple[Packet, ...]] = {}
         self._sizes: dict[int, int] = {}
+        self._ready: dict[PacketId, _Moved] = {}
+        self._held = self.scene_bytes
 
     def take_over(self, other: "TracksDecoder") -> None:
         """Goes on from what a decoder of the same stream had when it was shorter; call `expect` first."""
@@ -138,23 +143,15 @@ class TracksDecoder:
         heads, moves, spoken, num, held = [], [], np.zeros(self._num_tracks, bool), 0, self.scene_bytes
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
-            counts = np.array([packet.num_anchors])
-            rows, residuals, orders = decode_motion(
-                self.info, group, counts, [packet.payload], self._spans.first_new[group]
-            )
-            rows, residuals = _valid(rows, residuals, self._num_tracks)
             num += packet.num_anchors
-            if not len(rows):
+            moved = self._ready.get(packet.id) or self._moved(packet, there)
+            if moved is None:
                 continue
-            if not there[rows[:, TRACK]].all():
-                continue  # until its bases are there
+            rows, coefficients = moved
             spoken[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
-            own = self._rows[rows[:, TRACK]]
-            shifts = motion_shifts(own, bases, self.info.coarser)
             heads.append(rows)
-            coefficients = coefficients_of(rows, residuals, orders[0], own[:, :3], shifts)
-            moves.append(coefficients[:, :, : orders.max()].astype(np.float32))
-            held += rows.nbytes + moves[-1].nbytes
+            moves.append(coefficients)
+            held += rows.nbytes + coefficients.nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
 
@@ -164,6 +161,36 @@ class TracksDecoder:
 
         return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, frames, spoken, complete,
                        not blocks)  # fmt: skip
+
+    def prepare(self, packet: Packet, num_bytes: int) -> None:
+        """Decodes a packet of motion whose bases are there before its group is asked for, so that less is left then.
+
+        Args:
+            packet: The packet; it is to be stored as well.
+            num_bytes: Bytes of the stream that are there.
+
+        Raises:
+            BitstreamError: If what is prepared takes more memory than a stream of so many bytes may.
+        """
+        moved = self._moved(packet, self._received.numpy())
+        if moved is None:
+            return
+        self._ready[packet.id] = moved
+        self._held += moved[0].nbytes + moved[1].nbytes
+        check_memory(self._held, num_bytes, "motion that is ready")
+
+    def _moved(self, packet: Packet, there: np.ndarray) -> "_Moved | None":
+        """What a packet of motion says; None where it speaks of nobody, or a base is missing."""
+        group, _ = self._spans.of(packet.id.block)
+        counts, first_new = np.array([packet.num_anchors]), self._spans.first_new[group]
+        rows, residuals, orders = decode_motion(self.info, group, counts, [packet.payload], first_new)
+        rows, residuals = _valid(rows, residuals, self._num_tracks)
+        if not len(rows) or not there[rows[:, TRACK]].all():
+            return None
+        own = self._rows[rows[:, TRACK]]
+        shifts = motion_shifts(own, self.info.bases, self.info.coarser)
+        coefficients = coefficients_of(rows, residuals, orders[0], own[:, :3], shifts)
+        return rows, coefficients[:, :, : orders.max()].astype(np.float32)
 
 
 def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[np.ndarray, np.ndarray]:
