@@ -81,6 +81,11 @@ class Browser(Page):
             self._mouse("mouseMoved", x, y, button=button, buttons=held)
         self._mouse("mouseReleased", *end, button=button, clickCount=1)
 
+    def double_click(self, x: float, y: float) -> None:
+        for count in (1, 2):
+            for kind, held in (("mousePressed", 1), ("mouseReleased", 0)):
+                self._mouse(kind, x, y, button="left", buttons=held, clickCount=count)
+
     def wheel(self, x: float, y: float, turn: float) -> None:
         self._mouse("mouseWheel", x, y, deltaX=0, deltaY=turn)
 

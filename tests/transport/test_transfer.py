@@ -22,7 +22,7 @@ from splatwire.transport import (
     Welcomed,
     make_program,
 )
-from splatwire.transport.frames import MAX_PREVIEW, Feedback, Hello, Refuse, Request, Side, Welcome
+from splatwire.transport.frames import MAX_PREVIEW, Data, Feedback, Have, Hello, Refuse, Request, Side, Welcome
 from splatwire.transport.layout import head_object, split_head_object
 from splatwire.transport.preview import SECTION, stream_preview
 from splatwire.transport.transfer import ServerTransfer
@@ -423,3 +423,33 @@ def test_the_preview_is_found_in_the_side_information():
     ):
         with pytest.raises(BitstreamError):
             stream_preview(damaged, ANCHORS)
+
+
+def told(server: Server, nonce: int, haves: list[Have], name: str = "client") -> list:
+    """What a client gets that says what it has; it never reports a loss."""
+    server.receive(name, encode(Request(nonce, bytes(16), "")), 0.0, reliable=True)
+    for have in haves:
+        server.receive(name, encode(have), 0.0, reliable=True)
+    found = [decode(data) for step in range(400) for _, data in server.poll(step / 400)]
+    return [frame for frame in found if not isinstance(frame, Welcome)]
+
+
+def test_what_a_client_has_from_before_is_not_sent_and_costs_its_share():
+    program = make_program(STREAM, Protection(side_repair=0.0))
+    limits = ServerLimits(fixed_rate=1e9)
+    server = Server({"scene": program}, secret=SECRET, random=random.Random(0).randbytes, limits=limits)
+    count, rng = len(program.packets), random.Random(3)
+    held = [rng.random() < 0.6 for _ in range(count)]
+    bits = sum(1 << place for place, have in enumerate(held) if have).to_bytes(-(-count // 8), "little")
+    cut = len(bits) // 2
+    for nonce, stream_id, left_out in ((1, program.stream_id, True), (2, program.stream_id ^ 1, False)):
+        haves = [Have(nonce, stream_id, 1, 0, bits[:cut]), Have(nonce, stream_id, 1, 8 * cut, bits[cut:] + bytes(9))]
+        frames = told(server, nonce, haves * 3, f"client {nonce}")
+        places = {frame.place for frame in frames if isinstance(frame, Data)}
+        scheduled = set(range(program.carried, count))
+        assert places == ({place for place in scheduled if not held[place]} if left_out else scheduled)
+        assert any(isinstance(frame, Side) for frame in frames) is not left_out
+        key = (f"client {nonce}", nonce)
+        most = server._transfers[key]._most_bytes
+        assert most < 0.6 * server._limits.passes * sum(program.sizes().values()) if left_out else most > 0
+    server.receive("client 1", encode(Have(1, program.stream_id, 1, 8 << 25, b"\xff")), 1.0, reliable=True)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.transport import wire
 from splatwire.transport.frames import (
+    MAX_HELD_BYTES,
     MAX_NACKS,
     MAX_PREVIEW,
     MAX_TIERS,
@@ -17,6 +18,7 @@ from splatwire.transport.frames import (
     Data,
     End,
     Feedback,
+    Have,
     Hello,
     Parity,
     Refuse,
@@ -42,6 +44,14 @@ frames = st.one_of(
     st.builds(Bye, u32),
     st.builds(Refuse, u64, st.integers(0, 255)),
     st.builds(End, u32, u32),
+    st.builds(
+        Have,
+        u64,
+        u32,
+        st.integers(0, 1),
+        st.integers(0, 1 << 20).map(lambda n: 8 * n),
+        st.binary(max_size=MAX_HELD_BYTES),
+    ),
 )
 
 
@@ -72,6 +82,7 @@ def test_pinned_bytes():
     assert wire.encode(Data(1, 2, 3, b"packet")).hex() == "36010000000200000003000000" + b"packet".hex()
     assert wire.encode(Bye(0x01020304)).hex() == "3904030201f05606a2"
     assert wire.encode(Side(1, 2, 3, 4, b"symbol")).hex() == "35010000000200000003000400000073796d626f6c6f8eb3d1"
+    assert wire.encode(Have(1, 2, 1, 8, b"\x05")).hex() == "3c010000000000000002000000010800000005219ee66f"
     feedback = wire.encode(Feedback(1, 2, 3, 4, 5, (6, 7)))
     assert feedback.hex() == "380100000002000000030000000400000005000000020006000000070000000626d037"
     welcome = wire.encode(Welcome(1, 2, 3, 4, bytes(32), 5, 6, 7, 8, (TierHead(9, 10, 11),), b"scene"))

@@ -111,7 +111,7 @@ def test_another_site_embeds_the_element(program: Program) -> None:
                     assert status(page, "complete")
                     assert page.evaluate("location.origin") not in server.url
                     assert page.resolve(f"{ELEMENT}.verify()") is True
-                    assert page.evaluate(f"{ELEMENT}.view.canvas.height") == 320
+                    assert 240 < page.evaluate(f"{ELEMENT}.view.canvas.height") < 320, "all of it, or under the bar"
                     assert "Their words." in page.evaluate("document.body.innerText")
 
             await asyncio.to_thread(drive)

@@ -25,7 +25,7 @@ PAGE = '<!doctype html><link rel="icon" href="data:,">{element}<script type="mod
 VITE = """export default {
   base: "./",
   build: {
-    chunkSizeWarningLimit: 1300,
+    chunkSizeWarningLimit: 1000,
     rolldownOptions: { input: ["index.html", "strict.html"], checks: { bundlerTimings: false } },
   },
 };

@@ -49,6 +49,18 @@ const worker = (strict) => ({
   },
 });
 
+/** Shaders of WebGPU, which nothing here draws with, are a quarter of PlayCanvas. */
+const webglAlone = {
+  name: "webgl",
+  setup(setup) {
+    setup.onLoad({ filter: /shader-lib\/wgsl\/chunks\/.*\.js$/ }, ({ path }) => {
+      const names = readFileSync(path, "utf8").match(/^export \{([^}]*)\};/m)[1].split(","),
+        empty = names.map((name) => `none as ${name.trim().split(" as ").pop()}`);
+      return { contents: `const none = "";\nexport { ${empty.join(", ")} };` };
+    });
+  },
+};
+
 const BLOB = /URL\.createObjectURL\(new Blob\(\[workerSource\], \{\s*type: "application\/javascript"\s*\}\)\)/;
 
 /** PlayCanvas makes a new address for each application and gives none back; here it is one for the page, or a file. */
@@ -64,7 +76,8 @@ function sorter(path, strict) {
 /** Text of each bundle of the page by its name, the same for the same sources and the packages of the lock file. */
 export async function bundles(strict = false) {
   const entryPoints = { splatwire: "src/main.ts", "splatwire-view": "src/view.ts" };
-  const made = await build({ ...common, entryPoints, outdir: ".", format: "esm", plugins: [worker(strict)], banner });
+  const plugins = [worker(strict), webglAlone];
+  const made = await build({ ...common, entryPoints, outdir: ".", format: "esm", plugins, banner });
   return made.outputFiles.map(({ path, text }) => [basename(path), text]);
 }
 
@@ -108,9 +121,9 @@ export async function modules() {
   const esm = { format: "esm" };
   await make({ decoder: "src/decoder.ts" }, esm);
   await make({ index: "src/index.ts" }, { ...esm, plugins: [worker(false), drawing("./view.js")] });
-  await make({ view: "src/render/view.ts" }, { ...esm, plugins: [worker(false)] });
+  await make({ view: "src/render/view.ts" }, { ...esm, plugins: [worker(false), webglAlone] });
   await make({ strict: "src/index.ts" }, { ...esm, plugins: [worker(true), drawing("./strict-view.js")] });
-  await make({ "strict-view": "src/render/view.ts" }, { ...esm, plugins: [worker(true)] });
+  await make({ "strict-view": "src/render/view.ts" }, { ...esm, plugins: [worker(true), webglAlone] });
   const doors = { ...esm, external: THEIRS, plugins: [decoderAlone] };
   await make(DOORS, doors);
   const generator = { "splat-transform": "src/doors/splat_transform.ts" };

@@ -85,6 +85,7 @@ export class Reception implements Receiver {
       middle: decoder.schema.middle,
       background: decoder.background,
       viewpoint: decoder.viewpoint,
+      up: decoder.up,
       sideInfoBytes: manifest.sideInfoBytes,
       concealers: decoder.schema.moving?.concealers ?? Object.keys(decoder.schema.concealers),
       moving: decoder.schema.moving?.times ?? null,

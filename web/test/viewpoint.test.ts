@@ -64,7 +64,7 @@ test("a scene that was turned upside down stays so when its stream says where to
 });
 
 test("what is dragged to the right goes to the right, whatever is up", () => {
-  for (const prepare of [() => undefined, (orbit: Orbit) => orbit.upIs(true), (orbit: Orbit) => orbit.flip()]) {
+  for (const prepare of [() => undefined, (orbit: Orbit) => orbit.upIs("y"), (orbit: Orbit) => orbit.flip()]) {
     const events = new Map<string, (event: unknown) => void>(),
       orbit = hands(events);
     prepare(orbit);

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from splatwire.scene import Cameras
 
 
-_STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine", "levels", "no_sketch")
+_STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "up", "refine", "levels", "no_sketch")
 """Options that a clip has no use for."""
 
 
@@ -56,6 +56,9 @@ class Encode:
     no_sketch: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
     """With --preset datagram: leave out the copies of what matters most (1 % of the bytes, decoded with --conceal
     sketch), which save two decibels where packets are lost."""
+    up: Literal["auto", "y", "-y", "z", "-z"] = "auto"
+    """Which axis points up, for pages. auto: as the cameras say; without them -y, as in files of Gaussians, unless
+    the scene is clearly brighter from below."""
     refine: int = 0
     """Steps in which the context model is fitted to the scene again before: 600 take a minute or two and save some
     percent of the bytes. `train` does so by itself; a scene that was decoded or imported from HAC++ loses 0.1 dB."""
@@ -110,7 +113,7 @@ class Encode:
         from splatwire.cli._calibration import with_quick_sketch
         from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
-        from splatwire.codec.viewpoint import viewpoint_section
+        from splatwire.codec.viewpoint import UP_SECTION, viewpoint_section
         from splatwire.levels import encode_levels
         from splatwire.packets import write_stream
         from splatwire.packets.limits import SCHEMAS
@@ -152,6 +155,8 @@ class Encode:
             )  # fmt: skip
             if cameras is not None:
                 stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
+            if (up := self._up(scene, cameras)) != "-y":
+                stream = add_concealment(stream, UP_SECTION, up.encode())
             if self._sketched and not levels and not self.no_sketch:
                 stream = with_quick_sketch(stream, cameras, report)
             seconds = time.perf_counter() - started
@@ -198,6 +203,14 @@ class Encode:
             if kept_psnr is not None:
                 text = f"{text} ({self.keep:.0%} kept: {kept_psnr:.2f} dB against pictures of all)"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)
+
+    def _up(self, scene: "Scene", cameras: "Cameras | None") -> str:
+        """The axis that pages have up."""
+        from splatwire.render.up import up_of
+
+        if self.up != "auto":
+            return self.up
+        return up_of(scene) if cameras is None else "-y"
 
     def _cameras(self) -> "Cameras | None":
         """Where the scene is looked at from, if the user says so."""

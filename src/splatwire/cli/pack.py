@@ -8,6 +8,7 @@ import tyro
 
 from splatwire.cli._files import input_path, output_path
 from splatwire.cli._output import JsonFlag, print_json, print_summary
+from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.scene.splats import Splats
@@ -18,14 +19,14 @@ FALLBACK = 4096
 
 @dataclass(frozen=True)
 class Pack:
-    """Write one HTML file that shows a stream in a browser; it needs nothing else, not even a network.
+    """Write one HTML file that shows streams in a browser; it needs nothing else, not even a network.
 
     With a name that ends in .glb: one glTF file with the stream of explicit Gaussians, and a few thousand Gaussians for
     programs that cannot read streams (the draft EXT_splatwire).
     """
 
-    source: tyro.conf.Positional[str]
-    """Stream of explicit Gaussians or of the causal model: a .swz file or a folder; - for standard input."""
+    sources: tyro.conf.Positional[tuple[str, ...]]
+    """Streams of explicit Gaussians or of the causal model: .swz files or folders; - for standard input."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """HTML or glTF file to write; - for HTML on standard output."""
     json: JsonFlag = False
@@ -34,35 +35,42 @@ class Pack:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.files.whole import written_whole
-        from splatwire.packets import read_stream, stream_to_bytes
-        from splatwire.transport.pack import pack_stream
+        from splatwire.packets import SceneStream, read_stream, stream_to_bytes
+        from splatwire.transport.pack import pack_streams
 
         gltf = self.output.lower().endswith(".glb")
-        with input_path(self.source) as path:
-            stream, report = read_stream(path)
-            if gltf:
-                stream.still(path)
-                fallback = _fallback(path)
-            else:
-                data = pack_stream(stream, Path(self.source).stem)
+        if not self.sources or (gltf and len(self.sources) > 1):
+            raise InvalidValueError("a glTF file takes one stream" if self.sources else "name a stream to pack")
+        streams, num_lost = dict[str, SceneStream](), 0
+        for source in self.sources:
+            name = Path(source).stem
+            if name in streams:
+                raise InvalidValueError(f"two streams are called {name}")
+            with input_path(source) as path:
+                streams[name], report = read_stream(path)
+                num_lost += report.num_missing
+                if gltf:
+                    streams[name].still(path)
+                    fallback = _fallback(path)
+        num_packets = sum(len(stream.packets) for stream in streams.values())
+        data = b"" if gltf else pack_streams(streams)
         with output_path(self.output, suffix=".glb" if gltf else ".html", json=self.json) as target:
             if gltf:
                 from splatwire.formats import write_gltf_with_stream
 
-                write_gltf_with_stream(stream_to_bytes(stream), fallback, target)
+                write_gltf_with_stream(stream_to_bytes(next(iter(streams.values()))), fallback, target)
             else:
                 with written_whole(target) as new:
                     new.write_bytes(data)
             num_bytes = target.stat().st_size
         if self.json:
-            print_json({"bytes": num_bytes, "num_packets": len(stream.packets), "num_lost_packets": report.num_missing})
+            print_json({"bytes": num_bytes, "num_packets": num_packets, "num_lost_packets": num_lost})
         else:
-            print_summary(f"{len(stream.packets)} packets, {num_bytes:,} bytes -> {self.output}", self.output)
+            print_summary(f"{num_packets} packets, {num_bytes:,} bytes -> {self.output}", self.output)
 
 
 def _fallback(path: Path) -> "Splats":
     """Few Gaussians that stand for those of a stream, its losses concealed."""
-    from splatwire.errors import InvalidValueError
     from splatwire.levels.merging import reduced
     from splatwire.model.appearance import explicit_gaussians
     from splatwire.scene_io import open_scene

@@ -7,9 +7,10 @@ from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+from splatwire.codec.viewpoint import UP_SECTION as UP
 from splatwire.packets.tile_index import SECTION as TILES
 
-_OTHERS = (BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, TILES)
+_OTHERS = (BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, UP, TILES)
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:

@@ -5,6 +5,8 @@ from splatwire.scene import Cameras
 
 SECTION = "viewpoint"
 """Name of the section."""
+UP_SECTION = "up"
+"""Name of the section that says only which axis is up: its name as text, `y`, `-z`, ...; `-y` where it is absent."""
 
 
 def viewpoint_section(cameras: Cameras) -> bytes:

@@ -11,6 +11,8 @@ MAX_PREVIEW = 1024
 """Most bytes of a preview."""
 MAX_DECLARED = MAX_PREVIEW + 8 * 10
 """Most bytes of a preview and of runs, eight each: a welcome is a datagram of 1180 bytes."""
+MAX_HELD_BYTES = 1100
+"""Most bytes of a `Have`, eight packets to a byte."""
 TOKEN_BYTES = 16
 DIGEST_BYTES = 32
 
@@ -152,6 +154,24 @@ class Bye(NamedTuple):
     session: int
 
 
+class Have(NamedTuple):
+    """What a client has from before, said behind its request: none of it is sent unless it is asked for again.
+
+    Attributes:
+        nonce: Of the request.
+        stream_id: The stream that it is of; where another one is sent, nothing is left out.
+        head: 1 with manifest and side information.
+        first: Index of the first packet that is spoken of, a multiple of 8.
+        held: A bit for each packet from there on, the lowest of a byte first.
+    """
+
+    nonce: int
+    stream_id: int
+    head: int
+    first: int
+    held: bytes
+
+
 class Refuse(NamedTuple):
     """The server says no; `reason` is an index into `REFUSALS`."""
 
@@ -166,4 +186,4 @@ class End(NamedTuple):
     sequence: int
 
 
-Frame = Hello | Challenge | Request | Welcome | Side | Data | Parity | Feedback | Bye | Refuse | End
+Frame = Hello | Challenge | Request | Welcome | Side | Data | Parity | Feedback | Bye | Refuse | End | Have

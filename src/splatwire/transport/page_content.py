@@ -6,7 +6,6 @@ import ipaddress
 import json
 import re
 import socket
-import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -17,10 +16,10 @@ from urllib.parse import quote, unquote
 from splatwire.errors import BitstreamError
 from splatwire.packets.container import file_head, file_record
 from splatwire.packets.manifest import Manifest
-from splatwire.packets.sections import split_sections
 from splatwire.transport.http_messages import Answer, Growing, make_answer, make_part, read_request
 from splatwire.transport.layout import Segments, split_head_object
 from splatwire.transport.program import Program
+from splatwire.transport.scene_list import begins, scene_list, told_of
 
 SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
 """What receives, what it loads to draw with, and what the page looks like."""
@@ -115,9 +114,16 @@ class PageContent:
         program = self.programs.get(name)
         if isinstance(program, Program) and program.preview:
             attributes["preview"] = base64.b64encode(program.preview).decode()
-            attributes |= _viewpoint(program)  # for the preview is on the screen before the stream says where to begin
+            attributes |= begins(*_told(program))  # the preview is on the screen before the stream says it
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
-        return web_file("index.html").replace("$attributes", words)
+        scenes = {one: self._scene(one) for one in self.programs}
+        listed = scene_list(scenes, name, lambda one: f"/?stream={quote(one, safe='')}")
+        return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
+
+    def _scene(self, name: str) -> dict[str, str]:
+        """What the list of scenes shows of one."""
+        program = self.programs[name]
+        return told_of(*_told(program), program.preview) if isinstance(program, Program) else {}
 
     def _policy(self, called: str) -> str:
         link = self._link()
@@ -184,13 +190,7 @@ def _head(program: Program) -> tuple[Manifest, bytes]:
     return manifest, side_info
 
 
-def _viewpoint(program: Program) -> dict[str, str]:
-    """Where the stream says to begin, as the page's element is told."""
+def _told(program: Program) -> tuple[bytes, str]:
+    """Side information and schema of what is served."""
     manifest, side_info = _head(program)
-    section = split_sections(side_info, manifest.codec)[1].get("viewpoint", b"")
-    return {"viewpoint": viewpoint_words(section)} if len(section) == 36 else {}
-
-
-def viewpoint_words(section: bytes) -> str:
-    """Where a page begins, as its element is told: the numbers of a stream's section `viewpoint`."""
-    return " ".join(f"{value:.6g}" for (value,) in struct.iter_unpack("<f", section))
+    return side_info, manifest.codec

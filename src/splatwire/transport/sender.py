@@ -5,7 +5,7 @@ from collections.abc import Callable, Hashable, Mapping
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Starts, network_of
-from splatwire.transport.frames import NOT_YET, Bye, Challenge, Feedback, Hello, Refuse, Request
+from splatwire.transport.frames import NOT_YET, Bye, Challenge, Feedback, Have, Hello, Refuse, Request
 from splatwire.transport.program import Program
 from splatwire.transport.token import TokenMint
 from splatwire.transport.transfer import ServerLimits, ServerTransfer
@@ -95,6 +95,9 @@ class Server:
                 return self._requested(
                     address, frame, now, reliable, network_of(address) if network is None else network
                 )
+            case Have() if (address, frame.nonce) in self._transfers:
+                self._transfers[(address, frame.nonce)].leave_out(frame)
+                self._plan((address, frame.nonce))
             case Feedback() | Bye():
                 key = self._sessions.get((address, frame.session))
                 if key is not None:

@@ -14,6 +14,7 @@ from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.transport.frames import (
     DIGEST_BYTES,
     MAX_DECLARED,
+    MAX_HELD_BYTES,
     MAX_NACKS,
     MAX_NAME,
     MAX_PREVIEW,
@@ -25,6 +26,7 @@ from splatwire.transport.frames import (
     End,
     Feedback,
     Frame,
+    Have,
     Hello,
     Parity,
     Refuse,
@@ -39,9 +41,12 @@ MAX_DATAGRAM = 1200
 """No datagram is larger: every path carries that many bytes (RFC 9000, 14)."""
 HELLO_BYTES = MAX_DATAGRAM
 """A greeting is as large as the largest datagram, so that no answer to it is larger."""
-HELLO, CHALLENGE, REQUEST, WELCOME, SIDE, DATA, PARITY, FEEDBACK, BYE, REFUSE, END = range(1, 12)
-KINDS = ("", "hello", "challenge", "request", "welcome", "side", "data", "parity", "feedback", "bye", "refuse", "end")
-TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE))
+HELLO, CHALLENGE, REQUEST, WELCOME, SIDE, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE = range(1, 13)
+KINDS = (
+    "", "hello", "challenge", "request", "welcome", "side", "data", "parity", "feedback", "bye", "refuse", "end",
+    "have",
+)  # fmt: skip
+TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE))
 ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, SIDE))
 """What travels on the reliable stream where there is one (QUIC), each behind its size (u16)."""
 
@@ -59,6 +64,7 @@ _FEEDBACK = struct.Struct("<BIIIIIH")
 _BYE = struct.Struct("<BI")
 _REFUSE = struct.Struct("<BQB")
 _END = struct.Struct("<BII")
+_HAVE = struct.Struct("<BQIBI")
 
 SIDE_OVERHEAD = _SIDE.size + _CRC.size
 DATA_OVERHEAD = _DATA.size
@@ -105,12 +111,14 @@ def encode(frame: Frame) -> bytes:
             return _closed(_REFUSE.pack(VERSION << 4 | REFUSE, *frame))
         case End():
             return _closed(_END.pack(VERSION << 4 | END, *frame))
+        case Have():
+            return _closed(_HAVE.pack(VERSION << 4 | HAVE, *frame[:-1]) + frame.held)
 
 
 def kind_of(data: bytes) -> int:
     """Kind of a datagram, not checked further; 0 if it is none of ours."""
     kind = data[0] & 15 if data else 0
-    return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= END else 0
+    return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= HAVE else 0
 
 
 def decode(data: bytes) -> Frame:
@@ -197,6 +205,14 @@ def _feedback(body: bytes) -> Feedback:
     return Feedback._make([*fields[1:], struct.unpack_from(f"<{count}I", body, _FEEDBACK.size)])
 
 
+def _have(body: bytes) -> Have:
+    _, nonce, stream_id, head, first = _HAVE.unpack_from(body)
+    held = body[_HAVE.size :]
+    if head > 1 or first % 8 or len(held) > MAX_HELD_BYTES:
+        raise BitstreamError("a datagram of what a client has that contradicts itself")
+    return Have(nonce, stream_id, head, first, held)
+
+
 def _symbol(body: bytes) -> tuple[Any, ...]:
     fields = _SIDE.unpack_from(body)[1:]
     if len(body) == _SIDE.size:
@@ -215,4 +231,5 @@ _DECODERS: dict[int, Callable[[bytes], Frame]] = {
     BYE: lambda body: Bye(*_exactly(_BYE, body)),
     REFUSE: lambda body: Refuse(*_exactly(_REFUSE, body)),
     END: lambda body: End(*_exactly(_END, body)),
+    HAVE: _have,
 }

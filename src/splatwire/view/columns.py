@@ -31,7 +31,7 @@ from splatwire.scene import Anchors
 
 VERSION = 1
 SMALLEST = 1e-9
-_PASSED_ON = ("background", "viewpoint", "preview", "tiers", "tier_sizes")
+_PASSED_ON = ("background", "viewpoint", "up", "preview", "tiers", "tier_sizes")
 """Sections that say of columns what they say of the stream."""
 _DOUBTS = (1e-3, 1e3), (1e-4, 1e3)
 """Limits of what is told of how far features and lengths are expected to be off."""

@@ -5,7 +5,8 @@ import base64
 from splatwire.codec.viewpoint import viewpoint_section
 from splatwire.packets import SceneStream, send_sequence, stream_to_bytes
 from splatwire.scene import Cameras
-from splatwire.transport.page_content import PageContent, viewpoint_words
+from splatwire.transport.page_content import PageContent
+from splatwire.transport.scene_list import viewpoint_words
 from splatwire.view.columns import columns_of
 from splatwire.view.relay import Relay
 

@@ -74,6 +74,14 @@ export class StreamDecoder {
     return found;
   }
 
+  /** Which axis is up: `y`, `-z`, ...; null where nobody said. */
+  get up(): string | null {
+    const section = this.schema.sections.get("up"),
+      up = section && new TextDecoder().decode(section);
+    if (up && !/^-?[xyz]$/.test(up)) throw new BitstreamError("side information: an impossible direction that is up");
+    return up ?? null;
+  }
+
   /** Elements of a packet that is new and fits; null for anything else, which is counted. */
   take(bytes: Uint8Array): Part | null {
     const packet = this.intake.offer(bytes);

@@ -24,4 +24,6 @@ export interface FixedCamera {
   readonly viewmat: readonly (readonly number[])[];
   readonly focal: number;
   readonly height: number;
+  /** That of the element's shape where absent. */
+  readonly width?: number;
 }

@@ -36,6 +36,7 @@ export class Controller {
   /** Of what moves. */
   #player: Player | null = null;
   #asked = 0;
+  #drops = 0;
   #gained = 0;
   #timer = 0;
   #digests: ((same: boolean) => void)[] = [];
@@ -66,7 +67,10 @@ export class Controller {
       () => this.panel.settings.show,
       (psnr) => this.panel.tell("PSNR", psnr === null ? this.#without() : psnr),
     );
-    root.replaceChildren(this.stage.surface, this.#comparison.canvas, this.panel.element);
+    const whole = document.createElement("div");
+    whole.className = "whole";
+    whole.append(this.stage.surface, this.#comparison.canvas, this.panel.element);
+    root.replaceChildren(whole);
     // First of all packets come, in a thread of their own: making ready to draw takes longer than the first of them.
     this.#open().catch(fail);
     this.#begin();
@@ -92,7 +96,7 @@ export class Controller {
       this.panel.open = value === "open";
     }
     if (name === "concealer") this.panel.offer(this.panel.concealers, value);
-    if (name === "up" && !this.stage.orbit.placed) this.stage.orbit.upIs(value === "y");
+    if (name === "up") this.stage.upIs(value ?? "");
     if (name === "viewpoint") this.#viewpoint(true);
     this.stage.touch();
   }
@@ -106,7 +110,9 @@ export class Controller {
   async picture(camera: FixedCamera): Promise<string> {
     const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
     const view = await new Promise<View>((resolve) => this.stage.draw(resolve));
-    view.fix(camera);
+    const { clientWidth, clientHeight } = this.host,
+      width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1));
+    view.fix({ width, ...camera });
     await view.frame();
     while (this.#gained !== this.#asked || this.#watch?.settled === false) await pause(50);
     return this.#comparison.alone(async () => {
@@ -135,7 +141,7 @@ export class Controller {
       concealer = host.getAttribute("concealer"),
       link = readLink();
     this.follow("panel");
-    if (host.getAttribute("up") === "y") stage.orbit.upIs(true);
+    stage.upIs(host.getAttribute("up") ?? "");
     stage.orbit.turned = link.turned;
     this.panel.set({ ...(concealer ? { concealer } : {}), ...link.settings });
     this.#viewpoint(false);
@@ -146,7 +152,7 @@ export class Controller {
       });
     const sizes = new ResizeObserver(() => stage.resize()),
       sight = new IntersectionObserver((entries) => stage.sight(entries[entries.length - 1].isIntersecting));
-    sizes.observe(host);
+    sizes.observe(stage.surface);
     sight.observe(host);
     signal.addEventListener("abort", () => {
       sizes.disconnect();
@@ -159,10 +165,10 @@ export class Controller {
 
   /** Begins where the page says; `anew` wherever somebody has moved to. */
   #viewpoint(anew: boolean): void {
-    const numbers = this.host.getAttribute("viewpoint")?.trim().split(/\s+/).map(Number);
-    if (numbers?.length !== 9 || !numbers.every(Number.isFinite)) return;
+    const viewpoint = viewpointOf(this.host.getAttribute("viewpoint"));
+    if (!viewpoint) return;
     if (anew) this.stage.orbit.placed = this.stage.orbit.touched = false;
-    this.stage.start(viewpointOf(numbers));
+    this.stage.start(viewpoint);
   }
 
   async #open(): Promise<void> {
@@ -216,6 +222,7 @@ export class Controller {
     status.finished = text;
     status.complete = complete;
     status.lost = null;
+    this.stage.settle();
     if (this.stage.view) this.#conceal();
     if (status.failed) return;
     if (complete) return panel.say("Everything came; it is being checked.");
@@ -235,6 +242,7 @@ export class Controller {
 
   #lost(reason: string, retryMs: number): void {
     this.status.lost = reason;
+    this.panel.tell("link", `dropped ${++this.#drops === 1 ? "once" : `${this.#drops} times`}: ${reason}`);
     this.panel.say(`The link dropped (${reason}); trying again in ${Math.round(retryMs / 1000) || 1} s.`, "bad");
     this.tell("lost", { reason, retryMs });
   }
@@ -249,7 +257,7 @@ export class Controller {
     }
   }
 
-  #learn({ gaussians, size, middle, background, viewpoint, viewDependent, concealers, moving }: Facts): void {
+  #learn({ gaussians, size, middle, background, viewpoint, up, viewDependent, concealers, moving }: Facts): void {
     const { stage } = this;
     this.#player?.destroy();
     this.#player = moving && new Player(moving, (number) => this.#askFrame(number));
@@ -259,6 +267,7 @@ export class Controller {
     this.#size = size;
     this.#begun = false;
     stage.background(background);
+    if (up && !this.host.hasAttribute("up")) stage.upIs(up);
     if (viewpoint) stage.start(viewpoint);
     if (middle) stage.face(middle, size);
     this.#watch = null;

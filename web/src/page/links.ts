@@ -34,7 +34,10 @@ export function embedCode(stream: string): string {
   return `<script type="module" src="${script}"></script>\n${element}`;
 }
 
-/** Nine numbers: eye, the point that it looks at, what is up there. */
-export function viewpointOf([ex, ey, ez, tx, ty, tz, ux, uy, uz]: number[]): Viewpoint {
+/** Nine numbers: eye, the point that it looks at, what is up there; null where it is something else. */
+export function viewpointOf(words: string | null): Viewpoint | null {
+  const numbers = words?.trim().split(/\s+/).map(Number);
+  if (numbers?.length !== 9 || !numbers.every(Number.isFinite)) return null;
+  const [ex, ey, ez, tx, ty, tz, ux, uy, uz] = numbers;
   return { eye: [ex, ey, ez], target: [tx, ty, tz], up: [ux, uy, uz] };
 }

@@ -88,7 +88,7 @@ export class Panel {
     const screen = make("button", { type: "button" }, "full screen");
     screen.addEventListener("click", () => fullScreen?.());
     this.#bar.append(make("p", { class: "title" }, title), this.#state, ...(fullScreen ? [screen] : []), this.#switch);
-    this.element.append(this.#laboratory, this.#line, this.#bar);
+    this.element.append(this.#laboratory, make("div", { class: "foot" }, this.#line, this.#bar));
     this.open = false;
     this.set({});
   }

@@ -58,6 +58,7 @@ export class Player {
     this.#playing = playing;
     this.#button.textContent = playing ? "pause" : "play";
     this.#began = performance.now() - (this.#number / this.times.rate) * 1000;
+    if (playing) this.#tick();
   }
 
   /** Goes to a frame; it pauses there. */
@@ -83,7 +84,7 @@ export class Player {
 
   #tick(): void {
     clearTimeout(this.#ticking);
-    this.#ticking = window.setTimeout(() => this.#tick(), 1000 / this.times.rate / 2);
+    if (this.#playing) this.#ticking = window.setTimeout(() => this.#tick(), 1000 / this.times.rate / 2);
     if (this.#waiting) return;
     const { rate, numFrames } = this.times;
     if (this.#playing) {

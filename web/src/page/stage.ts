@@ -5,11 +5,13 @@ import { Vec3 } from "playcanvas";
 import type { Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
 import { acquire, giveBack, type Holder, offer } from "../render/contexts.ts";
-import { frameSplats } from "../render/framing.ts";
+import { coreOf, frameScene } from "../render/framing.ts";
 import { loadView } from "../render/load.ts";
-import { cameraOf, Orbit } from "../render/orbit.ts";
+import { cameraOf, Orbit, tangentOf } from "../render/orbit.ts";
 import type { Packed } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
+import { depthAt } from "../render/pick.ts";
+import { Space } from "../render/space.ts";
 import type { View } from "../render/view.ts";
 
 /**
@@ -34,7 +36,11 @@ export class Stage implements Holder {
   readonly surface = document.createElement("div");
   /** Where the first pictures are painted, above the other one until that has something to show. */
   readonly first = document.createElement("canvas");
-  readonly orbit = new Orbit(this.surface, () => this.touch());
+  readonly orbit = new Orbit(
+    this.surface,
+    () => this.touch(),
+    () => this.#room(),
+  );
   view: View | null = null;
   inSight = true;
   /** Told of the camera of each picture. */
@@ -44,6 +50,9 @@ export class Stage implements Holder {
   #count = 0;
   /** How many Gaussians there were when the camera was pointed at them. */
   #framed = 0;
+  /** Where the camera may be, as of so many Gaussians. */
+  #space: Space | null = null;
+  #spaced = 0;
   #background: readonly number[] = [0, 0, 0];
   #waiting: ((view: View) => void)[] = [];
   #painting: Promise<void> | null = null;
@@ -68,6 +77,27 @@ export class Stage implements Holder {
     this.first.className = "first";
     describe(this.first, title);
     this.surface.append(this.first);
+    this.surface.addEventListener("dblclick", ({ offsetX, offsetY }) => this.#focus(offsetX, offsetY));
+  }
+
+  /** Where there is room for the camera; null as long as there is nothing else. */
+  #room(): Space | null {
+    if (this.#count && this.#count >= 1.5 * this.#spaced) {
+      this.#space = new Space(coreOf(this.#parts), this.#parts);
+      this.#spaced = this.#count;
+    }
+    return this.#space;
+  }
+
+  /** Turns around what is at a place of the surface from here on, and comes nearer. */
+  #focus(x: number, y: number): void {
+    const { clientWidth: width, clientHeight: height } = this.surface,
+      pose = this.orbit.pose(),
+      camera = cameraOf(pose, 1, width, height),
+      depth = depthAt(this.#parts, camera, x, y);
+    if (depth === null) return;
+    const ahead = new Vec3(x - width / 2, height / 2 - y, -camera.focal).mulScalar(depth / camera.focal);
+    this.orbit.focus(pose.rotation.transformVector(ahead, ahead).add(pose.position), depth);
   }
 
   /** Loads what draws and begins to draw, if it may. */
@@ -186,10 +216,44 @@ export class Stage implements Holder {
   /** Looks at a scene of which only the middle and the size are known, unless somebody moved before. */
   face(middle: readonly number[], size: number): void {
     if (this.orbit.touched || this.orbit.placed || this.#framed) return;
-    this.orbit.frame(
+    const lens = this.#lens(),
+      radius = size / this.#size,
+      half = Math.atan(Math.min(lens.across, lens.down));
+    this.orbit.begin(
       middle.map((value) => value / this.#size),
-      size / this.#size,
+      radius / Math.sin(half),
     );
+    this.touch();
+  }
+
+  /** Half of what the window shows at distance 1. */
+  #lens(): { across: number; down: number } {
+    const { clientWidth: width, clientHeight: height } = this.surface,
+      down = tangentOf(width, height);
+    return { across: (down * width) / Math.max(height, 1), down };
+  }
+
+  /** Has what is there fit the window, unless somebody said where to look from, or moved. */
+  #frame(): void {
+    if (this.orbit.touched || this.orbit.placed || !this.#count) return;
+    const { across, down } = this.#lens(),
+      core = coreOf(this.#parts);
+    if (!(across > 0)) return; // an element that takes no room yet
+    frameScene(this.orbit, core, new Space(core, this.#parts), across, down);
+    this.#framed = this.#count;
+  }
+
+  /** Hears that no more will come. */
+  settle(): void {
+    if (this.#count > this.#framed) this.#frame();
+    this.touch();
+  }
+
+  /** What is up in the scene, as the page or the stream says. */
+  upIs(up: string): void {
+    if (this.orbit.placed) return;
+    this.orbit.upIs(up);
+    this.#frame();
     this.touch();
   }
 
@@ -205,7 +269,8 @@ export class Stage implements Holder {
     this.orbit.rescale(this.#size / size);
     this.#parts = [];
     this.#size = size;
-    this.#count = this.#framed = 0;
+    this.#count = this.#framed = this.#spaced = 0;
+    this.#space = null;
     this.view?.begin(size);
   }
 
@@ -213,10 +278,7 @@ export class Stage implements Holder {
   add(packed: Packed, instead = false): void {
     this.#parts = instead ? [packed] : [...this.#parts, packed];
     this.#count = instead ? packed.count : this.#count + packed.count;
-    if (!this.orbit.touched && !this.orbit.placed && this.#count >= 1.5 * this.#framed) {
-      frameSplats(this.orbit, this.#parts);
-      this.#framed = this.#count;
-    }
+    if (this.#count >= 1.5 * this.#framed) this.#frame();
     this.view?.add(packed, instead);
     if (this.#count > ENOUGH_GAUSSIANS) this.enough();
     this.touch();
@@ -239,6 +301,7 @@ export class Stage implements Holder {
   }
 
   resize(): void {
+    this.#frame();
     this.view?.resize();
     this.touch();
   }

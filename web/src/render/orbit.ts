@@ -3,6 +3,7 @@
 import { Quat, Vec3 } from "playcanvas";
 
 import type { Camera } from "../model/camera.ts";
+import type { Space } from "./space.ts";
 
 const TURN = 0.005,
   KEY_TURN = 0.08,
@@ -11,8 +12,25 @@ const TURN = 0.005,
   STEEPEST = 1.55;
 const UPSIDE_DOWN = new Quat().setFromEulerAngles(0, 0, 180);
 
-/** Vertical field of view, degrees. */
-export const FIELD_OF_VIEW = 50;
+/** Field of view, degrees: down, unless that is too narrow across. */
+const DOWN = 50,
+  ACROSS = 40,
+  MOST_DOWN = 90;
+
+/** Half of what a window shows at distance 1, downwards. */
+export function tangentOf(width: number, height: number): number {
+  const half = (degrees: number): number => Math.tan((degrees * Math.PI) / 360);
+  return Math.min(Math.max(half(DOWN), (half(ACROSS) * height) / Math.max(width, 1)), half(MOST_DOWN));
+}
+
+/** What is up, by the words of streams and pages. */
+const UPS: Record<string, [number, number, number]> = {
+  x: [1, 0, 0],
+  "-x": [-1, 0, 0],
+  y: [0, 1, 0],
+  z: [0, 0, 1],
+  "-z": [0, 0, -1],
+};
 
 export interface Pose {
   readonly position: Vec3;
@@ -31,7 +49,7 @@ export function cameraOf({ position, rotation }: Pose, size: number, width: numb
     const axis = rotation.transformVector(new Vec3(x, y, z), new Vec3());
     return [axis.x, axis.y, axis.z, -(axis.x * position.x + axis.y * position.y + axis.z * position.z) * size];
   };
-  const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
+  const focal = height / 2 / tangentOf(width, height);
   return {
     viewmat: [row(1, 0, 0), row(0, -1, 0), row(0, 0, -1)],
     focal,
@@ -41,11 +59,27 @@ export function cameraOf({ position, rotation }: Pose, size: number, width: numb
   };
 }
 
+/** Where it begins where nobody says it, radians. */
+const USUAL = { yaw: 0.5, pitch: -0.25 };
+/** Farthest from a scene, and nearest to the point around which it turns, over the scene's radius. */
+const FARTHEST = 8,
+  NEAREST = 0.02;
+/** Nearer to what is pointed at. */
+const FOCUS = 0.6;
+
+interface State {
+  readonly target: Vec3;
+  readonly distance: number;
+  readonly yaw: number;
+  readonly pitch: number;
+}
+
 export class Orbit {
+  readonly usual = USUAL;
   target = new Vec3();
   distance = 3;
-  yaw = 0.5;
-  pitch = -0.25;
+  yaw = USUAL.yaw;
+  pitch = USUAL.pitch;
   /** Whether what `base` calls up is down: a person's choice, which holds wherever the scene begins. */
   turned = false;
   /**
@@ -58,13 +92,14 @@ export class Orbit {
   /** Whether somebody moved it. */
   touched = false;
   /** Where it began. */
-  #home = { target: new Vec3(), distance: 3, yaw: 0.5, pitch: -0.25 };
+  #home: State = this.#state();
   readonly #pointers = new Map<number, { x: number; y: number }>();
 
-  /** `changed` is called after every change by hand. */
+  /** `changed` is called after every change by hand; `space` says where it may be, and null where all is free. */
   constructor(
     readonly canvas: HTMLElement,
     readonly changed: () => void,
+    readonly space: () => Space | null = () => null,
   ) {
     canvas.addEventListener("pointerdown", (event) => this.#down(event));
     canvas.addEventListener("pointermove", (event) => this.#move(event));
@@ -82,10 +117,10 @@ export class Orbit {
     );
   }
 
-  /** Looks at a scene from outside. */
-  frame(middle: readonly number[], radius: number): void {
-    this.target.set(middle[0], middle[1], middle[2]);
-    this.distance = radius * 2.6;
+  /** Begins at a distance from a point. */
+  begin(target: readonly number[], distance: number, yaw = this.yaw): void {
+    this.target.set(target[0], target[1], target[2]);
+    Object.assign(this, { distance, yaw });
     this.#begins();
   }
 
@@ -106,21 +141,29 @@ export class Orbit {
   }
 
   #begins(): void {
+    this.#home = this.#state();
+  }
+
+  #state(): State {
     const { target, distance, yaw, pitch } = this;
-    this.#home = { target: target.clone(), distance, yaw, pitch };
+    return { target: target.clone(), distance, yaw, pitch };
   }
 
   /** Goes back to where it began. */
   home(): void {
-    const { target, ...look } = this.#home;
-    this.target.copy(target);
-    Object.assign(this, look);
-    this.#moved();
+    this.#set(this.#home);
+    this.touched = true;
+    this.changed();
   }
 
-  /** Has y up, or down, until a stream says what is up. */
-  upIs(y: boolean): void {
-    if (y) this.base.set(0, 0, 0, 1);
+  #set({ target, ...look }: State): void {
+    this.target.copy(target);
+    Object.assign(this, look);
+  }
+
+  /** Says what is up: `y`, `-z`, ...; y is down where it is none of these. */
+  upIs(up: string): void {
+    if (up in UPS) this.base.setFromDirections(Vec3.UP, new Vec3(...UPS[up]));
     else this.base.copy(UPSIDE_DOWN);
   }
 
@@ -128,8 +171,8 @@ export class Orbit {
   rescale(factor: number): void {
     this.target.mulScalar(factor);
     this.distance *= factor;
-    this.#home.target.mulScalar(factor);
-    this.#home.distance *= factor;
+    const { target, distance, ...look } = this.#home;
+    this.#home = { target: target.mulScalar(factor), distance: distance * factor, ...look };
   }
 
   /** Turns the scene upside down. */
@@ -138,10 +181,15 @@ export class Orbit {
     this.changed();
   }
 
-  pose(): Pose {
-    const rotation = new Quat().setFromEulerAngles((this.pitch * 180) / Math.PI, (this.yaw * 180) / Math.PI, 0);
+  /** How a camera is turned that looks there. */
+  rotation(yaw: number, pitch: number): Quat {
+    const rotation = new Quat().setFromEulerAngles((pitch * 180) / Math.PI, (yaw * 180) / Math.PI, 0);
     if (this.turned) rotation.mul2(UPSIDE_DOWN, rotation);
-    rotation.mul2(this.base, rotation);
+    return rotation.mul2(this.base, rotation);
+  }
+
+  pose(): Pose {
+    const rotation = this.rotation(this.yaw, this.pitch);
     const back = rotation.transformVector(new Vec3(0, 0, this.distance), new Vec3());
     return { position: back.add(this.target), rotation };
   }
@@ -164,9 +212,70 @@ export class Orbit {
     return true;
   }
 
-  #moved(): void {
+  /** Turns around a point from here on, from nearer than its depth. */
+  focus(point: Vec3, depth: number): void {
+    this.#moves(() => {
+      this.target.copy(point);
+      this.distance = FOCUS * depth;
+    });
+  }
+
+  /** Moves as far as there is room; `turns` around the point. */
+  #moves(move: () => void, turns = false): void {
+    const space = this.space(),
+      before = this.#state(),
+      began = this.#eye();
     this.touched = true;
+    move();
+    if (space) {
+      this.#hold(space);
+      if (space.free(began)) turns ? this.#pullsIn(space, before) : this.#stops(space, before, began);
+    }
     this.changed();
+  }
+
+  #eye(): [number, number, number] {
+    const { x, y, z } = this.pose().position;
+    return [x, y, z];
+  }
+
+  /** Keeps what it turns around within the scene, and the scene in sight. */
+  #hold({ middle, radius }: Space): void {
+    const home = this.#home,
+      centre = new Vec3(middle[0], middle[1], middle[2]),
+      reach = Math.max(radius, home.target.distance(centre)),
+      away = new Vec3().sub2(this.target, centre);
+    if (away.length() > reach) this.target.copy(away.mulScalar(reach / away.length()).add(centre));
+    const most = Math.max(FARTHEST * radius, home.distance);
+    this.distance = Math.min(Math.max(this.distance, Math.min(NEAREST * radius, home.distance)), most);
+  }
+
+  /** Comes nearer where something is in the way of a turn; turns not where that does not help. */
+  #pullsIn(space: Space, before: State): void {
+    for (let n = 0; n < 12; n++, this.distance *= 0.9) if (space.free(this.#eye())) return;
+    this.#set(before);
+  }
+
+  /** Goes from where it was as far as it is free. */
+  #stops(space: Space, before: State, began: readonly number[]): void {
+    const after = this.#state(),
+      end = this.#eye(),
+      length = Math.hypot(...end.map((value, a) => value - began[a])),
+      steps = Math.min(Math.max(Math.ceil((2 * length) / space.cell), 1), 64),
+      mix = (one: number, other: number, share: number): number => one + (other - one) * share;
+    let last = before;
+    for (let n = 1; n <= steps; n++) {
+      const share = n / steps;
+      this.#set({
+        target: new Vec3().lerp(before.target, after.target, share),
+        distance: mix(before.distance, after.distance, share),
+        yaw: mix(before.yaw, after.yaw, share),
+        pitch: mix(before.pitch, after.pitch, share),
+      });
+      if (!space.free(this.#eye())) break;
+      last = this.#state();
+    }
+    this.#set(last);
   }
 
   #down(event: PointerEvent): void {
@@ -191,20 +300,19 @@ export class Orbit {
   }
 
   #turn(yaw: number, pitch: number): void {
-    this.yaw += yaw;
-    this.pitch = Math.min(Math.max(this.pitch + pitch, -STEEPEST), STEEPEST);
-    this.#moved();
+    this.#moves(() => {
+      this.yaw += yaw;
+      this.pitch = Math.min(Math.max(this.pitch + pitch, -STEEPEST), STEEPEST);
+    }, true);
   }
 
   #zoom(factor: number): void {
-    this.distance = Math.min(Math.max(this.distance * factor, 1e-3), 1e4);
-    this.#moved();
+    this.#moves(() => (this.distance = Math.min(Math.max(this.distance * factor, 1e-3), 1e4)));
   }
 
   #pan(dx: number, dy: number): void {
     const { rotation } = this.pose(),
       step = (this.distance * 1.2) / Math.max(this.canvas.clientHeight, 1);
-    this.target.add(rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3()));
-    this.#moved();
+    this.#moves(() => this.target.add(rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3())));
   }
 }

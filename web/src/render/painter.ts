@@ -2,7 +2,7 @@
 
 import { Vec3 } from "playcanvas";
 
-import { FIELD_OF_VIEW, type Pose } from "./orbit.ts";
+import { type Pose, tangentOf } from "./orbit.ts";
 import { FLOATS, type Packed } from "./packed.ts";
 
 /** Pixels of a picture: Gaussians of a preview are few and large. */
@@ -74,7 +74,7 @@ function project(
     [0, 1, 0],
     [0, 0, 1],
   ].map(([x, y, z]) => back.transformVector(new Vec3(x, y, z), new Vec3()));
-  const focal = height / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360),
+  const focal = height / 2 / tangentOf(width, height),
     limitX = (1.3 * width) / 2 / focal,
     limitY = (1.3 * height) / 2 / focal;
   let count = 0;

@@ -21,13 +21,21 @@ import {
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
 import { Gaussians } from "./container.ts";
-import { cameraOf, FIELD_OF_VIEW, type Orbit } from "./orbit.ts";
+import { cameraOf, type Orbit, tangentOf } from "./orbit.ts";
 import type { Packed } from "./packed.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 
 const FIRST_ROOM = 4096;
 /** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
 const SORT_MS = 5000;
+/** So long after the last picture nothing can change unasked: frames end until somebody asks for one. */
+const IDLE_MS = SORT_MS;
+
+/** How PlayCanvas comes to its next frame. */
+interface Loop {
+  readonly frameRequestId: number;
+  requestAnimationFrame(): void;
+}
 
 export class View {
   readonly #app: AppBase;
@@ -50,6 +58,8 @@ export class View {
    */
   #replaced = false;
   #destroyed = false;
+  #drawnAt = 0;
+  #asleep = false;
   /** Told of the camera of each frame, world units. */
   watcher: ((camera: Camera) => void) | null = null;
 
@@ -82,7 +92,6 @@ export class View {
     this.#camera.addComponent("camera", {
       nearClip: 0.01,
       farClip: 2000,
-      fov: FIELD_OF_VIEW,
       toneMapping: TONEMAP_NONE,
       gammaCorrection: GAMMA_SRGB,
     });
@@ -98,6 +107,7 @@ export class View {
       this.#isReady(ready),
     );
     this.#app.on("postrender", () => this.#afterFrame());
+    this.#app.on("frameend", () => this.#rest());
     this.resize();
     this.#app.start();
   }
@@ -123,13 +133,31 @@ export class View {
   touch(): void {
     if (this.#destroyed) return;
     this.#app.renderNextFrame = true;
+    this.#drawnAt = performance.now();
+    if (!this.#asleep) return;
+    this.#asleep = false;
+    (this.#app as unknown as Loop).requestAnimationFrame();
+  }
+
+  /** Ends frames where nobody has asked for one in a while. */
+  #rest(): void {
+    const loop = this.#app as unknown as Loop;
+    if (performance.now() - this.#drawnAt < IDLE_MS || this.#app.renderNextFrame) return;
+    cancelAnimationFrame(loop.frameRequestId);
+    this.#asleep = true;
   }
 
   /** Takes the size of the element on the page. */
   resize(ratio = Math.min(window.devicePixelRatio, 2)): void {
     if (this.#destroyed) return;
-    const width = Math.max(Math.round(this.canvas.clientWidth * ratio), 1),
-      height = Math.max(Math.round(this.canvas.clientHeight * ratio), 1);
+    const { canvas } = this,
+      fixed = this.#fixed,
+      across = Math.max(canvas.clientWidth, 1),
+      down = Math.max(canvas.clientHeight, 1),
+      height = fixed ? fixed.height : Math.max(Math.round(down * ratio), 1),
+      width = Math.max(Math.round(fixed ? (fixed.width ?? (height * across) / down) : across * ratio), 1),
+      tangent = fixed ? height / 2 / fixed.focal : tangentOf(width, height);
+    this.#camera.camera!.fov = (2 * Math.atan(tangent) * 180) / Math.PI;
     this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
     this.touch();
   }
@@ -186,9 +214,7 @@ export class View {
   /** Looks through a camera of `splatwire`; null gives it back to the hand. */
   fix(camera: FixedCamera | null): void {
     this.#fixed = camera;
-    this.#camera.camera!.fov = camera
-      ? (2 * Math.atan(camera.height / 2 / camera.focal) * 180) / Math.PI
-      : FIELD_OF_VIEW;
+    this.resize();
     this.#changed(); // colours are those of the camera before until it moves again
   }
 
@@ -265,6 +291,7 @@ export class View {
   }
 
   #afterFrame(): void {
+    this.#drawnAt = performance.now();
     for (const resolve of this.#frame.splice(0)) resolve();
     if (!this.#isSorted) return;
     this.#isSorted = false;

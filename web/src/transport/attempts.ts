@@ -35,9 +35,13 @@ export function receiveAll(source: Source, receiver: Receiver): Promise<string> 
   });
 }
 
-/** One attempt: a session sends everything, so that of what began before the rest comes out of the file. */
+/**
+ * One attempt: what is lacking comes over a session or, where none comes about, out of the file. A session that breaks
+ * after it brought something is tried again.
+ */
 async function attempt({ session, name, file }: Source, receiver: Receiver): Promise<string> {
-  if (session && !receiver.held.begun) {
+  const { count } = receiver.held;
+  if (session && (!count || count !== receiver.headOfHeld?.manifest.numPackets)) {
     let ended: string;
     try {
       ended = await receiveSession(session, name, file, receiver);
@@ -45,6 +49,7 @@ async function attempt({ session, name, file }: Source, receiver: Receiver): Pro
     } catch (error) {
       ended = (error as Error).message;
     }
+    if (receiver.held.count > count) throw new Error(ended);
     receiver.note(`${receiver.held.begun ? "The rest comes" : "The stream comes"} by HTTP: ${ended}.`);
   }
   return receiveFile(file, receiver, receiver.held, receiver.headOfHeld);
@@ -55,12 +60,15 @@ async function attempt({ session, name, file }: Source, receiver: Receiver): Pro
  * today.
  */
 async function receiveSession(session: Session, name: string, file: string, receiver: Receiver): Promise<string> {
+  const { held, headOfHeld: head } = receiver,
+    begin = (where: Session): Promise<string> =>
+      receiveDatagrams(where, name, receiver, head && { head, held: held.bits }, () => held.clear());
   try {
-    return await receiveDatagrams(session, name, receiver);
+    return await begin(session);
   } catch (error) {
-    const now = session.fingerprint && !receiver.held.begun ? await askServer(new URL(file)) : null;
+    const now = session.fingerprint ? await askServer(new URL(file)) : null;
     if (!now?.fingerprint || now.fingerprint === session.fingerprint) throw error;
-    return receiveDatagrams({ ...session, fingerprint: now.fingerprint }, name, receiver);
+    return begin({ ...session, fingerprint: now.fingerprint });
   }
 }
 

@@ -10,13 +10,15 @@ export const REQUEST = 3,
   FEEDBACK = 8,
   BYE = 9,
   REFUSE = 10,
-  END = 11;
+  END = 11,
+  HAVE = 12;
 export const MAX_DATAGRAM = 1200,
   MAX_HEAD_BYTES = 2 ** 28,
   MAX_PACKETS = 2 ** 21;
 const MAX_TIERS = 130,
   MAX_DECLARED = 1104,
-  MAX_PREVIEW = 1024;
+  MAX_PREVIEW = 1024,
+  MAX_HELD_BYTES = 1100;
 
 export const viewOf = (bytes: Uint8Array): DataView => new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 
@@ -109,6 +111,21 @@ export function writeFeedback(report: Report): Uint8Array {
     );
     numbers.setUint16(21, lost.length, true);
     lost.forEach((place, n) => numbers.setUint32(23 + 4 * n, place, true));
+  });
+}
+
+/** What there is of a stream from before: its head, and the packets of which `held` has a bit; as many as it takes. */
+export function writeHave(nonce: bigint, streamId: number, held: Uint8Array): Uint8Array[] {
+  return Array.from({ length: Math.ceil(held.length / MAX_HELD_BYTES) || 1 }, (_, n) => {
+    const first = MAX_HELD_BYTES * n,
+      part = held.subarray(first, first + MAX_HELD_BYTES);
+    return frame(HAVE, 17 + part.length, (numbers, bytes) => {
+      numbers.setBigUint64(1, nonce, true);
+      numbers.setUint32(9, streamId, true);
+      bytes[13] = 1;
+      numbers.setUint32(14, 8 * first, true);
+      bytes.set(part, 18);
+    });
   });
 }
 

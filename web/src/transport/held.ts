@@ -58,6 +58,15 @@ export class Held {
     return fresh;
   }
 
+  /** A bit for each packet, the lowest of a byte first. */
+  get bits(): Uint8Array {
+    const bits = new Uint8Array(Math.ceil(this.#packets.length / 8));
+    this.#packets.forEach((packet, place) => {
+      if (packet) bits[place >> 3] |= 1 << (place & 7);
+    });
+    return bits;
+  }
+
   /** From the first gap on; null where there is no head yet. */
   get rest(): Rest | null {
     if (!this.#head) return null;

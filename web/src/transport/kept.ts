@@ -52,7 +52,9 @@ export class Kept {
     return head && { head, packets };
   }
 
+  /** Begins anew with a stream: what was kept of another one is forgotten. */
   begin(head: Uint8Array): void {
+    void this.clear();
     this.add([{ place: HEAD, bytes: head }]);
   }
 
@@ -74,11 +76,15 @@ export class Kept {
   }
 
   /** Forgets this stream. */
-  async clear(): Promise<void> {
+  clear(): Promise<void> {
+    const before = this.#parts;
     this.#waiting = [];
-    await this.#writing;
-    for (const key of await this.cache.keys()) if (key.url.startsWith(this.#prefix)) await this.cache.delete(key);
-    this.#parts = 0;
+    this.#writing = this.#writing
+      .then(async () => {
+        for (let n = 0; n < before; n++) await this.cache.delete(`${this.#prefix}${n}`);
+      })
+      .catch(() => undefined);
+    return this.#writing;
   }
 
   /** Forgets the oldest streams beyond the most that are kept. */

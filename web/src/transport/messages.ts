@@ -27,6 +27,8 @@ export interface Facts {
   readonly middle: readonly number[] | null;
   readonly background: readonly [number, number, number];
   readonly viewpoint: Viewpoint | null;
+  /** Which axis is up; null where the stream does not say it. */
+  readonly up: string | null;
   readonly sideInfoBytes: number;
   /** Concealers that work on its elements. */
   readonly concealers: readonly string[];

@@ -19,6 +19,7 @@ import {
   type Welcome,
   writeBye,
   writeFeedback,
+  writeHave,
   writeRequest,
 } from "./frames.ts";
 
@@ -35,6 +36,13 @@ const AGAIN_MS = 120,
   MOST_NACKS = 250,
   MOST_AHEAD = 2 ** 17,
   ENDS_IN_VAIN = 25;
+
+/** What there is of a stream from before. */
+export interface Before {
+  readonly head: Head;
+  /** A bit for each packet by its place, the lowest of a byte first. */
+  readonly held: Uint8Array;
+}
 
 export class Transfer {
   welcome: Welcome | null = null;
@@ -66,6 +74,7 @@ export class Transfer {
     readonly name: string,
     readonly nonce: bigint,
     readonly began: number,
+    readonly before: Before | null = null,
   ) {
     this.#largestAt = began;
     this.#request = writeRequest(nonce, name);
@@ -75,12 +84,22 @@ export class Transfer {
     return this.#request;
   }
 
+  /** What is said behind the request: what need not be sent. */
+  have(): Uint8Array[] {
+    return this.before ? writeHave(this.nonce, this.before.head.manifest.streamId, this.before.held) : [];
+  }
+
+  /** Whether it goes on with what there was; known once there is a welcome. */
+  get goesOn(): boolean {
+    return this.welcome !== null && this.welcome.streamId === this.before?.head.manifest.streamId;
+  }
+
   /** Datagrams that the server sent and that never came, as far as their numbers tell. */
   get datagramsLost(): number {
     return Math.max(this.#largest + 1 - this.counts.datagrams, 0);
   }
 
-  /** The stream's file up to its first packet; once the head is there. */
+  /** The stream's file up to its first packet; once the head came. */
   get fileHead(): Uint8Array {
     const size = viewOf(this.#object).getUint32(0, true);
     return fileHead(this.#object.subarray(4, 4 + size), this.head!.sideInfo);
@@ -157,6 +176,14 @@ export class Transfer {
     this.#object = new Uint8Array(welcome.headBytes);
     this.#seen = new Uint8Array(this.numSymbols);
     this.#there = new Uint8Array(welcome.packets);
+    if (this.before && this.goesOn) {
+      const { head, held } = this.before;
+      if (head.manifest.numPackets !== welcome.packets) return void (this.finished = "the stream has grown");
+      this.head = head;
+      for (let place = 0; place < welcome.packets; place++) this.#there[place] = (held[place >> 3] >> (place & 7)) & 1;
+      this.counts.packets = this.#there.reduce((sum, one) => sum + one, 0);
+      this.#look();
+    }
     for (const early of this.#early.splice(0)) {
       this.counts.bytes -= early.length; // it was counted when it came
       this.receive(early, now);
@@ -171,6 +198,7 @@ export class Transfer {
     const first = Math.floor((this.numSymbols * segment) / this.#segments),
       at = first + numbers.getUint32(11, true);
     const next = Math.floor((this.numSymbols * (segment + 1)) / this.#segments);
+    if (this.head) return; // it was there before
     if (segment >= this.#segments || at >= next || payload.length !== symbolBytes) return void this.counts.rejected++;
     if (this.#seen[at]) return; // once more, another way
     this.#object.set(payload.subarray(0, Math.min(symbolBytes, headBytes - at * symbolBytes)), at * symbolBytes);

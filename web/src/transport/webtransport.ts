@@ -2,7 +2,7 @@
 
 import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
-import { Transfer } from "./transfer.ts";
+import { type Before, Transfer } from "./transfer.ts";
 
 const FEEDBACK_MS = 20,
   PATIENCE_MS = 4000,
@@ -32,11 +32,20 @@ export async function askServer(file: URL): Promise<Session | null> {
   }
 }
 
-/** Receives a stream until it is complete; gives the words for how it ended. Throws where no session comes about. */
-export async function receiveDatagrams(session: Session, name: string, listener: Listener): Promise<string> {
+/**
+ * Receives a stream, or what there was not `before` of it, until it is complete; gives the words for how it ended.
+ * Throws where no session comes about. `changed` hears that it is another stream by now.
+ */
+export async function receiveDatagrams(
+  session: Session,
+  name: string,
+  listener: Listener,
+  before: Before | null = null,
+  changed: () => void = () => undefined,
+): Promise<string> {
   if (typeof WebTransport === "undefined") throw new Error("this browser or page has no WebTransport");
   const transport = await open(session),
-    transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now());
+    transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now(), before);
   const end = (error: unknown): void =>
     void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
   transport.closed.then(end, end);
@@ -45,8 +54,10 @@ export async function receiveDatagrams(session: Session, name: string, listener:
   const onStream = stream.writable.getWriter(),
     datagrams = transport.datagrams.writable.getWriter(),
     request = transfer.request();
-  datagrams.write(request).catch(() => undefined); // beside the stream, which waits longer where the first is lost
-  onStream.write(Uint8Array.of(request.length & 255, request.length >> 8, ...request)).catch(() => undefined);
+  for (const one of [request, ...transfer.have()]) {
+    datagrams.write(one).catch(() => undefined); // beside the stream, which waits longer where the first is lost
+    onStream.write(Uint8Array.of(one.length & 255, one.length >> 8, ...one)).catch(() => undefined);
+  }
   let heardAt = performance.now();
   const frames = new FrameReader();
   readAll(stream.readable, (chunk) => {
@@ -57,7 +68,7 @@ export async function receiveDatagrams(session: Session, name: string, listener:
     heardAt = performance.now();
     transfer.receive(bytes, heardAt);
   }).catch(end);
-  const progress = new Progress(transfer, listener);
+  const progress = new Progress(transfer, listener, changed);
   while (!transfer.finished) {
     await new Promise((resolve) => setTimeout(resolve, FEEDBACK_MS));
     const now = performance.now();
@@ -69,7 +80,8 @@ export async function receiveDatagrams(session: Session, name: string, listener:
   progress.tell();
   if (transfer.welcome) for (let n = 0; n < 3; n++) await datagrams.write(transfer.bye()).catch(() => undefined);
   transport.close();
-  if (!transfer.head && transfer.finished !== "stopped") throw new Error(transfer.finished);
+  if (transfer.headMs === null && !transfer.goesOn && transfer.finished !== "stopped")
+    throw new Error(transfer.finished);
   return transfer.finished;
 }
 
@@ -81,12 +93,15 @@ class Progress {
   constructor(
     readonly transfer: Transfer,
     readonly listener: Listener,
+    readonly changed: () => void,
   ) {}
 
   tell(): void {
     const { transfer, listener } = this;
     if (transfer.welcome && !this.#preview) {
       this.#preview = true;
+      if (transfer.goesOn) this.#head = true;
+      else if (transfer.before) this.changed();
       if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
     }
     if (transfer.head && !this.#head) {

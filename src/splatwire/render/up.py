@@ -1,0 +1,52 @@
+"""What is up in a scene of which nobody says it."""
+
+import torch
+
+from splatwire.model.appearance import Scene, explicit_gaussians
+from splatwire.render.render import render_scene
+from splatwire.scene import Cameras
+
+SIDE = 96
+"""Width and height of the pictures, pixels."""
+AWAY = 8.0
+"""Distance of the cameras, in radii of the scene."""
+CERTAIN = 1.25
+"""How many times as bright the other side has to be before it is taken for the upper one."""
+
+
+def up_of(scene: Scene) -> str:
+    """Tells whether the y axis points up (`y`) or down (`-y`, as in files of Gaussians and in scenes of photos).
+
+    Light falls from above, and photos are seldom taken from below: the upper side of a scene is the brighter one. Two
+    pictures along the axis, from far away, are compared where something is. Of what looks different from everywhere
+    (neural anchors) nothing is told.
+
+    Args:
+        scene: The scene.
+    """
+    splats = explicit_gaussians(scene)
+    if splats is None:
+        return "-y"
+    middle = splats.means.median(dim=0).values
+    away = (splats.means - middle).norm(dim=1)
+    radius = min(float(away.kthvalue(-(-len(away) * 98 // 100)).values), 4 * float(away.median()))
+    if not radius > 0:
+        return "-y"
+    above, below = (_brightness(scene, middle, radius, down) for down in (1.0, -1.0))
+    return "y" if below > CERTAIN * above > 0 else "-y"
+
+
+def _brightness(scene: Scene, middle: torch.Tensor, radius: float, down: float) -> float:
+    """Mean luminance of what is seen along the y axis; 0 where nothing is."""
+    pose = torch.eye(4)
+    pose[:3, :3] = torch.tensor([[1.0, 0.0, 0.0], [0.0, 0.0, -down], [0.0, down, 0.0]])
+    pose[:3, 3] = -pose[:3, :3] @ middle
+    pose[2, 3] += AWAY * radius
+    focal, half = SIDE * AWAY / 2.1, SIDE / 2
+    lens = torch.tensor([[[focal, 0.0, half], [0.0, focal, half], [0.0, 0.0, 1.0]]])
+    cameras = Cameras(pose[None], lens, SIDE, SIDE, ("up",))
+    dark, light = (next(iter(render_scene(scene, cameras, background=torch.full((3,), level)))) for level in (0.0, 1.0))
+    there = 1 - (light - dark).mean(dim=2)
+    seen = there > 0.5
+    luminance = dark @ dark.new_tensor([0.3, 0.6, 0.1])
+    return float((luminance[seen] / there[seen]).mean()) if bool(seen.any()) else 0.0
