@@ -54,7 +54,9 @@ const webglAlone = {
   name: "webgl",
   setup(setup) {
     setup.onLoad({ filter: /shader-lib\/wgsl\/chunks\/.*\.js$/ }, ({ path }) => {
-      const names = readFileSync(path, "utf8").match(/^export \{([^}]*)\};/m)[1].split(","),
+      const names = readFileSync(path, "utf8")
+          .match(/^export \{([^}]*)\};/m)[1]
+          .split(","),
         empty = names.map((name) => `none as ${name.trim().split(" as ").pop()}`);
       return { contents: `const none = "";\nexport { ${empty.join(", ")} };` };
     });
