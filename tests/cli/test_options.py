@@ -57,7 +57,7 @@ REQUIRED = {
     "serve": ({"streams": "cloud.swz"},),
     "live": ({"frames": "."},),
     "receive": ({"url": "udp://127.0.0.1:9", "output": "out.swz"},),
-    "pack": ({"sources": ("cloud.swz",), "output": "out.html"},),
+    "pack": ({"sources": "cloud.swz", "output": "out.html"},),
     "view": ({"stream": "tiny.swz"}, {"stream": "cloud.swz"}),
     "decode": ({"stream": "tiny.swz", "output": "out.scene"}, {"stream": "cloud.swz", "output": "out.ply"}),
     "render": tuple({"scene": name, "output": "pictures"} for name in ("tiny.scene", "cloud.ply")),

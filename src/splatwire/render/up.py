@@ -30,7 +30,7 @@ def up_of(scene: Scene) -> str:
         scene: The scene.
     """
     splats = explicit_gaussians(scene)
-    if splats is None:
+    if splats is None or splats.num_gaussians == 0:
         return "-y"
     step = -(-splats.num_gaussians // MOST)
     few = splats.select(torch.arange(0, splats.num_gaussians, step))

@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from splatwire.transport.frames import End, Feedback, Have, Welcome
+from splatwire.transport.held import Held
 from splatwire.transport.pacing import MAX_RATE, START_RATE, Pacer, RateControl
 from splatwire.transport.program import Program
 from splatwire.transport.wire import (
@@ -90,7 +91,7 @@ class ServerTransfer:
         self._again: deque[tuple[int, int, int]] = deque()
         self._sent_again: dict[tuple[int, int, int], float] = {}
         self._waiting: set[tuple[int, int, int]] = set()
-        self._held, self._has_head = bytearray(-(-len(program.packets) // 8)), False
+        self._held = Held()
         self._head_waiting = 0
         self._sent_times: deque[tuple[int, float]] = deque(maxlen=RECENT)
         self._last: Feedback | None = None
@@ -115,7 +116,6 @@ class ServerTransfer:
         What is not worth sending any more (`Program.resends`) is left out, whether it waits to leave once or again.
         """
         old, self.program = self.program, program
-        self._held.extend(bytes(max(-(-len(program.packets) // 8) - len(self._held), 0)))
         source = program.reliable_schedule if self._reliable_head else program.schedule
         head = [item for item in source if item[0] == SIDE]
         left = [item for item in self._schedule[self._next :] if program.wants(*item)]
@@ -137,38 +137,19 @@ class ServerTransfer:
         self._most_bytes += int(self._limits.passes * (sum(program.sizes().values()) - told))
 
     def leave_out(self, frame: Have) -> None:
-        """Takes what the client has: it does not leave by itself, nor is it a part of the client's share any more.
+        """Takes what the client has: it does not leave by itself, nor is it a part of the client's share any more."""
+        self._most_bytes -= int(self._limits.passes * self._held.take(frame, self.program))
 
-        Who says so asks for what it lacks: it gets no parity.
-        """
-        program, at = self.program, frame.first // 8
-        if frame.stream_id != program.stream_id or program.open or at >= len(self._held):
-            return
-        if frame.head and not self._has_head:
-            self._has_head = True
-            self._most_bytes -= int(self._limits.passes * program.head_bytes)
-        for place, byte in enumerate(frame.held[: len(self._held) - at], at):
-            if new := byte & ~self._held[place]:
-                self._held[place] |= new
-                told = (8 * place + n for n in range(8) if new >> n & 1)
-                size = sum(len(packet) + DATA_OVERHEAD for n in told for packet in program.packets[n : n + 1])
-                self._most_bytes -= int(self._limits.passes * size)
-
-    def _pass_over(self, now: float) -> None:
-        """Leaves out what comes next as long as the client has it."""
+    def _take_next(self, now: float) -> tuple[int, int, int] | None:
+        """What comes next in the schedule and the client has not."""
         while self._next < len(self._schedule):
-            kind, _, symbol = self._schedule[self._next]
-            known = self._held[symbol // 8] >> symbol % 8 & 1 if kind == DATA else self._has_head and kind != WELCOME
-            if not known:
-                break
-            self._take_next(now)
-
-    def _take_next(self, now: float) -> tuple[int, int, int]:
-        item = self._schedule[self._next]
-        self._next += 1
-        if self._next == self._head_end:
-            self._head_left_at = now
-        return item
+            item = self._schedule[self._next]
+            self._next += 1
+            if self._next == self._head_end:
+                self._head_left_at = now
+            if not self._held.has(item[0], item[2]):
+                return item
+        return None
 
     @property
     def spent(self) -> bool:
@@ -203,12 +184,11 @@ class ServerTransfer:
             self._heard = False
             return None
         self._slow_down(now)
-        self._pass_over(now)
         if self._again:
             item = self._again.popleft()
             self._left_again(item, now)
-        elif self._next < len(self._schedule):
-            item = self._take_next(now)
+        elif (found := self._take_next(now)) is not None:
+            item = found
         else:
             self._end_at, self._ends = now + END_INTERVAL_S, self._ends + 1
             if self._ends % 2 or not self.program.open:
