@@ -10,7 +10,8 @@ from splatwire.transport.frames import Feedback
 from splatwire.transport.program import Program, make_program
 from splatwire.transport.protection import Protection
 from splatwire.transport.receiver import FEEDBACK_S
-from splatwire.transport.transfer import ServerLimits, ServerTransfer
+from splatwire.transport.server_limits import ServerLimits
+from splatwire.transport.transfer import ServerTransfer
 from splatwire.transport.wire import DATA, SIDE
 from transport.network import datagram_stream
 

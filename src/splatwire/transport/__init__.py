@@ -7,7 +7,8 @@ from splatwire.transport.protection import Protection
 from splatwire.transport.receiver import Receiver
 from splatwire.transport.receiver_options import ReceiverOptions
 from splatwire.transport.sender import Server
-from splatwire.transport.transfer import ServerLimits, ServerTransfer
+from splatwire.transport.server_limits import ServerLimits
+from splatwire.transport.transfer import ServerTransfer
 
 __all__ = [
     "Event",

@@ -32,7 +32,7 @@ class Held:
         return size
 
     def has(self, kind: int, symbol: int) -> bool:
-        """Whether an item of a schedule need not leave: who has the head asks for what it lacks, and needs no parity."""
+        """Whether an item of a schedule need not leave; who has the head asks for what it lacks and needs no parity."""
         if kind != DATA:
             return self._head and kind != WELCOME
         return symbol // 8 < len(self._packets) and bool(self._packets[symbol // 8] >> symbol % 8 & 1)

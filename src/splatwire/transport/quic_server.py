@@ -29,7 +29,7 @@ from splatwire.transport.quic import (
 )
 from splatwire.transport.quic_sessions import NativeSession, Session, WebTransportSessions
 from splatwire.transport.sender import Server
-from splatwire.transport.transfer import ServerLimits
+from splatwire.transport.server_limits import ServerLimits
 from splatwire.transport.udp import bound_socket
 
 BATCH = 64

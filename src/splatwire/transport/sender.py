@@ -7,8 +7,9 @@ from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Starts, network_of
 from splatwire.transport.frames import NOT_YET, Bye, Challenge, Feedback, Have, Hello, Refuse, Request
 from splatwire.transport.program import Program
+from splatwire.transport.server_limits import ServerLimits
 from splatwire.transport.token import TokenMint
-from splatwire.transport.transfer import ServerLimits, ServerTransfer
+from splatwire.transport.transfer import ServerTransfer
 from splatwire.transport.wire import TO_SERVER, decode, encode, kind_of
 
 UNKNOWN_STREAM, SERVER_FULL, TOO_MANY = 1, 2, 4

@@ -16,7 +16,7 @@ from splatwire.transport.program import Program
 from splatwire.transport.receiver import Receiver
 from splatwire.transport.receiver_options import ReceiverOptions
 from splatwire.transport.sender import Server
-from splatwire.transport.transfer import ServerLimits
+from splatwire.transport.server_limits import ServerLimits
 
 SOCKET_BUFFER = 4 << 20
 BATCH = 256
