@@ -46,6 +46,8 @@ const worker = (strict) => ({
       loader: "js",
     }));
     setup.onLoad({ filter: /gsplat-unified-sorter\.js$/ }, ({ path }) => sorter(path, strict));
+    // Shaders of lit surfaces for WebGPU, with which nothing here draws.
+    setup.onLoad({ filter: /wgsl[\\/]chunks[\\/]lit[\\/].*\.js$/ }, () => ({ contents: 'export default "";' }));
   },
 });
 

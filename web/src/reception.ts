@@ -38,6 +38,8 @@ export class Reception implements Receiver {
   #look = 0;
   #looked = 0;
   #drawing: Promise<void> | null = null;
+  /** Tiles that the page draws. */
+  readonly #tiles = new Set<number>();
   #decodeMs = 0;
   #counts: Counts | null = null;
   #bytesBefore = 0;
@@ -71,6 +73,7 @@ export class Reception implements Receiver {
     }
     if (!received || known) return;
     this.#received = received;
+    this.#tiles.clear();
     this.#waiting = []; // of another stream
     const { decoder } = received,
       { manifest } = head,
@@ -200,6 +203,7 @@ export class Reception implements Receiver {
     const received = this.#received;
     this.#shownAt = performance.now();
     if (!received || received.decoder.schema.moving || (received.decoder.schema.viewDependent && !this.#look)) return;
+    if (received.decoder.schema.tiling) return this.#drawTiles(received);
     while (received.hasNew || this.#looked !== this.#look) {
       const ask = this.#look,
         shown = await received.seen(this.#camera, this.#looked !== ask, pausing());
@@ -211,6 +215,31 @@ export class Reception implements Receiver {
       const packed = pack(parts, degree, size),
         hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
       say({ kind: "splats", packed, instead, fresh, elements, gains, ask }, hand);
+    }
+  }
+
+  /** Hands over what takes the place of tiles that the page draws; looks again after each swap if there is reason. */
+  async #drawTiles(received: Received): Promise<void> {
+    const { degree, size, tiling } = received.decoder.schema,
+      pause = pausing();
+    while (received.hasNew || this.#looked !== this.#look) {
+      const ask = this.#look;
+      let fresh = received.hasNew;
+      for (const { gone, come } of received.swaps(this.#camera, this.#tiles)) {
+        const tiles = [];
+        for (const tile of come) {
+          await pause();
+          tiles.push({ tile, packed: pack(tiling!.splatsOf(tile), degree, size) });
+          this.#tiles.add(tile);
+        }
+        for (const tile of gone) this.#tiles.delete(tile);
+        const hand = tiles.flatMap(({ packed }) => buffersOf(packed));
+        say({ kind: "tiles", gone, come: tiles, fresh, ask }, hand);
+        fresh = false;
+        if (ask !== this.#look) break; // somebody looks from elsewhere by now
+      }
+      if (ask === this.#look) this.#looked = ask;
+      say({ kind: "tiles", gone: [], come: [], fresh, ask });
     }
   }
 
@@ -255,7 +284,8 @@ export class Reception implements Receiver {
     }
     await this.#draw();
     const shownPackets = await received.conceal(choice, pause),
-      { gains } = received;
+      tiles = [...this.#tiles].sort((a, b) => a - b),
+      gains = received.decoder.schema.tiling ? received.gainsOfTiles(tiles) : received.gains;
     if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }
 

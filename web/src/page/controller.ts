@@ -195,6 +195,8 @@ export class Controller {
         return this.#learn(message.facts);
       case "splats":
         return this.#add(message);
+      case "tiles":
+        return this.#recut(message);
       case "frame":
         return this.#frame(message);
       case "counts":
@@ -290,6 +292,23 @@ export class Controller {
     this.panel.tell("Gaussians", stage.count.toLocaleString());
     this.#time("first");
     if (elements >= this.#gaussians / 2) {
+      this.#time("half");
+      stage.enough();
+    }
+    if (fresh && stage.view) this.#concealSoon();
+  }
+
+  /** Tiles take the place of others. */
+  #recut({ gone, come, fresh, ask }: FromWorker & { kind: "tiles" }): void {
+    const { stage } = this;
+    if (!this.#begun) stage.begin(this.#size);
+    this.#begun = true;
+    if (gone.length || come.length) stage.recut(gone, come);
+    this.#watch?.answered(ask);
+    this.status.gaussians = stage.count;
+    this.panel.tell("Gaussians", stage.count.toLocaleString());
+    if (stage.count) this.#time("first");
+    if (stage.count >= this.#gaussians / 2) {
       this.#time("half");
       stage.enough();
     }

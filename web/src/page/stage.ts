@@ -8,7 +8,7 @@ import { acquire, giveBack, type Holder, offer } from "../render/contexts.ts";
 import { coreOf, frameScene } from "../render/framing.ts";
 import { loadView } from "../render/load.ts";
 import { cameraOf, Orbit, tangentOf } from "../render/orbit.ts";
-import type { Packed } from "../render/packed.ts";
+import type { Packed, Tile } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
 import { depthAt } from "../render/pick.ts";
 import { Space } from "../render/space.ts";
@@ -46,6 +46,8 @@ export class Stage implements Holder {
   /** Told of the camera of each picture. */
   watcher: ((camera: Camera) => void) | null = null;
   #parts: Packed[] = [];
+  /** What they are of, of a scene with levels. */
+  readonly #tiles = new Map<number, Packed>();
   #size = 1;
   #count = 0;
   /** How many Gaussians there were when the camera was pointed at them. */
@@ -137,7 +139,12 @@ export class Stage implements Holder {
     view.watcher = (camera) => this.watcher?.(camera);
     view.background(this.#background);
     view.begin(this.#size);
-    for (const part of this.#parts) view.add(part);
+    if (this.#tiles.size)
+      view.recut(
+        [],
+        Array.from(this.#tiles, ([tile, packed]) => ({ tile, packed })),
+      );
+    else for (const part of this.#parts) view.add(part);
     await view.sorted();
     if (this.view !== view) return;
     for (const work of this.#waiting.splice(0)) work(view);
@@ -268,10 +275,23 @@ export class Stage implements Holder {
   begin(size: number): void {
     this.orbit.rescale(this.#size / size);
     this.#parts = [];
+    this.#tiles.clear();
     this.#size = size;
     this.#count = this.#framed = this.#spaced = 0;
     this.#space = null;
     this.view?.begin(size);
+  }
+
+  /** Has tiles take the place of others. */
+  recut(gone: readonly number[], come: readonly Tile[]): void {
+    for (const tile of gone) this.#tiles.delete(tile);
+    for (const { tile, packed } of come) this.#tiles.set(tile, packed);
+    this.#parts = [...this.#tiles.values()];
+    this.#count = this.#parts.reduce((sum, { count }) => sum + count, 0);
+    if (this.#count >= 1.5 * this.#framed) this.#frame();
+    this.view?.recut(gone, come);
+    if (this.#count > ENOUGH_GAUSSIANS) this.enough();
+    this.touch();
   }
 
   /** Takes Gaussians in addition to those that are there, or instead of them. */

@@ -24,6 +24,18 @@ interface Loose {
   defines: Map<string, unknown>;
 }
 
+/** How Gaussians of a degree lie in textures. */
+export function formatOf(device: GraphicsDevice, degree: number): GSplatFormat {
+  const streams = [
+    { name: "dataCenter", format: PIXELFORMAT_RGBA32F },
+    { name: "dataColor", format: PIXELFORMAT_RGBA16F },
+    { name: "dataScale", format: PIXELFORMAT_RGBA16F },
+    { name: "dataRotation", format: PIXELFORMAT_RGBA16F },
+    ...Array.from({ length: numShTextures(degree) }, (_, t) => ({ name: `dataSh${t}`, format: PIXELFORMAT_RGBA32U })),
+  ];
+  return new GSplatFormat(device, streams, { readGLSL: readCode(degree), readWGSL: "" });
+}
+
 /** Room for Gaussians of one degree, in units of the scene's size around its middle. */
 export class Gaussians extends GSplatContainer {
   count = 0;
@@ -33,15 +45,9 @@ export class Gaussians extends GSplatContainer {
     device: GraphicsDevice,
     readonly capacity: number,
     readonly degree: number,
+    format = formatOf(device, degree),
   ) {
-    const streams = [
-      { name: "dataCenter", format: PIXELFORMAT_RGBA32F },
-      { name: "dataColor", format: PIXELFORMAT_RGBA16F },
-      { name: "dataScale", format: PIXELFORMAT_RGBA16F },
-      { name: "dataRotation", format: PIXELFORMAT_RGBA16F },
-      ...Array.from({ length: numShTextures(degree) }, (_, t) => ({ name: `dataSh${t}`, format: PIXELFORMAT_RGBA32U })),
-    ];
-    super(device, capacity, new GSplatFormat(device, streams, { readGLSL: readCode(degree), readWGSL: "" }));
+    super(device, capacity, format);
     this.#opacities = new Float32Array(capacity);
     (this.gsplatData as unknown as { shBands: number }).shBands = degree;
     this.aabb = new BoundingBox(new Vec3(0, 0, 0), new Vec3(FARTHEST, FARTHEST, FARTHEST));

@@ -19,6 +19,12 @@ export interface Packed {
   readonly opacities: Float32Array;
 }
 
+/** What is drawn of a tile of a scene with levels. */
+export interface Tile {
+  readonly tile: number;
+  readonly packed: Packed;
+}
+
 export const numShTextures = (degree: number): number => Math.ceil((3 * ((degree + 1) ** 2 - 1)) / 8);
 
 /** Splats of one degree, one after another. */

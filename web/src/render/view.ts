@@ -22,8 +22,9 @@ import {
 import type { Camera, FixedCamera } from "../model/camera.ts";
 import { Gaussians } from "./container.ts";
 import { cameraOf, type Orbit, tangentOf } from "./orbit.ts";
-import type { Packed } from "./packed.ts";
+import type { Packed, Tile } from "./packed.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
+import { TiledGaussians } from "./tiled.ts";
 
 const FIRST_ROOM = 4096;
 /** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
@@ -42,6 +43,8 @@ export class View {
   readonly #camera: Entity;
   readonly #scene: Entity;
   #gaussians: Gaussians | null = null;
+  /** Of a scene with levels, in place of those. */
+  #tiles: TiledGaussians | null = null;
   #all: Packed[] = [];
   #size = 1;
   #gains: Float32Array | null = null;
@@ -113,7 +116,7 @@ export class View {
   }
 
   get count(): number {
-    return this.#gaussians?.count ?? 0;
+    return this.#tiles?.count ?? this.#gaussians?.count ?? 0;
   }
 
   /** Gives everything back: the context, too, for a browser has few and waits long before it collects one. */
@@ -123,6 +126,7 @@ export class View {
     const { gl } = this.#app.graphicsDevice as WebglGraphicsDevice;
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
     this.#gaussians?.destroy();
+    this.#tiles?.destroy();
     this.#app.destroy();
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     this.canvas.remove();
@@ -171,6 +175,8 @@ export class View {
   begin(size: number): void {
     this.#all = [];
     this.#gains = null;
+    this.#tiles?.destroy();
+    this.#tiles = null;
     this.#size = size;
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
     this.#gaussians?.destroy();
@@ -192,12 +198,20 @@ export class View {
     this.#changed();
   }
 
+  /** Has tiles of a scene with levels take the place of others, as soon as they are uploaded. */
+  recut(gone: readonly number[], come: readonly Tile[]): void {
+    this.#tiles ??= new TiledGaussians(this.#app, () => this.touch());
+    this.#replaced = true;
+    this.#tiles.recut(gone, come);
+  }
+
   /**
-   * Gains of size and opacity in turn, by order of arrival; size 0 hides, and those that came later are shown as they
-   * are.
+   * Gains of size and opacity in turn, by order of arrival or ascending tile; size 0 hides, and those that came later
+   * are shown as they are.
    */
   setGains(gains: Float32Array | null): void {
     this.#gains = gains;
+    this.#tiles?.setGains(gains);
     this.#gaussians?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
     this.#changed();
   }
@@ -246,8 +260,9 @@ export class View {
 
   /** Told in each frame whether all that was added is sorted. */
   #isReady(ready: boolean): void {
-    if (!ready || !this.#replaced) return;
+    if (!ready || !this.#replaced || this.#tiles?.settled === false) return;
     this.#replaced = false;
+    this.#tiles?.sorted();
     this.#changed();
     for (const resolve of this.#steady.splice(0)) resolve();
   }
@@ -255,6 +270,7 @@ export class View {
   #changed(): void {
     const scene = this.#scene.gsplat as GSplatComponent | undefined;
     if (scene && !this.#replaced) scene.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    this.#tiles?.again();
     this.touch();
   }
 

@@ -2,7 +2,7 @@
 
 import type { Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
-import type { Packed } from "../render/packed.ts";
+import type { Packed, Tile } from "../render/packed.ts";
 import type { Counts } from "./events.ts";
 import type { Choice } from "./losses.ts";
 import type { Session } from "./webtransport.ts";
@@ -53,6 +53,8 @@ export type FromWorker =
       gains: Float32Array | null;
       ask: number;
     }
+  /** Tiles of a scene with levels, in place of others; the rest as of `splats`. */
+  | { kind: "tiles"; gone: readonly number[]; come: readonly Tile[]; fresh: boolean; ask: number }
   /** A frame of what moves, in place of what is there; how many elements are guesses, packets of motion are shown. */
   | { kind: "frame"; number: number; packed: Packed; concealed: number; shownPackets: number; drawMs: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }

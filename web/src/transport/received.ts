@@ -2,6 +2,7 @@
 // dropped on purpose.
 
 import { StreamDecoder } from "../codec/decoder.ts";
+import { type Swap, swapsOf } from "../codec/levels/swaps.ts";
 import type { Copies, Part } from "../codec/schema.ts";
 import type { Splats } from "../codec/splats.ts";
 import type { Pause } from "../conceal/conceal.ts";
@@ -93,6 +94,33 @@ export class Received {
       fresh,
       elements: reached - (copies && copies.first < reached ? copies.part.count : 0),
     };
+  }
+
+  /**
+   * What takes the place of tiles that are on the screen, so that they are what a camera is to see: swap by swap, none
+   * of which shows a part of the scene twice or not at all.
+   */
+  swaps(camera: Camera, held: ReadonlySet<number>): Swap[] {
+    const tiling = this.decoder.schema.tiling!;
+    tiling.look(camera);
+    this.#drawn = this.#parts.length;
+    return swapsOf(tiling.tiles.parents, held, new Set(tiling.drawn));
+  }
+
+  /** Gains of the Gaussians of tiles, one tile after another; null where nothing was dropped yet. */
+  gainsOfTiles(tiles: readonly number[]): Float32Array | null {
+    const gains = this.#gains,
+      parts = tiles.flatMap((tile) => this.decoder.schema.tiling!.partsOf(tile));
+    if (!gains) return null;
+    const firsts = new Map(this.#parts.map((part, p) => [part, this.#firsts[p]])),
+      all = new Float32Array(2 * parts.reduce((sum, part) => sum + part.count, 0)).fill(1);
+    let at = 0;
+    for (const part of parts) {
+      const first = 2 * firsts.get(part)!;
+      if (first < gains.length) all.set(gains.subarray(first, first + 2 * part.count), at);
+      at += 2 * part.count;
+    }
+    return all;
   }
 
   /** Works out gains of elements, 0 for those of packets that are dropped; how many packets are left. */

@@ -16,8 +16,14 @@ export interface Tiling {
   readonly wanted: readonly number[];
   /** Gaussians that are enough to look around. */
   readonly enough: number;
+  /** Tiles that are drawn, ascending. */
+  readonly drawn: readonly number[];
   /** Looks again; whether other tiles are drawn than before. */
   look(camera: Camera | null): boolean;
+  /** Packets of a tile that came. */
+  partsOf(tile: number): readonly Part[];
+  /** Their Gaussians, decoded anew. */
+  splatsOf(tile: number): Splats[];
 }
 
 /** A packet; decoded when it is drawn, and forgotten when it is not any more. */
@@ -57,6 +63,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   readonly tiles: Tiles;
   readonly none: Splats;
   readonly #came: Int32Array;
+  readonly #parts: LevelPart[][];
   #cut: Cut = { drawn: [], wanted: [] };
   #drawn = new Set<number>();
 
@@ -64,6 +71,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     this.gaussians = new GaussianSchema(sideInfo, plan);
     this.tiles = readTiles(this.gaussians.info, plan);
     this.#came = new Int32Array(this.tiles.count);
+    this.#parts = Array.from({ length: this.tiles.count }, () => []);
     this.none = emptySplats(0, this.degree);
     this.look(null);
   }
@@ -101,6 +109,18 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
     return this.#cut.wanted;
   }
 
+  get drawn(): readonly number[] {
+    return this.#cut.drawn;
+  }
+
+  partsOf(tile: number): readonly LevelPart[] {
+    return this.#parts[tile];
+  }
+
+  splatsOf(tile: number): Splats[] {
+    return this.#parts[tile].map(({ packet }) => this.gaussians.read(packet).splats);
+  }
+
   draws(tile: number): boolean {
     return this.#drawn.has(tile);
   }
@@ -114,8 +134,10 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   }
 
   read(packet: Packet): LevelPart {
+    const part = new LevelPart(packet, this);
     this.#came[packet.block]++;
-    return new LevelPart(packet, this);
+    this.#parts[packet.block].push(part);
+    return part;
   }
 
   digest(blocks: readonly (readonly Packet[])[], pause: Pause): Promise<string> {

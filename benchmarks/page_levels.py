@@ -1,0 +1,106 @@
+"""A page that walks through a scene with levels: Gaussians, memory and the longest tasks of its main thread.
+
+    python benchmarks/page_levels.py city.swz [--pictures FOLDER] > page_levels.json
+
+Headless Chromium, 320 x 240; the scene comes by ranges of bytes from the server of `serve --page`. The mouse turns and
+zooms the camera, step by step. `messages` is the time of the main thread in what the page does with what its worker
+hands over, by kind (decoding is the worker's); `longest_task` is whatever held up the main thread: the engine's drawing
+and, where there is no graphics card, waiting for its software rasteriser, too. Memory is what processes have of their
+own.
+"""
+
+import argparse
+import asyncio
+import base64
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from splatwire.transport.page import PageServer
+from splatwire.transport.page_content import PageContent
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
+from chromium import Browser, browser
+
+ELEMENT = "document.querySelector('splat-wire')"
+WATCH = """
+window.spent = {}; window.tasks = [];
+new PerformanceObserver((list) => { for (const e of list.getEntries()) tasks.push(e.duration); })
+  .observe({type: "longtask", buffered: true});
+const set = Object.getOwnPropertyDescriptor(Worker.prototype, "onmessage");
+const timed = (work) => function (event) {
+  const began = performance.now(), kind = event.data?.kind ?? "other";
+  try { return work.call(this, event); } finally {
+    const ms = performance.now() - began, had = spent[kind] ?? {count: 0, longest: 0, total: 0};
+    spent[kind] = {count: had.count + 1, longest: Math.max(had.longest, ms), total: had.total + ms};
+  }
+};
+Object.defineProperty(Worker.prototype, "onmessage", {...set, set(work) { set.set.call(this, timed(work)); }});
+const add = Worker.prototype.addEventListener;
+Worker.prototype.addEventListener = function (kind, work, ...more) {
+  return add.call(this, kind, kind === "message" ? timed(work) : work, ...more);
+};
+"""
+STEPS = ["right"] * 2 + ["in"] * 6 + ["left"] * 2 + ["in"] * 5 + ["right"] * 2 + ["out"] * 8
+MIDDLE = (160.0, 120.0)
+STATUS = f"{ELEMENT}?.status"
+
+
+def walked(page: Browser, url: str, seconds: float, pictures: Path | None) -> dict[str, Any]:
+    """Opens a page and walks."""
+    page.emulate(320, 240)
+    page._call("Page.enable", page._session)
+    page._call("Page.addScriptToEvaluateOnNewDocument", page._session, source=WATCH)
+    page.open(url)
+    page.wait_for(f"{STATUS}?.gaussians > 1000", 120)
+    time.sleep(5 * seconds)
+    most = {"gaussians": 0, "page_mb": 0, "gpu_mb": 0}
+    begun = page.evaluate("Math.max(...tasks, 0)")
+    page.evaluate("tasks.length = 0; spent = {};")
+    for number, step in enumerate(STEPS):
+        if step in ("in", "out"):
+            page.wheel(*MIDDLE, -250 if step == "in" else 250)
+        else:
+            page.drag(MIDDLE, (MIDDLE[0] + (25 if step == "right" else -25), MIDDLE[1]))
+        time.sleep(seconds)
+        print(f"{number}: {step}", file=sys.stderr)
+        most["gaussians"] = max(most["gaussians"], page.evaluate(f"{STATUS}.gaussians"))
+        most["page_mb"] = max(most["page_mb"], page.memory() // 1_000_000)
+        most["gpu_mb"] = max(most["gpu_mb"], page.memory("GPU") // 1_000_000)
+        if pictures and number % 3 == 2:
+            pictures.mkdir(parents=True, exist_ok=True)
+            (pictures / f"{number:02}.png").write_bytes(base64.b64decode(page.screenshot()))
+    return {
+        **most, "packets": page.evaluate(f"{STATUS}.packets"), "longest_task_opening": begun,
+        "longest_task": page.evaluate("Math.max(...tasks, 0)"), "long_tasks": page.evaluate("tasks.length"),
+        "messages": page.evaluate("spent"), "failed": page.evaluate(f"{STATUS}.failed"), "load": os.getloadavg()[0],
+    }  # fmt: skip
+
+
+async def served(path: Path, seconds: float, pictures: Path | None) -> dict[str, Any]:
+    """The same of a file."""
+    async with PageServer(PageContent({"city": path.read_bytes()})) as server:
+
+        def drive() -> dict[str, Any]:
+            with browser() as page:
+                return walked(page, server.url, seconds, pictures)
+
+        return await asyncio.to_thread(drive)
+
+
+def main() -> None:
+    """Prints one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("stream", type=Path, help="a stream with levels")
+    parser.add_argument("--seconds", type=float, default=1.0, help="of a step")
+    parser.add_argument("--pictures", type=Path, help="folder for pictures of the walk")
+    given = parser.parse_args()
+    print(json.dumps(asyncio.run(served(given.stream, given.seconds, given.pictures)), indent=1))
+
+
+if __name__ == "__main__":
+    main()
