@@ -7,9 +7,9 @@
 #     benchmarks/gpu.sh --dry-run [FOLDER]     # every part on the CPU, at a size that takes two minutes
 set -euo pipefail
 
-device=cuda run=bonsai_30k length=() minutes=17
+device=cuda run=bonsai_30k more=() minutes=17
 if [ "${1:-}" = --dry-run ]; then
-    device=cpu run=snowmiku_small_2400 length=(--iterations 200) minutes=30
+    device=cpu run=snowmiku_small_2400 more=(--iterations 200 --threads 1) minutes=30
     shift
 fi
 folder=$(realpath -m "${1:-out_gpu}")
@@ -22,7 +22,7 @@ passed=0
 python -m pytest -q -rs tests/parity/test_gsplat.py tests/render/test_gsplat_backend.py tests/train/test_gpu.py \
     2>&1 | tee "$folder/tests.log" || passed=$?
 for model in hacpp causal; do
-    python benchmarks/train.py --run "$run" --device "$device" --model "$model" --minutes "$minutes" "${length[@]}" \
+    python benchmarks/train.py --run "$run" --device "$device" --model "$model" --minutes "$minutes" "${more[@]}" \
         --output "$folder/$model.scene" --json "$folder/$model.json" >"$folder/$model.log"
 done
 echo
