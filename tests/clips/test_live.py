@@ -1,8 +1,10 @@
 """Clips that grow while they are watched: nothing but time tells them from clips that are there."""
 
 import dataclasses
+import itertools
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -11,6 +13,7 @@ from live_path import FRAME_RATE, STREAM_ID, LivePath
 from moving_clips import moving_frames
 from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
 from splatwire.clips.live import LiveDecoder
+from splatwire.clips.worth import worth_of_stream
 from splatwire.codec import decode_stream
 from splatwire.codec.memory import VARIABLE
 from splatwire.errors import BitstreamError, InvalidValueError
@@ -79,6 +82,27 @@ def test_where_the_path_is_slower_than_the_clip_motion_goes_first_and_bases_neve
     assert len(left) < len(stream.packets)
     for place, newest in watched.sent:
         assert path.lasting[place] or place >= path.first_packets[newest]
+    for begin, end in itertools.pairwise(path.first_packets):  # of each group's motion the first, which is seen most
+        motion = [place in left for place in range(begin, end) if not path.lasting[place]]
+        assert motion == sorted(motion, reverse=True)
+
+
+def test_of_what_leaves_the_most_seen_is_first():
+    encoder = ClipEncoder(ClipOptions(group_frames=2), lambda splats: np.zeros(splats.num_gaussians, np.int64))
+    for splats in moving_frames(8000, 2):
+        packets = encoder.push(splats)
+    manifest, _ = encoder.so_far(STREAM_ID)
+    stream = encoder.finish()
+    lasting = [manifest.plan.lasting(packet.id.block) for packet in packets]
+    assert lasting == sorted(lasting, reverse=True)
+    told, found = worth_of_stream(stream), encoder.worth(packets)
+    motion = [worth for worth, lasts in zip(found, lasting, strict=True) if not lasts]
+    assert len(motion) > 3
+    assert motion == sorted(motion, reverse=True)
+    wanted = [told[packet.id] for packet, lasts in zip(packets, lasting, strict=True) if not lasts]
+    assert motion == pytest.approx(wanted, rel=0.2)
+    bases = found[: len(found) - len(motion)]
+    assert bases == sorted(bases, reverse=True)
 
 
 def test_a_recorded_live_stream_is_a_clip(frames):

@@ -10,7 +10,6 @@ import numpy as np
 from splatwire.clips.frames import Frame
 from splatwire.clips.grouping import NamedFrame, group_of
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
-from splatwire.clips.worth import weights_of, worth_of
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.codec.schemas.tracks.encoder import ClipWriter
 from splatwire.errors import InvalidValueError
@@ -86,7 +85,7 @@ class ClipEncoder:
         """Takes the next frame.
 
         Returns:
-            The packets of its group if it is the last of one, of no stream yet; else none.
+            The packets of its group if it is the last of one, of no stream yet, what is seen most first; else none.
 
         Raises:
             InvalidValueError: If its harmonics have another degree than those before, or it does not fit the order.
@@ -115,10 +114,9 @@ class ClipEncoder:
         """Manifest and side information of the groups so far, of a stream whose id was chosen before its end."""
         return self._writer.so_far({SECTION: self.tracking.section()}, stream_id)
 
-    def worth(self, manifest: Manifest, side_info: bytes, packets: Sequence[Packet]) -> list[float]:
-        """What losing each of some packets of the clip so far costs, see `splatwire.clips.worth.worth_of`."""
-        bases = self._writer.bases
-        return worth_of(manifest, side_info, packets, weights_of(bases.scales[:, 0], bases.opacities[:, 0]))
+    def worth(self, packets: Sequence[Packet]) -> list[float]:
+        """What losing each of some packets of the last group costs, see `splatwire.clips.worth.worth_of`."""
+        return [self._writer.worth[packet.id] for packet in packets]
 
     def flush(self) -> list[Packet]:
         """Ends the group that frames are being gathered for, which is the last one: packets of what there is."""

@@ -6,21 +6,10 @@ import numpy as np
 
 from splatwire.codec import decode_stream
 from splatwire.codec.schemas.tracks.decoder import decode_motion
+from splatwire.codec.schemas.tracks.known_tracks import weights_of
 from splatwire.codec.schemas.tracks.layout import MOVING, STATE, TRACK
 from splatwire.codec.schemas.tracks.side_info import open_side_info
 from splatwire.packets import Manifest, Packet, PacketId, SceneStream
-
-
-def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
-    """How much is seen of Gaussians: squared opacity times the largest area that they show, float64 (T).
-
-    Args:
-        scales: (T, 3).
-        opacities: (T).
-    """
-    rising = np.sort(scales.astype(np.float64), axis=1)
-    weights: np.ndarray = rising[:, 1] * rising[:, 2] * opacities.astype(np.float64) ** 2
-    return weights
 
 
 def worth_of(manifest: Manifest, side_info: bytes, packets: Sequence[Packet], weights: np.ndarray) -> list[float]:

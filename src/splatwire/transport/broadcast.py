@@ -18,8 +18,8 @@ from splatwire.transport.wire import DATA, PARITY, SIDE
 PROTECTION = Protection(side_repair=0.6)
 """Of the head objects, which are small and come with every group."""
 
-Worth = Callable[[Manifest, bytes, Sequence[Packet]], Sequence[float]]
-"""What losing each of some packets of a clip costs, told from its manifest and side information so far."""
+Worth = Callable[[Sequence[Packet]], Sequence[float]]
+"""What losing each of some packets of the newest group costs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Broadcast:
         Args:
             manifest: Of the stream so far.
             side_info: Its side information so far.
-            packets: Of the group, of no stream yet; what lasts leaves first.
+            packets: Of the group, of no stream yet, in the order in which they shall leave; what lasts leaves first.
 
         Raises:
             InvalidValueError: If a packet is too large for a datagram, or the manifest counts others.
@@ -76,7 +76,7 @@ class Broadcast:
                 self._packets[index] = b""
         self._newest = len(self._packets)
         ordered = sorted(packets, key=lambda packet: not plan.lasting(packet.id.block))
-        found = self._arranged(ordered, manifest, side_info)
+        found = self._arranged(ordered, manifest)
         for packet in (ordered[number] for number in found.order):
             named = make_packet(packet.id, packet.num_anchors, packet.payload, manifest.stream_id)
             if len(named.data) > MAX_PACKET_BYTES:
@@ -92,9 +92,9 @@ class Broadcast:
         """The program after the last group."""
         return self._edition(manifest, side_info, more=False)
 
-    def _arranged(self, ordered: Sequence[Packet], manifest: Manifest, side_info: bytes) -> Arranged:
+    def _arranged(self, ordered: Sequence[Packet], manifest: Manifest) -> Arranged:
         plan, (share, repair) = manifest.plan, self._protection.motion_of(self._groups)
-        worth = self._worth(manifest, side_info, ordered) if self._worth and repair and share < 1 else None
+        worth = self._worth(ordered) if self._worth and repair and share < 1 else None
         lasting = [plan.lasting(packet.id.block) for packet in ordered]
         kinds = ([n for n, lasts in enumerate(lasting) if lasts is kind] for kind in (True, False))
         group = GroupPackets(*map(tuple, kinds))

@@ -107,6 +107,7 @@ class ClipWriter:
         self._num_blocks = self._num_frames = self._num_tracks = 0
         self._digest = hashlib.sha256()
         self._known = KnownTracks.empty()
+        self.worth: dict[PacketId, float] = {}
         self._costs = np.zeros(0)
 
     def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
@@ -117,13 +118,14 @@ class ClipWriter:
             classes: Class of precision of each, for the first group; None for the finest.
 
         Returns:
-            Its packets, of no stream yet.
+            Its packets, of no stream yet: bases, then motion, of each what is seen most first. `worth` says how much.
 
         Raises:
             InvalidValueError: If nothing in the first group draws anything, or a track is too far away.
         """
         if not len(group.keys) and not self._groups:
             raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
+        self.worth = {}
         new, targets = self._begin_anew(group)
         born = self._births(group, classes, new)
         births = len(self._known.keys) - self._num_tracks
@@ -136,14 +138,11 @@ class ClipWriter:
         motions, moved = self._motions(group, numbers, targets, first_new)
         self._groups.append(Group(births, motions))
         self._num_frames += group.moves.num_frames
-        packets = [*born, *moved]
-        self._packets += packets
-        return packets
+        self._packets += [*born, *moved]
+        return sorted(born, key=self._dearest) + sorted(moved, key=self._dearest)
 
-    @property
-    def bases(self) -> Trajectories:
-        """How each track looked when it was born, one frame each."""
-        return self._known.bases
+    def _dearest(self, packet: Packet) -> float:
+        return -self.worth[packet.id]
 
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """The stream of all groups, with more named sections."""
@@ -196,7 +195,8 @@ class ClipWriter:
         self._known = self._known.with_births(bases, group.keys[born], coded.rows)
         for rows in coded.digested:
             digest_bases(self._digest, rows)
-        return self._named(coded.packets, coded.num_blocks)
+        seen = self._known.seen(np.arange(self._num_tracks, len(self._known.keys)))
+        return self._named(coded.packets, coded.num_blocks, seen)
 
     def _targets(self, moves: Trajectories, numbers: np.ndarray) -> Targets:
         info = self._bases.info
@@ -247,10 +247,15 @@ class ClipWriter:
                 packets.append(make_packet(PacketId(block, start), count, payload))
             digest_motion(self._digest, (heads[begin:end], part.residuals))
             costs.append(part.costs)
-        return self._named(packets, len(parts)), np.concatenate(costs)
+        seen = self._known.seen(heads[:, TRACK]) * (heads[:, STATE] == MOVING)
+        return self._named(packets, len(parts), seen), np.concatenate(costs)
 
-    def _named(self, packets: list[Packet], num_blocks: int) -> list[Packet]:
-        """Packets of a run of blocks at its place in the stream."""
+    def _named(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:
+        """Packets of a run of blocks at its place in the stream; takes down how much is seen of what is in each."""
         first = self._num_blocks
         self._num_blocks += num_blocks
-        return [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets]
+        named = [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets]
+        ends = np.cumsum([0, *(packet.num_anchors for packet in packets)])
+        sums = np.add.reduceat(seen, ends[:-1]).tolist()
+        self.worth |= {packet.id: worth for packet, worth in zip(named, sums, strict=True)}
+        return named

@@ -41,6 +41,10 @@ class KnownTracks:
         at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
         return np.where(names[at] == keys, self.by_key[at], -1)
 
+    def seen(self, numbers: np.ndarray) -> np.ndarray:
+        """How much is seen of tracks, see `weights_of`, float64 (n)."""
+        return weights_of(self.bases.scales[numbers, 0], self.bases.opacities[numbers, 0])
+
     def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray) -> "KnownTracks":
         """With tracks that are born, in the order of their numbers: trajectories of one frame, keys, integers."""
         joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
@@ -52,3 +56,15 @@ class KnownTracks:
             np.concatenate([self.rows, rows]),
             self.alive,
         )
+
+
+def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
+    """How much is seen of Gaussians: squared opacity times the largest area that they show, float64 (T).
+
+    Args:
+        scales: (T, 3).
+        opacities: (T).
+    """
+    rising = np.sort(scales.astype(np.float64), axis=1)
+    weights: np.ndarray = rising[:, 1] * rising[:, 2] * opacities.astype(np.float64) ** 2
+    return weights
