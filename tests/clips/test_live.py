@@ -197,17 +197,15 @@ def test_codes_of_groups_keep_their_numbers_and_a_part_is_the_dearest(frames):
         packets = encoder.push(splats)
         if not packets:
             continue
-        manifest, side_info = encoder.so_far(STREAM_ID)
-        edition = broadcast.add(manifest, side_info, packets)
+        edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
         groups = parity_groups(edition.tiers)
         alive = [number for number, group in enumerate(groups) if group.repair]
         assert len(alive) == 1
         assert found is None or alive[0] > found
         found, own = alive[0], groups[alive[0]]
         assert {group for kind, group, _ in edition.schedule if kind == PARITY} == {found}
-        worth = encoder.worth(
-            manifest, side_info, [packet_from_bytes(data, STREAM_ID) for data in edition.packets[edition.newest :]]
-        )
+        newest = [packet_from_bytes(data, STREAM_ID) for data in edition.packets[edition.newest :]]
+        worth = encoder.worth(newest)
         start = own.start - edition.newest
         inside = worth[start : start + own.size]
         outside = worth[start + own.size :]
