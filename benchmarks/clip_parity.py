@@ -5,8 +5,9 @@
 
 Each clip is encoded in several qualities. A budget is what one of them takes; bases are sent again until they are
 there, motion never. `parity`: the planner, for a receiver that leaves out or holds what lost its motion (the better of
-the two). `concealment`: all bytes into quality. `planner`: quality and parity, for a receiver that conceals. Other
-transfers than those that were planned with are drawn; three frames of each group are compared with the clip's own.
+the two). `concealment`: all bytes into quality. `planner`: quality and parity, for a receiver that conceals. `expected`
+is the mean of 1,000 other transfers than those that were planned with, by the damage curves (measured in pictures:
+three frames of each group against the clip's own); some of them are drawn (`--drawn`, for `--pictured` losses).
 """
 
 import argparse
@@ -18,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.channel import parse_loss
+from splatwire.channel import LossModel, parse_loss
 from splatwire.cli._clip_plan import frames_of
 from splatwire.clips import frame_files, read_frames
 from splatwire.clips.concealment import CLIP_CONCEALERS
 from splatwire.clips.damage import draw, measure_clip_damage
-from splatwire.clips.delivery import ClipLoad, delivered
+from splatwire.clips.delivery import ClipLoad, delivered, passage
 from splatwire.clips.grouping import group_of
 from splatwire.clips.planning import ClipOffer, plan_clip
 from splatwire.clips.tracking import SECTION, Tracker
@@ -40,6 +41,7 @@ RESULTS = Path(__file__).parent / "results" / "clip_parity.json"
 GROUP, RATE = 15, Fraction(30)
 LOSSES = [f"{kind}{rate}{rest}" for kind, rest in (("bernoulli:", ""), ("gilbert:", ",20"))
           for rate in (0.01, 0.02, 0.05, 0.1, 0.2)]  # fmt: skip
+TRANSFERS = 1000
 WAYS = {"parity": ("drop", "hold"), "concealment": ("motion",), "planner": ("motion",)}
 
 
@@ -105,8 +107,21 @@ class Clip:
         found = [self.shown(level, plan.protection, name, loss, 1000 + seed) for seed in range(drawn)]
         return {
             "way": way, "loss": loss, "level": level, "concealer": name, "parity_bytes": plan.parity_bytes,
-            "bytes": plan.sent_bytes, "expected": plan.psnr, "psnr": float(np.mean(found)), "transfers": found,
+            "bytes": plan.sent_bytes, "expected": expected(self.offers[level, name], plan.protection, channel),
+            "drawn": float(np.mean(found)) if found else None, "motion": plan.protection.motion,
         }  # fmt: skip
+
+
+def expected(offer: ClipOffer, protection: Protection, loss: LossModel) -> float:
+    """Decibels by the damage curves, mean over frames and other transfers than those of the planner."""
+    found, rng = [], np.random.Generator(np.random.PCG64(99))
+    for group in range(len(offer.load.groups)):
+        way = passage(offer.load, protection, group)
+        received = np.stack([loss.received(len(way.items), rng) for _ in range(TRANSFERS)])
+        worth = offer.load.worth[way.order]
+        lost = ~way.arrived(received) @ worth / max(worth.sum(), 1e-30)
+        found.append(float(offer.damage.psnr(group, lost).mean()))
+    return float(np.average(found, weights=offer.damage.frames))
 
 
 def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
@@ -118,10 +133,11 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
         for loss in LOSSES:
             for way in WAYS:
                 began = time.perf_counter()
+                drawn = arguments.drawn if loss in arguments.pictured else 0
                 row = {"budget_level": budget, "budget_bytes": limit, "whole": whole,
-                       **clip.row(way, float(limit), loss, arguments.drawn)}  # fmt: skip
+                       **clip.row(way, float(limit), loss, drawn)}  # fmt: skip
                 rows.append(row)
-                told = f"{way} {loss} {row['psnr']:.2f} dB, level {row['level']}, parity {row['parity_bytes']:,}"
+                told = f"{way} {loss} {row['expected']:.2f} dB, level {row['level']}, parity {row['parity_bytes']:,}"
                 print(f"{name} {budget}: {told}, {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
     sizes = {str(level): load.num_bytes for level, load in clip.loads.items()}
     return {"name": name, "frames": arguments.frames, "bytes": sizes, "rows": rows}
@@ -143,7 +159,7 @@ def plot(target: Path) -> None:
                     own = [r for r in clip["rows"] if (r["budget_level"], r["way"]) == (budget, way)]
                     own = [r for r in own if r["loss"].startswith(kind)]
                     rates = [100 * float(r["loss"].split(":")[1].split(",")[0]) for r in own]
-                    axis.plot(rates, [r["psnr"] for r in own], style, label=way, markersize=4)
+                    axis.plot(rates, [r["expected"] for r in own], style, label=way, markersize=4)
                 size = next(r["budget_bytes"] for r in clip["rows"] if r["budget_level"] == budget) / 1e6
                 axis.set_title(f"{clip['name']}, {size:.2f} MB, {'bursts of 20' if burst else 'random'}", fontsize=9)
                 axis.set_xscale("log")
@@ -166,7 +182,8 @@ def main() -> None:
     parser.add_argument("--levels", type=float, nargs="+", default=[6.5, 7.25, 8.0, 8.75, 9.5])
     parser.add_argument("--budgets", type=float, nargs="+", default=[8.0, 9.5], help="levels whose bytes may be spent")
     parser.add_argument("--views", type=int, default=2)
-    parser.add_argument("--drawn", type=int, default=6)
+    parser.add_argument("--drawn", type=int, default=3)
+    parser.add_argument("--pictured", nargs="*", default=["bernoulli:0.05", "bernoulli:0.2", "gilbert:0.1,20"])
     parser.add_argument("--draw", type=Path)
     arguments = parser.parse_args()
     if arguments.draw:

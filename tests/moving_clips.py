@@ -1,5 +1,8 @@
 """Small clips whose truth is known: half of a shell sways, some Gaussians are born, some die, colours breathe."""
 
+import json
+import struct
+
 import numpy as np
 import torch
 
@@ -7,6 +10,13 @@ from splatwire.clips import Frame
 from splatwire.scene.splats import Splats
 
 FRAMES = 10
+GAUSSIANS = [
+    # place, rotation, scale, colour, motion (t, t squared, t cubed), turning, centre, width
+    ((1, 2, 3), (1, 0, 0, 0), (0.5, 0.25, 0.125), (255, 0, 51, 255), ((1, 0, 0), (0, 2, 0), (0, 0, 4)),
+     (0, 1, 0, 0), 0.25, 4.0),
+    ((-1, 0, 0), (2, 0, 0, 0), (0.5, 0.5, 0.5), (0, 255, 0, 102), ((0, 0, 0),) * 3, (0, 0, 0, 0), 0.5, 0.125),
+]  # fmt: skip
+"""Of a `.splatv` file."""
 
 
 def moving_frames(count: int = 600, frames: int = FRAMES, seed: int = 0, *, still: bool = False) -> list[Splats]:
@@ -44,3 +54,21 @@ def drawn(splats: Splats) -> Splats:
     """What of a frame draws something."""
     frame = Frame.of(splats)
     return splats.select(torch.from_numpy(frame.drawn))
+
+
+def halves(*numbers: float) -> bytes:
+    return struct.pack(f"<{len(numbers)}e", *numbers)
+
+
+def splatv(gaussians=GAUSSIANS, width: int = 16, before: bytes = b"") -> bytes:
+    """A file as splaTV writes it: lines of `width` pixels of 16 bytes, the last one padded."""
+    texture = b"".join(
+        struct.pack("<3f", *place) + halves(*rotation, *scale, 0) + bytes(color)
+        + halves(*(number for power in motion for number in power), 0, *turning, center, spread)
+        for place, rotation, scale, color, motion, turning, center, spread in gaussians
+    )  # fmt: skip
+    texture = texture.ljust(-(-len(texture) // (16 * width)) * 16 * width, b"\0")
+    pieces = [{"type": "other", "size": len(before)}] if before else []
+    pieces.append({"type": "splat", "size": len(texture), "texwidth": width, "texheight": 1, "cameras": []})
+    head = json.dumps(pieces).encode()
+    return struct.pack("<II", 0x674B, len(head)) + head + before + texture

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from moving_clips import moving_frames, shuffled
+from moving_clips import GAUSSIANS, moving_frames, shuffled, splatv
 from splatwire.cli.serve import Serve
 from splatwire.formats import write_splats
 from splatwire.packets import read_stream
@@ -239,3 +239,14 @@ def test_a_clip_is_planned_and_served_with_parity_for_each_group(run, clip, tmp_
     told = run("plan", clip, *words).out
     assert "group 1: parity" in told
     assert f"splatwire serve {clip} --plan {target}" in told
+
+
+def test_a_splatv_becomes_a_clip(run, tmp_path):
+    source, target = tmp_path / "a.splatv", tmp_path / "a.swz"
+    source.write_bytes(splatv([((n / 9, 0, 0), *GAUSSIANS[n % 2][1:]) for n in range(40)]))
+    content = run("encode", source, "-o", target, "--frames", 6, "--fps", 10, "--json").json
+    assert (content["frames"], content["frame_rate"], content["frames_matched"]) == (6, 10, 0)
+    scored = run("evaluate", target, "--reference", source, "--json").json
+    assert scored["rows"][0]["psnr"] > 30
+    assert "encode` makes a clip of it" in run("render", source, "-o", tmp_path / "a.png").err
+    assert "--fps, --group and --frames are for what moves" in run("encode", target, "-o", "b.swz", "--frames", 3).err

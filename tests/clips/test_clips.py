@@ -1,5 +1,6 @@
 """Clips: what goes in comes out, whatever of it arrives, frame by frame."""
 
+import logging
 from fractions import Fraction
 
 import numpy as np
@@ -9,10 +10,11 @@ import torch
 from moving_clips import FRAMES, drawn, moving_frames, shuffled
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
-from splatwire.clips import ClipDecoder, ClipEncoder, ClipOptions, decode_frame, decode_frames, encode_clip
+from splatwire.clips import ClipDecoder, ClipEncoder, ClipOptions, decode_frame, decode_frames, encode_clip, frame_files
 from splatwire.clips.evaluation import ClipRow, ClipScore
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, UnknownNameError
+from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
+from splatwire.formats import write_splats
 from splatwire.model import SplatScene
 from splatwire.packets import PRESETS, SceneStream, make_packet, read_stream, write_stream
 from splatwire.scene.splats import Splats
@@ -228,3 +230,15 @@ def test_frames_that_equal_their_reference_are_not_below_it():
     assert ClipScore(ClipRow("motion"), some[:2], np.zeros(1), 0, 0).mean_below(
         ClipScore(ClipRow("motion"), best[:2], np.zeros(1), 0, 0)
     ) == pytest.approx(1.0)
+
+
+def test_a_frame_that_is_missing_or_none_is_told(tmp_path, caplog):
+    frames = moving_frames(30, 4)
+    for number in (0, 1, 3, 4):
+        write_splats([frames[min(number, 3)]], tmp_path / f"frame_{number:02}.ply")
+    with caplog.at_level(logging.WARNING):
+        assert len(frame_files(tmp_path)) == 4
+    assert "missing after frame_01.ply: the clip goes on" in caplog.text
+    (tmp_path / "frame_02.ply").write_bytes(b"")
+    with pytest.raises(DatasetError, match=r"frame_02.ply is no frame, .*an empty file"):
+        frame_files(tmp_path)

@@ -23,7 +23,8 @@ TOUCH_FILES = """
     evaluate.study.pictures evaluate.study.records evaluate.study.references evaluate.study.report
     evaluate.study.store evaluate.study.toml_file evaluate.study.work files.archive files.capped
     files.kinds files.whole formats.gltf_writer formats._sog_writer formats.compressed_ply
-    formats.ply formats.sog formats.splat formats.spz levels.walk_report model._scene_reader model.tensor_file
+    formats.ply formats.sog formats.splat formats.splatv formats.spz levels.walk_report model._scene_reader
+    model.tensor_file
     packets.stream transport.page_content
 """
 """The modules that may touch files; who adds one says so here."""

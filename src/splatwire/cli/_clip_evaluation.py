@@ -8,6 +8,7 @@ from splatwire.errors import InvalidValueError
 if TYPE_CHECKING:
     from splatwire.cli._output import Reporter
     from splatwire.cli.evaluate import Evaluate
+    from splatwire.clips import Frame
     from splatwire.clips.evaluation import ClipRow
     from splatwire.packets import SceneStream
     from splatwire.scene import Cameras
@@ -24,12 +25,13 @@ def check_clip_options(options: "Evaluate") -> None:
         InvalidValueError: If they are not for a clip.
         UnknownNameError: If there is no such concealer.
     """
+    from splatwire.clips import is_sequence
     from splatwire.clips.concealment import clip_concealer
 
     for name in _STILL:
         if getattr(options, name) != getattr(type(options), name):
             raise InvalidValueError(f"--{name.replace('_', '-')} is for a still scene, not for a clip")
-    if options.reference is None or not options.reference.is_dir():
+    if options.reference is None or not is_sequence(options.reference):
         raise InvalidValueError("a clip is compared with what it was made of: give --reference FOLDER of its frames")
     for concealer in options.conceal:
         clip_concealer(concealer)
@@ -41,7 +43,7 @@ def evaluate_clip(options: "Evaluate", stream: "SceneStream", report: "Reporter"
     Raises:
         SplatwireError: If frames or cameras cannot be read, or do not fit.
     """
-    from splatwire.clips import frame_files, read_frames
+    from splatwire.clips import open_sequence
     from splatwire.clips.evaluation import score_clip
     from splatwire.clips.report import Film, render_clip_report, score_rows
     from splatwire.codec.schemas.tracks.side_info import open_side_info
@@ -49,16 +51,18 @@ def evaluate_clip(options: "Evaluate", stream: "SceneStream", report: "Reporter"
     from splatwire.files.whole import write_whole
 
     assert options.reference is not None
-    files = frame_files(options.reference)
     timeline = open_side_info(stream.manifest, stream.side_info).timeline
-    if len(files) != timeline.num_frames:
-        raise InvalidValueError(f"the clip has {timeline.num_frames} frames, {options.reference} has {len(files)}")
+    frames = open_sequence(options.reference, None if options.reference.is_dir() else timeline.num_frames)
+    if frames.num_frames != timeline.num_frames:
+        raise InvalidValueError(
+            f"the clip has {timeline.num_frames} frames, {options.reference} has {frames.num_frames}"
+        )
     rows = _rows(options, complete=len(stream.packets) == stream.manifest.num_packets)
-    film, cameras = Film(len(rows)), _cameras(options, files[0])
+    film, cameras = Film(len(rows)), _cameras(options, next(frames.read()))
     scores = score_clip(
-        stream, read_frames(files), cameras, rows, renderer=options.renderer,
+        stream, frames.read(), cameras, rows, renderer=options.renderer,
         on_picture=None if options.output is None else lambda row, frame, image: film.add(row, frame, to_pixels(image)),
-        progress=lambda done: report("comparing frames", done / len(files)),
+        progress=lambda done: report("comparing frames", done / timeline.num_frames),
     )  # fmt: skip
     content: dict[str, Any] = {
         "frames": timeline.num_frames, "frame_rate": float(timeline.rate), "group_frames": timeline.group_frames,
@@ -101,11 +105,10 @@ def _rows(options: "Evaluate", *, complete: bool) -> "list[ClipRow]":
     return [ClipRow(DEFAULT), *lossy]
 
 
-def _cameras(options: "Evaluate", first: Path) -> "Cameras":
+def _cameras(options: "Evaluate", frame: "Frame") -> "Cameras":
     """Those of a file, or some around the first frame."""
     import torch
 
-    from splatwire.clips import read_frames
     from splatwire.clips.evaluation import NUM_VIEWS, VIEW_SIZE
     from splatwire.data import load_cameras
     from splatwire.evaluate.views import spread
@@ -115,6 +118,5 @@ def _cameras(options: "Evaluate", first: Path) -> "Cameras":
     if options.cameras is not None:
         cameras = load_cameras(options.cameras)
         return cameras.select(spread(cameras.num_views, options.views))
-    frame = next(read_frames([first]))
     scene = SplatScene(frame.splats.select(torch.from_numpy(frame.drawn)))
     return surrounding_cameras(scene, NUM_VIEWS if options.views is None else options.views, VIEW_SIZE)

@@ -4,6 +4,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,15 +59,17 @@ def clip_options(
     )  # fmt: skip
 
 
-def encode_folder(
-    folder: Path, options: "ClipOptions", report: Report
+def encode_sequence(
+    source: Path, frames: int | None, options: "ClipOptions", report: Report
 ) -> tuple["SceneStream", "TrackingReport", float]:
-    """Encodes a folder with a file a frame; the stream, how frames belong together, seconds."""
-    from splatwire.clips import encode_clip, frame_files, read_frames
+    """Encodes what `open_sequence` takes; the stream, how frames belong together, seconds."""
+    from splatwire.clips import encode_clip, open_sequence
 
-    files, started = frame_files(folder), time.perf_counter()
+    sequence, started = open_sequence(source, frames), time.perf_counter()
     stream, tracking = encode_clip(
-        read_frames(files), options, progress=lambda done: report("encoding frames", done / len(files))
+        sequence.read(),
+        replace(options, order=sequence.order),
+        progress=lambda done: report("encoding frames", done / sequence.num_frames),
     )
     return stream, tracking, time.perf_counter() - started
 

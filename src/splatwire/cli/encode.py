@@ -31,7 +31,7 @@ class Encode:
 
     scene: tyro.conf.Positional[str]
     """Scene file, or explicit Gaussians: PLY, compressed PLY, SPZ, SOG, .splat, .ksplat, .glb; - for standard input. A
-    folder with such a file for each frame becomes a clip."""
+    folder with such a file for each frame becomes a clip, and so does a .splatv."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise."""
     preset: str | None = None
@@ -70,6 +70,8 @@ class Encode:
     """Of a clip: frames a second; 30 where absent."""
     group: int | None = None
     """Of a clip: frames of a group, 1 to 64, which a lost packet of motion is missing for; 15 where absent."""
+    frames: int | None = None
+    """Of a .splatv: frames that its time is cut into; 50 where absent."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -81,9 +83,10 @@ class Encode:
         if is_sequence(self.scene):
             self._encode_clip()
             return
-        if self.fps is not None or self.group is not None:
+        if (self.fps, self.group, self.frames) != (None, None, None):
             raise InvalidValueError(
-                f"--fps and --group are for a folder with a file a frame, which {self.scene} is not"
+                f"--fps, --group and --frames are for what moves: a folder with a file a frame, or a .splatv, which "
+                f"{self.scene} is not"
             )
         self._encode_scene()
 
@@ -165,14 +168,14 @@ class Encode:
 
     def _encode_clip(self) -> None:
         """Encodes a folder of frames."""
-        from splatwire.cli._clips import clip_options, describe_clip, encode_folder
+        from splatwire.cli._clips import clip_options, describe_clip, encode_sequence
         from splatwire.packets import write_stream
 
         if still := [name for name in _STILL if getattr(self, name) != getattr(type(self), name)]:
             raise InvalidValueError(f"--{still[0].replace('_', '-')} is for a still scene, not for a clip")
         options = clip_options(self.fps, self.group, self.quality, chosen_background(self.background))
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
-            stream, tracking, seconds = encode_folder(Path(self.scene), options, report)
+            stream, tracking, seconds = encode_sequence(Path(self.scene), self.frames, options, report)
             write_stream(stream, path)
         facts = describe_clip(stream)
         if self.json:

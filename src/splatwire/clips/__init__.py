@@ -2,7 +2,7 @@
 
 from splatwire.clips.decoding import ClipDecoder, ClipFrame, decode_frame, decode_frames
 from splatwire.clips.encoding import ClipEncoder, ClipOptions, encode_clip
-from splatwire.clips.frames import Frame, frame_files, is_sequence, read_frames
+from splatwire.clips.frames import Frame, frame_files, is_sequence, open_sequence, read_frames
 from splatwire.clips.tracking import TrackingReport
 
 __all__ = [
@@ -17,5 +17,6 @@ __all__ = [
     "encode_clip",
     "frame_files",
     "is_sequence",
+    "open_sequence",
     "read_frames",
 ]

@@ -192,7 +192,9 @@ class _Meter:
         self._before: Tensor | None = None
 
     def add(self, pictures: Float[Tensor, "V H W 3"], reference: Float[Tensor, "V H W 3"]) -> None:
-        self.psnr.append(float(psnr(pictures, reference).mean()))
+        views = psnr(pictures, reference)
+        unlike = views[views.isfinite()]  # a view that sees nothing of this frame says nothing of it
+        self.psnr.append(float((unlike if len(unlike) else views).mean()))
         error = pictures - reference  # its change is the picture's change less the reference's
         if self._before is not None:
             self.change.append(float(((error - self._before) ** 2).mean()))

@@ -1,21 +1,67 @@
 """Sequences of scene files: a folder with a file a frame."""
 
+import itertools
+import logging
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from splatwire.errors import DatasetError
-from splatwire.files.kinds import STREAMS, file_kind
-from splatwire.formats import format_of, read_rows
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.kinds import SPLATV, STREAMS, file_kind
+from splatwire.formats import format_of, read_rows, read_splatv
+from splatwire.packets.limits import MAX_FRAMES
 from splatwire.scene.rows import rows_of_splats
 from splatwire.scene.splats import Splats
 
+LOG = logging.getLogger(__name__)
+SPLATV_FRAMES = 50
+"""What SpacetimeGaussians is trained on."""
 FAINTEST = 1 / 1024
 """A Gaussian that is less opaque is not there: no picture of eight bits shows it."""
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Frames that are somewhere, read one at a time.
+
+    Attributes:
+        num_frames: How many.
+        read: Reads them in order; see `read_frames`.
+        order: Whether rows are the same Gaussians in every frame, see `splatwire.clips.tracking.Tracker`.
+    """
+
+    num_frames: int
+    read: Callable[[], Iterator["Frame"]]
+    order: str = "auto"
+
+
+def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -> Sequence:
+    """Frames of a folder, or of a `.splatv` file.
+
+    Args:
+        path: A folder with a file for each frame, or the file.
+        num_frames: Into how many the time of a `.splatv` is cut; None for `SPLATV_FRAMES`.
+
+    Raises:
+        DatasetError: If there is no such thing, it is damaged or has no frame.
+        InvalidValueError: If a folder should have another number of frames than it has files, or there is none.
+    """
+    source = Path(path)
+    if file_kind(source) != SPLATV:
+        files = frame_files(source)
+        if num_frames is not None:
+            raise InvalidValueError(f"{source} has {len(files)} frames, a file each: a number is for .splatv files")
+        return Sequence(len(files), lambda: read_frames(files))
+    count = SPLATV_FRAMES if num_frames is None else num_frames
+    if not 0 < count <= MAX_FRAMES:
+        raise InvalidValueError(f"a clip has 1 to {MAX_FRAMES:,} frames, not {count}")
+    moving = read_splatv(source)
+    times = [number / max(count - 1, 1) for number in range(count)]
+    return Sequence(count, lambda: (Frame.of(moving.at(time), source) for time in times), "tracked")
 
 
 def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
@@ -26,23 +72,46 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
             passed over.
 
     Raises:
-        DatasetError: If there is no such folder, or none of its files is a frame.
+        DatasetError: If there is no such folder, none of its files is a frame, or one that should be is none.
     """
     source = Path(folder)
     if not source.is_dir():
         raise DatasetError(f"{source} is not a folder with a file for each frame")
-    found = [path for path in sorted(source.iterdir(), key=by_number) if is_frame(path)]
+    files = sorted(source.iterdir(), key=by_number)
+    found = [path for path in files if is_frame(path)]
     if not found:
         raise DatasetError(f"{source} has no file of explicit Gaussians (PLY, SPZ, SOG, .splat, .ksplat, .glb)")
+    endings = {path.suffix.lower() for path in found if path.is_file()}
+    for path in files:
+        if path.is_file() and path.suffix.lower() in endings and not is_frame(path):
+            raise DatasetError(f"{path} is no frame, as other {path.suffix} files there are: {file_kind(path)}")
+    _tell_gaps(source, [path.name for path in found])
     return found
 
 
+def _tell_gaps(source: Path, names: list[str]) -> None:
+    """Warns where names count frames and a number is missing: the clip goes on as if it had never been there."""
+    counted = [re.split(r"(\d+)(?=\D*$)", name, maxsplit=1) for name in names]
+    if len({(parts[0], parts[-1]) for parts in counted}) != 1 or any(len(parts) != 3 for parts in counted):
+        return
+    numbers = [int(parts[1]) for parts in counted]
+    steps = [after - before for before, after in itertools.pairwise(numbers)]
+    usual = min(steps, default=0)
+    missing = [names[at] for at, step in enumerate(steps) if step > usual > 0]
+    if missing:
+        LOG.warning(
+            "%s: frames are missing after %s%s: the clip goes on with the next", source, ", ".join(missing[:3]),
+            " and others" if len(missing) > 3 else "",
+        )  # fmt: skip
+
+
 def is_sequence(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a folder that holds frames and is no scene or stream itself."""
-    source = Path(path)
+    """Whether a path is a `.splatv` file, or a folder that holds frames and is no scene or stream itself."""
+    source, kind = Path(path), file_kind(Path(path))
+    if kind == SPLATV:
+        return True
     if not source.is_dir():
         return False
-    kind = file_kind(source)
     if kind in STREAMS or format_of(kind) is not None:
         return False
     return any(is_frame(child) for child in source.iterdir())

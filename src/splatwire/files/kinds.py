@@ -63,6 +63,7 @@ COMPRESSED_PLY = Kind("compressed ply", "a compressed PLY", _EXPLICIT)
 OTHER_PLY = Kind("other ply", "a PLY file without Gaussians")
 SPLAT = Kind("splat", "a .splat file", _EXPLICIT)
 KSPLAT = Kind("ksplat", "a .ksplat file", _EXPLICIT)
+SPLATV = Kind("splatv", "a .splatv file of Gaussians that move", "`encode` makes a clip of it")
 SPZ = Kind("spz", "an SPZ file", _EXPLICIT)
 SOG = Kind("sog", "a SOG file", _EXPLICIT)
 SOG_FOLDER = Kind("sog folder", "a folder of SOG", _EXPLICIT)
@@ -109,6 +110,7 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"PAR1", Kind("parquet", "a Parquet table")),
     (b"%PDF", Kind("pdf", "a PDF document")),
     (b"NGSP", SPZ),
+    (b"\x4b\x67\0\0", SPLATV),
     (b"version https://git-lfs", LFS),
 )
 _PLY = (b"ply\n", b"ply\r")

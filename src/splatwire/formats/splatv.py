@@ -1,0 +1,107 @@
+"""`.splatv` files: Gaussians on polynomial paths through time, as SpacetimeGaussians trains them and splaTV plays them.
+
+A head (magic, size of a JSON list, the list), then the pieces that the list names, one after another. The piece of
+type `splat` is a texture of 64 bytes for each Gaussian: place (3 float32); rotation w x y z, sizes, padding (8
+float16); red, green, blue, opacity (bytes); then, in float16, the place's coefficients of time, its square and its cube
+(9, padding), the rotation's of time (4), and when the Gaussian is most opaque and for how long. Time is 0 to 1.
+"""
+
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.formats._columns import build_splats, check_count
+from splatwire.ops.spherical_harmonics import DC
+from splatwire.scene.splats import Splats
+
+MAGIC = b"\x4b\x67\0\0"
+RECORD = np.dtype([
+    ("place", "<f4", 3), ("rotation", "<f2", 4), ("scale", "<f2", 3), ("_", "<f2"), ("color", "u1", 4),
+    ("motion", "<f2", (3, 3)), ("_2", "<f2"), ("turning", "<f2", 4), ("center", "<f2"), ("width", "<f2"),
+])  # fmt: skip
+MAX_HEAD_BYTES = 1 << 20
+UNSEEN = 0.02
+"""Of its opacity: what is left of a Gaussian before and after its time is not drawn from here on, as in splaTV."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingSplats:
+    """Gaussians on polynomial paths.
+
+    Attributes:
+        path: The file, for messages.
+        records: Of `RECORD`, (N).
+    """
+
+    path: Path
+    records: np.ndarray
+
+    def at(self, time: float) -> Splats:
+        """The Gaussians at a time from 0 to 1, a row each at all times; what is not there then has opacity 0.
+
+        Raises:
+            InvalidValueError: If the time is something else.
+        """
+        if not 0 <= time <= 1:
+            raise InvalidValueError(f"{self.path}: its time goes from 0 to 1, there is no {time}")
+        records = self.records
+        since = np.float32(time) - records["center"].astype(np.float32)
+        powers = np.stack([since, since**2, since**3], axis=1)
+        with np.errstate(all="ignore"):  # what is impossible becomes NaN, and is told where rows are judged
+            left = np.exp(-((since / records["width"].astype(np.float32)) ** 2))
+            means = records["place"] + np.einsum("np,npc->nc", powers, records["motion"].astype(np.float32))
+            quats = records["rotation"].astype(np.float32) + since[:, None] * records["turning"].astype(np.float32)
+        color = records["color"].astype(np.float32) / 255
+        return build_splats(
+            self.path, means=means, quats=quats, scales=records["scale"].astype(np.float32),
+            opacities=np.where(left >= UNSEEN, left, 0) * color[:, 3], sh=(color[:, None, :3] - 0.5) / np.float32(DC),
+        )  # fmt: skip
+
+
+def read_splatv(path: Path) -> MovingSplats:
+    """Reads a `.splatv` file; the harmonics are of degree 0.
+
+    Raises:
+        DatasetError: If it is cut or something else.
+        OSError: If it cannot be read.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(8)
+        if head[:4] != MAGIC or len(head) < 8:
+            raise DatasetError(f"{path}: not a .splatv file")
+        (length,) = struct.unpack("<I", head[4:])
+        if length > min(MAX_HEAD_BYTES, size - 8):
+            raise DatasetError(f"{path}: a list of {length} bytes in a file of {size}")
+        skipped, found = _piece(path, file.read(length))
+        begin = 8 + length + skipped
+        if found % RECORD.itemsize or begin + found > size:
+            raise DatasetError(
+                f"{path}: cut, or not {RECORD.itemsize} bytes a Gaussian: {found} of {size - begin} bytes"
+            )
+        file.seek(begin)
+        records = np.fromfile(file, RECORD, check_count(path, found // RECORD.itemsize, size))
+    used = records.view(np.uint8).reshape(len(records), -1).any(axis=1)  # a texture's last line is padded
+    if not used.any():
+        raise DatasetError(f"{path}: no Gaussian is in it")
+    return MovingSplats(path, records[used])
+
+
+def _piece(path: Path, data: bytes) -> tuple[int, int]:
+    """Bytes before the piece with the Gaussians, and in it."""
+    try:
+        pieces, before = json.loads(data), 0
+        for piece in pieces:
+            kind, size = piece["type"], piece["size"]
+            if type(size) is not int or not 0 <= size < 1 << 40:
+                break
+            if kind == "splat":
+                return before, size
+            before += size
+    except (ValueError, RecursionError, TypeError, KeyError):
+        pass
+    raise DatasetError(f"{path}: its list names no piece with Gaussians")
