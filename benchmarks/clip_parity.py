@@ -6,7 +6,7 @@
 Each clip is encoded in several qualities. A budget is what one of them takes; bases are sent again until they are
 there, motion never. `parity`: the planner, for a receiver that leaves out or holds what lost its motion (the better of
 the two). `concealment`: all bytes into quality. `planner`: quality and parity, for a receiver that conceals. `expected`
-is the mean of 1,000 other transfers than those that were planned with, by the damage curves (measured in pictures:
+is the mean of 500 other transfers than those that were planned with, by the damage curves (measured in pictures:
 three frames of each group against the clip's own); some of them are drawn (`--drawn`, for `--pictured` losses).
 """
 
@@ -23,7 +23,7 @@ from splatwire.channel import LossModel, parse_loss
 from splatwire.cli._clip_plan import frames_of
 from splatwire.clips import frame_files, read_frames
 from splatwire.clips.concealment import CLIP_CONCEALERS
-from splatwire.clips.damage import draw, measure_clip_damage
+from splatwire.clips.damage import draw, measure_clip_damage, pooled
 from splatwire.clips.delivery import ClipLoad, delivered, passage
 from splatwire.clips.grouping import group_of
 from splatwire.clips.planning import ClipOffer, plan_clip
@@ -41,7 +41,7 @@ RESULTS = Path(__file__).parent / "results" / "clip_parity.json"
 GROUP, RATE = 15, Fraction(30)
 LOSSES = [f"{kind}{rate}{rest}" for kind, rest in (("bernoulli:", ""), ("gilbert:", ",20"))
           for rate in (0.01, 0.02, 0.05, 0.1, 0.2)]  # fmt: skip
-TRANSFERS = 1000
+TRANSFERS = 500
 WAYS = {"parity": ("drop", "hold"), "concealment": ("motion",), "planner": ("motion",)}
 
 
@@ -70,13 +70,21 @@ class Clip:
         self._references = frames_of(files, finest.timeline, self._cameras)
         self.loads, self.offers = {}, {}
         for level, stream in self.streams.items():
-            load = self.loads[level] = ClipLoad.of(stream, worth_of_stream(stream))
-            for name in ("motion", "drop", "hold"):
-                damage = measure_clip_damage(
-                    stream, load, CLIP_CONCEALERS[name], self._cameras, self._references, 0.0, seed=1
-                )
-                self.offers[level, name] = ClipOffer(load, damage)
+            self.loads[level] = ClipLoad.of(stream, worth_of_stream(stream))
+        for name in ("motion", "drop", "hold"):
+            self._measure(name)
         self._known: dict = {}
+
+    def _measure(self, name: str) -> None:
+        """What losses do to each quality with a concealer."""
+        damages = [
+            measure_clip_damage(
+                stream, self.loads[level], CLIP_CONCEALERS[name], self._cameras, self._references, 0.0, seed=1
+            )
+            for level, stream in self.streams.items()
+        ]
+        for level, damage in zip(self.streams, pooled(damages), strict=True):
+            self.offers[level, name] = ClipOffer(self.loads[level], damage)
 
     def shown(self, level: float, protection: Protection, name: str, loss: str, seed: int) -> float:
         """Decibels of one transfer, mean over frames and views."""
@@ -129,7 +137,7 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     clip, rows = Clip(folder, arguments), []
     for budget in arguments.budgets:
         limit = clip.loads[budget].num_bytes
-        whole = clip.shown(budget, Protection(), "motion", "bernoulli:0", 0)
+        whole = expected(clip.offers[budget, "motion"], Protection(), parse_loss("bernoulli:0", "datagram"))
         for loss in LOSSES:
             for way in WAYS:
                 began = time.perf_counter()

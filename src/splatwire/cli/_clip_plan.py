@@ -75,7 +75,7 @@ def _of_groups(options: "PlanCommand", timeline: "Timeline") -> list[float] | No
 def _offers(options: "PlanCommand", streams: "Sequence[SceneStream]", report: Report) -> "list[ClipOffer]":
     from splatwire.clips import frame_files
     from splatwire.clips.concealment import DEFAULT, clip_concealer
-    from splatwire.clips.damage import draw, measure_clip_damage
+    from splatwire.clips.damage import draw, measure_clip_damage, pooled
     from splatwire.clips.delivery import ClipLoad
     from splatwire.clips.planning import ClipOffer
     from splatwire.clips.worth import worth_of_stream
@@ -88,16 +88,18 @@ def _offers(options: "PlanCommand", streams: "Sequence[SceneStream]", report: Re
         references, floor = frames_of(frame_files(options.reference), finest.timeline, cameras), 0.0
     else:
         references, floor = draw(finest, method, cameras), 10 ** (-ASSUMED_PSNR / 10)
-    offers = []
+    loads, damages = [], []
     for number, stream in enumerate(streams):
 
         def told(share: float, number: int = number) -> None:
             report("measuring damage", (number + share) / len(streams))
 
         load = ClipLoad.of(stream, worth_of_stream(stream))
-        damage = measure_clip_damage(stream, load, method, cameras, references, floor, seed=options.seed, progress=told)
-        offers.append(ClipOffer(load, damage))
-    return offers
+        loads.append(load)
+        damages.append(
+            measure_clip_damage(stream, load, method, cameras, references, floor, seed=options.seed, progress=told)
+        )
+    return [ClipOffer(load, damage) for load, damage in zip(loads, pooled(damages), strict=True)]
 
 
 def _cameras(bases: Any, views: int | None) -> "Cameras":

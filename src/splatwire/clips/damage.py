@@ -1,6 +1,6 @@
 """What losing some of a group's motion does to the picture, after concealment: curves that a planner looks up."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,3 +107,23 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
     sorted_mse = np.take_along_axis(np.array(groups), order[:, :, None], axis=1)
     lengths = tuple(len(timeline.frames_of(group)) for group in range(timeline.num_groups))
     return ClipDamage(np.take_along_axis(shares, order, axis=1), np.maximum.accumulate(sorted_mse, axis=1), lengths)
+
+
+def pooled(damages: Sequence[ClipDamage]) -> list[ClipDamage]:
+    """The same where qualities of one clip share what losses add to their errors: the mean over all of them.
+
+    What neighbours do not tell of a motion does not hang on its steps, and one draw of losses for each share is little:
+    without this a quality seems better because its draw was lucky.
+    """
+    grid = np.array(SHARES)
+
+    def on_grid(damage: ClipDamage) -> np.ndarray:
+        pairs = zip(damage.shares, damage.mse, strict=True)
+        return np.array([[np.interp(grid, shares, curve) for curve in mse.T] for shares, mse in pairs]).swapaxes(1, 2)
+
+    errors = [on_grid(damage) for damage in damages]
+    added = np.maximum.accumulate(np.mean([some - some[:, :1] for some in errors], axis=0), axis=1)
+    shares = np.tile(grid, (len(added), 1))
+    return [
+        ClipDamage(shares, some[:, :1] + added, damage.frames) for some, damage in zip(errors, damages, strict=True)
+    ]
