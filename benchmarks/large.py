@@ -21,9 +21,8 @@ from pathlib import Path
 
 import torch
 
-from splatwire.formats import write_splats
+from splatwire.formats import read_splats, write_splats
 from splatwire.scene.splats import Splats
-from splatwire.scene_io import open_scene
 
 
 def copies(splats: Splats, count: int) -> Iterator[Splats]:
@@ -69,7 +68,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, help="folder for what is written")
     parser.add_argument("--count", type=int, nargs="+", default=[1_000_000, 10_000_000], help="Gaussians")
     given = parser.parse_args()
-    one = open_scene(given.scene).splats
+    one = read_splats(Path(given.scene))
     given.output.mkdir(parents=True, exist_ok=True)
     rows = []
     for count in given.count:

@@ -1,8 +1,13 @@
 """Scenes with levels: bytes of each, the first picture, what `coarse` gains, and the time and memory of encoding.
 
     python benchmarks/levels.py $SPLATWIRE_DATA/splats/{biker.spz,playbot_125k.sog} --loss 0.05 0.2 0.5 > levels.json
+    python benchmarks/levels.py $SPLATWIRE_DATA/splats/{biker.spz,guitar.compressed.ply} --sog > levels_sog.json
 
 Pictures are compared with those of the file, from views around the scene (`surrounding_cameras`).
+
+With `--sog`, all levels against streamed SOG with three levels of a quarter each (see `walks.py`): the fewest bytes of
+`DIALS` at which the finest level is as near to the file as the finest of SOG, or nearer. Harmonics above degree 0 are
+left out of both: writing SOG clusters them for minutes.
 """
 
 import argparse
@@ -11,15 +16,19 @@ import resource
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import torch
+from walks import joined, streamed_sog
 
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.conceal import conceal
+from splatwire.formats import read_splats
 from splatwire.levels import encode_levels, tiles_of
 from splatwire.metrics import psnr
-from splatwire.model import RenderHints
+from splatwire.model import RenderHints, SplatScene
 from splatwire.model.appearance import Scene
 from splatwire.model.level_scene import Levels
 from splatwire.packets import SceneStream
@@ -30,6 +39,8 @@ from splatwire.scene_io import open_scene
 
 VIEWS = 6
 SEEDS = (0, 1)
+DIALS = ((7.0, 6), (7.5, 6), (8.0, 6), (8.5, 6), (9.0, 6), (9.5, 6), (9.5, 3), (10.0, 3))
+"""Qualities that are tried, level and classes."""
 
 
 def measured(path: str, rates: list[float]) -> dict[str, object]:
@@ -88,12 +99,40 @@ def lossy(stream: SceneStream, rate: float, quality: Callable[[Scene], float]) -
     return found
 
 
+def against_sog(path: str) -> dict[str, object]:
+    """Bytes of all levels at no less PSNR of the finest one."""
+    flat = SplatScene(read_splats(Path(path)).at_most_degree(0))
+    cameras, classes = surrounding_cameras(flat, VIEWS), classes_of(flat, None)
+    truth = render_scene(flat, cameras)
+    sog = streamed_sog(flat.splats)
+
+    def quality(shown: SplatScene) -> float:
+        return float(psnr(render_scene(shown, cameras), truth).mean())
+
+    wanted = quality(SplatScene(joined(sog.leaves[0])))
+    found = []
+    for level, count in DIALS:
+        stream = encode_levels(flat, classes=classes, quality=Quality(level, classes=count))
+        shown = decode_stream(stream).scene
+        found.append({"level": level, "classes": count, "bytes": stream.num_bytes, "psnr": quality(shown)})
+    enough = min((one for one in found if one["psnr"] >= wanted), key=lambda one: one["bytes"], default=None)
+    return {
+        "scene": path.rsplit("/", 1)[-1], "gaussians": flat.num_elements, "sog_bytes": sum(sog.sizes),
+        "sog_psnr": wanted, "dials": found, "ours": enough,
+        "share": None if enough is None else enough["bytes"] / sum(sog.sizes),
+    }  # fmt: skip
+
+
 def main() -> None:
     """Prints one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="+", help="files of explicit Gaussians")
     parser.add_argument("--loss", nargs="*", type=float, default=[], help="shares of packets that are lost")
+    parser.add_argument("--sog", action="store_true", help="against streamed SOG at equal PSNR instead")
     given = parser.parse_args()
+    if given.sog:
+        print(json.dumps([against_sog(path) for path in given.scenes], indent=1))
+        return
     print(json.dumps([measured(path, given.loss) for path in given.scenes], indent=1))
 
 

@@ -16,11 +16,13 @@ import sys
 import tempfile
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from splatwire.channel import parse_loss
+from splatwire.formats import read_splats
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.sog import read_sog
 from splatwire.levels import Look, encode_levels
@@ -33,7 +35,6 @@ from splatwire.ops.kd_order import kd_order
 from splatwire.render.precision import classes_of
 from splatwire.scene import Cameras
 from splatwire.scene.splats import Splats
-from splatwire.scene_io import open_scene
 
 LINK = Link(10e6)
 SECONDS, SIZE = 20.0, 256
@@ -224,13 +225,12 @@ def told(moments: list[Moment]) -> dict[str, object]:
 
 def measured(path: str, side: int) -> dict[str, object]:
     """All walks through a scene."""
-    one = open_scene(path)
-    one = one.select(one.drawable)
+    one = SplatScene(read_splats(Path(path)))
     classes = classes_of(one, None)
     scene = SplatScene(copied(one.splats, side))
     stream = encode_levels(scene, classes=None if classes is None else np.tile(classes, side * side))
     sog = streamed_sog(scene.splats)
-    facts: dict[str, object] = {
+    facts: dict[str, Any] = {
         "scene": path.rsplit("/", 1)[-1], "copies": side * side, "gaussians": scene.num_elements,
         "bytes": stream.num_bytes, "sog_bytes": sum(sog.sizes), "sog_files": len(sog.sizes), "walks": {},
     }  # fmt: skip

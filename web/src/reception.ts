@@ -307,21 +307,22 @@ export class Reception implements Receiver {
     const received = this.#received,
       tiling = received?.decoder.schema.tiling;
     if (!received || !tiling) return null;
-    const { intake } = received.decoder;
+    const { intake } = received.decoder,
+      wanted = (): readonly number[] => (this.#look ? tiling.wanted : []); // before, nobody knows
     return {
       head: received.decoder.head,
       tiles: tiling.tiles,
       get wanted() {
-        return tiling.wanted;
+        return wanted();
       },
       get packets() {
         return intake.size;
       },
       moved: async () => {
         await this.#draw();
-        if (tiling.wanted.length) return; // it looks from elsewhere by now
+        if (wanted().length) return; // it looks from elsewhere by now
         if (this.#counts) this.#tell(this.#counts);
-        this.note("Everything that this view needs is there.");
+        if (this.#look) this.note("Everything that this view needs is there.");
         await new Promise<void>((resolve) => this.#moved.push(resolve));
       },
       taken: async () => {
