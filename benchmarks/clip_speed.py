@@ -1,16 +1,20 @@
 """How fast clips are encoded and decoded, and what memory it takes: frames that are generated while they are pushed.
 
     python benchmarks/clip_speed.py CAPTURE [--tracks 50000] [--frames 45] [--threads 2]
+    python benchmarks/clip_speed.py CAPTURE --live [--tracks 30000]
     python benchmarks/clip_speed.py --memory 30 60 120 [--tracks 100000]
 
 The capture is bent as `bent_clip.py` does. Wall and processor time are told side by side: on a machine that others use,
-the second says more. The first group is apart: it looks at the scene from all sides and fits tables. With `--memory`
-clips of so many frames, of a random ball that sways, each in a process of its own.
+the second says more. The first group is apart: it looks at the scene from all sides and fits tables. With `--live`, of
+groups of eight: processor time of one thread between a group's last frame and its frames at a receiver, step by step.
+With `--memory` clips of so many frames, of a random ball that sways, each in a process of its own.
 """
 
 import argparse
+import itertools
 import json
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -22,11 +26,13 @@ import torch
 from bent_clip import bent_frames, capture
 
 from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
+from splatwire.clips.live import LiveDecoder
 from splatwire.codec import decode_stream
-from splatwire.packets import read_stream, write_stream
+from splatwire.packets import packet_from_bytes, read_stream, write_stream
 from splatwire.scene.splats import Splats
+from splatwire.transport.broadcast import Broadcast
 
-GROUP = 15
+GROUP, LIVE_GROUP = 15, 8
 DEGREE = 3
 
 
@@ -75,6 +81,35 @@ def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
     }  # fmt: skip
 
 
+def live(path: Path, tracks: int) -> dict:
+    """Median processor time of each step between a group's last frame and its frames, seconds; not of the first."""
+    torch.set_num_threads(1)
+    encoder, decoder = ClipEncoder(ClipOptions(group_frames=LIVE_GROUP, threads=1)), LiveDecoder()
+    broadcast, steps = Broadcast(worth=encoder.worth), list[dict[str, float]]()
+    for frame in bent_frames(capture(path, DEGREE, tracks), 6 * LIVE_GROUP):
+        times = [time.process_time()]
+        packets = encoder.push(frame)
+        if not packets:
+            continue
+        times.append(time.process_time())
+        manifest, side_info = encoder.so_far(1)
+        edition = broadcast.add(manifest, side_info, packets)
+        times.append(time.process_time())
+        arrived = [packet_from_bytes(data, 1) for data in edition.packets[edition.newest :]]
+        shown = [*decoder.grow(manifest, side_info), *decoder.add(arrived[:-1])]
+        times.append(time.process_time())
+        frames = decoder.add(arrived[-1:])
+        shown.append(next(frames))
+        times.append(time.process_time())
+        shown += frames
+        times.append(time.process_time())
+        if len(shown) != LIVE_GROUP:
+            raise SystemExit("a group was not shown when all of it was there")
+        names = ("encode", "publish", "decode_while_it_comes", "first_frame", "other_frames")
+        steps.append({name: end - begin for name, (begin, end) in zip(names, itertools.pairwise(times), strict=True)})
+    return {"tracks": tracks, **{name: statistics.median(step[name] for step in steps[1:]) for name in steps[0]}}
+
+
 def encoded(tracks: int, frames: int, path: Path) -> None:
     """Encodes a clip to a file."""
     encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
@@ -119,6 +154,7 @@ def main() -> None:
     parser.add_argument("--tracks", type=int, default=50_000)
     parser.add_argument("--frames", type=int, default=45)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--live", action="store_true")
     parser.add_argument("--memory", type=int, nargs="+", help="frames of each clip")
     parser.add_argument("--step", choices=("encode", "decode"), help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -127,6 +163,8 @@ def main() -> None:
     elif args.step:
         encoded(args.tracks, args.frames, args.capture) if args.step == "encode" else decoded(args.capture)
         print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+    elif args.live:
+        print(json.dumps(live(args.capture, args.tracks), indent=1))
     else:
         print(json.dumps(speed(args.capture, args.tracks, args.frames, args.threads), indent=1))
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import os
 import select
 import signal
@@ -142,6 +143,8 @@ def _encode(
         due = max(due, time.monotonic() - behind)  # what coding a group takes is made up for, a pause is not
         packets = encoder.push(next(read_frames([path])))
         count += 1
+        if count == options.group_frames:
+            gc.freeze()  # to look at all that modules and kernels made would hold a group up by a tenth of a second
         if count % options.group_frames == 0:
             renew(broadcast.add(*encoder.so_far(stream_id), packets))
         due += 1 / float(options.rate)

@@ -1,0 +1,141 @@
+"""Who joins a live clip in the middle: when is the picture within 3 dB of the complete one? Time is a number.
+
+    python benchmarks/live_join.py CAPTURE [--tracks 50000] [--delay 0.02] [--megabits 20] [--rate 19.2]
+
+A bottleneck with a queue of 50 ms each way; the sender finds the rate by itself unless it is given. What has arrived is
+decoded, concealed and drawn every 20 ms, against the frame of the complete clip.
+"""
+
+import argparse
+import heapq
+import itertools
+import json
+import random
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from bent_clip import bent_frames, capture
+
+from splatwire.clips import ClipEncoder, ClipOptions
+from splatwire.clips.decoding import decode_frame
+from splatwire.codec import decode_stream
+from splatwire.metrics import psnr
+from splatwire.model import SplatScene
+from splatwire.packets import Packet, SceneStream
+from splatwire.render import iterate_views
+from splatwire.render.importance import surrounding_cameras
+from splatwire.scene.splats import Splats
+from splatwire.transport import PacketArrived, Receiver, ServerLimits, SideInfoArrived
+from splatwire.transport.broadcast import Broadcast, Edition
+from splatwire.transport.sender import Server
+
+STREAM_ID, GROUP, QUEUE_S, STEP_S = 7, 15, 0.05, 0.001
+
+
+class Link:
+    """One way of a path: datagrams wait for the bottleneck, no longer than its queue, and travel."""
+
+    def __init__(self, bytes_per_second: float, delay: float) -> None:
+        self._rate, self._delay, self._free = bytes_per_second, delay, 0.0
+        self._flying: list[tuple[float, int, bytes]] = []
+        self._count = itertools.count()
+
+    def put(self, data: bytes, now: float) -> None:
+        """Sends a datagram, which is dropped where the queue is full."""
+        begin = max(self._free, now)
+        if begin - now > QUEUE_S:
+            return
+        self._free = begin + (len(data) + 28) / self._rate
+        heapq.heappush(self._flying, (self._free + self._delay, next(self._count), data))
+
+    def take(self, now: float) -> Iterator[bytes]:
+        """What has come."""
+        while self._flying and self._flying[0][0] <= now:
+            yield heapq.heappop(self._flying)[2]
+
+
+def program(frames: list[Splats]) -> tuple[Edition, SceneStream]:
+    """What is served after these frames, and the stream of them."""
+    encoder = ClipEncoder(ClipOptions(group_frames=GROUP))
+    broadcast = Broadcast(worth=encoder.worth)
+    for splats in frames:
+        packets = encoder.push(splats)
+        if packets:
+            edition = broadcast.add(*encoder.so_far(STREAM_ID), packets)
+    return edition, encoder.finish()
+
+
+def arrivals(
+    edition: Edition, rate: float, delay: float, until: float, given: float | None
+) -> tuple[float, list[tuple[float, Packet]]]:
+    """When a receiver knew what there is, after it asked, and when each packet came."""
+    rng = random.Random(1)
+    server = Server({}, secret=bytes(16), random=rng.randbytes, limits=ServerLimits(fixed_rate=given))
+    server.renew("live", edition)
+    receiver, down, up = Receiver(5, 0.0), Link(rate, delay), Link(rate, delay)
+    found, now, info = list[tuple[float, Packet]](), 0.0, until
+    while now < until:
+        now += STEP_S
+        for data in up.take(now):
+            answer = server.receive("client", data, now)
+            if answer is not None:
+                down.put(answer, now)
+        for _, data in server.poll(now):
+            down.put(data, now)
+        events, out = list[object](), list[bytes]()
+        for data in down.take(now):
+            sent, told = receiver.receive(data, now)
+            out += sent
+            events += told
+        sent, told = receiver.poll(now)
+        for data in [*out, *sent]:
+            up.put(data, now)
+        for event in [*events, *told]:
+            if isinstance(event, SideInfoArrived):
+                info = now
+            elif isinstance(event, PacketArrived):
+                found.append((now, event.packet))
+    return info, found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("capture", type=Path)
+    parser.add_argument("--tracks", type=int, default=50_000)
+    parser.add_argument("--delay", type=float, default=0.02, help="seconds, each way")
+    parser.add_argument("--rate", type=float, help="megabits per second that the server is told; else it finds out")
+    parser.add_argument("--megabits", type=float, default=20.0)
+    args = parser.parse_args()
+    frames = list(bent_frames(capture(args.capture, 3, args.tracks), 2 * GROUP))
+    edition, stream = program(frames)
+    info, found = arrivals(edition, args.megabits * 1e6 / 8, args.delay, 1.5, args.rate and args.rate * 1e6 / 8)
+    truth, shown = frames[GROUP], GROUP
+    cameras = surrounding_cameras(SplatScene(truth), 2, 320)
+    views = torch.stack(list(iterate_views(SplatScene(truth), cameras)))
+
+    def quality(packets: Sequence[Packet]) -> float:
+        clip = decode_stream(stream.with_packets(packets)).scene
+        pictures = torch.stack(list(iterate_views(decode_frame(clip, shown).scene, cameras)))
+        return float(psnr(pictures, views).mean())
+
+    complete, rows = quality(stream.packets), []
+    for at in np.arange(0.1, 1.5, 0.02):
+        ids = {packet.id for time, packet in found if time <= at}
+        some = [packet for packet in stream.packets if packet.id in ids]
+        if at < info or not some:
+            continue
+        rows.append({"seconds": round(float(at), 3), "packets": len(some), "psnr": quality(some)})
+        if rows[-1]["psnr"] > complete - 0.05:
+            break
+    told = {
+        "tracks": args.tracks, "megabits": args.megabits, "delay_s": args.delay, "given_megabits": args.rate,
+        "bytes": stream.num_bytes, "complete_psnr": complete,
+        "within_3_db_s": next((row["seconds"] for row in rows if row["psnr"] > complete - 3), None), "rows": rows,
+    }  # fmt: skip
+    print(json.dumps(told, indent=1))
+
+
+if __name__ == "__main__":
+    main()
