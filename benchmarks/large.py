@@ -41,7 +41,7 @@ def copies(splats: Splats, count: int) -> Iterator[Splats]:
 def watched(command: list[str]) -> dict[str, float]:
     """Runs a command and says what it took."""
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    process = subprocess.Popen(command)
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     most = {"RssAnon": 0, "RssFile": 0, "VmRSS": 0}
     while process.poll() is None:
         try:
