@@ -187,7 +187,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="*", help="NAME=FOLDER")
     parser.add_argument("--frames", type=int, default=45)
-    parser.add_argument("--levels", type=float, nargs="+", default=[6.5, 7.25, 8.0, 8.75, 9.5])
+    parser.add_argument("--levels", type=float, nargs="+", default=[6.5, 7.25, 7.75, 8.0, 8.75, 9.125, 9.5])
     parser.add_argument("--budgets", type=float, nargs="+", default=[8.0, 9.5], help="levels whose bytes may be spent")
     parser.add_argument("--views", type=int, default=2)
     parser.add_argument("--drawn", type=int, default=3)
