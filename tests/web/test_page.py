@@ -8,6 +8,7 @@ import json
 import random
 import struct
 from contextlib import AsyncExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from splatwire.codec import add_concealment, encode_scene
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.viewpoint import SECTION
 from splatwire.errors import InvalidValueError
+from splatwire.model.splat_scene import SplatScene
 from splatwire.packets import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.scene.splats import Splats
 from splatwire.transport import Program, make_program
@@ -138,6 +140,22 @@ def test_a_browser_receives_decodes_and_draws(
             assert server.num_malformed == 0
 
     run(work())
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_gaussians_below_a_pixel_are_as_bright_as_their_file_asks(tmp_path: Path) -> None:
+    """With the wish for antialiasing and without it the page draws what the renderer draws; the two differ."""
+    splats, means = ball(4000), []
+    small = replace(splats, scales=splats.scales * 0.06, opacities=splats.opacities.clamp(min=0.7))
+    with browser() as page:
+        for antialiased in (False, True):
+            stream = encode_scene(SplatScene(small, antialiased=antialiased), SMALL, quality=Quality(10.0))
+            packed = tmp_path / f"{antialiased}.html"
+            packed.write_bytes(pack_stream(stream, "dots"))
+            assert opened(page, packed.as_uri()) == "complete"
+            picture = check_pictures(page, stream, 36.0)
+            means.append(np.asarray(Image.open(io.BytesIO(base64.b64decode(picture))).convert("RGB")).mean())
+    assert means[1] < 0.6 * means[0]
 
 
 def check_stream(page: Browser, stream: SceneStream, way: str) -> None:

@@ -88,6 +88,7 @@ export class Reception implements Receiver {
       middle: decoder.schema.middle,
       background: decoder.background,
       viewpoint: decoder.viewpoint,
+      antialiased: decoder.antialiased,
       up: decoder.up,
       sideInfoBytes: manifest.sideInfoBytes,
       concealers: decoder.schema.moving?.concealers ?? Object.keys(decoder.schema.concealers),

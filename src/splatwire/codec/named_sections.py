@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
@@ -10,7 +11,7 @@ from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.codec.viewpoint import UP_SECTION as UP
 from splatwire.packets.tile_index import SECTION as TILES
 
-_OTHERS = (BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, UP, TILES)
+_OTHERS = (ANTIALIASED, BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, UP, TILES)
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:

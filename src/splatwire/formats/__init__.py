@@ -1,7 +1,15 @@
 """Files of explicit Gaussians: a file a format, both directions, told by first bytes."""
 
 from splatwire.formats.gltf_writer import write_gltf_with_stream
-from splatwire.formats.kinds import format_of, read_rows, read_splats, splats_kind, write_splats, writer_for
+from splatwire.formats.kinds import (
+    format_of,
+    is_antialiased,
+    read_rows,
+    read_splats,
+    splats_kind,
+    write_splats,
+    writer_for,
+)
 from splatwire.formats.ply_note import PlyNote, read_note
 from splatwire.formats.splatv import MovingSplats, read_splatv
 
@@ -9,6 +17,7 @@ __all__ = [
     "MovingSplats",
     "PlyNote",
     "format_of",
+    "is_antialiased",
     "read_note",
     "read_rows",
     "read_splats",

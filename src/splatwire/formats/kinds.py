@@ -24,6 +24,7 @@ from splatwire.files.kinds import (
     file_kind,
     is_not,
 )
+from splatwire.formats import sog, spz
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
 from splatwire.formats.gltf import read_gltf
@@ -101,6 +102,15 @@ def read_splats(path: Path) -> Splats:
         found = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
         raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {found}")
     return splats if rows.complete else splats.gathered(rows.kept)
+
+
+def is_antialiased(path: Path) -> bool:
+    """Whether a file that was read says that its Gaussians lose opacity as they are widened to a pixel.
+
+    SPZ and SOG can say so; in 3DGS, whose files are PLY, they keep it.
+    """
+    asked = {"spz": spz.is_antialiased, "sog": sog.is_antialiased}.get(splats_kind(path) or "")
+    return asked is not None and asked(path)
 
 
 def read_rows(path: Path) -> tuple[Splats, Rows]:

@@ -50,6 +50,16 @@ def read_sog(path: Path) -> Splats:
         ).splats()
 
 
+def is_antialiased(path: Path) -> bool:
+    """Whether a SOG, which can be read, says that it was trained with antialiasing."""
+    if path.is_dir() or path.name == SOG_META_NAME:
+        meta = ((path if path.is_dir() else path.parent) / SOG_META_NAME).read_bytes()
+    else:
+        with open_archive(path, DatasetError) as bundle:
+            meta = bundle.read(SOG_META_NAME, bundle.sizes[SOG_META_NAME])
+    return json.loads(meta).get("antialias") is True
+
+
 class _Sog:
     """One SOG, whatever holds its files."""
 

@@ -25,6 +25,7 @@ from splatwire.scene.splats import Splats
 GZIP_MAGIC = b"\x1f\x8b"
 MAGIC = b"NGSP"
 _HEADER = struct.Struct("<4sIIBBBB")
+_ANTIALIASED = 1
 _TABLE_OFFSET, _TABLE_ROW = struct.Struct("<I"), struct.Struct("<QQ")
 _PLAIN_HEADER_BYTES = 32
 _MAX_FRACTION_BITS, _FRACTION_BITS = 24, 12
@@ -70,6 +71,16 @@ def read_spz(path: Path) -> Splats:
     else:
         raise DatasetError(f"{path}: not an SPZ file, it starts with {head!r}")
     return _splats(path, header, columns)
+
+
+def is_antialiased(path: Path) -> bool:
+    """Whether the header of an SPZ says that it was trained with antialiasing."""
+    with path.open("rb") as plain:
+        head = plain.read(_HEADER.size)
+    if head.startswith(GZIP_MAGIC):
+        with gzip.open(path) as file:
+            head = file.read(_HEADER.size)
+    return bool(_HEADER.unpack(head)[5] & _ANTIALIASED)
 
 
 def _parse(path: Path, data: bytes | memoryview, file_bytes: int) -> _Header:

@@ -69,6 +69,17 @@ def _(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
 
 
 @singledispatch
+def antialiased(scene: Scene) -> bool:
+    """Whether Gaussians lose opacity as they are widened to a pixel."""
+    return False
+
+
+@antialiased.register
+def _(scene: SplatScene) -> bool:
+    return scene.antialiased
+
+
+@singledispatch
 def explicit_gaussians(scene: Scene) -> Splats | None:
     """The Gaussians, as the hints say, if every view sees the same ones; None if they depend on the view."""
     return None

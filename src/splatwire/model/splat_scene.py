@@ -48,6 +48,7 @@ class SplatScene:
         hints: Render-time hints of a concealer, if one worked on the scene.
         background: RGB behind everything.
         coding: What its Gaussians were rounded to, if the scene was decoded: it is encoded in the same steps again.
+        antialiased: Whether its Gaussians were trained to lose opacity as they are widened to a pixel (Mip-Splatting).
     """
 
     ELEMENTS: ClassVar[str] = "Gaussians"
@@ -59,6 +60,7 @@ class SplatScene:
     hints: RenderHints | None = None
     background: Background = BLACK
     coding: SplatCoding | None = None
+    antialiased: bool = False
 
     @property
     def elements(self) -> Splats:

@@ -6,8 +6,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.model.appearance import Scene, gaussians_of_view
+from splatwire.model.appearance import Scene, antialiased, gaussians_of_view
 from splatwire.ops.threads import one_torch_thread
+from splatwire.render.antialiasing import compensated
 from splatwire.render.backends import create_renderer
 from splatwire.render.base import Renderer
 from splatwire.scene import Cameras
@@ -49,6 +50,8 @@ def _views(
     for view in range(cameras.num_views):
         with torch.no_grad():  # inside the loop: a generator must not hold the mode while its caller works
             gaussians = gaussians_of_view(scene, cameras, view)
+            if antialiased(scene):
+                gaussians = compensated(gaussians, cameras, view)
             image = draw(gaussians, cameras.select([view]), background=background.to(gaussians.means))[0]
             with one_torch_thread():  # its own threads would go on spinning while the next picture needs processors
                 image.clamp_(0, 1)

@@ -74,6 +74,11 @@ export class StreamDecoder {
     return found;
   }
 
+  /** Whether Gaussians lose opacity as they are widened to a pixel. */
+  get antialiased(): boolean {
+    return this.schema.sections.has("antialiased");
+  }
+
   /** Which axis is up: `y`, `-z`, ...; null where nobody said. */
   get up(): string | null {
     const section = this.schema.sections.get("up"),

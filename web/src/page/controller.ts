@@ -259,8 +259,9 @@ export class Controller {
     }
   }
 
-  #learn({ gaussians, size, middle, background, viewpoint, up, viewDependent, concealers, moving }: Facts): void {
-    const { stage } = this;
+  #learn(facts: Facts): void {
+    const { gaussians, size, middle, viewpoint, up, viewDependent, concealers, moving } = facts,
+      { stage } = this;
     this.#player?.destroy();
     this.#player = moving && new Player(moving, (number) => this.#askFrame(number));
     if (this.#player) this.panel.add(this.#player.element);
@@ -268,7 +269,8 @@ export class Controller {
     this.#gaussians = gaussians;
     this.#size = size;
     this.#begun = false;
-    stage.background(background);
+    stage.background(facts.background);
+    stage.antialias(facts.antialiased);
     if (up && !this.host.hasAttribute("up")) stage.upIs(up);
     if (viewpoint) stage.start(viewpoint);
     if (middle) stage.face(middle, size);

@@ -56,6 +56,7 @@ export class Stage implements Holder {
   #space: Space | null = null;
   #spaced = 0;
   #background: readonly number[] = [0, 0, 0];
+  #antialiased = false;
   #waiting: ((view: View) => void)[] = [];
   #painting: Promise<void> | null = null;
   #stale = false;
@@ -138,6 +139,7 @@ export class Stage implements Holder {
     canvas.addEventListener("webglcontextlost", () => this.#contextLost(view));
     view.watcher = (camera) => this.watcher?.(camera);
     view.background(this.#background);
+    view.antialias(this.#antialiased);
     view.begin(this.#size);
     if (this.#tiles.size)
       view.recut(
@@ -205,6 +207,12 @@ export class Stage implements Holder {
     this.background(background);
     this.add(packed);
     await this.shown();
+  }
+
+  /** Has Gaussians lose opacity as they are widened to a pixel, or not. */
+  antialias(antialiased: boolean): void {
+    this.#antialiased = antialiased;
+    this.view?.antialias(antialiased);
   }
 
   background(colour: readonly number[]): void {
@@ -341,7 +349,8 @@ export class Stage implements Holder {
         began = performance.now();
       this.#stale = false;
       this.watcher?.(this.camera);
-      paint(this.first, { parts: this.#parts, background: this.#background, pose: this.orbit.pose() });
+      const antialiased = this.#antialiased;
+      paint(this.first, { parts: this.#parts, background: this.#background, pose: this.orbit.pose(), antialiased });
       const took = performance.now() - began;
       await painted();
       for (const resolve of shown) resolve();

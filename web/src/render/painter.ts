@@ -24,31 +24,32 @@ export interface Painted {
   readonly parts: readonly Packed[];
   readonly background: readonly number[];
   readonly pose: Pose;
+  /** Whether Gaussians lose opacity as they are widened to a pixel. */
+  readonly antialiased?: boolean;
 }
 
 /**
  * Paints what `render/shaders.ts` would draw, without harmonics and in a picture of few pixels, on a canvas that is as
  * large on the page.
  */
-export function paint(canvas: HTMLCanvasElement, { parts, background, pose }: Painted): void {
-  const most = parts.length === 1 && parts[0].count < PREVIEW_COUNT ? PREVIEW_PIXELS : MOST_PIXELS;
+export function paint(canvas: HTMLCanvasElement, painted: Painted): void {
+  const { parts } = painted,
+    most = parts.length === 1 && parts[0].count < PREVIEW_COUNT ? PREVIEW_PIXELS : MOST_PIXELS;
   const shrink = Math.min(1, Math.sqrt(most / Math.max(canvas.clientWidth * canvas.clientHeight, 1)));
   const width = Math.max(Math.round(canvas.clientWidth * shrink), 1),
     height = Math.max(Math.round(canvas.clientHeight * shrink), 1);
   canvas.width = width;
   canvas.height = height;
-  canvas
-    .getContext("2d")!
-    .putImageData(new ImageData(pixels({ parts, background, pose }, width, height), width, height), 0, 0);
+  canvas.getContext("2d")!.putImageData(new ImageData(pixels(painted, width, height), width, height), 0, 0);
 }
 
 /** The picture: red, green, blue and 255 of each pixel. */
 export function pixels(
-  { parts, background, pose }: Painted,
+  { parts, background, pose, antialiased = false }: Painted,
   width: number,
   height: number,
 ): Uint8ClampedArray<ArrayBuffer> {
-  const { rows, count } = project(parts, pose, width, height),
+  const { rows, count } = project(parts, pose, antialiased, width, height),
     light = new Float32Array(4 * width * height);
   for (let p = 3; p < light.length; p += 4) light[p] = 1;
   for (const n of nearestFirst(rows, count)) splat(rows, ROW * n, light, width, height);
@@ -64,6 +65,7 @@ export function pixels(
 function project(
   parts: readonly Packed[],
   { position, rotation }: Pose,
+  antialiased: boolean,
   width: number,
   height: number,
 ): { rows: Float32Array; count: number } {
@@ -86,9 +88,8 @@ function project(
       const x = r.x * dx + u.x * dy + b.x * dz,
         y = r.y * dx + u.y * dy + b.y * dz,
         depth = -(r.z * dx + u.z * dy + b.z * dz);
-      const opacity = opacities[i],
-        reach = 2 * Math.log(opacity * 255);
-      if (depth < NEAREST || !(reach > 0)) continue;
+      let opacity = opacities[i];
+      if (depth < NEAREST || !(opacity * 255 > 1)) continue;
       const tx = Math.min(Math.max(x / depth, -limitX), limitX),
         ty = Math.min(Math.max(y / depth, -limitY), limitY),
         scale = focal / depth;
@@ -117,11 +118,13 @@ function project(
         xy += across * down;
         yy += down * down;
       }
+      if (antialiased) opacity *= Math.sqrt(Math.max((xx - BLUR) * (yy - BLUR) - xy * xy, 0) / (xx * yy - xy * xy));
       const px = width / 2 + focal * (x / depth),
         py = height / 2 - focal * (y / depth),
-        high = Math.sqrt(reach * yy),
-        wide = Math.sqrt(reach * xx);
-      if (px + wide < 0 || px - wide > width || py + high < 0 || py - high > height) continue;
+        reach = 2 * Math.log(opacity * 255),
+        high = Math.sqrt(Math.max(reach, 0) * yy),
+        wide = Math.sqrt(Math.max(reach, 0) * xx);
+      if (!(reach > 0) || px + wide < 0 || px - wide > width || py + high < 0 || py - high > height) continue;
       const one = 1 / (xx * yy - xy * xy),
         at = ROW * count++;
       rows[at] = depth;

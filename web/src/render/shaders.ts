@@ -17,9 +17,14 @@ bool initCorner(SplatSource source, SplatCenter center, out SplatCorner corner) 
 	vec3 a = vec3(focal.x / v.z, 0.0, -focal.x * t.x / v.z) * T;
 	vec3 b = vec3(0.0, focal.y / v.z, -focal.y * t.y / v.z) * T;
 	float xx = dot(a, a) + 0.3, xy = dot(a, b), yy = dot(b, b) + 0.3;
+	float opacity = getOpacity();
+#if GSPLAT_AA
+	corner.aaFactor = max(sqrt(max((xx - 0.3) * (yy - 0.3) - xy * xy, 0.0) / (xx * yy - xy * xy)), 0.001);
+	opacity *= corner.aaFactor;
+#endif
 	float middle = 0.5 * (xx + yy), radius = length(vec2(0.5 * (xx - yy), xy));
 	float l1 = middle + radius, l2 = max((xx * yy - xy * xy) / l1, 1e-6);
-	float reach = sqrt(2.0 * max(log(getOpacity() * 255.0), 0.0));
+	float reach = sqrt(2.0 * max(log(opacity * 255.0), 0.0));
 	vec2 axis = abs(xy) > 1e-9 ? normalize(vec2(xy, l1 - xx)) : (xx >= yy ? vec2(1.0, 0.0) : vec2(0.0, 1.0));
 	corner.uv = source.cornerUV * reach;
 	vec2 pixels = corner.uv.x * sqrt(l1) * axis + corner.uv.y * sqrt(l2) * vec2(axis.y, -axis.x);

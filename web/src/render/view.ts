@@ -171,6 +171,12 @@ export class View {
     this.touch();
   }
 
+  /** Has Gaussians lose opacity as they are widened to a pixel, or not. */
+  antialias(antialiased: boolean): void {
+    this.#app.scene.gsplat.antiAlias = antialiased;
+    this.#changed();
+  }
+
   /** Begins anew with Gaussians of a scene of this size (world units), which lengths are in units of. */
   begin(size: number): void {
     this.#all = [];

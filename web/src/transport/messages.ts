@@ -27,6 +27,8 @@ export interface Facts {
   readonly middle: readonly number[] | null;
   readonly background: readonly [number, number, number];
   readonly viewpoint: Viewpoint | null;
+  /** Whether Gaussians lose opacity as they are widened to a pixel. */
+  readonly antialiased: boolean;
   /** Which axis is up; null where the stream does not say it. */
   readonly up: string | null;
   readonly sideInfoBytes: number;

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import read_background
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import Rows, Run
@@ -103,7 +104,10 @@ class GaussianDecoder:
     def scene(self) -> Partial[SplatScene]:
         """See `Decoder.scene`."""
         scene = SplatScene(
-            self._splats, background=read_background(self.sections), coding=coding_of(self._info, self._levels)
+            self._splats,
+            background=read_background(self.sections),
+            coding=coding_of(self._info, self._levels),
+            antialiased=ANTIALIASED in self.sections,
         )
         return Partial(scene, self._erasures, concealer_sections(self.sections), self._said)
 
