@@ -39,7 +39,7 @@ from splatwire.scene_io import open_scene
 
 VIEWS = 6
 SEEDS = (0, 1)
-DIALS = ((7.0, 6), (7.5, 6), (8.0, 6), (8.5, 6), (9.0, 6), (9.5, 6), (9.5, 3), (10.0, 3))
+DIALS = ((7.0, 6), (7.5, 6), (8.0, 6), (8.5, 6), (9.0, 6), (9.0, 4), (9.5, 6), (9.5, 3), (10.0, 3))
 """Qualities that are tried, level and classes."""
 
 
