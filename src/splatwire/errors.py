@@ -153,6 +153,7 @@ EXTRAS = {
     ),
     "report": ("matplotlib", "jinja2"),
     "relay": ("raptorq", "aioquic", "cryptography"),
+    "moq": ("moq",),
 }  # fmt: skip
 """The modules that each extra of the package brings; without any it carries streams, and cannot look into them."""
 

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,14 +17,19 @@ import numpy as np
 import pytest
 import torch
 
+from codec.gaussians.test_gaussians import some_splats
 from processes import told_by
-from scenes import tiny_scene
+from scenes import tiny_cameras, tiny_scene
 from splatwire.cli.main import main
 from splatwire.cli.receive import parse_seconds
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.preview import Preview, PreviewFrame, preview_scene, write_preview
+from splatwire.conceal import conceal
+from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.formats import read_splats
+from splatwire.levels import encode_levels
+from splatwire.model import SplatScene
 from splatwire.packets import PRESETS, Packetization, read_stream, write_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -221,7 +227,7 @@ def test_quic_from_the_command_line(stream_file: Path, tmp_path: Path, capsys: p
         assert "self-signed certificate. --fingerprint takes what the server told" in capsys.readouterr().err
         with urlopen(facts["page"], timeout=10) as page:
             content = page.read()
-        assert b'<splat-wire src="/streams/tiny.swz"' in content
+        assert b'<splat-wire src="/streams/tiny.swz?' in content
         with urlopen(facts["page"] + "streams/tiny.swz", timeout=10) as file:
             assert sorted(file.read()) == sorted(stream_file.read_bytes()), "the same packets in another order"
         assert b'rel="icon" href="data:,"' in content, "else browsers ask for /favicon.ico, which is not there"
@@ -265,3 +271,21 @@ def test_tiers_on_the_command_line():
     assert parse_tiers(["tier2=0.5", "tier0=1"]) == (1.0, 0.0, 0.5)
     assert Serve(("x.swz",), protect=("tier0=0.4",)).protection() == (Protection(tier_repair=(0.4,)), None)
     assert Serve(("x.swz",), side_repair=0.1).protection() == (Protection(side_repair=0.1), None)
+
+
+def test_what_a_camera_sees_is_all_that_comes(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    stream = encode_levels(SplatScene(some_splats(30_000)))  # in packets that fit no datagram
+    cameras = tiny_cameras(1, 320, 240)
+    poses = cameras.viewmats.clone()
+    poses[:, :3, 3] += poses.new_tensor([0.0, 0.0, 3000.0])
+    write_stream(stream, tmp_path / "city.swz")
+    save_cameras(replace(cameras, viewmats=poses), tmp_path / "cameras.json")
+    with serving(str(tmp_path / "city.swz")) as facts:
+        url = f"udp://127.0.0.1:{facts['port']}"
+        assert call("receive", url, "-o", str(tmp_path / "seen.swz"), "--json",
+                    "--camera", str(tmp_path / "cameras.json")) == 0  # fmt: skip
+    told = json.loads(capsys.readouterr().out)
+    assert told["finished"] == "seen"
+    assert 0 < told["packets"]["num_received"] < told["packets"]["num_expected"]
+    shown = conceal(decode_stream(read_stream(tmp_path / "seen.swz")[0]), "coarse").drawn()
+    assert shown.num_gaussians > 0

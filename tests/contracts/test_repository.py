@@ -37,7 +37,7 @@ def test_every_requirement_is_pinned():
 
 
 def test_an_extra_is_what_errors_say_of_it():
-    called = {"PIL": "pillow"}
+    called = {"PIL": "pillow", "moq": "moq-rs"}
     for extra, modules in EXTRAS.items():
         lines = _project()["project"]["optional-dependencies"][extra]
         named = {_name(line) for line in lines if not line.startswith("splatwire[")}

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import logging
+import os
 import random
 import socket
 import tracemalloc
@@ -284,9 +285,28 @@ def test_thousands_of_mutated_heads_get_answers_of_the_same_few_headers():
         assert policy.count(";") in (0, 8)
     assert names == {
         "Content-Type", "Content-Length", "X-Content-Type-Options", "Referrer-Policy", "Cache-Control", "Connection",
-        "Content-Security-Policy", "Access-Control-Allow-Origin", "Allow", "Accept-Ranges",
+        "Content-Security-Policy", "Access-Control-Allow-Origin", "Allow", "Accept-Ranges", "ETag",
     }  # fmt: skip
     assert codes == {
         f"HTTP/1.1 {words}"
         for words in ("200 OK", "400 Bad Request", "403 Forbidden", "404 Not Found", "405 Method Not Allowed")
     }
+
+
+def test_hostile_ranges_get_what_they_name_or_nothing():
+    rng, body = random.Random(8), bytes(range(256)) * 4
+    content = PageContent({"city": body})
+    tag = content.answer(GET % b"/streams/city.swz").head.decode().split('ETag: "')[1].split('"')[0]
+    numbers = ["0", "1", "7", "1023", "1024", "99999999999999999999", "-1", "", "x", "0x10", "1.5", "٣"]
+    for _ in range(int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))):
+        some = "-".join(rng.choice(numbers) for _ in range(rng.choice([1, 2, 2, 2, 3])))
+        words = [f"Range: {rng.choice(['bytes=', 'bytes', 'lines=', 'bytes = '])}{some}{rng.choice(['', ',0-1'])}"]
+        words += [f"If-Range: {rng.choice([tag, chr(34) + tag + chr(34), 'W/x', ''])}"] * rng.randrange(2)
+        words += [f"If-None-Match: {rng.choice(['*', chr(34) + tag + chr(34), chr(34)])}"] * rng.randrange(2)
+        request = f"GET /streams/city.swz?{rng.choice([tag, '', 'x'])} HTTP/1.1\r\nHost: localhost\r\n"
+        answer = content.answer((request + "\r\n".join(words) + "\r\n\r\n").encode("utf-8"))
+        head, status = answer.head.decode("latin-1"), int(answer.head[9:12])
+        assert status in (200, 206, 304, 400, 416)
+        if status == 206:
+            first, end = (int(n) for n in head.split("Content-Range: bytes ")[1].split("/")[0].split("-"))
+            assert bytes(answer.body) == body[first : end + 1] != b""

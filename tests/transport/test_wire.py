@@ -3,7 +3,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatwire.errors import BitstreamError, UnsupportedVersionError
@@ -12,6 +12,7 @@ from splatwire.transport.frames import (
     MAX_HELD_BYTES,
     MAX_NACKS,
     MAX_PREVIEW,
+    MAX_TIERS,
     Bye,
     Challenge,
     Data,
@@ -24,6 +25,7 @@ from splatwire.transport.frames import (
     Request,
     Side,
     TierHead,
+    View,
     Welcome,
 )
 
@@ -32,12 +34,16 @@ MOST_TIERS = 10
 u16, u32, u64 = (st.integers(0, (1 << bits) - 1) for bits in (16, 32, 64))
 names = st.text("abc-é.", max_size=20)
 tiers = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=MOST_TIERS).map(tuple)
+many = st.lists(st.builds(TierHead, u32, u16, u16), min_size=1, max_size=MAX_TIERS).map(tuple)
 previews = st.binary(max_size=MAX_PREVIEW)
+sides = st.integers(1, (1 << 16) - 1)
+places = st.tuples(*[st.floats(-1e6, 1e6, width=32)] * 3).map(lambda p: (0, -1, 0, p[0], 1, 0, 0, p[1], 0, 0, 1, p[2]))
 frames = st.one_of(
     st.builds(Hello, u64, names),
     st.builds(Challenge, u64, st.binary(min_size=16, max_size=16)),
     st.builds(Request, u64, st.binary(min_size=16, max_size=16), names),
     st.builds(Welcome, u64, u32, u32, u64, st.binary(min_size=32, max_size=32), u16, u32, u16, u32, tiers, previews),
+    st.builds(Welcome, u64, u32, u32, u64, st.binary(min_size=32, max_size=32), u16, u32, u16, u32, many, st.just(b"")),
     st.builds(Side, u32, u32, u16, u32, st.binary(min_size=1, max_size=1100)),
     st.builds(Data, u32, u32, u32, st.binary(min_size=1, max_size=1150)),
     st.builds(Parity, u32, u32, u16, u32, st.binary(min_size=1, max_size=1152)),
@@ -53,9 +59,11 @@ frames = st.one_of(
         st.integers(0, 1 << 20).map(lambda n: 8 * n),
         st.binary(max_size=MAX_HELD_BYTES),
     ),
+    st.builds(View, u32, u32, st.integers(1, (1 << 32) - 1), sides, sides, st.floats(1, 1000, width=32), places),
 )
 
 
+@settings(deadline=None)  # however busy the machine is
 @given(frames)
 def test_round_trip_within_the_size_that_every_path_carries(frame):
     data = wire.encode(frame)
@@ -63,6 +71,7 @@ def test_round_trip_within_the_size_that_every_path_carries(frame):
     assert wire.decode(data) == frame
 
 
+@settings(deadline=None)  # however busy the machine is
 @given(frames, st.data())
 def test_every_flipped_bit_and_every_cut_is_found(frame, data):
     """`DATA` is told by the checksum of the packet inside, so it is left out here."""

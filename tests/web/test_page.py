@@ -242,6 +242,28 @@ def test_a_part_of_a_stream_is_what_its_range_says(programs: dict[str, Program])
             assert f"Content-Range: bytes {first}-{end - 1}/{size}".encode() in head
 
 
+def test_caches_may_keep_a_stream_as_long_as_it_is_the_same(programs: dict[str, Program]) -> None:
+    content, other = PageContent(programs, host="scenes.local"), PageContent({"ball": b"another"}, host="scenes.local")
+    ask = "GET /streams/ball.swz{} HTTP/1.1\r\nHost: 10.0.0.1\r\n{}"
+
+    def asked(content: PageContent, query: str = "", headers: str = "") -> tuple[bytes, dict[str, str]]:
+        head, _, _ = answered(content, ask.format(query, headers).rstrip("\r\n").encode()).partition(b"\r\n\r\n")
+        lines = head.decode().split("\r\n")
+        return lines[0].encode(), dict(line.split(": ", 1) for line in lines[1:])
+
+    status, told = asked(content)
+    tag = told["ETag"]
+    assert (status[9:12], told["Cache-Control"]) == (b"200", "no-cache")
+    assert "immutable" in asked(content, f"?{tag[1:-1]}")[1]["Cache-Control"]
+    assert asked(other, f"?{tag[1:-1]}")[1]["Cache-Control"] == "no-cache"
+    assert asked(content, "", f"If-None-Match: {tag}\r\n")[0][9:12] == b"304"
+    assert asked(other, "", f"If-None-Match: {tag}\r\n")[0][9:12] == b"200"
+    for server, got in ((content, b"206"), (other, b"200")):
+        assert asked(server, "", f"Range: bytes=0-3\r\nIf-Range: {tag}\r\n")[0][9:12] == got
+    page = answered(content, b"GET / HTTP/1.1\r\nHost: 10.0.0.1")
+    assert f"/streams/ball.swz?{tag[1:-1]}".encode() in page
+
+
 def test_other_sites_may_use_streams_as_far_as_origins_say(programs: dict[str, Program]) -> None:
     request = b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1\r\nOrigin: https://a.org"
     allowed = [

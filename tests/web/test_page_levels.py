@@ -2,6 +2,7 @@
 
 import asyncio
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -12,12 +13,18 @@ from splatwire.codec import add_concealment
 from splatwire.codec.viewpoint import SECTION, viewpoint_section
 from splatwire.levels import encode_levels
 from splatwire.model import SplatScene
-from splatwire.packets import Packetization, SceneStream, stream_to_bytes
+from splatwire.packets import Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.scene import Cameras
+from splatwire.transport import ServerLimits, program
 from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import PageContent
+from splatwire.transport.page_content import Link, PageContent
 from transport.chromium import browser, executable
 from web.pictures import ELEMENT, check_pictures
+
+pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from splatwire.transport.certificate import self_signed
+from splatwire.transport.quic import WEBTRANSPORT_PATH
+from splatwire.transport.quic_server import QuicServer
 
 pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 STATUS = f"{ELEMENT}?.status"
@@ -76,6 +83,64 @@ def test_what_is_drawn_in_the_end_is_the_finest_level() -> None:
                     page.wait_for(f"{STATUS}?.finished === 'complete' && {STATUS}.gaussians === 900", 60)
                     assert page.resolve(f"{ELEMENT}.verify()") is True
                     check_pictures(page, stream, 38)
+
+            await asyncio.to_thread(drive)
+
+    asyncio.run(asyncio.wait_for(work(), 200))
+
+
+def test_datagrams_bring_what_is_looked_at() -> None:
+    stream = encode_levels(ball(40_000), Packetization(block_size=400, lanes=1, grouping="hashed", packet_bytes=1150))
+    contents = {name: stream_from_bytes(seen_from(stream, away))[0] for name, away in (("far", 500.0), ("near", 1.5))}
+    with patch.object(program, "OPENING_BYTES", 20_000):
+        programs = {name: program.make_program(content) for name, content in contents.items()}
+    identity = self_signed("127.0.0.1")
+
+    async def work() -> None:
+        quic = QuicServer(programs, "127.0.0.1", 0, identity=identity)
+        async with PageServer(PageContent(programs, Link((await quic.start()).port, WEBTRANSPORT_PATH,
+                                                         identity.fingerprint))) as server:  # fmt: skip
+
+            def drive() -> None:
+                came = {}
+                with browser() as page:
+                    for name in contents:
+                        page.open("about:blank")
+                        page.open(f"{server.url}?stream={name}")
+                        page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')", 60)
+                        came[name] = page.evaluate(f"{STATUS}.packets")
+                        assert page.evaluate(f"{STATUS}.way") == "WebTransport datagrams"
+                        assert not page.evaluate(f"{STATUS}.failed")
+                assert 0 < came["far"] < came["near"] <= len(stream.packets)
+
+            await asyncio.to_thread(drive)
+        quic.close()
+
+    asyncio.run(asyncio.wait_for(work(), 200))
+
+
+def test_what_is_looked_at_comes_another_way_where_the_session_breaks() -> None:
+    stream = encode_levels(ball(40_000), Packetization(block_size=400, lanes=1, grouping="hashed", packet_bytes=1150))
+    near = stream_from_bytes(seen_from(stream, 1.5))[0]
+    with patch.object(program, "OPENING_BYTES", 20_000):
+        programs = {"near": program.make_program(near)}
+    identity, slowly = self_signed(), ServerLimits(fixed_rate=60e3)
+
+    async def work() -> None:
+        quic = QuicServer(programs, "127.0.0.1", 0, identity=identity, limits=slowly)
+        link = Link((await quic.start()).port, WEBTRANSPORT_PATH, identity.fingerprint)
+        loop = asyncio.get_running_loop()
+        async with PageServer(PageContent(programs, link)) as server:
+
+            def drive() -> None:
+                with browser() as page:
+                    page.open(server.url)
+                    page.wait_for(f"{STATUS}?.packets > 30", 60)
+                    loop.call_soon_threadsafe(quic.close)
+                    page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')", 60)
+                    assert page.evaluate(f"{STATUS}.way") == "HTTP, by ranges"
+                    assert page.evaluate(f"{STATUS}.packets") > 30
+                    assert not page.evaluate(f"{STATUS}.failed")
 
             await asyncio.to_thread(drive)
 

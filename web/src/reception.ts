@@ -19,6 +19,7 @@ const AHEAD_MS = 40;
 const SHOW_MS = 30,
   COUNT_MS = 200;
 
+const SEEN = "Everything that this view needs is there.";
 /** For what looks the same to all cameras. */
 const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
 
@@ -304,6 +305,16 @@ export class Reception implements Receiver {
     say({ kind: "digest", same });
   }
 
+  get looking(): Camera | null {
+    return this.#look && this.#received?.decoder.schema.tiling ? this.#camera : null;
+  }
+
+  sawAll(): void {
+    void this.settled().then(() => {
+      if (!this.#received?.decoder.schema.tiling?.wanted.length) this.note(SEEN);
+    });
+  }
+
   get fetching(): Fetching | null {
     const received = this.#received,
       tiling = received?.decoder.schema.tiling;
@@ -323,7 +334,7 @@ export class Reception implements Receiver {
         await this.#draw();
         if (wanted().length) return; // it looks from elsewhere by now
         if (this.#counts) this.#tell(this.#counts);
-        if (this.#look) this.note("Everything that this view needs is there.");
+        if (this.#look) this.note(SEEN);
         await new Promise<void>((resolve) => this.#moved.push(resolve));
       },
       taken: async () => {

@@ -3,27 +3,28 @@
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.transport import Receiver
     from splatwire.transport.address import Address
+    from splatwire.transport.moq import RelayTrust
 
     Transfer = Callable[..., Awaitable[Receiver]]
 
 
 @dataclass(frozen=True)
 class TrustOptions:
-    """With quic://, which server is believed; without any of these one with a certificate that the system knows."""
+    """Which server or relay is believed; without any of these one with a certificate that the system knows."""
 
     fingerprint: str | None = None
-    """With quic://: SHA-256 of the server's certificate, as the server tells it; nothing else about it matters then."""
+    """Not with udp://: SHA-256 of the server's certificate, as it tells; nothing else about it matters then."""
     authority: Path | None = None
-    """With quic://: PEM file of certificates that vouch for the server's, or its own; else those the system knows."""
+    """Not with udp://: PEM file of certificates that vouch for the server's, or its own; else the system's."""
     insecure: bool = False
-    """With quic://: take any certificate; somebody on the path can pose as the server."""
+    """Not with udp://: take any certificate; somebody on the path can pose as the server."""
 
     @property
     def given(self) -> bool:
@@ -39,10 +40,12 @@ class TrustOptions:
         """
         if address.scheme == "udp":
             if self.given:
-                raise InvalidValueError("--fingerprint, --authority and --insecure are for quic://")
+                raise InvalidValueError("--fingerprint, --authority and --insecure are for quic:// and moq://")
             from splatwire.transport.udp import receive_udp
 
             return lambda options, note, **more: receive_udp(address, options, note, **more)
+        if address.scheme == "moq":
+            return self._relayed(address)
         from splatwire.transport.quic import need_aioquic
 
         need_aioquic()
@@ -51,3 +54,31 @@ class TrustOptions:
         authority = None if self.authority is None else self.authority.read_bytes()
         trust = Trust(authority, self.fingerprint, self.insecure)
         return lambda options, note, **more: receive_quic(address, options, trust, note, **more)
+
+    def _relayed(self, address: "Address") -> "Transfer":
+        from splatwire.transport.moq import need_moq
+        from splatwire.transport.moq_receiver import receive_relayed
+
+        need_moq()
+        trust = self.relay_trust()
+
+        def transfer(options: Any, note: Any, tap: Any = None, stop: Any = None) -> Any:
+            if tap is not None:
+                raise InvalidValueError("--pcap is for udp:// and quic://")
+            return receive_relayed(address, options, trust, note, stop)
+
+        return transfer
+
+    def relay_trust(self) -> "RelayTrust":
+        """Which relay is believed.
+
+        Raises:
+            InvalidValueError: If a fingerprint is none, or more than one of them is given.
+            OSError: If the authority's file cannot be read.
+        """
+        from splatwire.transport.moq import RelayTrust
+        from splatwire.transport.quic_client import Trust
+
+        authority = None if self.authority is None else self.authority.read_bytes()
+        trust = Trust(authority, self.fingerprint, self.insecure)
+        return RelayTrust(self.authority, trust.fingerprint, trust.insecure)

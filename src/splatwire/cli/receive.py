@@ -26,6 +26,7 @@ from splatwire.cli._receiving import TrustOptions
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
+    from splatwire.packets.view import Look
     from splatwire.transport import Event, Receiver, ReceiverOptions
     from splatwire.transport.address import Address
 
@@ -38,7 +39,7 @@ class Receive:
     """Receive a stream over UDP or QUIC; what arrived by the deadline is enough for a scene or its preview."""
 
     url: tyro.conf.Positional[str]
-    """udp://HOST[:PORT][/NAME] or quic://HOST[:PORT][/NAME]."""
+    """udp://HOST[:PORT][/NAME], quic://HOST[:PORT][/NAME] or moq://RELAY[:PORT]/NAME."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; of a clip that is sent
     live, a folder with a PLY for each frame as soon as it can be shown. With --conceal a scene; a
@@ -49,6 +50,8 @@ class Receive:
     there, too."""
     no_nack: bool = False
     """Do not ask for lost packets again."""
+    camera: Path | None = None
+    """Cameras file: of a stream with levels, what its first camera sees comes first, and then nothing else."""
     conceal: str | None = None
     """Decode, hide what was lost with this concealer (drop, prior, idw, cari, grow, ...), and write a scene file; of a
     clip (drop, hold, motion, ...) a folder with a PLY for each frame."""
@@ -68,7 +71,8 @@ class Receive:
 
         address = parse_url(self.url)
         deadline = None if self.deadline is None else parse_seconds(self.deadline)
-        options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not self.no_nack)
+        look = None if self.camera is None else look_of(self.camera)
+        options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not self.no_nack, look=look)
         if self.conceal is not None:
             check_concealer(self.conceal)
         moments = Moments()
@@ -183,6 +187,20 @@ class Receive:
         else:
             text = f"{report.num_received} of {report.num_expected} packets in {moments.seconds():.2f} s ({reason})"
             print_summary(f"{text} -> {self.output}", self.output)
+
+
+def look_of(path: Path) -> "Look":
+    """Where the first camera of a file looks from.
+
+    Raises:
+        DatasetError: If it cannot be read.
+    """
+    from splatwire.data import load_cameras
+    from splatwire.packets.view import Look
+
+    cameras = load_cameras(path)
+    focal = float(cameras.Ks[0, 0, 0])
+    return Look(cameras.viewmats[0].double().numpy(), focal, cameras.width, cameras.height)
 
 
 class Moments:

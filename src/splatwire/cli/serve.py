@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,8 @@ import tyro
 from splatwire.cli import _bundled
 from splatwire.cli._datagrams import in_datagrams
 from splatwire.cli._output import JsonFlag, print_json
+from splatwire.cli._publishing import publish_stream
+from splatwire.cli._receiving import TrustOptions
 
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
@@ -60,6 +62,10 @@ class Serve:
     """Most clients at once."""
     clients_per_address: int = 16
     """Most of them at one IPv4 address or in one /64 prefix of IPv6, which may begin twice as many a minute."""
+    moq: str | None = None
+    """Publish one stream to a relay of Media over QUIC, which sends it to whoever asks there, instead of listening:
+    https://RELAY[:PORT]/NAME."""
+    trust: TrustOptions = field(default_factory=TrustOptions)
     json: JsonFlag = False
     """Print one JSON object when ready."""
 
@@ -73,6 +79,14 @@ class Serve:
             raise InvalidValueError("--certificate, --key and --origins are for --quic")
         if self.page is not None and not 0 <= self.page < 1 << 16:
             raise InvalidValueError(f"a port is a number from 0 to 65535, {self.page} is not")
+        if self.moq is not None:
+            if self._over_quic or self.plan or self.protect or len(self.streams) > 1:
+                raise InvalidValueError("--moq publishes one stream, which the relay sends: no --page, --quic, --plan")
+            path = Path((self.streams or (str(_bundled.ASSETS / _bundled.SPLATS),))[0])
+            asyncio.run(publish_stream(self.moq, path, self.trust, json=self.json))
+            return
+        if self.trust.given:
+            raise InvalidValueError("--fingerprint, --authority and --insecure are for --moq")
         (protection, planned), _ = self.protection(), self.limits()  # mistakes are told before streams are read
         asyncio.run(self._serve(self._programs(protection, planned)))
 

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 from splatwire.errors import InvalidValueError
 
 DEFAULT_PORT = 4840
-SCHEMES = ("udp", "quic")
+PORTS = {"udp": DEFAULT_PORT, "quic": DEFAULT_PORT, "moq": 443}
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,8 @@ class Address:
         host: Name or number.
         port: UDP port.
         name: Stream that is wanted; empty for the server's first.
-        scheme: `udp` (datagrams of our own) or `quic` (the same in a QUIC connection).
+        scheme: `udp` (datagrams of our own), `quic` (the same in a QUIC connection) or `moq` (a relay of Media over
+            QUIC; the last part of the name is that of the scene there).
     """
 
     host: str
@@ -32,7 +33,7 @@ def cannot_listen(kind: str, host: str, port: int, error: OSError) -> InvalidVal
 
 
 def parse_url(url: str) -> Address:
-    """Reads `udp://HOST[:PORT][/NAME]` or `quic://HOST[:PORT][/NAME]`.
+    """Reads `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME]` or `moq://RELAY[:PORT]/NAME`.
 
     Raises:
         InvalidValueError: If it is something else.
@@ -43,6 +44,9 @@ def parse_url(url: str) -> Address:
         port = parts.port
     except ValueError:
         raise wrong from None
-    if parts.scheme not in SCHEMES or not parts.hostname or parts.query or parts.fragment or parts.username:
+    if parts.scheme not in PORTS or not parts.hostname or parts.query or parts.fragment or parts.username:
         raise wrong
-    return Address(parts.hostname, DEFAULT_PORT if port is None else port, parts.path.strip("/"), parts.scheme)
+    name = parts.path.strip("/")
+    if parts.scheme == "moq" and not name:
+        raise InvalidValueError(f"'{url}' names no scene: moq://RELAY/NAME")
+    return Address(parts.hostname, PORTS[parts.scheme] if port is None else port, name, parts.scheme)

@@ -22,6 +22,10 @@ class Asked:
         self.most = sys.maxsize
         self._last: dict[int, tuple[float, int]] = {}
 
+    def times(self, index: int) -> int:
+        """How often one was asked for."""
+        return self._last.get(index, (0.0, 0))[1]
+
     def due(self, missing: Iterable[int], now: float) -> list[int]:
         """Those of the missing packets that are asked for now, the first ones: not those of a moment ago."""
         out: list[int] = []

@@ -62,8 +62,8 @@ class Finished:
     """Nothing more will come.
 
     Attributes:
-        reason: `complete`, `sent` (everything was sent, something is missing), `deadline`, or a sentence that says what
-            went wrong.
+        reason: `complete`, `sent` (everything was sent, something is missing), `seen` (what is looked at came),
+            `deadline`, or a sentence that says what went wrong.
         ok: Whether there is a scene to decode.
     """
 

@@ -64,6 +64,13 @@ MORE = TierHead(0, 0, 1)
 """The last run of a stream that grows: of no packets. A receiver that does not know it takes what is there by now."""
 
 
+VIEWS = TierHead(0, 0, 2)
+"""The last run of a stream of which the server sends first what a `View` looks at; others do not mind it."""
+BY_SEQUENCE = 1 << 31
+"""Added to the number of a datagram that is asked for again by it: where views order what is sent, a receiver cannot
+know which packets have left."""
+
+
 class Welcome(NamedTuple):
     """What will be sent; of a stream that grows (`MORE`), what there is by now.
 
@@ -97,6 +104,11 @@ class Welcome(NamedTuple):
     def open(self) -> bool:
         """Whether the stream grows: another welcome of the same session will say more."""
         return self.tiers[-1] == MORE
+
+    @property
+    def viewable(self) -> bool:
+        """Whether what is looked at comes first, once the server is told."""
+        return self.tiers[-1] == VIEWS
 
 
 class Side(NamedTuple):
@@ -137,7 +149,7 @@ class Feedback(NamedTuple):
         received: Datagrams with a sequence number that arrived.
         time_us: The receiver's clock when `largest` arrived, microseconds modulo 2**32.
         side_missing: Symbols of the head object that are needed yet; 0 when it is complete.
-        nacks: Packets asked for again, by index.
+        nacks: Packets asked for again, by index, or by the sequence number of their datagram and `BY_SEQUENCE`.
     """
 
     session: int
@@ -172,6 +184,28 @@ class Have(NamedTuple):
     held: bytes
 
 
+class View(NamedTuple):
+    """Where the client looks from, at most ten times a second.
+
+    Attributes:
+        session: Id of the transfer.
+        number: Counts the client's views.
+        budget: Gaussians that it shows at most.
+        width: Of the picture, pixels.
+        height: Of the picture, pixels.
+        focal: Focal length, pixels.
+        viewmat: World to camera (x right, y down, z ahead), the first three rows of the matrix, one after another.
+    """
+
+    session: int
+    number: int
+    budget: int
+    width: int
+    height: int
+    focal: float
+    viewmat: tuple[float, ...]
+
+
 class Refuse(NamedTuple):
     """The server says no; `reason` is an index into `REFUSALS`."""
 
@@ -186,4 +220,4 @@ class End(NamedTuple):
     sequence: int
 
 
-Frame = Hello | Challenge | Request | Welcome | Side | Data | Parity | Feedback | Bye | Refuse | End | Have
+Frame = Hello | Challenge | Request | Welcome | Side | Data | Parity | Feedback | Bye | Refuse | End | Have | View

@@ -112,17 +112,33 @@ def read_range(text: str, size: int) -> tuple[int, int] | None:
     return (first, min(last + 1, size)) if first < size else (size, size)
 
 
-def make_part(kind: str, body: bytes, headers: str, request: Request) -> Answer:
-    """The part of a file that a request asks for, or the whole of it."""
-    headers, bodiless = f"Accept-Ranges: bytes\r\n{headers}", request.method == "HEAD"
-    wanted = read_range(request.headers.get("range", ""), len(body))
+def make_part(kind: str, body: bytes, headers: str, request: Request, tag: str) -> Answer:
+    """The part of a file that a request asks for, or the whole of it, or that it has not changed.
+
+    What is asked for under its tag (`?TAG`) never changes; caches ask again about everything else.
+
+    Args:
+        kind: Media type.
+        body: The file.
+        headers: Further lines, each with its end.
+        request: What is asked for.
+        tag: Names this content and no other.
+    """
+    asked, bodiless = request.headers, request.method == "HEAD"
+    cache = "public, max-age=31536000, immutable" if request.query == tag else "no-cache"
+    headers = f'Accept-Ranges: bytes\r\nETag: "{tag}"\r\n{headers}'
+    if f'"{tag}"' in asked.get("if-none-match", ""):
+        return make_answer("304 Not Modified", kind, body, headers, cache=cache, bodiless=True)
+    same = asked.get("if-range", f'"{tag}"') == f'"{tag}"'
+    wanted = read_range(asked.get("range", ""), len(body)) if same else None
     if wanted is None:
-        return make_answer("200 OK", kind, body, headers, bodiless=bodiless)
+        return make_answer("200 OK", kind, body, headers, bodiless=bodiless, cache=cache)
     first, end = wanted
     if first == end:
         return make_answer("416 Range Not Satisfiable", headers=f"Content-Range: bytes */{len(body)}\r\n{headers}")
     headers = f"Content-Range: bytes {first}-{end - 1}/{len(body)}\r\n{headers}"
-    return make_answer("206 Partial Content", kind, memoryview(body)[first:end], headers, bodiless=bodiless)
+    part = memoryview(body)[first:end]
+    return make_answer("206 Partial Content", kind, part, headers, bodiless=bodiless, cache=cache)
 
 
 def make_answer(
@@ -133,6 +149,7 @@ def make_answer(
     *,
     bodiless: bool = False,
     packed: bool = False,
+    cache: str = "no-store",
 ) -> Answer:
     """Puts an answer together.
 
@@ -143,6 +160,7 @@ def make_answer(
         headers: Further lines, each with its end.
         bodiless: Whether the body is left out (HEAD); its size is told nevertheless.
         packed: Whether the body is compressed; it is kept then.
+        cache: What others may do with it.
     """
     if not isinstance(body, Growing):
         body = body or f"{status}\n".encode()
@@ -151,7 +169,7 @@ def make_answer(
         headers = f"Content-Length: {len(body)}\r\n{headers}"
     head = (
         f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\n{headers}"
-        "X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n"
+        f"X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: {cache}\r\n"
         "Connection: close\r\n\r\n"
     )
     return Answer(head.encode("latin-1"), b"" if bodiless else body)

@@ -1,6 +1,7 @@
 """What the page server answers: bytes in, bytes out, no socket."""
 
 import base64
+import hashlib
 import html
 import ipaddress
 import json
@@ -63,6 +64,7 @@ class PageContent:
     origins: tuple[str, ...] | None = None
     attributes: Mapping[str, str] = field(default_factory=dict)
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
+    _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
 
     def answer(self, head: bytes) -> Answer:
         """What a request gets.
@@ -84,9 +86,15 @@ class PageContent:
             return make_answer("404 Not Found")
         status, kind, body, headers = found
         if request.target.startswith(STREAMS) and isinstance(body, bytes):
-            return make_part(kind, body, headers, request)
+            return make_part(kind, body, headers, request, self._tag(body))
         packed = request.target[1:] in FILES and "gzip" in request.headers.get("accept-encoding", "")
         return make_answer(status, kind, body, headers, bodiless=request.method == "HEAD", packed=packed)
+
+    def _tag(self, file: bytes) -> str:
+        """What names the content of a file."""
+        if id(file) not in self._tags:  # files stay as long as this does
+            self._tags[id(file)] = hashlib.sha256(file).hexdigest()[:16]
+        return self._tags[id(file)]
 
     def _find(
         self, target: str, query: str, called: str, origin: str | None
@@ -107,7 +115,7 @@ class PageContent:
     def _page(self, query: str, called: str) -> str:
         wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
         name = unquote(wanted[1]) if wanted else next(iter(self.programs), "")
-        attributes = {"src": stream_path(name), **self.attributes} if name else dict(self.attributes)
+        attributes = {"src": self._address(name), **self.attributes} if name else dict(self.attributes)
         if link := self._link():
             attributes["session"] = f"https://{called}:{link.port}{link.path}"
             attributes["fingerprint"] = link.fingerprint or ""
@@ -124,6 +132,11 @@ class PageContent:
         """What the list of scenes shows of one."""
         program = self.programs[name]
         return told_of(*_told(program), program.preview) if isinstance(program, Program) else {}
+
+    def _address(self, name: str) -> str:
+        """Where a page finds a stream: under a name that no other content will have, unless it grows."""
+        file = self._file(name) if name in self.programs else b""
+        return f"{stream_path(name)}?{self._tag(file)}" if isinstance(file, bytes) and file else stream_path(name)
 
     def _policy(self, called: str) -> str:
         link = self._link()

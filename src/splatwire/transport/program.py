@@ -7,10 +7,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from splatwire.errors import InvalidValueError
 from splatwire.packets import Packet, PacketId, SceneStream, send_sequence
+from splatwire.packets.tiles import Tiles, read_tiles
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
-from splatwire.transport.frames import MAX_PREVIEW, MORE, TierHead
+from splatwire.transport.frames import MAX_PREVIEW, MAX_TIERS, MORE, VIEWS, TierHead
 from splatwire.transport.layout import Segments, head_object, parity_groups
 from splatwire.transport.motion import arrange, group_packets
 from splatwire.transport.protection import (
@@ -28,6 +31,8 @@ FINEST_BY_ITSELF = 256
 """Size below which symbols are only cut when asked for: their headers cost more than they save in repair."""
 RESERVE = 0.5
 """Repair symbols of the head object beyond those of the schedule, as a share of its source symbols."""
+OPENING_BYTES = 1 << 18
+"""Of the coarsest tiles, sent before what is looked at: something of everything, and what hides what is lost."""
 SMALL_OBJECT_SYMBOLS = 600
 """A small head object is cut finer: the share of many symbols that is lost varies less than that of few."""
 
@@ -51,6 +56,10 @@ class Program:
         preview: What the welcome shows of the scene.
         resend: Most bytes that are sent again on request, as a share of one pass; None for no such limit.
         resendable: Packets that are sent again at all, the first ones; None for all.
+        tiles: What views are of; None of a stream without levels.
+        opening: How much of the schedule leaves before what somebody looks at: head object and coarsest tiles, with
+            the parity of those.
+        opening_packets: Packets of that, the first ones.
     """
 
     stream_id: int
@@ -67,6 +76,9 @@ class Program:
     preview: bytes = b""
     resend: float | None = None
     resendable: int | None = None
+    tiles: Tiles | None = None
+    opening: int = 0
+    opening_packets: int = 0
 
     @functools.cached_property
     def reliable_schedule(self) -> tuple[tuple[int, int, int], ...]:
@@ -146,8 +158,10 @@ def make_program(
         InvalidValueError: If packets are missing, or one of them or the preview is too large for a datagram.
         BackendUnavailableError: If parity is asked for and the package `raptorq` is not installed.
     """
-    protection = protection or Protection()
-    manifest = stream.manifest
+    manifest, protection = stream.manifest, protection or Protection()
+    tiles = read_tiles(manifest, stream.side_info) if manifest.schema.tiled else None
+    if tiles is not None and not protection.tier_repair:  # nothing is drawn where the coarsest tile is missing
+        protection = replace(protection, tier_repair=(protection.side_repair,))
     if len(stream.packets) != manifest.num_packets:
         raise InvalidValueError(
             f"{len(stream.packets)} of {manifest.num_packets} packets: only a complete stream is served"
@@ -168,10 +182,32 @@ def make_program(
     members = [manifest.plan.tier_of(packet.id.block) for packet in ordered]
     timing = replace(protection, parity_until=0.0) if protection.motion else protection
     parity = parity_symbols(packets, tiers, framed_bytes(largest))
-    return Program(
+    program = Program(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, carried,
         tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], timing, tier_sizes(members, protection)),
         preview, protection.resend, round(protection.resend_until * len(packets)),
+    )  # fmt: skip
+    return program if tiles is None else _for_views(program, tiles)
+
+
+def _for_views(program: Program, tiles: Tiles) -> Program:
+    """The same with what is looked at first: the coarsest tiles, the first of which leaves in any case."""
+    count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
+    last = max(int(tiles.first_packets[count]), program.carried)
+    groups = parity_groups(program.tiers)
+
+    def opens(item: tuple[int, int, int]) -> bool:
+        kind, group, symbol = item
+        if kind == PARITY:
+            return groups[group].packet_of(groups[group].size - 1) < last
+        return kind == SIDE or symbol < last
+
+    first = tuple(filter(opens, program.schedule))
+    rest = tuple(item for item in program.schedule if not opens(item))
+    told = (VIEWS,) if len(program.tiers) < MAX_TIERS else ()
+    return replace(
+        program, tiers=(*program.tiers, *told), schedule=first + rest, tiles=tiles if told else None,
+        opening=len(first), opening_packets=last,
     )  # fmt: skip
 
 

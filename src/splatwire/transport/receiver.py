@@ -3,7 +3,8 @@
 import math
 
 from splatwire.errors import BitstreamError
-from splatwire.packets import Manifest, ReadReport, SceneStream
+from splatwire.packets.view import BUDGET, Look
+from splatwire.transport.arrived import Arrived
 from splatwire.transport.asked import MOST_TRIES, Asked
 from splatwire.transport.collect import (
     HeadCollector,
@@ -27,8 +28,10 @@ from splatwire.transport.frames import (
     Refuse,
     Request,
     Side,
+    View,
     Welcome,
 )
+from splatwire.transport.gaps import Gaps
 from splatwire.transport.receiver_options import ReceiverOptions
 from splatwire.transport.wire import decode, encode
 
@@ -43,12 +46,16 @@ MOST_AHEAD = 1 << 17
 GRACE_S = 0.15
 """Time after the end of the sending that late packets get."""
 BYES = 3
+VIEW_S, VIEW_AGAIN_S, TWICE = 0.1, 1.0, 2
+"""A view is not told sooner after another one, and so often at once: what is lost meanwhile is told again later."""
+IDLE_S = 1.0
+"""Where all that is looked at came so long ago, reports get rare."""
 ENDS_IN_VAIN = 25
 """A server that says so often that everything was sent, and sends nothing in between although it is asked, does not
 want to send again (`Protection.resend`). It says so ten times a second: no round trip beyond 2.5 s is waited for."""
 
 
-class Receiver:
+class Receiver(Arrived):
     """Receives one stream.
 
     Call `receive` for every datagram and `poll` whenever `next_at` says so; both give what to send and what happened.
@@ -64,59 +71,21 @@ class Receiver:
     def __init__(
         self, nonce: int, now: float, options: ReceiverOptions | None = None, *, reliable: bool = False
     ) -> None:
+        super().__init__()
         self.options = options or ReceiverOptions()
-        self.finished: Finished | None = None
-        self.num_datagrams = self.num_rejected = self.num_bytes = 0
         self._nonce = nonce
         self._began = self._asking_since = self._heard_at = self._retry_at = self._largest_at = self._feedback_at = now
         self._reliable = reliable
         self._token: bytes | None = bytes(TOKEN_BYTES) if reliable else None
-        self._welcome: Welcome | None = None
-        self._head: HeadCollector | None = None
-        self._collector: PacketCollector | None = None
-        self._manifest: Manifest | None = None
-        self._side_info = b""
         self._largest = -1
         self._received = 0
-        self._asked = Asked()
+        self._asked, self._gaps = Asked(), Gaps()
+        self._view: View | None = None
+        self._view_number, self._view_at, self._told = 0, -math.inf, 0
         self._ended_at: float | None = None
         self._ends_in_vain = 0
-
-    @property
-    def welcome(self) -> Welcome | None:
-        """What the server declared, once it did."""
-        return self._welcome
-
-    @property
-    def preview(self) -> bytes:
-        """What the welcome shows of the scene, as it came; empty before it, and where there is none."""
-        return self._welcome.preview if self._welcome else b""
-
-    @property
-    def collector(self) -> PacketCollector | None:
-        """The packets so far."""
-        return self._collector
-
-    def stream(self) -> SceneStream | None:
-        """What is there by now; None as long as side information is missing."""
-        if self._manifest is None or self._collector is None:
-            return None
-        return SceneStream(self._manifest, self._side_info, self._collector.packets)
-
-    def report(self) -> ReadReport | None:
-        """Counts of the packets; None as long as side information is missing."""
-        intake = self._collector.intake if self._collector else None
-        return intake.report() if intake else None
-
-    def lacking(self) -> str:
-        """What is missing, in words; empty before the server declared what there is."""
-        if self._welcome is None or self._collector is None:
-            return ""
-        packets = f"{self._collector.num_packets} of {self._welcome.num_packets} packets arrived"
-        if self._head is None:
-            return packets
-        missing, total = self._head.num_missing, self._head.num_symbols
-        return f"of the side information at least {missing} of {total} pieces are missing; {packets}"
+        if self.options.look is not None:
+            self.look(self.options.look)
 
     def next_at(self) -> float | None:
         """When to call `poll` next; None when it is over."""
@@ -138,7 +107,7 @@ class Receiver:
             return [self._greeting()], []
         if now < self._feedback_at:
             return [], []
-        return [self._feedback(now)], []
+        return [self._feedback(now), *self._looking(now)], []
 
     def receive(self, data: bytes, now: float) -> tuple[list[bytes], list[Event]]:
         """Takes a datagram; anything at all may come."""
@@ -153,6 +122,13 @@ class Receiver:
         if isinstance(frame, (Side, Data, Parity, End)):
             return self._transferred(frame, now)
         return self._greeted(frame, now)
+
+    def look(self, look: Look, budget: int = BUDGET) -> None:
+        """Says where somebody looks from: what they see comes first. Of streams without levels all comes as ever."""
+        rows = tuple(look.viewmat[:3].ravel().tolist())
+        self._view_number, self._told = self._view_number + 1, 0
+        self._view = View(0, self._view_number, budget, look.width, look.height, look.focal, rows)
+        self._feedback_at = min(self._feedback_at, self._heard_at)
 
     def stop(self, reason: str = "stopped") -> tuple[list[bytes], list[Event]]:
         """Ends the transfer here; what arrived stays."""
@@ -182,7 +158,7 @@ class Receiver:
                     return self._finish(problem)
                 self._welcome, self._heard_at, self._feedback_at = frame, now, now + FEEDBACK_S
                 self._head, self._collector = HeadCollector(frame), PacketCollector(frame)
-                return [self._feedback(now)], [Welcomed.of(frame)]
+                return [self._feedback(now), *self._looking(now)], [Welcomed.of(frame)]
         self.num_rejected += 1
         return [], []
 
@@ -213,6 +189,8 @@ class Receiver:
         if not (self._reliable and isinstance(frame, Side)):
             self.num_datagrams += 1
             self._received += 1
+            if self._welcome.viewable:
+                self._gaps.came(frame.sequence, self._largest)
             if frame.sequence > self._largest:
                 self._largest, self._largest_at = frame.sequence, now
         events: list[Event] = []
@@ -231,6 +209,7 @@ class Receiver:
                 self._ends_in_vain += 1
         if not isinstance(frame, End):
             self._ends_in_vain = 0
+            self._ended_at = None if self._viewing else self._ended_at
         if self.finished:
             return [encode(Bye(self._welcome.session))] * BYES, [*events, self.finished]
         everything = self._head is None and self._collector.num_packets == self._welcome.num_packets
@@ -265,6 +244,9 @@ class Receiver:
         if now - self._heard_at > self.options.silence_s:
             return "the server fell silent"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.open
+        if self._viewing:
+            seen = ended and self._manifest is not None and not (self._gaps and self.options.nack)
+            return "seen" if seen and not self.options.stays else None
         if ended and self._manifest is not None and (not self.options.nack or self._ends_in_vain >= ENDS_IN_VAIN):
             return "sent"
         return None
@@ -281,18 +263,35 @@ class Receiver:
 
     def _feedback(self, now: float) -> bytes:
         assert self._welcome is not None
-        self._feedback_at = now + FEEDBACK_S
+        idle = self._viewing and self._ended_at is not None and not self._gaps and now - self._ended_at > IDLE_S
+        self._feedback_at = now + (IDLE_S / 2 if idle else FEEDBACK_S)
         missing = self._head.num_missing if self._head else 0
         nacks = self._nacks(now) if self.options.nack else []
         time_us = int(self._largest_at * 1e6) & 0xFFFFFFFF
         largest, received = max(self._largest, 0), min(self._received, self._largest + 1)
         return encode(Feedback(self._welcome.session, largest, received, time_us, missing, tuple(nacks)))
 
+    @property
+    def _viewing(self) -> bool:
+        """Whether what comes is what is looked at."""
+        return self._view is not None and self._welcome is not None and self._welcome.viewable
+
+    def _looking(self, now: float) -> list[bytes]:
+        """Where somebody looks from, if it is time to say so: it may not have come the last time."""
+        if self._view is None or self._welcome is None or not self._welcome.viewable:
+            return []
+        if now - self._view_at < (VIEW_S if self._told < TWICE else VIEW_AGAIN_S):
+            return []
+        self._view_at, self._told = now, self._told + 1
+        return [encode(self._view._replace(session=self._welcome.session))]
+
     def _nacks(self, now: float) -> list[int]:
         """Packets that should have come and were not asked for a moment ago, the earliest first."""
         assert self._welcome is not None
         if self._collector is None:
             return []
+        if self._viewing:
+            return self._gaps.due(self._largest + 1 - (REORDER if self._ended_at is None else 0), now)
         start = self._welcome.carried if self._manifest is None else 0  # the first ones come with the head object
         stop = self._collector.highest + 1 - REORDER
         if self._ended_at is not None:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from splatwire.errors import InvalidValueError
+from splatwire.packets.view import Look
 from splatwire.transport.collect import ReceiverLimits
 from splatwire.transport.frames import MAX_NAME
 
@@ -17,6 +18,8 @@ class ReceiverOptions:
         nack: Whether lost packets are asked for again.
         silence_s: A server that says nothing for so long is gone, seconds.
         limits: What it is willing to hold.
+        look: Where somebody looks from: what they see comes first, and nothing else. `Receiver.look` says so later.
+        stays: Whether it waits for another look when all that is seen came.
     """
 
     name: str = ""
@@ -24,6 +27,8 @@ class ReceiverOptions:
     nack: bool = True
     silence_s: float = 4.0
     limits: ReceiverLimits = field(default_factory=ReceiverLimits)
+    look: Look | None = None
+    stays: bool = False
 
     def __post_init__(self) -> None:
         if self.deadline_s is not None and not self.deadline_s > 0:

@@ -5,7 +5,8 @@ from collections.abc import Callable, Hashable, Mapping
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Starts, network_of
-from splatwire.transport.frames import NOT_YET, Bye, Challenge, Feedback, Have, Hello, Refuse, Request
+from splatwire.transport.frames import NOT_YET, Bye, Challenge, Feedback, Have, Hello, Refuse, Request, View
+from splatwire.transport.order import Turns
 from splatwire.transport.program import Program
 from splatwire.transport.server_limits import ServerLimits
 from splatwire.transport.token import TokenMint
@@ -55,6 +56,7 @@ class Server:
         self._sessions: dict[tuple[Hashable, int], Key] = {}
         self._due: list[tuple[float, int, Key]] = []
         self._planned: dict[Key, float] = {}
+        self._turns = Turns()
         self._tick = 0
         self._swept_at = 0.0
         self.num_rejected = 0
@@ -99,7 +101,7 @@ class Server:
             case Have() if (address, frame.nonce) in self._transfers:
                 self._transfers[(address, frame.nonce)].leave_out(frame)
                 self._plan((address, frame.nonce))
-            case Feedback() | Bye():
+            case Feedback() | View() | Bye():
                 key = self._sessions.get((address, frame.session))
                 if key is not None:
                     self._heard(key, frame, now)
@@ -184,11 +186,15 @@ class Server:
             if (address, session) not in self._sessions:
                 return session
 
-    def _heard(self, key: Key, frame: Feedback | Bye, now: float) -> None:
-        if isinstance(frame, Bye):
-            self._forget(key)
-            return
-        self._transfers[key].feedback(frame, now)
+    def _heard(self, key: Key, frame: Feedback | View | Bye, now: float) -> None:
+        match frame:
+            case Bye():
+                self._forget(key)
+                return
+            case View():
+                self._transfers[key].see(frame, self._turns, now)
+            case Feedback():
+                self._transfers[key].feedback(frame, now)
         self._plan(key)
 
     def _plan(self, key: Key) -> None:

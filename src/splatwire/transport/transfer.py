@@ -2,15 +2,15 @@
 
 from collections import deque
 
-from splatwire.transport.frames import End, Feedback, Have, Welcome
+from splatwire.transport.frames import End, Feedback, Have, View, Welcome
 from splatwire.transport.held import Held
+from splatwire.transport.order import Left, Order, Turns, look_of
 from splatwire.transport.pacing import Pacer, RateControl
 from splatwire.transport.program import Program
 from splatwire.transport.server_limits import ServerLimits
 from splatwire.transport.wire import (
     DATA,
     DATA_OVERHEAD,
-    PARITY,
     SIDE,
     SIDE_OVERHEAD,
     WELCOME,
@@ -20,6 +20,8 @@ from splatwire.transport.wire import (
 )
 
 END_INTERVAL_S = 0.1
+OFTEN, WAITING_S = 10, 1.0
+"""So often it is said that all was sent; then, to one that may look elsewhere, now and then."""
 WELCOME_S = 0.15
 """A welcome is not sent again within this time; a client asks again after 0.2 s."""
 MOST_WELCOMES = 50
@@ -58,24 +60,23 @@ class ServerTransfer:
         self.control = RateControl(limits.start_rate, limits.rate, bounded=reliable_head)
         self._limits = limits
         self._reliable_head = reliable_head
-        self._schedule = program.reliable_schedule if reliable_head else program.schedule
+        self._order = Order(program, reliable_head)
         self._pacer = Pacer(limits.fixed_rate or self.control.rate)
-        self._next, self._head_end = 0, program.head_end
-        self._sequence = 0
-        self._counted_bytes = 0
+        self._sequence = self._counted_bytes = 0
+        self._left = Left(program.tiles is not None)
+        self._view: View | None = None
+        self._look_at: float | None = None
         self._heard, self._reported = reliable_head, False
         self._again: deque[tuple[int, int, int]] = deque()
         self._sent_again: dict[tuple[int, int, int], float] = {}
         self._waiting: set[tuple[int, int, int]] = set()
         self._held = Held()
-        self._head_waiting = 0
+        self._head_waiting = self._again_bytes = 0
         self._sent_times: deque[tuple[int, float]] = deque(maxlen=RECENT)
         self._last: Feedback | None = None
         self._head_cursor = program.head_reserve
         self._head_left_at: float | None = None
-        self._again_bytes = 0
-        self._end_at, self._ends = 0.0, 0
-        self._clock = 0
+        self._end_at, self._ends, self._clock = 0.0, 0, 0
         self._welcomed_at, self._welcomes = -WELCOME_S, 0
         self._most_bytes = 100_000
         self._allow(0)
@@ -92,15 +93,7 @@ class ServerTransfer:
         What is not worth sending any more (`Program.resends`) is left out, whether it waits to leave once or again.
         """
         old, self.program = self.program, program
-        source = program.reliable_schedule if self._reliable_head else program.schedule
-        head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule[self._next :] if program.wants(*item)]
-        new = [] if len(old.packets) == len(program.packets) else [
-            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= len(old.packets))
-        ]  # fmt: skip
-        told = (WELCOME, 0, 0)
-        self._schedule, self._next = (told, *head, told, *left, told, *new), 0
-        self._head_end = 1 + len(head)
+        self._order.renew(program, self._reliable_head, (WELCOME, 0, 0))
         self._again = deque(item for item in self._again if item[0] == DATA and program.resends(item[2]))
         self._waiting = set(self._again)
         self._head_waiting, self._head_left_at, self._head_cursor = 0, None, program.head_reserve
@@ -108,9 +101,8 @@ class ServerTransfer:
 
     def _allow(self, known: int) -> None:
         """Lets the packets of the program that are new, and its head object, leave a few times."""
-        program = self.program
-        told = sum(DATA_OVERHEAD + len(packet) for packet in program.packets[program.carried : known])
-        self._most_bytes += int(self._limits.passes * (sum(program.sizes().values()) - told))
+        told = sum(DATA_OVERHEAD + len(packet) for packet in self.program.packets[self.program.carried : known])
+        self._most_bytes += int(self._limits.passes * (sum(self.program.sizes().values()) - told))
 
     def leave_out(self, frame: Have) -> None:
         """Takes what the client has: it does not leave by itself, nor is it a part of the client's share any more."""
@@ -118,10 +110,9 @@ class ServerTransfer:
 
     def _take_next(self, now: float) -> tuple[int, int, int] | None:
         """What comes next in the schedule and the client has not."""
-        while self._next < len(self._schedule):
-            item = self._schedule[self._next]
-            self._next += 1
-            if self._next == self._head_end:
+        while self._order:
+            item = self._order.pop()
+            if self._order.head_left:
                 self._head_left_at = now
             if not self._held.has(item[0], item[2]):
                 return item
@@ -147,12 +138,15 @@ class ServerTransfer:
         """
         if self.spent or not self._heard:
             return None
-        if self._again or self._next < len(self._schedule):
-            return self._pacer.next_at()
-        return max(self._pacer.next_at(), self._end_at)
+        left = self._again or self._order
+        sending = self._pacer.next_at() if left else max(self._pacer.next_at(), self._end_at)
+        return sending if self._look_at is None else min(sending, self._look_at)
 
     def poll(self, now: float) -> bytes | None:
         """The next datagram, if its time has come."""
+        if self._view is not None and self._look_at is not None and self._look_at <= now:
+            self._order.look(look_of(self._view), self._view.budget, now)
+            self._look_at, self._ends = None, 0
         at = self.next_at()
         if at is None or at > now:
             return None
@@ -166,13 +160,24 @@ class ServerTransfer:
         elif (found := self._take_next(now)) is not None:
             item = found
         else:
-            self._end_at, self._ends = now + END_INTERVAL_S, self._ends + 1
+            waits = self._order.viewed and self._ends > OFTEN
+            self._end_at, self._ends = now + (WAITING_S if waits else END_INTERVAL_S), self._ends + 1
+            self._left.note(self._sequence, -1)
             if self._ends % 2 or not self.program.open:
                 return self._leave(encode(End(self.session, self._sequence)), now)
             item = (WELCOME, 0, 0)
         if item[0] == WELCOME:
             return self._leave(self.welcome(), now, counted=False)
         return self._leave(self._datagram(*item), now, counted=not (self._reliable_head and item[0] == SIDE))
+
+    def see(self, view: View, turns: Turns, now: float) -> None:
+        """Takes where the client looks from, which has its turn to count; a newer one takes its place."""
+        tiles = self.program.tiles
+        if tiles is None or (self._view is not None and view.number <= self._view.number):
+            return
+        self._view = view
+        if self._look_at is None:
+            self._look_at = turns.take(now, self._order.looked_at, tiles.num_tiles)
 
     def feedback(self, frame: Feedback, now: float) -> None:
         """Takes what the client says arrived; counts that cannot be true do not move the rate."""
@@ -203,6 +208,7 @@ class ServerTransfer:
             self._sent_again[item] = now
 
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
+        self._left.note(self._sequence, symbol if kind == DATA else -1)
         if kind == DATA:
             return encode_data(self.session, self._sequence, symbol, self.program.packets[symbol])
         source = self.program.head if kind == SIDE else self.program.parity
@@ -259,9 +265,13 @@ class ServerTransfer:
             self._again_bytes += len(items) * symbol_bytes
             self._again.extendleft(items)
         left = self.program.resend_bytes - self._again_bytes - HEAD_SAFETY * missing * symbol_bytes
-        for index in frame.nacks:
+        for number in frame.nacks:
+            index = self._left.place(number, self._sequence)
             item = (DATA, 0, index)
-            if not self.program.resends(index) or item in self._waiting:
+            if index < 0 or not self.program.resends(index):
+                continue
+            if item in self._waiting:
+                self._left.answered(number)
                 continue
             if now - self._sent_again.get(item, -1e9) < wait:
                 continue
@@ -272,6 +282,7 @@ class ServerTransfer:
             self._again_bytes += size
             self._waiting.add(item)
             self._again.append(item)
+            self._left.answered(number)
 
     def _more_head(self, missing: int) -> list[tuple[int, int, int]]:
         """Symbols of all segments in turn, somewhat more of them than are missing unless bytes are counted.

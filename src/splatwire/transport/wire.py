@@ -10,6 +10,8 @@ import zlib
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.transport.frames import (
     DIGEST_BYTES,
@@ -33,6 +35,7 @@ from splatwire.transport.frames import (
     Request,
     Side,
     TierHead,
+    View,
     Welcome,
 )
 
@@ -41,14 +44,17 @@ MAX_DATAGRAM = 1200
 """No datagram is larger: every path carries that many bytes (RFC 9000, 14)."""
 HELLO_BYTES = MAX_DATAGRAM
 """A greeting is as large as the largest datagram, so that no answer to it is larger."""
-HELLO, CHALLENGE, REQUEST, WELCOME, SIDE, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE = range(1, 13)
+HELLO, CHALLENGE, REQUEST, WELCOME, SIDE, DATA, PARITY, FEEDBACK, BYE, REFUSE, END, HAVE, VIEW = range(1, 14)
 KINDS = (
     "", "hello", "challenge", "request", "welcome", "side", "data", "parity", "feedback", "bye", "refuse", "end",
-    "have",
+    "have", "view",
 )  # fmt: skip
-TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE))
+TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW))
 ON_STREAM = frozenset((REQUEST, WELCOME, REFUSE, SIDE))
 """What travels on the reliable stream where there is one (QUIC), each behind its size (u16)."""
+
+MAX_FOCAL, MAX_FAR, TURNED = 1e6, 1e12, 0.01
+"""Of a view: pixels, world units, and how far from a rotation its matrix may be."""
 
 _CRC = struct.Struct("<I")
 _HELLO = struct.Struct("<BQB")
@@ -62,6 +68,7 @@ _DATA = struct.Struct("<BIII")
 _PARITY = struct.Struct("<BIIHI")
 _FEEDBACK = struct.Struct("<BIIIIIH")
 _BYE = struct.Struct("<BI")
+_VIEW = struct.Struct("<BIIIHH13f")
 _REFUSE = struct.Struct("<BQB")
 _END = struct.Struct("<BII")
 _HAVE = struct.Struct("<BQIBI")
@@ -107,6 +114,8 @@ def encode(frame: Frame) -> bytes:
             return _closed(head + struct.pack(f"<{len(frame.nacks)}I", *frame.nacks))
         case Bye():
             return _closed(_BYE.pack(VERSION << 4 | BYE, *frame))
+        case View():
+            return _closed(_VIEW.pack(VERSION << 4 | VIEW, *frame[:-1], *frame.viewmat))
         case Refuse():
             return _closed(_REFUSE.pack(VERSION << 4 | REFUSE, *frame))
         case End():
@@ -118,7 +127,7 @@ def encode(frame: Frame) -> bytes:
 def kind_of(data: bytes) -> int:
     """Kind of a datagram, not checked further; 0 if it is none of ours."""
     kind = data[0] & 15 if data else 0
-    return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= HAVE else 0
+    return kind if data and data[0] >> 4 == VERSION and 1 <= kind <= VIEW else 0
 
 
 def decode(data: bytes) -> Frame:
@@ -220,6 +229,16 @@ def _symbol(body: bytes) -> tuple[Any, ...]:
     return (*fields, body[_SIDE.size :])
 
 
+def _view(body: bytes) -> View:
+    *fields, focal = _exactly(_VIEW, body)[:6]
+    rows = _VIEW.unpack(body)[7:]
+    turn = np.array(rows, dtype=np.float64).reshape(3, 4)
+    fine = np.isfinite(turn).all() and 0 < focal < MAX_FOCAL and min(fields[2:]) > 0 and np.abs(turn).max() < MAX_FAR
+    if not fine or np.abs(turn[:, :3] @ turn[:, :3].T - np.eye(3)).max() > TURNED:
+        raise BitstreamError("a view from nowhere")
+    return View._make([*fields, focal, rows])
+
+
 _DECODERS: dict[int, Callable[[bytes], Frame]] = {
     HELLO: _hello,
     CHALLENGE: lambda body: Challenge(*_exactly(_CHALLENGE, body)),
@@ -230,6 +249,7 @@ _DECODERS: dict[int, Callable[[bytes], Frame]] = {
     FEEDBACK: _feedback,
     BYE: lambda body: Bye(*_exactly(_BYE, body)),
     REFUSE: lambda body: Refuse(*_exactly(_REFUSE, body)),
+    VIEW: _view,
     END: lambda body: End(*_exactly(_END, body)),
     HAVE: _have,
 }

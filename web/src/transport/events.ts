@@ -1,5 +1,6 @@
 // What a way to a stream tells whoever opened it.
 
+import type { Look } from "../codec/levels/cut.ts";
 import type { Tiles } from "../codec/levels/tiles.ts";
 import type { Head } from "../packets/container.ts";
 
@@ -38,6 +39,10 @@ export interface Fetching {
 export interface Listener {
   /** What the view wants of a stream whose head came; none of one without levels, or where there is no view. */
   readonly fetching?: Fetching | null;
+  /** Where somebody looks from, a new object for each place; null before it is known, none where nobody looks. */
+  readonly looking?: Look | null;
+  /** All that they look at was sent. */
+  sawAll?(): void;
   preview(bytes: Uint8Array): void;
   /**
    * `file` has the bytes of the stream's file up to its first packet; `keep`: whether the file will be the same later.

@@ -1,5 +1,6 @@
 // Datagrams of the wire protocol, version 3 (docs/transport.md): those that a browser writes and reads.
 
+import type { Look } from "../codec/levels/cut.ts";
 import { crc32 } from "../packets/crc32.ts";
 
 const VERSION = 3;
@@ -11,7 +12,10 @@ export const REQUEST = 3,
   BYE = 9,
   REFUSE = 10,
   END = 11,
-  HAVE = 12;
+  HAVE = 12,
+  VIEW = 13;
+/** Added to the number of a datagram that is asked for again by it, not by the place of its packet. */
+export const BY_SEQUENCE = 2 ** 31;
 export const MAX_DATAGRAM = 1200,
   MAX_HEAD_BYTES = 2 ** 28,
   MAX_PACKETS = 2 ** 21;
@@ -50,6 +54,8 @@ export interface Welcome {
   readonly packetBytes: number;
   /** Packets that travel in the head. */
   readonly carried: number;
+  /** Whether what is looked at comes first, once the server is told: a last tier of 0 packets, 0 groups, 2 symbols. */
+  readonly viewable: boolean;
   readonly preview: Uint8Array;
 }
 
@@ -72,6 +78,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     packets: numbers.getUint32(59, true),
     packetBytes: numbers.getUint16(63, true),
     carried: numbers.getUint32(65, true),
+    viewable: numbers.getBigUint64(at - 8, true) === 2n << 48n,
     preview: bytes.slice(at + 2, at + 2 + size),
   };
   const fine =
@@ -126,6 +133,17 @@ export function writeHave(nonce: bigint, streamId: number, held: Uint8Array): Ui
       numbers.setUint32(14, 8 * first, true);
       bytes.set(part, 18);
     });
+  });
+}
+
+/** Where somebody looks from: `number` counts what is said of it. */
+export function writeView(session: number, number: number, look: Look, budget: number): Uint8Array {
+  return frame(VIEW, 68, (numbers) => {
+    const { viewmat, focal, width, height } = look;
+    [session, number, budget].forEach((value, n) => numbers.setUint32(1 + 4 * n, value, true));
+    [width, height].forEach((value, n) => numbers.setUint16(13 + 2 * n, Math.min(Math.round(value), 65535), true));
+    const rows = viewmat.slice(0, 3).flat();
+    [focal, ...rows].forEach((value, n) => numbers.setFloat32(17 + 4 * n, value, true));
   });
 }
 

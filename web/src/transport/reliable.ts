@@ -5,7 +5,8 @@ import type { Arrived, Listener } from "./events.ts";
 import type { Held, Rest } from "./held.ts";
 import { NoRanges, receiveTiles } from "./tiles.ts";
 
-const TELL_MS = 50,
+const PIECE = 1 << 16,
+  TELL_MS = 50,
   SILENCE_MS = 20_000;
 const WAY = "HTTP, in order and without loss";
 /** Bytes that come in order of a scene with levels, the coarsest first, before its view asks for what it wants. */
@@ -65,7 +66,7 @@ export async function receiveFile(url: string, listener: Listener, held: Held, h
     held.clear();
   }
   const aborted = new AbortController(),
-    answer = await fetch(url, { signal: aborted.signal });
+    answer = await fetch(url, { cache: "no-store", signal: aborted.signal }); // it may be cut: what came is kept here
   if (!answer.ok || !answer.body) throw new Refused(url, answer);
   const ended = await receiveStream(answer, aborted, listener, {
     ...whole(answer),
@@ -105,7 +106,8 @@ async function receiveStream(
     told = head !== null,
     toldAt = 0,
     waiting: Arrived[] = [],
-    tail = rest?.tail ?? new Uint8Array();
+    tail = rest?.tail ?? new Uint8Array(),
+    unread = new Uint8Array();
   let timer: ReturnType<typeof setTimeout> | undefined;
   const tell = (): void => {
     clearTimeout(timer);
@@ -121,16 +123,23 @@ async function receiveStream(
     toldAt = performance.now();
   };
   for (;;) {
-    const { value, done } = await timely(reader.read(), aborted).catch((error: unknown) => {
-      tell(); // what came before it broke is there
-      throw error;
-    });
-    if (done || container.broken || listener.stopped()) break;
-    bytes += value.length;
-    const again = Math.min(tail.length, value.length);
-    for (let n = 0; n < again; n++) if (value[n] !== tail[n]) throw new Changed();
+    const value = unread.length
+      ? unread
+      : await timely(reader.read(), aborted).then(
+          ({ value }) => value,
+          (error: unknown) => {
+            tell(); // what came before it broke is there
+            throw error;
+          },
+        );
+    if (!value || container.broken || listener.stopped()) break;
+    const piece = value.subarray(0, PIECE), // a browser hands over all that waited for a busy thread
+      again = Math.min(tail.length, piece.length);
+    unread = value.subarray(PIECE);
+    bytes += piece.length;
+    for (let n = 0; n < again; n++) if (piece[n] !== tail[n]) throw new Changed();
     tail = tail.subarray(again);
-    const found = container.feed(value.subarray(again)).map((packet, n) => ({ place: place + n, bytes: packet }));
+    const found = container.feed(piece.subarray(again)).map((packet, n) => ({ place: place + n, bytes: packet }));
     place += found.length;
     waiting = waiting.concat(found);
     if ((container.head && !told) || performance.now() - toldAt > TELL_MS) tell();

@@ -67,6 +67,7 @@ export async function receiveTiles(
     if (view.wanted.some((tile) => tile >= run.first && tile < run.end)) throw new Error("a tile is damaged");
   };
   try {
+    await view.taken();
     while (!listener.stopped() && view.packets < expected) {
       const run = busy.size < AT_ONCE ? nextRun(view, asked, most) : null;
       if (run) start(run);

@@ -3,11 +3,13 @@
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { hex } from "../bytes.ts";
+import type { Look } from "../codec/levels/cut.ts";
 import { checkHead, fileHead, type Head } from "../packets/container.ts";
 import { readManifest } from "../packets/manifest.ts";
 import { readPacket } from "../packets/packet.ts";
 import type { Arrived } from "./events.ts";
 import {
+  BY_SEQUENCE,
   DATA,
   END,
   kindOf,
@@ -21,6 +23,7 @@ import {
   writeFeedback,
   writeHave,
   writeRequest,
+  writeView,
 } from "./frames.ts";
 
 const REFUSALS = [
@@ -35,7 +38,9 @@ const AGAIN_MS = 120,
   MOST_EARLY = 64,
   MOST_NACKS = 250,
   MOST_AHEAD = 2 ** 17,
-  ENDS_IN_VAIN = 25;
+  ENDS_IN_VAIN = 25,
+  MOST_GAPS = 4096,
+  TRIES = 8;
 
 /** What there is of a stream from before. */
 export interface Before {
@@ -65,7 +70,12 @@ export class Transfer {
   #largestAt: number;
   #highest = -1;
   #lowest = 0;
-  #ended = false;
+  /** Whether everything was sent, or all that somebody looks at, as far as the server knows where. */
+  ended = false;
+  /** Where somebody looks from was said: what comes is what they see, and asked for again by its number. */
+  viewing = false;
+  readonly #gaps = new Map<number, number>();
+  #said = 0;
   #endsInVain = 0;
   /** What overtook the welcome. */
   #early: Uint8Array[] = [];
@@ -126,12 +136,14 @@ export class Transfer {
     const sequence = viewOf(bytes).getUint32(5, true);
     if (sequence > this.#largest + MOST_AHEAD) return void this.counts.rejected++;
     this.counts.datagrams++;
+    if (this.welcome.viewable) this.#count(sequence);
     if (sequence > this.#largest) [this.#largest, this.#largestAt] = [sequence, now];
     if (kind === END) {
-      this.#ended = true;
+      this.ended = true;
       this.#endsInVain++;
     } else {
       this.#endsInVain = 0;
+      if (this.viewing) this.ended = false;
       const place = viewOf(bytes).getUint32(9, true);
       this.#take(place, bytes.slice(13));
       if (this.#there[place]) this.#highest = Math.max(this.#highest, place);
@@ -139,10 +151,47 @@ export class Transfer {
     this.#look();
   }
 
-  feedback(now: number): Uint8Array {
-    const { session, packets, carried } = this.welcome!,
+  /** Tells where somebody looks from. */
+  view(look: Look, budget: number): Uint8Array {
+    this.viewing = true;
+    return writeView(this.welcome!.session, ++this.#said, look, budget);
+  }
+
+  /** Notes which numbers before this one did not come. */
+  #count(sequence: number): void {
+    this.#gaps.delete(sequence);
+    for (let n = Math.max(this.#largest + 1, sequence - MOST_GAPS); n < sequence; n++) this.#gaps.set(n, 0);
+    for (const old of this.#gaps.keys()) {
+      if (this.#gaps.size <= MOST_GAPS) break;
+      this.#gaps.delete(old);
+    }
+  }
+
+  /** Numbers that did not come; each is asked for a few times, since nobody hears whether a question came. */
+  #lostNumbers(now: number): number[] {
+    const before = this.ended ? this.#largest : this.#largest - REORDER,
       lost: number[] = [];
-    const stop = this.#ended ? packets : this.#highest + 1 - REORDER;
+    for (const [number, times] of this.#gaps) {
+      if (number > before || lost.length === MOST_NACKS) break;
+      const asked = BY_SEQUENCE + number;
+      if (now - (this.#asked.get(asked) ?? -1e9) < AGAIN_MS) continue;
+      if (times === TRIES) {
+        this.#gaps.delete(number);
+        this.#asked.delete(asked);
+        continue;
+      }
+      this.#gaps.set(number, times + 1);
+      this.#asked.set(asked, now);
+      lost.push(asked);
+    }
+    return lost;
+  }
+
+  /** Places of packets that should have come. */
+  #lostPlaces(now: number): number[] {
+    const { packets, carried } = this.welcome!,
+      lost: number[] = [];
+    const stop = this.ended ? packets : this.#highest + 1 - REORDER;
     while (this.#lowest < packets && this.#there[this.#lowest]) this.#lowest++;
     for (
       let place = this.head ? this.#lowest : Math.max(carried, this.#lowest);
@@ -153,13 +202,17 @@ export class Transfer {
       this.#asked.set(place, now);
       lost.push(place);
     }
+    return lost;
+  }
+
+  feedback(now: number): Uint8Array {
     return writeFeedback({
-      session,
+      session: this.welcome!.session,
       largest: Math.max(this.#largest, 0),
       received: Math.min(this.counts.datagrams, this.#largest + 1),
       clock: Math.round(this.#largestAt * 1000),
       symbolsMissing: this.head ? 0 : this.numSymbols - this.headSymbols,
-      lost,
+      lost: this.viewing ? this.#lostNumbers(now) : this.#lostPlaces(now),
     });
   }
 
@@ -245,6 +298,6 @@ export class Transfer {
   #look(): void {
     if (!this.head) return;
     if (this.counts.packets === this.welcome!.packets) this.finished = "complete";
-    else if (this.#endsInVain >= ENDS_IN_VAIN) this.finished = "sent";
+    else if (!this.viewing && this.#endsInVain >= ENDS_IN_VAIN) this.finished = "sent";
   }
 }

@@ -1,5 +1,6 @@
 // WebTransport: side information on a reliable stream, packets as datagrams; lost ones are asked for again.
 
+import { BUDGET, type Look } from "../codec/levels/cut.ts";
 import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
 import { type Before, Transfer } from "./transfer.ts";
@@ -7,6 +8,22 @@ import { type Before, Transfer } from "./transfer.ts";
 const FEEDBACK_MS = 20,
   PATIENCE_MS = 4000,
   SILENCE_MS = 10000;
+/** A view is not told sooner after another one, and so often at once; then again, since it may be lost. */
+const VIEW_MS = 100,
+  TWICE = 2,
+  VIEW_AGAIN_MS = 1000,
+  IDLE_MS = 1000;
+/** With a budget of nothing: what comes in any case comes, and then nothing until it is known what is looked at. */
+const NOWHERE: Look = {
+  viewmat: [
+    [1, 0, 0, 0],
+    [0, 1, 0, 0],
+    [0, 0, 1, 0],
+  ],
+  focal: 1,
+  width: 1,
+  height: 1,
+};
 /** Datagrams that wait for a thread that is busy; a browser throws away what is beyond. */
 const MOST_WAITING = 1024;
 /** When handshakes begin, as long as none has come about. */
@@ -68,14 +85,18 @@ export async function receiveDatagrams(
     heardAt = performance.now();
     transfer.receive(bytes, heardAt);
   }).catch(end);
-  const progress = new Progress(transfer, listener, changed);
+  const progress = new Progress(transfer, listener, changed),
+    looker = new Looker(transfer, listener);
   while (!transfer.finished) {
     await new Promise((resolve) => setTimeout(resolve, FEEDBACK_MS));
     const now = performance.now();
     if (listener.stopped()) transfer.finished = "stopped";
     else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
-    else datagrams.write(transfer.welcome ? transfer.feedback(now) : request).catch(() => undefined);
-    progress.tell();
+    else
+      for (const bytes of transfer.welcome ? looker.says(now) : [request])
+        datagrams.write(bytes).catch(() => undefined);
+    if (!looker.seen) progress.tell();
+    looker.look(now);
   }
   progress.tell();
   if (transfer.welcome) for (let n = 0; n < 3; n++) await datagrams.write(transfer.bye()).catch(() => undefined);
@@ -83,6 +104,50 @@ export async function receiveDatagrams(
   if (transfer.headMs === null && !transfer.goesOn && transfer.finished !== "stopped")
     throw new Error(transfer.finished);
   return transfer.finished;
+}
+
+/** Says where somebody looks from, and what came; little once all of that is there. */
+class Looker {
+  #looking: Look | null = null;
+  #times = 0;
+  #toldAt = -Infinity;
+  #reportedAt = -Infinity;
+  #seenAt = Infinity;
+
+  constructor(
+    readonly transfer: Transfer,
+    readonly listener: Listener,
+  ) {}
+
+  /** Whether all that somebody looks at came. */
+  get seen(): boolean {
+    return this.#seenAt < Infinity;
+  }
+
+  look(now: number): void {
+    const seen = this.transfer.ended && this.transfer.viewing;
+    if (seen && !this.seen) this.listener.sawAll?.();
+    this.#seenAt = seen ? Math.min(this.#seenAt, now) : Infinity;
+  }
+
+  says(now: number): Uint8Array[] {
+    const { transfer } = this,
+      looks = transfer.welcome!.viewable && this.listener.looking !== undefined,
+      looking = looks ? (this.listener.looking ?? NOWHERE) : null,
+      said: Uint8Array[] = [];
+    if (looking !== this.#looking) this.#times = 0;
+    if (looking && now - this.#toldAt >= (this.#times < TWICE ? VIEW_MS : VIEW_AGAIN_MS)) {
+      said.push(transfer.view(looking, looking === NOWHERE ? 1 : BUDGET));
+      this.#toldAt = now;
+      this.#times++;
+      this.#looking = looking;
+    }
+    if (now - this.#reportedAt >= (now - this.#seenAt > IDLE_MS ? IDLE_MS / 2 : 0)) {
+      said.push(transfer.feedback(now));
+      this.#reportedAt = now;
+    }
+    return said;
+  }
 }
 
 /** Tells what is new: the preview once, the head once, packets as they come. */

@@ -1,0 +1,62 @@
+"""What arrived of a stream so far, as whoever receives it asks for it."""
+
+from splatwire.packets import Manifest, ReadReport, SceneStream
+from splatwire.transport.collect import HeadCollector, PacketCollector
+from splatwire.transport.events import Finished
+from splatwire.transport.frames import Welcome
+
+
+class Arrived:
+    """What is there.
+
+    Attributes:
+        finished: How it ended; None before.
+        num_datagrams: Datagrams of the transfer that came.
+        num_rejected: Others.
+        num_bytes: Bytes of all that could be read.
+    """
+
+    def __init__(self) -> None:
+        self.finished: Finished | None = None
+        self.num_datagrams = self.num_rejected = self.num_bytes = 0
+        self._welcome: Welcome | None = None
+        self._head: HeadCollector | None = None
+        self._collector: PacketCollector | None = None
+        self._manifest: Manifest | None = None
+        self._side_info = b""
+
+    @property
+    def welcome(self) -> Welcome | None:
+        """What the server declared, once it did."""
+        return self._welcome
+
+    @property
+    def preview(self) -> bytes:
+        """What the welcome shows of the scene, as it came; empty before it, and where there is none."""
+        return self._welcome.preview if self._welcome else b""
+
+    @property
+    def collector(self) -> PacketCollector | None:
+        """The packets so far."""
+        return self._collector
+
+    def stream(self) -> SceneStream | None:
+        """What is there by now; None as long as side information is missing."""
+        if self._manifest is None or self._collector is None:
+            return None
+        return SceneStream(self._manifest, self._side_info, self._collector.packets)
+
+    def report(self) -> ReadReport | None:
+        """Counts of the packets; None as long as side information is missing."""
+        intake = self._collector.intake if self._collector else None
+        return intake.report() if intake else None
+
+    def lacking(self) -> str:
+        """What is missing, in words; empty before the server declared what there is."""
+        if self._welcome is None or self._collector is None:
+            return ""
+        packets = f"{self._collector.num_packets} of {self._welcome.num_packets} packets arrived"
+        if self._head is None:
+            return packets
+        missing, total = self._head.num_missing, self._head.num_symbols
+        return f"of the side information at least {missing} of {total} pieces are missing; {packets}"
