@@ -83,11 +83,14 @@ def print_clip_rows(content: dict[str, Any], title: str) -> None:
 
     from splatwire.clips.report import HEADINGS, cells
 
-    table = Table(title=f"{title}, from the second group on", title_justify="left")
-    for number, name in enumerate(HEADINGS):
-        table.add_column(name, justify="left" if number < 2 else "right")
+    under = "".join(f" under {loss}" for loss in {row["loss"] for row in content["rows"]} - {None, "none"})
+    later = ", from the second group on" if content["frames"] > content["group_frames"] else ""
+    table = Table(title=f"{title}{under}{later}", title_justify="left")
+    shown = [number for number, name in enumerate(HEADINGS) if name != "loss"]  # it is in the title
+    for number in shown:
+        table.add_column(HEADINGS[number], justify="left" if number == 0 else "right")
     for row in content["rows"]:
-        table.add_row(*cells(row))
+        table.add_row(*(cells(row)[number] for number in shown))
     Console().print(table)
 
 
