@@ -137,9 +137,9 @@ def test_a_stream_is_compared_with_its_source_under_the_same_losses_for_all(run,
 
 def test_what_no_view_would_miss_is_left_out(run, ply, tmp_path):
     done = run("encode", ply, "-o", tmp_path / "half.swz", "--keep", "0.5", "--tiers", "0.1", "--json")
-    assert done.json["num_anchors"] == COUNT // 2
+    assert done.json["num_elements"] == COUNT // 2
     assert 20 < done.json["kept_psnr"] < 100
-    assert [tier["num_anchors"] for tier in done.json["tiers"].values()] == [COUNT // 20, COUNT // 2 - COUNT // 20]
+    assert [tier["num_elements"] for tier in done.json["tiers"].values()] == [COUNT // 20, COUNT // 2 - COUNT // 20]
     assert run("decode", tmp_path / "half.swz", "-o", tmp_path / "half.ply").status == 0
     kept, all_of_them = read_splats(tmp_path / "half.ply"), read_splats(ply)
     assert float(kept.opacities.mean()) > float(all_of_them.opacities.mean())

@@ -34,7 +34,7 @@ def test_every_verb_leaves_out_the_same_and_says_it_once(run, broken, tmp_path):
         done = run(*words)
         assert done.status == 0, words
         assert [line for line in done.err.splitlines() if line.startswith("splatwire:")] == told, words
-    assert run("inspect", tmp_path / "a.swz", "--json").json["num_anchors"] == 56
+    assert run("inspect", tmp_path / "a.swz", "--json").json["num_elements"] == 56
 
 
 def test_nothing_left_is_one_clear_error(run, tmp_path):

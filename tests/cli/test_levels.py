@@ -28,7 +28,7 @@ def test_levels_are_made_told_and_concealed(scene, tmp_path, run):
     assert run("decode", lossy, "-o", out, "--conceal", "drop").status == 0
     assert 0 < json.loads(run("inspect", out, "--json").out)["num_gaussians"] < kept
     assert run("encode", stream, "-o", lossy).status == 0
-    assert json.loads(run("inspect", lossy, "--json").out)["num_anchors"] == 900
+    assert json.loads(run("inspect", lossy, "--json").out)["num_elements"] == 900
 
 
 def test_levels_are_tiers_themselves(scene, tmp_path, run):

@@ -18,7 +18,7 @@ ROW_KEYS = {"method", "psnr", "ssim", "lpips", "seconds", "num_bytes"}
 def test_encode_counts_every_byte(run, journey, tmp_path):
     content = run("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--json").json
     assert content["num_bytes"] == (tmp_path / "a.swz").stat().st_size == sum(content["parts"].values())
-    assert content["num_anchors"] == 240
+    assert content["num_elements"] == 240
     assert content["num_packets"] == len(read_stream(tmp_path / "a.swz")[0].packets)
 
 
@@ -63,7 +63,7 @@ def test_encode_fits_the_context_model_again(run, journey, tmp_path):
 def test_encode_gives_important_anchors_packets_of_their_own(run, journey, tmp_path, preset):
     words = ("encode", journey / "tiny.scene", "-o", tmp_path / "a.swz", "--preset", preset, "--tiers", 0.1, 0.2)
     content = run(*words, "--json").json
-    assert [tier["num_anchors"] for tier in content["tiers"].values()] == [24, 48, 168]
+    assert [tier["num_elements"] for tier in content["tiers"].values()] == [24, 48, 168]
     inspected = run("inspect", tmp_path / "a.swz", "--json").json
     assert inspected["tiers"] == content["tiers"]
     assert inspected["side_info_parts"]["tiers"] > 0
@@ -87,7 +87,7 @@ def test_inspect_stream(run, journey):
     content = run("inspect", journey / "tiny.swz", "--json").json
     assert content["kind"] == "stream"
     assert content["num_bytes"] == (journey / "tiny.swz").stat().st_size == sum(content["parts"].values())
-    assert content["num_anchors"] == 240
+    assert content["num_elements"] == 240
     assert content["num_packets"] == content["num_packets_expected"] == 32
     assert sum(content["side_info_parts"].values()) == content["parts"]["side_info"]
 
@@ -134,7 +134,7 @@ def test_decode_without_loss_gives_the_scene_back(run, journey, tmp_path):
 
 def test_a_decoded_scene_without_gaps_can_be_encoded_again(run, journey, tmp_path, capsys):
     run("decode", journey / "tiny.swz", "-o", tmp_path / "a.scene")
-    assert run("encode", tmp_path / "a.scene", "-o", tmp_path / "a.swz", "--json").json["num_anchors"] == 240
+    assert run("encode", tmp_path / "a.scene", "-o", tmp_path / "a.swz", "--json").json["num_elements"] == 240
     run("decode", journey / "lossy.swz", "-o", tmp_path / "b.scene")
     with pytest.raises(SystemExit) as stopped:
         main(["encode", str(tmp_path / "b.scene"), "-o", str(tmp_path / "b.swz")])

@@ -134,7 +134,7 @@ def test_tiers_round_trip(numbers, packetization, loss, seed):
     assert again == arrived
     assert report.num_received == len(arrived.packets)
     sizes = measure_sizes(arrived)
-    assert sum(tier["num_anchors"] for tier in sizes.tiers.values()) == (len(tiers) if sizes.tiers else 0)
+    assert sum(tier["num_elements"] for tier in sizes.tiers.values()) == (len(tiers) if sizes.tiers else 0)
     if sizes.tiers:
         assert sum(tier["packet_bytes"] for tier in sizes.tiers.values()) == sum(p.num_bytes for p in arrived.packets)
 

@@ -64,4 +64,6 @@ def test_an_spz_says_it(tmp_path: Path) -> None:
     struct.pack_into("<B", data, 14, 1)
     path.write_bytes(gzip.compress(bytes(data)))
     assert is_antialiased(path)
-    assert open_scene(path).antialiased
+    scene = open_scene(path)
+    assert isinstance(scene, SplatScene)
+    assert scene.antialiased

@@ -195,7 +195,7 @@ class Encode:
                     "num_bytes": stream.num_bytes,
                     "parts": stream.parts(),
                     "num_packets": len(stream.packets),
-                    "num_anchors": stream.manifest.num_anchors,
+                    "num_elements": stream.manifest.num_anchors,
                     "tiers": measure_sizes(stream).tiers,
                     "kept_psnr": kept_psnr,
                     "seconds": seconds,

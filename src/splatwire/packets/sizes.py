@@ -14,23 +14,23 @@ class StreamSizes:
     Attributes:
         num_bytes: Everything, as one file.
         parts: Bytes by part; they add up to `num_bytes`.
-        num_anchors: Anchors of the complete scene.
+        num_elements: Elements of the complete scene.
         num_packets: Packets that are there.
         packet_min: Smallest packet; 0 if there is none.
         packet_median: Median packet.
         packet_max: Largest packet.
-        bytes_per_anchor: `num_bytes` over `num_anchors`; 0 for an empty scene.
-        tiers: For each tier, if there are several: its anchors and lanes, and number and bytes of its packets.
+        bytes_per_element: `num_bytes` over `num_elements`; 0 for an empty scene.
+        tiers: For each tier, if there are several: its elements and lanes, and number and bytes of its packets.
     """
 
     num_bytes: int
     parts: dict[str, int]
-    num_anchors: int
+    num_elements: int
     num_packets: int
     packet_min: int
     packet_median: float
     packet_max: int
-    bytes_per_anchor: float
+    bytes_per_element: float
     tiers: dict[str, dict[str, int]] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
@@ -41,16 +41,16 @@ class StreamSizes:
 def measure_sizes(stream: SceneStream) -> StreamSizes:
     """Counts the bytes of a stream."""
     sizes = [packet.num_bytes for packet in stream.packets] or [0]
-    num_anchors = stream.manifest.num_anchors
+    num_elements = stream.manifest.num_anchors
     return StreamSizes(
         num_bytes=stream.num_bytes,
         parts=stream.parts(),
-        num_anchors=num_anchors,
+        num_elements=num_elements,
         num_packets=len(stream.packets),
         packet_min=min(sizes),
         packet_median=float(statistics.median(sizes)),
         packet_max=max(sizes),
-        bytes_per_anchor=stream.num_bytes / num_anchors if num_anchors else 0.0,
+        bytes_per_element=stream.num_bytes / num_elements if num_elements else 0.0,
         tiers=_by_tier(stream),
     )
 
@@ -58,7 +58,7 @@ def measure_sizes(stream: SceneStream) -> StreamSizes:
 def _by_tier(stream: SceneStream) -> dict[str, dict[str, int]]:
     plan = stream.manifest.plan
     tiers = [
-        {"num_anchors": shape.num_anchors, "lanes": shape.lanes, "num_packets": 0, "packet_bytes": 0}
+        {"num_elements": shape.num_anchors, "lanes": shape.lanes, "num_packets": 0, "packet_bytes": 0}
         for shape in plan.tiers
     ]
     for packet in stream.packets if tiers else ():
