@@ -145,11 +145,9 @@ def test_views_are_what_they_were():
 @pytest.mark.parametrize("field", ["focal", "viewmat", "width", "budget"])
 def test_views_from_nowhere_are_refused(field):
     good = view(FAR)
-    bad: Sequence[object] | None = {
-        "focal": [0.0, -1.0, float("nan"), float("inf"), 1e7],
-        "width": [0],
-        "budget": [0],
-    }.get(field)
+    numbers: dict[str, Sequence[object]] = {
+        "focal": [0.0, -1.0, float("nan"), float("inf"), 1e7], "width": [0], "budget": [0],
+    }  # fmt: skip
     rows = [tuple(value if n == place else x for n, x in enumerate(good.viewmat))
             for place in range(12) for value in (float("nan"), float("inf"), -1e30)]  # fmt: skip
     for value in numbers.get(field) or [*rows, (0.0,) * 12, (2.0, 0, 0, 0, 0, 2.0, 0, 0, 0, 0, 2.0, 0)]:
