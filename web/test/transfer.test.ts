@@ -47,6 +47,7 @@ test("frames are Python's", { skip: expected === null && "EXPECTED names no answ
     packets: 12,
     packetBytes: 1150,
     carried: 4,
+    viewable: false,
   });
   assert.equal(Buffer.from(preview).toString(), "preview");
   assert.equal(digest.length, 32);
