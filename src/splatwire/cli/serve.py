@@ -280,10 +280,13 @@ def program_of(stream: "SceneStream", protection: "Protection") -> "Program":
     Raises:
         InvalidValueError: If it is incomplete, or its packets do not fit datagrams.
     """
-    from splatwire.clips.worth import worth_of_stream
     from splatwire.transport import make_program
     from splatwire.transport.preview import stream_preview
 
-    worth = worth_of_stream(stream) if any(share < 1 for share, _ in protection.motion) else None
+    worth = None
+    if any(share < 1 for share, _ in protection.motion):  # what a relay without torch is not asked for
+        from splatwire.clips.worth import worth_of_stream
+
+        worth = worth_of_stream(stream)
     preview = stream_preview(stream.side_info, stream.manifest.codec)
     return make_program(stream, protection, preview=preview, worth=worth)
