@@ -1,6 +1,6 @@
 """A scene of ten million Gaussians: written, encoded with levels, and what that took.
 
-    python benchmarks/large.py $SPLATWIRE_DATA/splats/tandt_truck_opensplat_116k.splat -o /var/tmp/large > large.json
+    python benchmarks/large.py $SPLATWIRE_DATA/splats/tandt_truck_opensplat_116k.splat -o out/large > large.json
 
 The scene is copied to a square until there are so many, and written as PLY (68 bytes a Gaussian) copy by copy. Memory
 is what `splatwire encode` holds of its own (`RssAnon` of /proc), sampled ten times a second, and all that is resident
