@@ -2,6 +2,7 @@
 
 import heapq
 import random
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -101,6 +102,22 @@ def bursts(rate: float, mean: float, rng: random.Random) -> Callable[[], bool]:
         return now
 
     return lost
+
+
+def at_most(lost: Callable[[], bool], seconds: float) -> Callable[[], bool]:
+    """The same losses on a real path, where time ends a burst too: senders that wait longer and longer would not."""
+    since: list[float] = []
+
+    def brief() -> bool:
+        now = time.monotonic()
+        while lost():
+            since[:] = since or [now]
+            if now - since[0] < seconds:
+                return True
+        since.clear()
+        return False
+
+    return brief
 
 
 def transfer(

@@ -14,7 +14,7 @@ from splatwire.transport.address import DEFAULT_PORT, Address, parse_url
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import PageContent
 from splatwire.transport.udp import UdpServer, receive_udp
-from transport.network import OopsError, bernoulli, bursts, datagram_stream, oops
+from transport.network import OopsError, at_most, bernoulli, bursts, datagram_stream, oops
 from transport.relay import Relay
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -53,7 +53,7 @@ def test_a_stream_crosses_loopback():
 def test_a_stream_crosses_a_lossy_relay(kind):
     async def work() -> None:
         rng = random.Random(1)
-        lost = bernoulli(0.2, rng) if kind == "random" else bursts(0.2, 20, rng)
+        lost = bernoulli(0.2, rng) if kind == "random" else at_most(bursts(0.2, 20, rng), 0.3)
         server = served(STREAM)
         relay = Relay(server.port, lost, bernoulli(0.2, rng), delay_s=0.005)
         try:
