@@ -1,5 +1,6 @@
 """One machine among many clients: how many places, starts and answers it gets, whatever ports and tokens it uses."""
 
+import asyncio
 import random
 import tracemalloc
 from collections import Counter
@@ -7,7 +8,7 @@ from collections import Counter
 import pytest
 
 from splatwire.transport import Server, ServerLimits, make_program
-from splatwire.transport.admission import MOST_NETWORKS, WINDOW_S, Starts, network_of
+from splatwire.transport.admission import MOST_NETWORKS, WINDOW_S, Places, Starts, greediest, makes_room, network_of
 from splatwire.transport.frames import Bye, Challenge, Feedback, Hello, Refuse, Request, Welcome
 from splatwire.transport.sender import STARTS, TOO_MANY
 from splatwire.transport.transfer import MOST_WELCOMES, WELCOME_S
@@ -45,7 +46,7 @@ def test_a_network_is_an_ipv4_address_or_a_prefix_of_ipv6():
     assert alike("fe80::1%eth0", "fe80::2%eth0")
     assert not alike("2001:db8::1", "2001:db8:0:1::1")
     assert not alike("::1", "127.0.0.1")
-    assert [network_of(address) for address in ("client", 7, ("pipe", 1), ())] == ["client", 7, "pipe", ()]
+    assert [network_of(address) for address in ("client", 7, ("pipe", 1), ())] == [("client",), (7,), ("pipe",), ((),)]
 
 
 @pytest.mark.parametrize("host", ["192.0.2.{}", "2001:db8::{}"])
@@ -63,6 +64,59 @@ def test_all_networks_together_get_no_more_places_than_there_are():
     serving = server()
     answers = [begin(serving, (f"192.0.2.{n}", 1), n, 0.0) for n in range(100)]
     assert sum(isinstance(answer, Welcome) for answer in answers) == serving.num_transfers == 64
+
+
+@pytest.mark.parametrize("hosts", ["192.0.2.{0}", "2001:db8:0:{0:x}::1", "2001:db8:{0:x}::1"])
+def test_whoever_has_many_networks_makes_room_for_others(hosts: str):
+    """One place for each of many addresses of a /24, a /48 or a /32 that somebody has to himself."""
+    serving = server(ServerLimits(sessions=64, per_network=4, silence_s=1e9))
+    theirs = [(hosts.format(n), n) for n in range(1, 200)]
+    assert sum(isinstance(begin(serving, here, here[1], 0.0), Welcome) for here in theirs) == 64
+    for n, host in enumerate(["198.51.100.1", "2001:db9::1", "198.51.100.2", "203.0.113.1"] * 4):
+        assert isinstance(begin(serving, (host, n), 1000 + n, 1.0), Welcome), host
+    assert serving.num_transfers == 64
+    assert isinstance(begin(serving, theirs[-1], 5000, 1.0), Refuse)
+    assert sum(address in theirs for address, _ in serving._transfers) == 48
+
+
+def test_places_are_shared_between_wide_networks_then_within_them():
+    one, two, three = ((("a", 1), ("a", 1, n)) for n in range(3))
+    other, alone = (("b", 1), ("b", 1, 1)), (("c", 1), ("c", 1, 1))
+    held = {one: 3, two: 2, other: 4}
+    assert makes_room(held, alone) == one, "of the wide network that holds five the fullest"
+    assert makes_room(held, three) == one, "within its own wide network"
+    assert makes_room(held, two) is None
+    assert makes_room({one: 1, two: 1, other: 1}, alone) == one, "they share a wide network"
+    assert makes_room({one: 1, other: 1}, alone) is None
+    assert makes_room({one: 1, two: 1, other: 2}, other) is None
+    assert greediest(held) == one
+    assert makes_room({}, alone) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whoever_holds_fewer_than_a_fair_share_gets_a_place(seed: int):
+    """Connections of random networks come and go; an honest one of a network of its own is never turned away."""
+
+    class Connection(asyncio.WriteTransport):
+        open = True
+
+        def abort(self) -> None:
+            self.open = False
+
+    rng, places, there = random.Random(seed), Places(32, per_network=8), []
+    for _ in range(3000):
+        if there and rng.random() < 0.3:
+            places.leave(*there.pop(rng.randrange(len(there))))
+        network = network_of((f"2001:db8:{rng.randrange(3):x}:{rng.randrange(200):x}::1", 1))
+        connection = Connection()
+        if places.take(network, connection):
+            there.append((network, connection))
+        there = [(network, connection) for network, connection in there if connection.open]
+        assert len(places) == len(there) <= 32
+        honest, mine = network_of(("198.51.100.7", 1)), Connection()
+        assert places.take(honest, mine)
+        places.leave(honest, mine)
+        there = [(network, connection) for network, connection in there if connection.open]
 
 
 def test_a_token_begins_one_transfer():
@@ -126,10 +180,10 @@ def test_the_starts_of_many_networks_take_bounded_memory():
     for n in range(3 * MOST_NETWORKS):
         if n == 2 * MOST_NETWORKS:
             tracemalloc.start()
-        starts.note(n, n, 0.0)
+        starts.note((n,), n, 0.0)
     assert tracemalloc.get_traced_memory()[0] < 1_000 * MOST_NETWORKS
     tracemalloc.stop()
-    assert [starts.seen(n, n) for n in (0, 3 * MOST_NETWORKS - 1)] == [False, True]
+    assert [starts.seen((n,), n) for n in (0, 3 * MOST_NETWORKS - 1)] == [False, True]
     assert len(starts._networks) == MOST_NETWORKS
 
 

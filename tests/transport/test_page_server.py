@@ -196,6 +196,21 @@ def test_networks_that_hold_all_places_make_room_for_others():
     run(work())
 
 
+def test_many_networks_of_one_provider_make_room_for_others():
+    """Each slow reader has an address of its own in one /24, so that no network has more than a stranger."""
+
+    async def work() -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            server = await stack.enter_async_context(PageServer(CONTENT, limits=replace(PATIENT, places=36)))
+            for network in range(40):
+                await stack.enter_async_context(clients(server.port, 1, BIG, f"127.0.1.{network + 1}"))
+            await until(lambda: len(server._places) == 36)
+            for _ in range(34):
+                assert (await asked(server.port)).startswith(b"HTTP/1.1 200")
+
+    run(work())
+
+
 def peeked(client: socket.socket) -> bytes:
     try:
         return client.recv(100, socket.MSG_PEEK)

@@ -21,6 +21,7 @@ from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
 
 from splatwire.errors import BitstreamError
+from splatwire.transport import quic_server
 from splatwire.transport.quic import ALPN, WEBTRANSPORT_PATH, FrameReader, QuicLimits, configuration, stream_frame
 from splatwire.transport.quic_server import GREETINGS
 from splatwire.transport.quic_sessions import HELD
@@ -175,6 +176,31 @@ def test_an_address_that_shows_nothing_gets_little(busy):
             assert len(server.connections) == (not busy)
             if busy:
                 await still_serves(server.port)
+
+    run(work())
+
+
+@pytest.mark.parametrize("others", [4, 24])
+def test_many_networks_of_one_provider_make_room_for_others(others: int, monkeypatch: pytest.MonkeyPatch):
+    """All places are held by clients of one wide network, each of a network of its own: they make room.
+
+    With 24 of them no more handshake would begin.
+    """
+    known: dict[Any, Any] = {}
+    networks = iter([*((("wide",), ("wide", n)) for n in range(others)), (("other",), ("other", 1))])
+    monkeypatch.setattr(
+        quic_server, "network_of", lambda address: known.get(address) or known.setdefault(address, next(networks))
+    )
+    monkeypatch.setattr(quic_server, "GREETING_S", 60.0)
+
+    async def work() -> None:
+        async with serving() as server:
+            server.limits = QuicLimits(connections=others)
+            held = [await connected(server.port, ALPN) for _ in range(others)]
+            server.limits = QuicLimits(connections=4)
+            await still_serves(server.port)
+            await until(lambda: sum(client.ended is not None for client in held) == others - 3)
+            await hang_up(*held)
 
     run(work())
 

@@ -169,3 +169,14 @@ def _register_rate_control() -> None:
             pass
 
     register_congestion_control(RATE_CONTROL, Bounded)
+
+
+def has_token(data: bytes) -> bool:
+    """Whether a packet with a long header shows what an earlier Retry gave."""
+    from aioquic.buffer import Buffer
+    from aioquic.quic.packet import pull_quic_header
+
+    try:
+        return bool(pull_quic_header(Buffer(data=data)).token)
+    except ValueError:
+        return False

@@ -8,13 +8,11 @@ from typing import Any
 
 from aioquic.asyncio.protocol import QuicConnectionProtocol
 from aioquic.asyncio.server import QuicServer as AioquicServer
-from aioquic.buffer import Buffer
 from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
-from aioquic.quic.packet import pull_quic_header
 from aioquic.quic.retry import QuicRetryTokenHandler
 
-from splatwire.transport.admission import network_of
+from splatwire.transport.admission import Network, makes_room, network_of
 from splatwire.transport.certificate import Identity
 from splatwire.transport.program import Program
 from splatwire.transport.quic import (
@@ -26,6 +24,7 @@ from splatwire.transport.quic import (
     UNREAD_BYTES,
     QuicLimits,
     configuration,
+    has_token,
 )
 from splatwire.transport.quic_sessions import NativeSession, Session, WebTransportSessions
 from splatwire.transport.sender import Server
@@ -38,6 +37,7 @@ SPARE = 16
 """Connections beyond twice the allowed number that may begin, so that even a server without places can say so."""
 GREETINGS = 4
 """Handshakes at once from which on addresses have to show that they are theirs before one begins."""
+FULL_SAID = "the server is full, or your network has its share of it"
 GREETING_S = 10.0
 """A connection that has asked for nothing after this time is closed."""
 
@@ -71,8 +71,8 @@ class QuicServer:
         self.num_refused = 0
         self.num_malformed = 0
         self.bytes_sent = 0
-        self.connections: set[_Connection] = set()
-        self.networks: Counter[Hashable] = Counter()
+        self.connections: dict[_Connection, None] = {}  # the oldest first
+        self.networks: Counter[Network] = Counter()
         self.greeting: set[_Connection] = set()
         self._socket = bound_socket(host, port)
         self._loop = asyncio.get_running_loop()
@@ -147,7 +147,7 @@ class QuicServer:
 
     def accept(self, connection: "_Connection") -> None:
         """Counts a connection that begins."""
-        self.connections.add(connection)
+        self.connections[connection] = None
         self.greeting.add(connection)
         self.networks[connection.network] += 1
 
@@ -155,13 +155,27 @@ class QuicServer:
         """Counts a connection that has ended, once."""
         self.greeting.discard(connection)
         if connection in self.connections:
-            self.connections.remove(connection)
+            del self.connections[connection]
             self.networks -= Counter([connection.network])
 
-    def crowded(self, network: Hashable, *, begins: bool = False) -> bool:
+    def crowded(self, network: Network, *, begins: bool = False) -> bool:
         """Whether there are too many connections, in all or of a network: more than allowed, or no place to begin."""
         counts = ((len(self.connections), self.limits.connections), (self.networks[network], self.limits.per_network))
         return any(taken >= 2 * most + SPARE if begins else taken > most for taken, most in counts)
+
+    def gives_way(self, network: Network, newcomer: "_Connection | None" = None) -> "_Connection | None":
+        """Whose place one more of a network gets, which may begin already: the newest of who has most of them.
+
+        Args:
+            network: The network.
+            newcomer: The connection that is to have it, if it has begun.
+        """
+        if self.networks[network] > self.limits.per_network:
+            return None
+        held = self.networks - Counter([] if newcomer is None else [network])
+        full = makes_room(held, network)
+        some = (other for other in reversed(self.connections) if other.network == full)
+        return next((other for other in some if other is not newcomer), None)
 
 
 class _Endpoint(AioquicServer):
@@ -170,11 +184,16 @@ class _Endpoint(AioquicServer):
     def __init__(self, owner: QuicServer, settings: Any) -> None:
         super().__init__(configuration=settings, create_protocol=self._accept)
         self._owner = owner
-        self._network: Hashable = None
+        self._network: Network = ()
         self._retries: Any = QuicRetryTokenHandler()
         self._retry: Any = None
 
     def _accept(self, quic: QuicConnection, stream_handler: Any = None) -> "_Connection":
+        while self._owner.crowded(self._network, begins=True):  # by now the address is known to be the client's
+            other = self._owner.gives_way(self._network)
+            if other is None:
+                break
+            other.end(FULL, FULL_SAID)
         connection = _Connection(quic, self._owner, self._network)
         for limit in (quic._local_max_streams_bidi, quic._local_max_streams_uni):  # aioquic has no option for it
             limit.value = limit.sent = STREAMS
@@ -185,27 +204,24 @@ class _Endpoint(AioquicServer):
         super().connection_made(_Watched(transport, self._owner.sent))
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
-        """Begins no connection while twice as many as allowed are there: until then, each is told why it has to go."""
+        """Begins no connection while twice as many as allowed are there: until then, each is told why it has to go.
+
+        Those of a network that has fewer than others begin in place of theirs.
+        """
         assert isinstance(data, bytes)
         if len(data) > 6 and data[0] & 0x80 and data[6 : 6 + data[5]] not in self._protocols:
             self._network = network_of(addr)
-            if self._owner.crowded(self._network, begins=True):
+            crowded, token = self._owner.crowded(self._network, begins=True), has_token(data)
+            if crowded and token and self._owner.gives_way(self._network) is None:
                 self._owner.num_refused += 1
                 return
             self._owner.show_identity()
-            self._retry = self._retries if len(self._owner.greeting) >= GREETINGS or _has_token(data) else None
+            retried = crowded or token or len(self._owner.greeting) >= GREETINGS
+            self._retry = self._retries if retried else None
         super().datagram_received(data, addr)
 
     def error_received(self, exc: Exception) -> None:
         """What an earlier datagram met with, e.g. a port that nobody listens on any more."""
-
-
-def _has_token(data: bytes) -> bool:
-    """Whether a packet with a long header shows what an earlier Retry gave."""
-    try:
-        return bool(pull_quic_header(Buffer(data=data)).token)
-    except ValueError:
-        return False
 
 
 class _Watched:
@@ -225,7 +241,7 @@ class _Watched:
 class _Connection(QuicConnectionProtocol):
     """One QUIC connection; the application protocol that its client chose decides what runs over it."""
 
-    def __init__(self, quic: QuicConnection, owner: QuicServer, network: Hashable) -> None:
+    def __init__(self, quic: QuicConnection, owner: QuicServer, network: Network) -> None:
         super().__init__(quic)
         self.network = network
         self.quic = quic
@@ -250,9 +266,10 @@ class _Connection(QuicConnectionProtocol):
                 self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
             case events.HandshakeCompleted():
                 self.owner.greeting.discard(self)
-                if self.owner.crowded(self.network):  # not told before: the reason would not reach the client
+                while not self._over and self.owner.crowded(self.network):
+                    # Not told before: the reason would not reach the client.
                     self.owner.num_refused += 1
-                    self.end(FULL, "the server is full, or your network has its share of it")
+                    (self.owner.gives_way(self.network, self) or self).end(FULL, FULL_SAID)
             case events.ConnectionTerminated():
                 self._ended()
             case _ if self._sessions is not None and not self._over:

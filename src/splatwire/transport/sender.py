@@ -1,10 +1,11 @@
 """The sending side: a server of many transfers. Bytes and time in, bytes out; no socket, no clock."""
 
 import heapq
+from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.admission import Starts, network_of
+from splatwire.transport.admission import Network, Starts, makes_room, network_of
 from splatwire.transport.frames import NOT_YET, Bye, Challenge, Feedback, Have, Hello, Refuse, Request, View
 from splatwire.transport.order import Turns
 from splatwire.transport.program import Program
@@ -52,7 +53,7 @@ class Server:
         self._limits = limits or ServerLimits()
         self._starts = Starts(STARTS * self._limits.per_network)
         self._transfers: dict[Key, ServerTransfer] = {}
-        self._networks: dict[Key, Hashable] = {}
+        self._networks: dict[Key, Network] = {}
         self._sessions: dict[tuple[Hashable, int], Key] = {}
         self._due: list[tuple[float, int, Key]] = []
         self._planned: dict[Key, float] = {}
@@ -68,7 +69,7 @@ class Server:
         return len(self._transfers)
 
     def receive(
-        self, address: Hashable, data: bytes, now: float, *, reliable: bool = False, network: Hashable = None
+        self, address: Hashable, data: bytes, now: float, *, reliable: bool = False, network: Network | None = None
     ) -> bytes | None:
         """Takes a datagram; anything at all may come.
 
@@ -140,7 +141,7 @@ class Server:
             self._forget(key)
 
     def _requested(
-        self, address: Hashable, frame: Request, now: float, reliable: bool, network: Hashable
+        self, address: Hashable, frame: Request, now: float, reliable: bool, network: Network
     ) -> bytes | None:
         if not reliable and not self._mint.valid(frame.token, address, frame.nonce, frame.name, now):
             self.num_rejected += 1
@@ -155,7 +156,7 @@ class Server:
             return None
         return transfer.welcome()
 
-    def _begin(self, key: Key, name: str, now: float, reliable: bool, network: Hashable) -> int | None:
+    def _begin(self, key: Key, name: str, now: float, reliable: bool, network: Network) -> int | None:
         """Begins a transfer; gives the reason of a refusal if there is one, 0 for none worth an answer."""
         if self._starts.seen(network, key[1]):
             self.num_rejected += 1
@@ -165,11 +166,15 @@ class Server:
         name = name or next(iter(self._programs))
         if name not in self._programs:
             return UNKNOWN_STREAM
-        if len(self._transfers) >= self._limits.sessions:
-            return SERVER_FULL
-        mine = sum(other == network for other in self._networks.values())
-        if mine >= self._limits.per_network or not self._starts.allowed(network, now):
+        held = Counter(self._networks.values())
+        if held[network] >= self._limits.per_network or not self._starts.allowed(network, now):
             return TOO_MANY
+        if len(self._transfers) >= self._limits.sessions:
+            full = makes_room(+held, network)
+            if full is None:
+                return SERVER_FULL
+            # Its newest: least is lost by it.
+            self._forget(next(key for key, other in reversed(self._networks.items()) if other == full))
         session = self._new_session(key[0])
         self._transfers[key] = ServerTransfer(
             self._programs[name], session, self._limits, now, reliable_head=reliable, nonce=key[1]
