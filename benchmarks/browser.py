@@ -106,7 +106,7 @@ def opened(page: Browser, url: str) -> dict[str, Any]:
 
 
 def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, float]:
-    count, theirs, ours = stream.manifest.num_anchors, [], []
+    count, theirs, ours = stream.manifest.num_elements, [], []
     decode_stream(stream, threads=1)
     views = []
     for _ in range(rounds):
@@ -237,7 +237,7 @@ made.style.height = '20rem'; document.body.append(made)}"
                     "workers_left": page.evaluate("workers"),
                     "host_context_lost": page.evaluate("theirs.isContextLost()"),
                 }
-            return {"elements": count, "gaussians": stream.manifest.num_anchors, **gone, **left}
+            return {"elements": count, "gaussians": stream.manifest.num_elements, **gone, **left}
 
         return await asyncio.to_thread(drive)
 
@@ -305,7 +305,7 @@ def measured(path: Path, rate: float, pages: int) -> dict[str, Any]:
     scripts = {name: web_file(name).encode() for name in (SCRIPT, DRAWING)}
     found = asyncio.run(measure(stream, rate, pages))
     bundle = {name: {"bytes": len(text), "gzip": len(gzip.compress(text, 9))} for name, text in scripts.items()}
-    scene = {stream.manifest.elements.lower(): stream.manifest.num_anchors, "bytes": stream.num_bytes}
+    scene = {stream.manifest.elements.lower(): stream.manifest.num_elements, "bytes": stream.num_bytes}
     decode = decode_times(path.resolve(), stream)
     return {"scene": {"name": path.stem, **scene}, "bundle": bundle, "decode": decode, **found}
 

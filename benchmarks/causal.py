@@ -68,7 +68,7 @@ def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
     data = stream_to_bytes(stream)
     test = open_dataset(photos, split="test")
     partial = decode_stream(stream)
-    parts, num = side_info_parts(stream.side_info, stream.manifest.codec), stream.manifest.num_anchors
+    parts, num = side_info_parts(stream.side_info, stream.manifest.codec), stream.manifest.num_elements
     psnr = assess_scene(partial.scene, test, test.num_views, 0).psnr
     row = {
         "model": "causal" if isinstance(scene.coding, CausalCoding) else "hacpp",
@@ -145,7 +145,7 @@ def decoding_time(stream: SceneStream, repetitions: int = 5) -> float:
 
 def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     """Bits of an average anchor by attribute: what the coder's normals say of the symbols."""
-    info = read_side_info(stream.side_info, stream.manifest.num_anchors)
+    info = read_side_info(stream.side_info, stream.manifest.num_elements)
     context, layout, anchors, known = CodingContext.of(info), info.config.layout, scene.anchors, info.places.known
     voxels = voxel_indices(anchors.positions, info.voxel_size).numpy()
     places = replace(known, codes=morton_encode(voxels - known.origin))

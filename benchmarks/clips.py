@@ -80,7 +80,7 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
         for loss in arguments.losses for concealer in CONCEALERS for seed in arguments.seeds
     ]  # fmt: skip
     scores = score_clip(stream, read_frames(files), cameras, rows)
-    decibels, tracks = float(scores[0].psnr.mean()), sum(tier.num_anchors for tier in stream.manifest.tiers[::2])
+    decibels, tracks = float(scores[0].psnr.mean()), sum(tier.num_elements for tier in stream.manifest.tiers[::2])
     still = frame_by_frame(files, cameras)
     gaussians = sum(int(frame.drawn.sum()) for frame in read_frames(files))
     return {

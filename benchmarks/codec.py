@@ -38,7 +38,7 @@ def single_streams(scene: AnchorScene, stream: SceneStream) -> dict[str, int]:
     from splatwire.codec.schemas.hacpp import _packet_kernels as kernels
     from splatwire.codec.schemas.hacpp.atomic import predict_group
 
-    info = read_side_info(stream.side_info, stream.manifest.num_anchors, stream.manifest.packetization.order)
+    info = read_side_info(stream.side_info, stream.manifest.num_elements, stream.manifest.packetization.order)
     context, source = info.coding_context(), SymbolSource(scene)
     columns: dict[str, list[np.ndarray]] = {name: [] for name in ("feature", "scaling", "offset")}
     parts: dict[str, list[tuple[np.ndarray, ...]]] = {name: [] for name in columns}
@@ -100,7 +100,7 @@ def measure(model_dir: Path) -> dict[str, object]:
     scene = import_hacpp(model_dir)
     stream, encode_s = timed(lambda: encode_scene(scene))
     partial, decode_s = timed(lambda: decode_stream(stream))
-    num, attribute_bytes = stream.manifest.num_anchors, sum(len(p.payload) + 16 for p in stream.packets)
+    num, attribute_bytes = stream.manifest.num_elements, sum(len(p.payload) + 16 for p in stream.packets)
     single = single_streams(scene_in_order(scene, "morton"), stream)
     del partial
     return {

@@ -38,7 +38,7 @@ from splatwire.model.appearance import Scene
 from splatwire.packets import PRESETS, SceneStream
 from splatwire.plan.candidates import Search, arrival_within, plain_candidates
 from splatwire.plan.damage import BLANK_PSNR
-from splatwire.plan.measure import LossyPictures, known_anchors, offer_of, packet_members
+from splatwire.plan.measure import LossyPictures, known_elements, offer_of, packet_members
 from splatwire.plan.outline import StreamLoad, draw_losses, outline_transfer
 from splatwire.plan.planner import HEAD_TRIALS, losses, plan_protection
 from splatwire.render import iterate_views
@@ -79,7 +79,7 @@ class Variant:
             return self.blank
         key = packets.tobytes()
         if key not in self.cache:
-            self.cache[key] = self.pictures.psnr(known_anchors(self.members, packets, self.pictures.num_anchors))
+            self.cache[key] = self.pictures.psnr(known_elements(self.members, packets, self.pictures.num_elements))
         return self.cache[key]
 
     def expected(self, protection: Protection, loss_name: str, budget: float, pictures: int) -> dict:
@@ -89,7 +89,7 @@ class Variant:
         arrival = arrival_within(outline, traces, self.offer.left(budget))
         everything = arrival.head & arrival.packets.all(axis=1)
         parts = np.flatnonzero(arrival.head & ~everything)
-        ranked = parts[np.argsort((~arrival.packets[parts]) @ load.anchors, kind="stable")]
+        ranked = parts[np.argsort((~arrival.packets[parts]) @ load.elements, kind="stable")]
         count = min(pictures, len(ranked))
         chosen = ranked[((np.arange(count) + 0.5) / max(count, 1) * len(ranked)).astype(np.int64)]
         drawn = [self.psnr(True, arrival.packets[trial]) for trial in chosen]

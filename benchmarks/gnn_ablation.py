@@ -127,7 +127,7 @@ def main() -> None:
     report |= {
         "scene": options.stream.stem,
         "stream_bytes": stream.num_bytes,
-        "num_anchors": stream.manifest.num_anchors,
+        "num_anchors": stream.manifest.num_elements,
     }
     report |= {
         "steps": options.steps,

@@ -119,7 +119,7 @@ def pak_scores(way: Pak, pictures: LossyPictures, loss_name: str, seeds: int, se
         there = arrived[: len(way.cuts)].copy()
         if arrived[len(way.cuts) :].sum() + there[way.top].sum() >= way.top.sum():
             there[way.top] = True
-        known = torch.zeros(pictures.num_anchors, dtype=torch.bool)
+        known = torch.zeros(pictures.num_elements, dtype=torch.bool)
         for index in np.flatnonzero(there).tolist():
             known[way.cuts[index]] = True
         scores.append(pictures.psnr(known))

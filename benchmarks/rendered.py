@@ -99,7 +99,7 @@ def main() -> None:
     report = {
         "model": name,
         "stream_bytes": stream.num_bytes,
-        "anchors": stream.manifest.num_anchors,
+        "anchors": stream.manifest.num_elements,
         "test_views": test.num_views,
         "width": test.cameras.width,
         "load": os.getloadavg()[0],

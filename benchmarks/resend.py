@@ -28,7 +28,7 @@ from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, encode_scene
 from splatwire.conceal.sketch import SECTION
 from splatwire.packets import PRESETS, SceneStream
-from splatwire.plan.measure import LossyPictures, known_anchors
+from splatwire.plan.measure import LossyPictures, known_elements
 from splatwire.transport import Protection, ServerLimits, make_program
 from splatwire.transport.program import Program
 
@@ -95,10 +95,10 @@ def score(variant: Variant, outcomes: list[Outcome], pictures: int, planning: bo
     """Mean PSNR over transfers: nothing and everything are counted, some of the others drawn."""
     views = variant.planning if planning else variant.pictures
     parts = [o for o in outcomes if o.head and not o.packets.all()]
-    parts.sort(key=lambda o: int((~o.packets) @ variant.offer.load.anchors))
+    parts.sort(key=lambda o: int((~o.packets) @ variant.offer.load.elements))
     count = min(pictures, len(parts))
     chosen = [parts[int((n + 0.5) / count * len(parts))] for n in range(count)]
-    drawn = [views.psnr(known_anchors(variant.members, o.packets, views.num_anchors)) for o in chosen]
+    drawn = [views.psnr(known_elements(variant.members, o.packets, views.num_elements)) for o in chosen]
     nothing = sum(not o.head for o in outcomes) / len(outcomes)
     everything = sum(o.head and bool(o.packets.all()) for o in outcomes) / len(outcomes)
     blank = variant.offer.blank_psnr if planning else variant.blank
@@ -108,7 +108,7 @@ def score(variant: Variant, outcomes: list[Outcome], pictures: int, planning: bo
 
 
 def whole_psnr(views: LossyPictures) -> float:
-    return views.psnr(torch.ones(views.num_anchors, dtype=torch.bool))
+    return views.psnr(torch.ones(views.num_elements, dtype=torch.bool))
 
 
 class Way(NamedTuple):

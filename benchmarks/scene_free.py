@@ -96,7 +96,7 @@ def score_scene(
             figures[name].append(mean_psnr(conceal(partial, method)))
         print(source.name, seed, {n: round(v[-1], 3) for n, v in figures.items()}, file=sys.stderr, flush=True)
     return {
-        "num_anchors": stream.manifest.num_anchors,
+        "num_anchors": stream.manifest.num_elements,
         "views": views.cameras.num_views,
         "no loss": mean_psnr(decode_stream(stream).scene) if options.lossless else None,
         "psnr": figures,

@@ -37,7 +37,7 @@ def train(options: argparse.Namespace) -> dict[str, object]:
         scene = open_scene(path)
         stream = encode_scene(scene, PRESETS["datagram"], classes=classes_of(scene))
         streams.append(LossyStream(stream, surrounding_cameras(scene, options.views, options.width)))
-        print(f"{path.name}: {stream.manifest.num_anchors} Gaussians", file=sys.stderr, flush=True)
+        print(f"{path.name}: {stream.manifest.num_elements} Gaussians", file=sys.stderr, flush=True)
     losses: list[float] = []
 
     def told(step: int, loss: float) -> None:

@@ -119,7 +119,7 @@ def joined_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) ->
     info = read_side_info(stream.side_info, plan.num_blocks)
     source, total = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), 0
     for block in range(plan.num_blocks):
-        sizes = np.array([p.num_anchors for p in stream.packets if p.id.block == block])
+        sizes = np.array([p.num_elements for p in stream.packets if p.id.block == block])
         rows, harmonics = empty_rows(int(sizes.sum()), info.num_harmonics)
         total += _encode_joined(
             info.kernel_tables(), info.kernel_stream(), info.models(), empty_statistics(), int(info.boxes.bits[block]),
@@ -169,7 +169,7 @@ def cell_bytes(scene: SplatScene, stream: SceneStream, classes: np.ndarray) -> d
     info = read_side_info(stream.side_info, plan.num_blocks)
     source, found = SourceScene.of(scene.splats, plan, classes, None, QUALITIES["default"]), {"packets": 0, "head": 0}
     for block in range(plan.num_blocks):
-        sizes = np.array([p.num_anchors for p in stream.packets if p.id.block == block])
+        sizes = np.array([p.num_elements for p in stream.packets if p.id.block == block])
         for name, parts in (("packets", sizes), ("head", sizes.sum(keepdims=True))):
             found[name] += _encode_cells(
                 info.kernel_tables(), info.models(), empty_statistics(), source.arranged(block, info),

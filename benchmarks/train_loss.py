@@ -57,7 +57,7 @@ def under_loss(scene: AnchorScene, photos: tuple[Dataset, Dataset], options: arg
     stream, (train, test), views = encode_scene(scene, packetization), photos, options.views
     complete, concealers = decode_stream(stream), CONCEALERS
     found: dict[str, Any] = {"tested_with": options.packets, "bytes": stream.num_bytes}
-    found |= {"anchors": stream.manifest.num_anchors, "test_views": min(views, test.num_views), "masks": options.seeds}
+    found |= {"anchors": stream.manifest.num_elements, "test_views": min(views, test.num_views), "masks": options.seeds}
     found["clean"] = round(assess_scene(complete.scene, test, views, 0).psnr, 3)
     if options.sketch:
         made = sketch_of(stream, complete, CalibrationViews.of_photos(train), SketchConfig(share=options.sketch))

@@ -67,7 +67,7 @@ def fixed_cost(stream: SceneStream) -> tuple[SceneStream, dict]:
         "packets": len(sizes),
         "largest": max(sizes),
         "mean": round(float(np.mean(sizes)), 1),
-        "anchors_per_packet": round(datagrams.manifest.num_anchors / len(sizes), 1),
+        "anchors_per_packet": round(datagrams.manifest.num_elements / len(sizes), 1),
     }
 
 
@@ -75,14 +75,14 @@ def stand_in(num_anchors: int, side_bytes: int, per_packet: int) -> SceneStream:
     """A stream of zeros with the sizes of a larger scene."""
     plan, packets = PacketPlan(PRESETS["datagram"], num_anchors), []
     for block in range(plan.num_blocks):
-        for first in range(0, plan.block_anchors(block), per_packet):
-            count = min(per_packet, plan.block_anchors(block) - first)
+        for first in range(0, plan.block_elements(block), per_packet):
+            count = min(per_packet, plan.block_elements(block) - first)
             packets.append(make_packet(PacketId(block, first), count, bytes(1124)))
     sections = ByteWriter()
     for size in (side_bytes, *(0,) * (len(FORMAT_1_SECTIONS) - 1)):
         sections.blob(bytes(size))
     return make_stream(
-        packetization=PRESETS["datagram"], num_anchors=num_anchors, feature_dim=50, num_offsets=10,
+        packetization=PRESETS["datagram"], num_elements=num_anchors, feature_dim=50, num_offsets=10,
         feature_groups=(10,) * 5, side_info=sections.bytes(), packets=packets, symbols_digest="5" * 64, writer="sizes",
     )  # fmt: skip
 

@@ -193,7 +193,7 @@ def stream_of(
     parts = 2 + len(layout.feature_groups) if packetization.separated and layout else 1
     blocks = math.ceil(num / packetization.block_size)
     manifest = Manifest(
-        packetization=packetization, num_anchors=num, stream_id=7,
+        packetization=packetization, num_elements=num, stream_id=7,
         num_packets=blocks * parts if packets is None else packets,
         side_info_bytes=len(side_info), side_info_digest=hashlib.sha256(side_info).hexdigest(),
         symbols_digest="0" * 64, writer="greedy", codec=codec, tiers=tiers,

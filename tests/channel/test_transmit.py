@@ -8,12 +8,12 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.packets import Packetization, PacketPlan, SceneStream, TierShape, make_packet, make_stream, send_sequence
 
 
-def build(num_anchors: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] = (), **packetization) -> SceneStream:
+def build(num_elements: int = 2400, seed: int = 0, tiers: tuple[TierShape, ...] = (), **packetization) -> SceneStream:
     p = Packetization(**{"block_size": 100, "lanes": 8, **packetization})
-    plan, rng = PacketPlan(p, num_anchors, tiers, feature_groups=1 if p.separated else 0), np.random.default_rng(seed)
+    plan, rng = PacketPlan(p, num_elements, tiers, feature_groups=1 if p.separated else 0), np.random.default_rng(seed)
     return make_stream(
         packetization=p,
-        num_anchors=num_anchors,
+        num_elements=num_elements,
         feature_dim=4,
         num_offsets=2,
         feature_groups=(4,),
@@ -39,7 +39,7 @@ def test_lossless_is_the_same_stream(stream):
 def test_everything_lost_still_has_its_side_information(stream):
     arrived, record = transmit(stream, Bernoulli(1.0), seed=0)
     assert (arrived.manifest, arrived.side_info, arrived.packets) == (stream.manifest, stream.side_info, ())
-    assert (record.num_lost, record.num_lost_anchors) == (len(stream.packets), 2400)
+    assert (record.num_lost, record.num_lost_elements) == (len(stream.packets), 2400)
 
 
 def test_the_record_adds_up(stream):
@@ -47,8 +47,8 @@ def test_the_record_adds_up(stream):
     lost = set(stream.packets) - set(arrived.packets)
     assert 0 < len(lost) == record.num_lost == record.num_sent - len(arrived.packets)
     assert record.lost == tuple(p.id.filename for p in stream.packets if p in lost)
-    assert record.num_lost_anchors == sum(p.num_anchors for p in lost)
-    assert record.num_sent_anchors == 2400
+    assert record.num_lost_elements == sum(p.num_elements for p in lost)
+    assert record.num_sent_elements == 2400
     assert record.bytes_sent == sum(p.num_bytes for p in stream.packets)
     assert record.bytes_received == sum(p.num_bytes for p in arrived.packets)
     assert record.bytes_protected + record.bytes_sent + stream.parts()["container"] == stream.num_bytes
@@ -100,7 +100,7 @@ def test_interleaving_protects_against_bursts():
 def test_separated_anchors_are_counted_once():
     stream = build(packaging="separated")
     _, record = transmit(stream, Bernoulli(1.0), seed=0)
-    assert (record.num_sent, record.num_lost_anchors) == (3 * 24 * 8, 2400)  # scalings, offsets and one feature group
+    assert (record.num_sent, record.num_lost_elements) == (3 * 24 * 8, 2400)  # scalings, offsets and one feature group
 
 
 def test_tiers_are_sent_one_after_another():

@@ -13,7 +13,7 @@ def test_import_encode_transmit_decode_render_evaluate(run, data_dir, tmp_path):
     assert encoded["num_bytes"] <= 1_028_327  # what HAC++ reports for this model, weights included
     sent = run("transmit", stream, "-o", tmp_path / "lossy", "--json").json
     decoded = run("decode", tmp_path / "lossy", "-o", tmp_path / "b.scene", "--conceal", "grow", "--json").json
-    assert decoded["num_lost"] == sent["num_lost_anchors"] > 0
+    assert decoded["num_lost"] == sent["num_lost_elements"] > 0
     words = ("--data", photos, "--json")
     drawn = run("render", tmp_path / "b.scene", "--scale", 0.25, "-o", tmp_path / "pictures", *words).json
     assert drawn["num_views"] == len(list((tmp_path / "pictures").glob("*.png"))) == 7

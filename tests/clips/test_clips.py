@@ -138,7 +138,7 @@ def test_shuffled_frames_find_their_partners(frames):
     found, tracking = encode_clip(shuffled(frames), OPTIONS)
     assert tracking.matched == FRAMES - 1
     assert tracking.share > 0.97
-    assert sum(tier.num_anchors for tier in found.manifest.tiers[::2]) < 1.05 * frames[0].num_gaussians
+    assert sum(tier.num_elements for tier in found.manifest.tiers[::2]) < 1.05 * frames[0].num_gaussians
     for frame, wanted in zip(decode_frames(decode_stream(found).scene), frames, strict=True):
         assert error(frame.scene.splats, drawn(wanted)) < 0.02
 
@@ -205,7 +205,7 @@ def test_any_bytes_decode_to_something(stream):
             payload = np.frombuffer(packet.payload, np.uint8).copy()
             if rng.random() < 0.3 and len(payload):
                 payload[rng.integers(0, len(payload), 4)] = rng.integers(0, 256, 4)
-            packets.append(make_packet(packet.id, packet.num_anchors, payload.tobytes(), stream.manifest.stream_id))
+            packets.append(make_packet(packet.id, packet.num_elements, payload.tobytes(), stream.manifest.stream_id))
         clip = decode_stream(stream.with_packets(packets)).scene
         for frame in decode_frames(clip):
             splats = frame.scene.splats

@@ -127,7 +127,7 @@ def test_a_clip_does_not_take_back_what_it_said(frames):
     list(decoder.grow(manifest, side_info))
     first, second = manifest.tiers
     other = dataclasses.replace(
-        manifest, tiers=(TierShape(first.num_anchors - 1, 1), TierShape(second.num_anchors + 1, 1))
+        manifest, tiers=(TierShape(first.num_elements - 1, 1), TierShape(second.num_elements + 1, 1))
     )
     with pytest.raises(BitstreamError, match="says other things"):
         list(decoder.grow(other, side_info))

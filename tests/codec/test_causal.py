@@ -42,7 +42,7 @@ def stream(scene: AnchorScene) -> SceneStream:
 
 @pytest.fixture(scope="module")
 def info(stream: SceneStream) -> SideInfo:
-    return read_side_info(stream.side_info, stream.manifest.num_anchors)
+    return read_side_info(stream.side_info, stream.manifest.num_elements)
 
 
 def exact_places(scene: AnchorScene, info: SideInfo) -> Places:
@@ -142,7 +142,7 @@ def test_the_plain_reference_reads_the_same_integers(scene: AnchorScene, info: S
 @pytest.mark.parametrize("batch", [1, 7, 333])
 def test_batches_do_not_matter(stream: SceneStream, info: SideInfo, batch: int):
     context, packet = CodingContext.of(info), stream.packets[0]
-    ranks = stream.manifest.plan.members(packet.id, packet.num_anchors)
+    ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
     known, voxels = info.places.known, info.places.known.voxels
     together = decode_packets(context, known.select(ranks), np.array([len(ranks)]), [packet.payload])
     place = context.start(voxels).place

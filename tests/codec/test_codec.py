@@ -85,7 +85,7 @@ def test_every_packet_decodes_alone(stream: SceneStream) -> None:
 
 def test_nothing_but_side_information(stream: SceneStream) -> None:
     partial = decode_stream(stream.with_packets([]))
-    assert partial.erasures.num_lost == stream.manifest.num_anchors
+    assert partial.erasures.num_lost == stream.manifest.num_elements
 
 
 @pytest.mark.parametrize("order", ["morton", "raster"])
@@ -102,7 +102,7 @@ def test_anchors_that_draw_nothing_are_not_sent() -> None:
     scene = tiny_scene(seed=9, num_anchors=60)
     mask = scene.anchors.mask.clone()
     mask[10:20] = False
-    assert encode_scene(replace(scene, anchors=replace(scene.anchors, mask=mask))).manifest.num_anchors == 50
+    assert encode_scene(replace(scene, anchors=replace(scene.anchors, mask=mask))).manifest.num_elements == 50
 
 
 def test_encoding_is_repeatable_and_order_of_input_does_not_matter(scene: AnchorScene, stream: SceneStream) -> None:
@@ -153,14 +153,14 @@ def test_damaged_side_information_is_an_error_or_another_scene(stream: SceneStre
             partial = decode_stream(replace(stream, side_info=bytes(data)))
         except SplatwireError:
             continue
-        assert partial.scene.anchors.num_anchors == stream.manifest.num_anchors
+        assert partial.scene.anchors.num_anchors == stream.manifest.num_elements
 
 
 def test_damaged_payloads_decode_to_something(stream: SceneStream) -> None:
     # checksums catch this before the codec does; the codec must survive it all the same
     rng = np.random.default_rng(1)
     for _ in range(100):
-        packets = [make_packet(p.id, p.num_anchors, rng.bytes(int(rng.integers(0, 60)))) for p in stream.packets[:4]]
+        packets = [make_packet(p.id, p.num_elements, rng.bytes(int(rng.integers(0, 60)))) for p in stream.packets[:4]]
         assert decode_stream(stream.with_packets(packets)).erasures.num_lost > 0
 
 

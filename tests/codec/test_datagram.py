@@ -38,7 +38,7 @@ def test_every_packet_decodes_alone(stream: SceneStream):
     whole = decode_stream(stream).scene.anchors
     for packet in stream.packets[::4]:
         partial = decode_stream(stream.with_packets([packet]))
-        ranks = stream.manifest.plan.members(packet.id, packet.num_anchors)
+        ranks = stream.manifest.plan.members(packet.id, packet.num_elements)
         received = partial.erasures.received.all(dim=1).nonzero()[:, 0].numpy()
         assert np.array_equal(received, np.sort(ranks))
         for name in ("features", "scalings", "offsets", "mask"):
@@ -51,7 +51,7 @@ def test_lost_packets_leave_exactly_their_anchors_out(stream: SceneStream):
     kept = [packet for packet in stream.packets if packet not in lost]
     erasures = decode_stream(stream.with_packets(kept)).erasures
     plan = stream.manifest.plan
-    ranks = np.sort(np.concatenate([plan.members(packet.id, packet.num_anchors) for packet in lost]))
+    ranks = np.sort(np.concatenate([plan.members(packet.id, packet.num_elements) for packet in lost]))
     assert np.array_equal((~erasures.received).all(dim=1).nonzero()[:, 0].numpy(), ranks)
     assert erasures.num_lost == len(ranks) > 0
 

@@ -59,7 +59,7 @@ def test_every_moment_equals_decoding_what_is_there(stream):
     for number in range(0, len(packets), 3):
         ranks = decoder.add(packets[number : number + 3])
         there = packets[: number + 3]
-        assert len(ranks) == sum(packet.num_anchors for packet in packets[number : number + 3])
+        assert len(ranks) == sum(packet.num_elements for packet in packets[number : number + 3])
         assert_same(decoder.partial, decode_stream(stream.with_packets(there)))
     assert decoder.complete
     assert decoder.stream.packets == stream.packets
@@ -69,15 +69,15 @@ def test_every_moment_equals_decoding_what_is_there(stream):
 def test_any_order_ends_in_the_same_scene(stream, seed):
     decoder = start(stream)
     ranks = np.concatenate([decoder.add([packet]) for packet in shuffled(stream, seed)])
-    assert sorted(ranks.tolist()) == list(range(stream.manifest.num_anchors))
+    assert sorted(ranks.tolist()) == list(range(stream.manifest.num_elements))
     assert_same(decoder.partial, decode_stream(stream))
 
 
 def test_duplicates_and_strangers_are_counted_and_change_nothing(stream):
     decoder, first = start(stream), stream.packets[0]
-    assert len(decoder.add([first, first])) == first.num_anchors
+    assert len(decoder.add([first, first])) == first.num_elements
     assert len(decoder.add([first])) == 0
-    nowhere = make_packet(PacketId(10_000, 0), first.num_anchors, first.payload)
+    nowhere = make_packet(PacketId(10_000, 0), first.num_elements, first.payload)
     too_many = make_packet(stream.packets[1].id, 5000, first.payload)
     assert len(decoder.add([nowhere, too_many])) == 0
     assert_same(decoder.partial, decode_stream(stream.with_packets([first])))
@@ -115,7 +115,7 @@ def test_wrong_integers_are_found_out_at_the_end(stream):
 
 def test_a_payload_of_other_bytes_is_found_out_at_the_end(stream):
     second = stream.packets[2]
-    spoiled = make_packet(second.id, second.num_anchors, second.payload[::-1])
+    spoiled = make_packet(second.id, second.num_elements, second.payload[::-1])
     decoder = start(stream)
     decoder.add(stream.packets[:2])
     decoder.add([spoiled])
@@ -151,7 +151,7 @@ def test_a_datagram_is_decoded_by_the_thread_that_brings_it(monkeypatch):
     with threadpool_limits(limits=2):
         decoder.add(stream.packets[:1])
         assert {b["num_threads"] for b in ThreadpoolController().select(user_api="blas").info()} == {2}
-        monkeypatch.setattr(decoding, "CHUNK", sum(packet.num_anchors for packet in stream.packets[1:-1]))
+        monkeypatch.setattr(decoding, "CHUNK", sum(packet.num_elements for packet in stream.packets[1:-1]))
         decoder.add(stream.packets[1:])
     assert seen == [(True, {1}), (False, {1}), (False, {1})]
     assert_same(decoder.partial, decode_stream(stream))

@@ -54,7 +54,7 @@ def test_files_are_those_of_hacpp(stream: SceneStream):
     assert [packet.id.filename for packet in stream.packets] == [
         f"pak_lane0_s{block}_{part}.pak" for block in range(4) for part in parts
     ]
-    assert [packet.num_anchors for packet in stream.packets] == [200] * 15 + [100] * 5
+    assert [packet.num_elements for packet in stream.packets] == [200] * 15 + [100] * 5
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_the_digest_covers_every_part(stream: SceneStream):
         packets = list(stream.packets)
         payload = bytearray(packets[number].payload)
         payload[len(payload) // 2] ^= 0x10
-        packets[number] = make_packet(packets[number].id, packets[number].num_anchors, bytes(payload))
+        packets[number] = make_packet(packets[number].id, packets[number].num_elements, bytes(payload))
         with pytest.raises(DesyncError):
             decode_stream(stream.with_packets(packets))
 
@@ -148,7 +148,7 @@ def test_the_digest_covers_every_part(stream: SceneStream):
 def test_damaged_payloads_decode_to_something(stream: SceneStream):
     rng = np.random.default_rng(1)
     for _ in range(20):
-        packets = [make_packet(p.id, p.num_anchors, rng.bytes(int(rng.integers(0, 90)))) for p in stream.packets[:7]]
+        packets = [make_packet(p.id, p.num_elements, rng.bytes(int(rng.integers(0, 90)))) for p in stream.packets[:7]]
         assert decode_stream(stream.with_packets(packets)).erasures.num_lost == 500
 
 

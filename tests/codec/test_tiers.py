@@ -67,7 +67,7 @@ def test_every_subset_decodes_to_the_same_values(stream: SceneStream):
         for g, packet in enumerate(packets):
             if packet is not None:
                 known[groups.ranks[groups.starts[g] : groups.starts[g + 1]]] = True
-        assert known.sum() == sum(packet.num_anchors for packet in kept)
+        assert known.sum() == sum(packet.num_elements for packet in kept)
         assert np.array_equal(partial.erasures.known.numpy(), known)
         for name in NAMES:
             assert torch.equal(getattr(partial.scene.anchors, name)[known], getattr(whole, name)[known])
@@ -88,7 +88,7 @@ def test_packets_of_a_tier_hold_its_anchors(scene: AnchorScene, tiers: torch.Ten
         [packet for packet in stream.packets if stream.manifest.plan.tier_of(packet.id.block) == 0]
     )
     known = decode_stream(first).erasures.known
-    assert int(known.sum()) == round(0.2 * scene.anchors.num_anchors) == stream.manifest.tiers[0].num_anchors
+    assert int(known.sum()) == round(0.2 * scene.anchors.num_anchors) == stream.manifest.tiers[0].num_elements
     whole = decode_stream(stream).scene.anchors.positions
     place = {tuple(p): int(t) for p, t in zip(scene.anchors.positions.tolist(), tiers, strict=True)}
     assert all(place[tuple(p)] == 0 for p in whole[known].tolist())
@@ -109,7 +109,7 @@ def test_bytes_and_back(stream: SceneStream):
 def test_a_small_tier_has_fewer_lanes(scene: AnchorScene, tiers: torch.Tensor):
     stream = encode_scene(scene, Packetization(block_size=300, lanes=8), tiers=tiers)
     assert [tier.lanes for tier in stream.manifest.tiers] == [2, 3, 4]
-    assert min(packet.num_anchors for packet in stream.packets) > 30
+    assert min(packet.num_elements for packet in stream.packets) > 30
 
 
 @pytest.mark.parametrize("num_tiers", [2, 3, 8])
@@ -148,7 +148,7 @@ def test_damaged_sections_are_errors_or_other_tiers(stream: SceneStream):
             tiers = read_tiers({SECTION: data}, stream.manifest)
         except SplatwireError:
             continue
-        assert len(tiers) == stream.manifest.num_anchors
+        assert len(tiers) == stream.manifest.num_elements
 
 
 @pytest.mark.parametrize("stream", ["pak"], indirect=True)
@@ -157,8 +157,8 @@ def test_damaged_sections_are_errors_or_other_tiers(stream: SceneStream):
     [
         ([[700, 4]], "2 to 8 of them"),
         ([[300, 4], [300, 4]], "do not add up"),
-        ([[0, 4], [700, 4]], "a tier has no anchor"),
-        ([[-5, 4], [705, 4]], "number of anchors of a tier"),
+        ([[0, 4], [700, 4]], "a tier has no element"),
+        ([[-5, 4], [705, 4]], "number of elements of a tier"),
         ([[100, 0], [600, 4]], "number of lanes of a tier"),
         ([[100, 99], [600, 4]], "number of lanes of a tier"),
         ([[1, 1]] * 9, "pairs of integers"),
@@ -179,7 +179,7 @@ def test_lying_manifests_are_found(stream: SceneStream, stated, message: str):
 
 
 def test_impossible_tiers_are_refused(scene: AnchorScene, tiers: torch.Tensor):
-    with pytest.raises(InvalidValueError, match="tier 0 of 2 has no anchor"):
+    with pytest.raises(InvalidValueError, match="tier 0 of 2 has no element"):
         encode_scene(scene, tiers=torch.ones_like(tiers))
     with pytest.raises(InvalidValueError, match="at most 8"):
         encode_scene(scene, tiers=torch.arange(700).to(torch.uint8) % 9)
@@ -196,4 +196,4 @@ def test_anchors_that_draw_nothing_have_no_tier(scene: AnchorScene, tiers: torch
     mask[:100] = False
     smaller = replace(scene, anchors=replace(scene.anchors, mask=mask))
     stream = encode_scene(smaller, PACKETIZATIONS["pak"], tiers=tiers)
-    assert [tier.num_anchors for tier in stream.manifest.tiers] == np.bincount(tiers[100:].numpy()).tolist()
+    assert [tier.num_elements for tier in stream.manifest.tiers] == np.bincount(tiers[100:].numpy()).tolist()

@@ -143,10 +143,10 @@ class PointDecoder:
             raise MissingSideInfoError("no side information")
         reader = ByteReader(side_info, "side information")
         places = np.frombuffer(reader.blob(), "<f4")
-        if places.size != 3 * manifest.num_anchors:
+        if places.size != 3 * manifest.num_elements:
             raise BitstreamError("places are missing")
         self.places, self.sections = places.reshape(-1, 3).copy(), read_sections(reader.rest())
-        self.scene_bytes = 64 * manifest.num_anchors
+        self.scene_bytes = 64 * manifest.num_elements
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         return 1 << 16
@@ -236,7 +236,7 @@ def test_while_it_arrives_it_is_what_a_decoder_makes_of_the_same_packets(stream:
     assert record.num_lost
     arriving = ProgressiveDecoder(stream.manifest, stream.side_info)
     for count, packet in enumerate(lossy.packets, start=1):
-        assert len(arriving.add([packet])) == packet.num_anchors
+        assert len(arriving.add([packet])) == packet.num_elements
         if count % 4 == 0:
             assert_same(arriving.partial, decode_stream(stream.with_packets(lossy.packets[:count])))
     assert_same(arriving.snapshot(), decode_stream(lossy))

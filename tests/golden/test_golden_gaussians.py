@@ -49,7 +49,7 @@ def make(name: str) -> dict:
         "swz": base64.b64encode(stream_to_bytes(stream)).decode(),
         "num_gaussians": count,
         "degree": degree,
-        "packets": [[p.id.block, p.id.lane, p.num_anchors] for p in stream.packets],
+        "packets": [[p.id.block, p.id.lane, p.num_elements] for p in stream.packets],
         "rows": rows.tolist(),
         "harmonics": harmonics.tolist(),
         "decoded": {key: np.round(values.double().numpy(), 6).tolist() for key, values in vars(decoded).items()},
@@ -90,7 +90,7 @@ def test_plain_python_decodes_the_pinned_bytes(name, pinned):
     stream = stream_from_bytes(base64.b64decode(case["swz"]))[0]
     info, at = open_side_info(stream.manifest, stream.side_info), 0
     for packet in stream.packets:
-        found = ReferencePacket(info, packet.id.block, packet.payload, packet.num_anchors).decode()
+        found = ReferencePacket(info, packet.id.block, packet.payload, packet.num_elements).decode()
         assert [g.row() for g in found] == case["rows"][at : at + len(found)]
         assert [g.harmonics for g in found] == case["harmonics"][at : at + len(found)]
         at += len(found)

@@ -38,7 +38,7 @@ def tiny_stream():
     plan = PacketPlan(p, 6)
     return make_stream(
         packetization=p,
-        num_anchors=6,
+        num_elements=6,
         feature_dim=3,
         num_offsets=2,
         feature_groups=(1, 2),

@@ -59,7 +59,7 @@ def build(packetization: Packetization, num_anchors: int, seed: int, tiers: tupl
     )
     return make_stream(
         packetization=plan.packetization,
-        num_anchors=plan.num_anchors,
+        num_elements=plan.num_elements,
         feature_dim=7,
         num_offsets=3,
         feature_groups=(2, 5),
@@ -78,7 +78,7 @@ def test_each_rank_is_in_exactly_one_group(args):
     num_parts = len(plan.parts)
     firsts = plan.ids[::num_parts]
     members = [plan.members(packet_id) for packet_id in firsts]
-    assert sorted(np.concatenate([np.empty(0, np.int64), *members]).tolist()) == list(range(plan.num_anchors))
+    assert sorted(np.concatenate([np.empty(0, np.int64), *members]).tolist()) == list(range(plan.num_elements))
     ranks, starts = plan.groups()
     assert len(starts) == len(firsts) + 1
     for g, ours in enumerate(members):
@@ -107,7 +107,7 @@ def test_all_views_of_a_plan_agree(args):
 @given(plans)
 def test_a_packet_holds_anchors_of_one_tier(args):
     plan = plan_of(*args)
-    bounds = np.cumsum([0, *(tier.num_anchors for tier in plan.tiers or ())])
+    bounds = np.cumsum([0, *(tier.num_elements for tier in plan.tiers or ())])
     for packet_id in plan.ids if plan.tiers else ():
         tier = plan.tier_of(packet_id.block)
         members = plan.members(packet_id)
@@ -156,11 +156,11 @@ def test_the_papers_equations(args):
 def test_contiguous_runs(args):
     plan = plan_of(*args[:2])
     p = plan.packetization
-    plan = PacketPlan(Packetization(p.block_size, p.lanes, grouping="contiguous"), plan.num_anchors)
+    plan = PacketPlan(Packetization(p.block_size, p.lanes, grouping="contiguous"), plan.num_elements)
     index = plan.packet_index_of()
     assert (np.diff(index) >= 0).all()
     for block in range(plan.num_blocks):
-        size = min(p.block_size, plan.num_anchors - block * p.block_size)
+        size = min(p.block_size, plan.num_elements - block * p.block_size)
         counts = np.bincount(index, minlength=plan.num_blocks * p.lanes)[block * p.lanes : (block + 1) * p.lanes]
         assert counts.sum() == size
         assert counts.max() - counts.min() <= 1

@@ -43,7 +43,7 @@ def test_tiles_are_the_blocks_of_a_plan(count, tile):
     tiers = tuple(TierShape(shape.count, 1) for shape in reversed(shapes))
     if len(tiers) > 1:
         spans = spans_of(tiers, sum(shape.count for shape in shapes), Packetization(block_size=tile))
-        found = [(span.num_anchors, span.block_size, span.num_blocks) for span in spans]
+        found = [(span.num_elements, span.block_size, span.num_blocks) for span in spans]
         assert found == [(shape.count, shape.size, shape.num_tiles) for shape in reversed(shapes)]
     for finer, shape in itertools.pairwise(shapes):
         parents = parents_of(finer.num_tiles, shape.num_tiles)
@@ -148,7 +148,7 @@ def test_coarse_draws_what_stands_for_lost_tiles(stream):
     shown = ~scene.hints.left_out & (partial[Levels].of > 0)
     assert bool(shown.any())
     assert not bool((~dropped.hints.left_out & (partial[Levels].of > 0)).any())
-    gone = stream.manifest.plan.block_anchors(first)
+    gone = stream.manifest.plan.block_elements(first)
     tiles = tiles_of(stream)
     where = scene.splats.means[shown & (partial[Levels].copied)].numpy()
     near = ((where >= tiles.low[first] - 1e-3) & (where <= tiles.high[first] + 1e-3)).all(axis=1)

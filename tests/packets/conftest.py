@@ -7,17 +7,17 @@ SYMBOLS_DIGEST = "0123456789abcdef" * 4
 
 
 def build_stream(
-    num_anchors: int = 700,
+    num_elements: int = 700,
     packetization: Packetization | None = None,
     seed: int = 0,
     payload_bytes: int = 40,
     side_info_bytes: int = 200,
 ) -> SceneStream:
     packetization = packetization or Packetization(block_size=100, lanes=4)
-    plan, rng = PacketPlan(packetization, num_anchors), np.random.default_rng(seed)
+    plan, rng = PacketPlan(packetization, num_elements), np.random.default_rng(seed)
     return make_stream(
         packetization=packetization,
-        num_anchors=num_anchors,
+        num_elements=num_elements,
         feature_dim=50,
         num_offsets=10,
         feature_groups=(10, 10, 10, 10, 10),

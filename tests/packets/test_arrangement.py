@@ -25,18 +25,18 @@ from splatwire.packets import (
 HASHED = Packetization(block_size=50, lanes=1, grouping="hashed", packet_bytes=128)
 
 
-def hashed_stream(num_anchors: int, rng: np.random.Generator, packetization: Packetization = HASHED) -> SceneStream:
+def hashed_stream(num_elements: int, rng: np.random.Generator, packetization: Packetization = HASHED) -> SceneStream:
     """A stream whose packets are cut at random."""
-    plan, packets = PacketPlan(packetization, num_anchors), []
+    plan, packets = PacketPlan(packetization, num_elements), []
     for block in range(plan.num_blocks):
         position = 0
-        while position < plan.block_anchors(block):
-            size = min(int(rng.integers(1, 20)), plan.block_anchors(block) - position)
+        while position < plan.block_elements(block):
+            size = min(int(rng.integers(1, 20)), plan.block_elements(block) - position)
             packets.append(make_packet(PacketId(block, position), size, rng.bytes(int(rng.integers(1, 100)))))
             position += size
     return make_stream(
         packetization=packetization,
-        num_anchors=num_anchors,
+        num_elements=num_elements,
         feature_dim=3,
         num_offsets=2,
         feature_groups=(1, 2),
@@ -49,24 +49,24 @@ def hashed_stream(num_anchors: int, rng: np.random.Generator, packetization: Pac
 
 @settings(deadline=None)
 @given(st.integers(1, 230), st.integers(0, 2**32), st.floats(0, 1))
-def test_arrived_and_missing_are_all_anchors(num_anchors, seed, loss):
+def test_arrived_and_missing_are_all_anchors(num_elements, seed, loss):
     rng = np.random.default_rng(seed)
-    stream = hashed_stream(num_anchors, rng)
+    stream = hashed_stream(num_elements, rng)
     kept = [packet for packet in stream.packets if rng.random() >= loss]
     (ranks, starts), packets = arrange(stream.manifest.plan, kept)
-    assert sorted(ranks.tolist()) == list(range(num_anchors))
+    assert sorted(ranks.tolist()) == list(range(num_elements))
     assert [packet for packet in packets if packet is not None] == kept
     for packet, start, stop in zip(packets, starts[:-1], starts[1:], strict=True):
         assert stop > start
         if packet is not None:
-            assert ranks[start:stop].tolist() == expected_ranks(packet, num_anchors)
-            assert stream.manifest.plan.members(packet.id, packet.num_anchors).tolist() == ranks[start:stop].tolist()
+            assert ranks[start:stop].tolist() == expected_ranks(packet, num_elements)
+            assert stream.manifest.plan.members(packet.id, packet.num_elements).tolist() == ranks[start:stop].tolist()
 
 
-def expected_ranks(packet: Packet, num_anchors: int) -> list[int]:
-    block = range(packet.id.block * 50, min(packet.id.block * 50 + 50, num_anchors))
+def expected_ranks(packet: Packet, num_elements: int) -> list[int]:
+    block = range(packet.id.block * 50, min(packet.id.block * 50 + 50, num_elements))
     hashed = sorted(block, key=lambda rank: splitmix64_reference(rank ^ HASHED.seed))
-    return hashed[packet.id.lane : packet.id.lane + packet.num_anchors]
+    return hashed[packet.id.lane : packet.id.lane + packet.num_elements]
 
 
 def test_fixed_plans_are_arranged_as_they_are_planned():
@@ -90,7 +90,7 @@ def test_packet_size_is_said_only_where_it_means_something():
     stream = hashed_stream(9, np.random.default_rng(1))
     assert b'"packet_bytes":128' in manifest_to_bytes(stream.manifest)
     plain = make_stream(
-        packetization=PRESETS["paper"], num_anchors=0, feature_dim=1, num_offsets=1, feature_groups=(1,),
+        packetization=PRESETS["paper"], num_elements=0, feature_dim=1, num_offsets=1, feature_groups=(1,),
         side_info=b"", packets=[], symbols_digest="5" * 64, writer="test",
     )  # fmt: skip
     assert b"packet_bytes" not in manifest_to_bytes(plain.manifest)
@@ -100,15 +100,15 @@ def test_incomplete_overlapping_or_large_packets_make_no_stream():
     stream = hashed_stream(120, np.random.default_rng(2))
     m = stream.manifest
     facts = {
-        "packetization": m.packetization, "num_anchors": m.num_anchors, "feature_dim": 3, "num_offsets": 2,
+        "packetization": m.packetization, "num_elements": m.num_elements, "feature_dim": 3, "num_offsets": 2,
         "feature_groups": (1, 2), "side_info": b"side", "symbols_digest": "5" * 64, "writer": "test",
     }  # fmt: skip
     first, second, *rest = stream.packets
     bad = [
         [second, *rest],
         stream.packets[:-1],
-        [make_packet(first.id, first.num_anchors + 1, b"x"), second, *rest],
-        [make_packet(first.id, first.num_anchors, bytes(113)), second, *rest],
+        [make_packet(first.id, first.num_elements + 1, b"x"), second, *rest],
+        [make_packet(first.id, first.num_elements, bytes(113)), second, *rest],
     ]
     for packets in bad:
         with pytest.raises(InvalidValueError):

@@ -21,7 +21,7 @@ from splatwire.packets.scene_stream import FILE_PREFIX, RECORD_PREFIX
 @pytest.fixture(scope="module")
 def small(make_test_stream) -> SceneStream:
     """Nine packets of a few bytes, for tests that touch every byte."""
-    return make_test_stream(num_anchors=150, packetization=Packetization(block_size=50, lanes=3), payload_bytes=12)
+    return make_test_stream(num_elements=150, packetization=Packetization(block_size=50, lanes=3), payload_bytes=12)
 
 
 def packets_start(stream: SceneStream) -> int:
@@ -93,12 +93,12 @@ def test_duplicates_foreign_and_reordered_packets_are_counted(stream, make_test_
 
 def test_packets_of_another_plan_are_not_taken(stream, make_test_stream):
     """Packets with the right stream id that the manifest's plan has no place for."""
-    other = make_test_stream(num_anchors=900)
-    forged = [make_packet(p.id, p.num_anchors, p.payload, stream.manifest.stream_id).data for p in other.packets]
+    other = make_test_stream(num_elements=900)
+    forged = [make_packet(p.id, p.num_elements, p.payload, stream.manifest.stream_id).data for p in other.packets]
     data = head(stream) + b"".join(RECORD_PREFIX.pack(len(p)) + p for p in forged)
     found, report = stream_from_bytes(data)
     kept = {packet.id for packet in found.packets}
-    assert kept == {p.id for p in other.packets if p.num_anchors == stream.manifest.plan.count(p.id)}
+    assert kept == {p.id for p in other.packets if p.num_elements == stream.manifest.plan.count(p.id)}
     assert report.num_corrupt == len(forged) - len(kept) > 0
 
 
@@ -202,7 +202,7 @@ def test_memory_is_bounded_by_the_file(stream):
     lie = replace(
         stream.manifest,
         packetization=Packetization(block_size=3, lanes=256),
-        num_anchors=65536 + 1024 * 200,
+        num_elements=65536 + 1024 * 200,
         num_packets=100_000,
         feature_groups=(4096,),
         feature_dim=4096,

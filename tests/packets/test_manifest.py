@@ -34,16 +34,16 @@ def test_layout_of_the_json_does_not_matter(manifest):
 
 def test_rebuilds_the_mapping(manifest):
     again = manifest_from_bytes(manifest_to_bytes(manifest))
-    assert again.plan == PacketPlan(manifest.packetization, manifest.num_anchors)
+    assert again.plan == PacketPlan(manifest.packetization, manifest.num_elements)
     assert len(again.plan.ids) == manifest.num_packets
 
 
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("num_anchors", 1 << 40, "num_anchors"),
+        ("num_anchors", 1 << 40, "num_elements"),
         ("num_anchors", 1 << 28, "cannot place"),
-        ("num_anchors", -1, "num_anchors"),
+        ("num_anchors", -1, "num_elements"),
         ("num_anchors", True, "num_anchors"),
         ("num_anchors", "700", "num_anchors"),
         ("num_anchors", 70_000, "packets cannot carry"),

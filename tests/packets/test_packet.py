@@ -24,9 +24,9 @@ names = st.builds(PacketId, st.integers(0, (1 << 24) - 1), st.integers(0, (1 << 
 
 @settings(deadline=None)
 @given(names, st.integers(1, 65535), st.binary(max_size=60), st.integers(0, (1 << 32) - 1))
-def test_round_trip(packet_id, num_anchors, payload, stream_id):
-    packet = make_packet(packet_id, num_anchors, payload, stream_id)
-    assert (packet.id, packet.num_anchors, packet.payload) == (packet_id, num_anchors, payload)
+def test_round_trip(packet_id, num_elements, payload, stream_id):
+    packet = make_packet(packet_id, num_elements, payload, stream_id)
+    assert (packet.id, packet.num_elements, packet.payload) == (packet_id, num_elements, payload)
     assert len(packet.data) == packet.num_bytes == HEADER_BYTES + len(payload)
     assert packet_from_bytes(packet.data, stream_id) == packet
     assert packet_from_bytes(memoryview(packet.data), None) == packet

@@ -112,7 +112,7 @@ def test_unknown_names(field):
 
 
 def test_plan_refuses_what_the_format_cannot_hold():
-    with pytest.raises(InvalidValueError, match="number of anchors"):
+    with pytest.raises(InvalidValueError, match="number of elements"):
         PacketPlan(Packetization(), (1 << 28) + 1)
     with pytest.raises(InvalidValueError, match="number of blocks"):
         PacketPlan(Packetization(block_size=1), 1 << 28)
@@ -145,10 +145,10 @@ def test_ranks_and_counts_a_block_at_a_time_are_those_of_all(
 ):
     if tiers:
         lanes = min(2, packetization.lanes)
-        tiers = tuple(TierShape(tier.num_anchors, lanes) for tier in tiers)
+        tiers = tuple(TierShape(tier.num_elements, lanes) for tier in tiers)
     plan = PacketPlan(packetization, 200_000, tiers)
     some = range(0, plan.num_blocks, max(plan.num_blocks // 50, 1))
-    edges = np.cumsum([0, *(plan.block_anchors(block) for block in range(plan.num_blocks))])
+    edges = np.cumsum([0, *(plan.block_elements(block) for block in range(plan.num_blocks))])
     ranks, starts = plan.groups()
     for block in [*some, plan.num_blocks - 1]:
         assert plan.block_ranks(block).tolist() == ranks[edges[block] : edges[block + 1]].tolist()
@@ -158,13 +158,13 @@ def test_ranks_and_counts_a_block_at_a_time_are_those_of_all(
         assert starts.tolist() == [0, *np.cumsum(plan.group_counts())]
 
 
-@pytest.mark.parametrize("num_anchors", [0, 1, 375, 376, 3000, 24_018, 65_535, 65_536, 369_941, 9_000_000])
-def test_lanes_spread_over_the_whole_scene_hold_as_many_anchors_as_the_papers(num_anchors: int) -> None:
-    packetization = spread_packetization(num_anchors)
-    plan = PacketPlan(packetization, num_anchors)
-    assert plan.num_blocks == -(-num_anchors // ((1 << 16) - 1))  # as few as a packet's name has room for
-    sizes = [plan.block_anchors(block) for block in range(plan.num_blocks)]
-    assert sum(sizes) == num_anchors
+@pytest.mark.parametrize("num_elements", [0, 1, 375, 376, 3000, 24_018, 65_535, 65_536, 369_941, 9_000_000])
+def test_lanes_spread_over_the_whole_scene_hold_as_many_anchors_as_the_papers(num_elements: int) -> None:
+    packetization = spread_packetization(num_elements)
+    plan = PacketPlan(packetization, num_elements)
+    assert plan.num_blocks == -(-num_elements // ((1 << 16) - 1))  # as few as a packet's name has room for
+    sizes = [plan.block_elements(block) for block in range(plan.num_blocks)]
+    assert sum(sizes) == num_elements
     assert max(sizes, default=0) - min(sizes, default=0) < max(plan.num_blocks, 1)  # no small one is left at the end
     assert packetization.lanes == 8 or 333 < packetization.block_size / packetization.lanes <= 375
 

@@ -18,4 +18,4 @@ def test_everything_is_counted(stream):
 def test_nothing_left(stream, make_test_stream):
     sizes = measure_sizes(stream.with_packets(()))
     assert (sizes.num_packets, sizes.packet_min, sizes.packet_median, sizes.packet_max) == (0, 0, 0, 0)
-    assert measure_sizes(make_test_stream(num_anchors=0, packetization=Packetization())).bytes_per_element == 0
+    assert measure_sizes(make_test_stream(num_elements=0, packetization=Packetization())).bytes_per_element == 0

@@ -13,7 +13,7 @@ from splatwire.plan.damage import BLANK_PSNR
 from splatwire.plan.measure import (
     ASSUMED_BASE_MSE,
     LossyPictures,
-    known_anchors,
+    known_elements,
     measure_damage,
     offer_of,
     packet_members,
@@ -97,9 +97,9 @@ def test_an_offer_says_what_a_stream_weighs_and_shows() -> None:
     assert offer.concealment_bytes == 7
     assert (offer.preview_bytes, offer.blank_psnr) == (0, BLANK_PSNR)
     members = packet_members(stream)
-    assert [len(anchors) for anchors in members] == offer.load.anchors.tolist()
+    assert [len(anchors) for anchors in members] == offer.load.elements.tolist()
     everything = np.ones(len(members), dtype=np.bool_)
-    assert bool(known_anchors(members, everything, decoded.scene.anchors.num_anchors).all())
+    assert bool(known_elements(members, everything, decoded.scene.anchors.num_anchors).all())
     assert offer.picture is not None
     less = everything.copy()
     less[0] = False

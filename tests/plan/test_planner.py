@@ -93,7 +93,7 @@ def test_shares_of_lost_anchors(load: StreamLoad) -> None:
     packets[1, 30] = False
     lost = lost_shares(load, packets)
     assert lost[0].tolist() == [1.0, 0.0, 0.0]
-    assert lost[1, 1] == pytest.approx(load.anchors[30] / load.anchors[30:100].sum())
+    assert lost[1, 1] == pytest.approx(load.elements[30] / load.elements[30:100].sum())
 
 
 def test_more_budget_is_never_worse_and_important_tiers_come_first(load: StreamLoad, damage: Damage) -> None:

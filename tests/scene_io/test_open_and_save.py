@@ -68,7 +68,7 @@ def test_explicit_gaussians_of_any_format_are_opened(zoo: Path, name: str) -> No
     scene = splatwire.open_scene(zoo / name)
     assert isinstance(scene, SplatScene)
     assert background_of_file(zoo / name) == (0, 0, 0)
-    assert splatwire.encode_scene(scene).manifest.num_anchors == scene.num_elements
+    assert splatwire.encode_scene(scene).manifest.num_elements == scene.num_elements
     found = read_scene_file(zoo / name)
     assert found.kind == file_kind(zoo / name)
     assert found.num_lost == 0

@@ -76,7 +76,7 @@ def test_the_rate_is_what_the_encoder_writes(dataset: Dataset, recipe: TrainConf
     estimate = _estimate(state, recipe)
     assert estimate < 0.8 * before
     stream = encode_scene(export_scene(state, recipe), noise=0.005)
-    places = read_side_info(stream.side_info, stream.manifest.num_anchors).places
+    places = read_side_info(stream.side_info, stream.manifest.num_elements).places
     voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size).numpy()
     codes = morton_encode(voxels - places.known.origin)
     pairs = zip(codes, places.known.unknown, strict=True)

@@ -67,7 +67,7 @@ def test_what_is_lost_and_how_the_rest_grows_is_as_at_a_receiver(
     loss_model = parse_loss(model)
     scene = export_scene(state, config)
     stream = encode_scene(scene, PACKETS)
-    assert stream.manifest.num_anchors == state.num_anchors
+    assert stream.manifest.num_elements == state.num_anchors
     received = decode_stream(draw_mask(stream, loss_model, seed=7).apply(stream))
     context = received  # but for its rounded weights
     exact = evaluate_prior(scene.coding.context, context.scene.anchors.positions, scene.coding.config)

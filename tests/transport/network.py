@@ -33,11 +33,11 @@ def datagram_stream(
     rng = np.random.default_rng(seed)
     plan, packets = PacketPlan(PRESETS["datagram"], num_anchors), []
     for block in range(plan.num_blocks):
-        for first in range(0, plan.block_anchors(block), per_packet):
-            count = min(per_packet, plan.block_anchors(block) - first)
+        for first in range(0, plan.block_elements(block), per_packet):
+            count = min(per_packet, plan.block_elements(block) - first)
             packets.append(make_packet(PacketId(block, first), count, rng.bytes(int(rng.integers(1080, 1135)))))
     return make_stream(
-        packetization=PRESETS["datagram"], num_anchors=num_anchors, feature_dim=50, num_offsets=10,
+        packetization=PRESETS["datagram"], num_elements=num_anchors, feature_dim=50, num_offsets=10,
         feature_groups=(10,) * 5, side_info=rng.bytes(side_bytes), packets=packets, symbols_digest="5" * 64,
         writer="test",
     )  # fmt: skip
@@ -179,11 +179,11 @@ def tiered_stream(seed: int = 0, side_bytes: int = 30_000, per_packet: int = 40)
     tiers = (TierShape(900, 1), TierShape(8100, 1))
     plan, packets = PacketPlan(PRESETS["datagram"], 9000, tiers), []
     for block in range(plan.num_blocks):
-        for first in range(0, plan.block_anchors(block), per_packet):
-            count = min(per_packet, plan.block_anchors(block) - first)
+        for first in range(0, plan.block_elements(block), per_packet):
+            count = min(per_packet, plan.block_elements(block) - first)
             packets.append(make_packet(PacketId(block, first), count, rng.bytes(int(rng.integers(1080, 1135)))))
     return make_stream(
-        packetization=PRESETS["datagram"], num_anchors=9000, feature_dim=50, num_offsets=10,
+        packetization=PRESETS["datagram"], num_elements=9000, feature_dim=50, num_offsets=10,
         feature_groups=(10,) * 5, side_info=rng.bytes(side_bytes), packets=packets, symbols_digest="5" * 64,
         writer="test", tiers=tiers,
     )  # fmt: skip

@@ -245,7 +245,7 @@ def test_what_cannot_be_served_is_said():
         make_program(STREAM.with_packets(STREAM.packets[1:]))
     plan = PacketPlan(Packetization(), 100)
     paper = make_stream(
-        packetization=Packetization(), num_anchors=100, feature_dim=1, num_offsets=1, feature_groups=(1,),
+        packetization=Packetization(), num_elements=100, feature_dim=1, num_offsets=1, feature_groups=(1,),
         side_info=b"s", packets=[make_packet(i, plan.count(i), bytes(2000)) for i in plan.ids], symbols_digest="5" * 64,
         writer="test",
     )  # fmt: skip

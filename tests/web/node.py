@@ -131,7 +131,7 @@ def first_packet(stream: SceneStream) -> list[list[float]]:
     harmonics = splats.sh[:, 1:].flatten(1)
     columns = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], colours, harmonics)
     plan, packet = stream.manifest.plan, stream.packets[0]
-    places = plan.members(packet.id, packet.num_anchors)
+    places = plan.members(packet.id, packet.num_elements)
     assert known[places].all()
     return np.concatenate([column.numpy()[places] for column in columns], axis=1).astype(np.float64).tolist()
 

@@ -16,7 +16,7 @@ from splatwire.packets import SceneStream
 def with_copies(stream: SceneStream, growth: tuple[float, float, float] = (0.25, 0.75, 0.5)) -> SceneStream:
     """The same Gaussians with copies of every seventh."""
     info, whole = open_side_info(stream.manifest, stream.side_info), decode_stream(stream).scene.splats
-    places = np.arange(0, stream.manifest.num_anchors, 7)
+    places = np.arange(0, stream.manifest.num_elements, 7)
     return add_concealment(stream, SECTION, write_copies(whole, places, info, level=7, growth=growth))
 
 

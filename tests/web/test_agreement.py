@@ -181,7 +181,7 @@ def hostile_packets(stream: SceneStream, cases: int, rng: random.Random) -> list
     decoder = open_decoder(manifest, stream.side_info)
     for _ in range(cases):
         packet, digest = rng.choice(stream.packets), hashlib.sha256()
-        payload, count = hostile_payload(packet.payload, rng), packet.num_anchors
+        payload, count = hostile_payload(packet.payload, rng), packet.num_elements
         if manifest.packetization.hashed:
             count = rng.randrange(1, count + 1)
         altered = make_packet(packet.id, count, payload)

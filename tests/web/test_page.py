@@ -163,7 +163,7 @@ def check_stream(page: Browser, stream: SceneStream, way: str) -> None:
     assert status(page, "packets") == len(stream.packets)
     assert status(page, "way") == way
     assert page.resolve(f"{ELEMENT}.verify()") is True
-    page.wait_for(f"{STATUS}.gaussians === {stream.manifest.num_anchors}")
+    page.wait_for(f"{STATUS}.gaussians === {stream.manifest.num_elements}")
 
 
 def check_settings(page: Browser) -> None:

@@ -215,7 +215,7 @@ def test_a_link_that_drops_is_tried_again_and_a_page_that_is_loaded_again_goes_o
 def test_what_was_altered_or_cannot_be_drawn_is_not_called_whole(stream: SceneStream) -> None:
     first = stream.packets[0]
     payload = bytes(byte ^ 0x55 for byte in first.payload)
-    altered = make_packet(first.id, first.num_anchors, payload, stream.manifest.stream_id)
+    altered = make_packet(first.id, first.num_elements, payload, stream.manifest.stream_id)
     changed = stream.with_packets([altered, *stream.packets[1:]])
 
     def work(host: Host, page: Browser) -> None:

@@ -30,8 +30,8 @@ class TransmitRecord:
         send_order: One of `splatwire.packets.SEND_ORDERS`.
         num_sent: Packets sent.
         num_lost: Packets lost.
-        num_lost_anchors: Anchors that lost at least one packet.
-        num_sent_anchors: Anchors of which at least one packet was sent.
+        num_lost_elements: Elements that lost at least one packet.
+        num_sent_elements: Elements of which at least one packet was sent.
         bytes_sent: Size of the packets sent, with headers.
         bytes_received: Size of the packets that arrived, with headers.
         bytes_protected: Size of manifest and side information, which are delivered reliably (paper 3.2.2).
@@ -44,8 +44,8 @@ class TransmitRecord:
     send_order: str
     num_sent: int
     num_lost: int
-    num_lost_anchors: int
-    num_sent_anchors: int
+    num_lost_elements: int
+    num_sent_elements: int
     bytes_sent: int
     bytes_received: int
     bytes_protected: int
@@ -120,8 +120,8 @@ def transmit(
         send_order=send_order,
         num_sent=len(stream.packets),
         num_lost=len(lost),
-        num_lost_anchors=_num_anchors(lost),
-        num_sent_anchors=_num_anchors(stream.packets),
+        num_lost_elements=_num_elements(lost),
+        num_sent_elements=_num_elements(stream.packets),
         bytes_sent=sum(packet.num_bytes for packet in stream.packets),
         bytes_received=sum(packet.num_bytes for packet in received.packets),
         bytes_protected=parts["manifest"] + parts["side_info"],
@@ -222,6 +222,6 @@ def datagrams_of(num_bytes: np.ndarray) -> np.ndarray:
     return np.maximum(1, -(-num_bytes // DATAGRAM_BYTES))
 
 
-def _num_anchors(packets: Sequence[Packet]) -> int:
-    """Distinct anchors of packets: the parts of a separated packet hold the same ones."""
-    return sum({(packet.id.block, packet.id.lane): packet.num_anchors for packet in packets}.values())
+def _num_elements(packets: Sequence[Packet]) -> int:
+    """Distinct elements of packets: the parts of a separated packet hold the same ones."""
+    return sum({(packet.id.block, packet.id.lane): packet.num_elements for packet in packets}.values())

@@ -37,7 +37,7 @@ class CalibrateSketch(StreamCalibration):
             "views": where,
             **sizes,
             "elements": bare.manifest.elements,
-            "num_elements": bare.manifest.num_anchors,
+            "num_elements": bare.manifest.num_elements,
             "num_sketched": result.num_sketched,
             "growth_exponent": result.exponent,
             "growth_trust": result.trust,

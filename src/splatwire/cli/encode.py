@@ -195,14 +195,14 @@ class Encode:
                     "num_bytes": stream.num_bytes,
                     "parts": stream.parts(),
                     "num_packets": len(stream.packets),
-                    "num_elements": stream.manifest.num_anchors,
+                    "num_elements": stream.manifest.num_elements,
                     "tiers": measure_sizes(stream).tiers,
                     "kept_psnr": kept_psnr,
                     "seconds": seconds,
                 }
             )
         else:
-            text = f"{stream.manifest.num_anchors:,} {stream.manifest.elements} in {len(stream.packets):,} packets"
+            text = f"{stream.manifest.num_elements:,} {stream.manifest.elements} in {len(stream.packets):,} packets"
             if kept_psnr is not None:
                 text = f"{text} ({self.keep:.0%} kept: {kept_psnr:.2f} dB against pictures of all)"
             print_summary(f"{text}, {stream.num_bytes:,} bytes, {seconds:.1f} s -> {self.output}", self.output)

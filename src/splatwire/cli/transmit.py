@@ -41,5 +41,5 @@ class Transmit:
             print_json({"output": self.output, "num_bytes": received.num_bytes, **record.to_json()})
         else:
             text = f"{record.num_lost} of {record.num_sent} packets ({record.unit}) lost"
-            elements = f"{record.num_lost_anchors:,} of {record.num_sent_anchors:,} {sent.manifest.elements}"
+            elements = f"{record.num_lost_elements:,} of {record.num_sent_elements:,} {sent.manifest.elements}"
             print_summary(f"{text}, {elements} -> {self.output}", self.output)

@@ -173,13 +173,13 @@ def there_by_group(stream: SceneStream, arrival: np.ndarray) -> Callable[[int], 
     for span in plan.spans[::2]:
         for block in range(span.num_blocks):
             starts[span.first_block + block] = count + block * span.block_size
-        count += span.num_anchors
+        count += span.num_elements
     never = len(plan.spans)
     group = np.full(count, never, np.int64)
     for packet, when in zip(stream.packets, arrival.tolist(), strict=True):
         if packet.id.block in starts and when >= 0:
             first = starts[packet.id.block] + packet.id.lane
-            group[first : first + packet.num_anchors] = when
+            group[first : first + packet.num_elements] = when
     return lambda wanted: group <= wanted
 
 

@@ -68,7 +68,7 @@ class LiveDecoder:
                 continue
             self._blocks.setdefault(block, []).append(packet)
             self._fresh.add(block)
-            self._have[group] = self._have.get(group, 0) + packet.num_anchors
+            self._have[group] = self._have.get(group, 0) + packet.num_elements
             if self._decoder is not None and not plan.lasting(block):
                 self._opened().prepare(packet, self._num_bytes)
         yield from self._complete()
@@ -82,7 +82,7 @@ class LiveDecoder:
         """Frames of the next group if all of it is there."""
         assert self._manifest is not None
         tiers = self._manifest.tiers[2 * self._next : 2 * self._next + 2]
-        if tiers and self._have.get(self._next, 0) == sum(tier.num_anchors for tier in tiers):
+        if tiers and self._have.get(self._next, 0) == sum(tier.num_elements for tier in tiers):
             yield from self._shown(self._next + 1)
 
     def _shown(self, end: int) -> Iterator[ClipFrame]:
@@ -100,7 +100,7 @@ class LiveDecoder:
         assert self._manifest is not None
         if self._decoder is not None and self._decoder.manifest is self._manifest:
             return self._decoder
-        num_bytes, what = len(self._side_info) + self._num_bytes, f"decoding {self._manifest.num_anchors:,} tracks"
+        num_bytes, what = len(self._side_info) + self._num_bytes, f"decoding {self._manifest.num_elements:,} tracks"
         opened = TracksDecoder(self._manifest, self._side_info, num_bytes)
         check_memory(opened.scene_bytes, num_bytes, what)
         with allocating(what):
@@ -113,7 +113,7 @@ class LiveDecoder:
     def _group(self, group: int) -> Iterator[ClipFrame]:
         assert self._manifest is not None
         opened = self._opened()
-        with allocating(f"decoding {self._manifest.num_anchors:,} tracks"):
+        with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
             self._store(opened, self._manifest, group)
             clip = opened.scene().scene
             frames, self._memory = decode_group(clip, group, clip.tracks.received, self._memory, self._method)

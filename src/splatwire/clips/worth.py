@@ -31,7 +31,7 @@ def worth_of(manifest: Manifest, side_info: bytes, packets: Sequence[Packet], we
         if plan.lasting(packet.id.block):
             return 0.0
         group = plan.tier_of(packet.id.block) // 2
-        heads, _, _ = decode_motion(info, group, np.array([packet.num_anchors]), [packet.payload], int(firsts[group]))
+        heads, _, _ = decode_motion(info, group, np.array([packet.num_elements]), [packet.payload], int(firsts[group]))
         return float(weights[heads[heads[:, STATE] == MOVING, TRACK]].sum())
 
     return [worth(packet) for packet in packets]

@@ -206,14 +206,14 @@ class AnchorDecoder:
     """Memory that each anchor takes that is being decoded."""
 
     def __init__(self, manifest: Manifest, sections: Mapping[str, bytes]) -> None:
-        self.sections, self._num = sections, manifest.num_anchors
+        self.sections, self._num = sections, manifest.num_elements
         tiers, sizes = read_tiers(sections, manifest), read_tier_sizes(sections, manifest)
         self.order = tier_order(tiers) if manifest.tiers else None
         self._said = () if sizes is None else (TierSizes(torch.from_numpy(sizes[tiers])),)
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """See `Decoder.working_bytes`: a chunk, or the largest packet."""
-        return self.chunk_bytes * (max((packet.num_anchors for packet in packets), default=0) + CHUNK)
+        return self.chunk_bytes * (max((packet.num_elements for packet in packets), default=0) + CHUNK)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """See `Decoder.expect`."""

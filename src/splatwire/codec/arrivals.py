@@ -60,6 +60,6 @@ class Arrivals:
         if not passed and self._intake.take(packet, "transfer") is None:
             return False
         self._taken.add(packet.id)
-        self.num_taken += packet.num_anchors
+        self.num_taken += packet.num_elements
         self.num_bytes += packet.num_bytes
         return True

@@ -35,7 +35,7 @@ def decode_stream(
     """
     check_kind(stream, SceneStream, "read_stream")
     manifest, digest = stream.manifest, hashlib.sha256()
-    what = f"decoding {manifest.num_anchors:,} {manifest.elements}"
+    what = f"decoding {manifest.num_elements:,} {manifest.elements}"
     complete = len(stream.packets) == manifest.num_packets
     with allocating(what):
         decoder = open_decoder(manifest, stream.side_info, stream.num_bytes)
@@ -98,11 +98,11 @@ def runs_of(decoder: Decoder, manifest: Manifest, packets: Iterable[Packet], *, 
             yield Run(block.number, block.packets, members)
             continue
         for packet, own in zip(block.packets, members, strict=True):
-            if waiting and total + packet.num_anchors > CHUNK:
+            if waiting and total + packet.num_elements > CHUNK:
                 yield _joined(waiting)
                 waiting, total = [], 0
             waiting.append(Run(block.number, (packet,), (own,)))
-            total += packet.num_anchors
+            total += packet.num_elements
     if waiting:
         yield _joined(waiting)
 

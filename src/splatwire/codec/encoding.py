@@ -110,10 +110,10 @@ def _encode(schema: Schema, prepared: Prepared, threads: int | None, progress: P
             packets.append(make_packet(name, count, payload))
             held += count
         if progress:
-            progress(held / plan.num_anchors if hashed else len(packets) / len(ids))
+            progress(held / plan.num_elements if hashed else len(packets) / len(ids))
     _check_sizes(plan.packetization, packets, schema.name)
     return make_stream(
-        packetization=plan.packetization, num_anchors=plan.num_anchors, side_info=prepared.side_info,
+        packetization=plan.packetization, num_elements=plan.num_elements, side_info=prepared.side_info,
         packets=_taken(packets), symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}",
         tiers=plan.tiers, codec=schema.name, **prepared.stated,
     )  # fmt: skip
@@ -127,7 +127,7 @@ def _check_sizes(packetization: Packetization, packets: list[Packet], name: str)
     for packet in packets:
         if packet.num_bytes > most:
             raise InvalidValueError(
-                f"{packet.num_anchors} of the {SCHEMAS[name].elements} of this scene takes {packet.num_bytes} bytes, "
+                f"{packet.num_elements} of the {SCHEMAS[name].elements} of this scene takes {packet.num_bytes} bytes, "
                 f"a packet holds {most}: choose a larger packet size or another preset"
             )
 

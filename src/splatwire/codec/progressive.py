@@ -56,7 +56,7 @@ class ProgressiveDecoder(Arrivals):
         if not self._decoder.alone:
             raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
-        self._what = f"decoding {manifest.num_anchors:,} {manifest.elements}"
+        self._what = f"decoding {manifest.num_elements:,} {manifest.elements}"
         self._found: dict[PacketId, tuple[Packet, Rows]] = {}
         self._blocks: dict[int, list[Packet]] = {}
         self._checked, self._num_known = False, 0
@@ -86,7 +86,7 @@ class ProgressiveDecoder(Arrivals):
     @property
     def complete(self) -> bool:
         """Whether every element has arrived."""
-        return self._num_known == self.manifest.num_anchors
+        return self._num_known == self.manifest.num_elements
 
     def members(self, packet: Packet) -> np.ndarray:
         """Ranks of a packet's elements, int64, in the order in which it holds them.
@@ -94,7 +94,7 @@ class ProgressiveDecoder(Arrivals):
         Raises:
             InvalidValueError: If the stream has no such packet.
         """
-        places, order = self.manifest.plan.members(packet.id, packet.num_anchors), self._decoder.order
+        places, order = self.manifest.plan.members(packet.id, packet.num_elements), self._decoder.order
         return places if order is None else order[places]
 
     def snapshot(self) -> Partial:

@@ -96,7 +96,7 @@ class Run:
     @property
     def counts(self) -> np.ndarray:
         """Elements of each packet, int64."""
-        return np.array([packet.num_anchors for packet in self.packets], dtype=np.int64)
+        return np.array([packet.num_elements for packet in self.packets], dtype=np.int64)
 
     @property
     def payloads(self) -> list[bytes]:

@@ -58,10 +58,10 @@ def read_tiers(sections: Mapping[str, bytes], manifest: Manifest) -> np.ndarray:
     if bool(shapes) != (SECTION in sections):
         raise BitstreamError("manifest and side information disagree on whether there are tiers")
     if not shapes:
-        return np.zeros(manifest.num_anchors, dtype=np.uint8)
-    tiers = decode_tiers(sections[SECTION], manifest.num_anchors, len(shapes))
+        return np.zeros(manifest.num_elements, dtype=np.uint8)
+    tiers = decode_tiers(sections[SECTION], manifest.num_elements, len(shapes))
     found = np.bincount(tiers, minlength=len(shapes)).tolist()
-    if found != [shape.num_anchors for shape in shapes]:
+    if found != [shape.num_elements for shape in shapes]:
         raise BitstreamError(f"the side information has tiers of {found} anchors, which the manifest denies")
     return tiers
 

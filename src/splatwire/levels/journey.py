@@ -124,7 +124,7 @@ class Journey:
     def of(stream: SceneStream, walk: Walk, link: Link, progress: Callable[[float], None] | None = None) -> "Journey":
         """Sends a complete stream along a walk; see `deliver`."""
         tiles, delivery = tiles_of(stream), deliver(stream, walk.look, walk.seconds, link, progress)
-        packet_of, first = np.empty(stream.manifest.num_anchors, dtype=np.int64), 0
+        packet_of, first = np.empty(stream.manifest.num_elements, dtype=np.int64), 0
         for block in arrived_blocks(stream.manifest.plan, stream.packets):  # by their ids, as deliveries have them
             for run in block.runs:
                 packet_of[block.ranks[run]] = first

@@ -1,4 +1,4 @@
-"""Packets: which anchors share one, what its bytes are, and streams on disk. numpy and the standard library only."""
+"""Packets: which elements share one, what its bytes are, and streams on disk. numpy and the standard library only."""
 
 from splatwire.packets.arrangement import Arrangement, ArrivedBlock, arrange, arrived_blocks
 from splatwire.packets.container import file_head, file_record, stream_from_bytes, stream_to_bytes

@@ -1,4 +1,4 @@
-"""Which anchors arrived: all anchors of a stream, packet by packet, with the gaps that missing packets leave."""
+"""Which elements arrived: all elements of a stream, packet by packet, with the gaps that missing packets leave."""
 
 from collections.abc import Iterable, Iterator
 from itertools import groupby
@@ -13,7 +13,7 @@ from splatwire.packets.plan import PacketGroups, PacketPlan
 
 
 class Arrangement(NamedTuple):
-    """All anchors of a stream in groups that arrived or did not.
+    """All elements of a stream in groups that arrived or did not.
 
     Attributes:
         groups: Every rank once, group after group.
@@ -27,7 +27,7 @@ class Arrangement(NamedTuple):
 
 
 def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
-    """Finds the anchors of packets, and the gaps between them.
+    """Finds the elements of packets, and the gaps between them.
 
     Args:
         plan: The stream's plan.
@@ -37,7 +37,7 @@ def arrange(plan: PacketPlan, packets: Iterable[Packet]) -> Arrangement:
         Groups in the order of the complete stream: by block, then lane or position.
 
     Raises:
-        InvalidValueError: If a packet does not fit the plan, or two hold the same anchor.
+        InvalidValueError: If a packet does not fit the plan, or two hold the same element.
     """
     arrived = _fitting(plan, packets)
     if not plan.packetization.hashed:
@@ -64,8 +64,8 @@ class ArrivedBlock(NamedTuple):
 
     @property
     def counts(self) -> np.ndarray:
-        """Anchors of each packet, int64."""
-        return np.array([packet.num_anchors for packet in self.packets], dtype=np.int64)
+        """Elements of each packet, int64."""
+        return np.array([packet.num_elements for packet in self.packets], dtype=np.int64)
 
     @property
     def payloads(self) -> list[bytes]:
@@ -82,7 +82,7 @@ class ArrivedBlock(NamedTuple):
 
 
 def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = False) -> Iterator[ArrivedBlock]:
-    """Finds the anchors of packets, a block at a time, ascending.
+    """Finds the elements of packets, a block at a time, ascending.
 
     Args:
         plan: The stream's plan.
@@ -90,7 +90,7 @@ def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = 
         gaps: Whether blocks of which nothing arrived are listed, too; else they take neither time nor memory.
 
     Raises:
-        InvalidValueError: If a packet does not fit the plan, or two hold the same anchor.
+        InvalidValueError: If a packet does not fit the plan, or two hold the same element.
     """
     arrived, after = _fitting(plan, packets), 0
     for block, names in groupby(sorted(arrived), key=lambda packet_id: packet_id.block):
@@ -98,10 +98,10 @@ def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = 
             yield from (ArrivedBlock(gap, plan.block_ranks(gap), (), ()) for gap in range(after, block))
         after = block + 1
         here = tuple(arrived[packet_id] for packet_id in names)
-        runs = tuple(plan.run(packet.id, packet.num_anchors) for packet in here)
+        runs = tuple(plan.run(packet.id, packet.num_elements) for packet in here)
         for packet, run, following in zip(here[1:], runs, runs[1:], strict=False):
             if plan.packetization.hashed and following.start < run.stop:
-                raise InvalidValueError(f"{packet.id.filename} holds anchors of the packet before it")
+                raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
         yield ArrivedBlock(block, plan.block_ranks(block), here, runs)
     if gaps:
         yield from (ArrivedBlock(gap, plan.block_ranks(gap), (), ()) for gap in range(after, plan.num_blocks))
@@ -110,24 +110,24 @@ def arrived_blocks(plan: PacketPlan, packets: Iterable[Packet], *, gaps: bool = 
 def _fitting(plan: PacketPlan, packets: Iterable[Packet]) -> dict[PacketId, Packet]:
     arrived = {packet.id: packet for packet in packets}
     for packet in arrived.values():
-        if not plan.fits(packet.id, packet.num_anchors):
-            raise InvalidValueError(f"the plan has no packet {packet.id.filename} with {packet.num_anchors} anchors")
+        if not plan.fits(packet.id, packet.num_elements):
+            raise InvalidValueError(f"the plan has no packet {packet.id.filename} with {packet.num_elements} elements")
     return arrived
 
 
 def _pieces(plan: PacketPlan, arrived: dict[PacketId, Packet]) -> Iterator[tuple[int, Packet | None]]:
-    """Sizes of packets and gaps, block by block; together they are all anchors."""
+    """Sizes of packets and gaps, block by block; together they are all elements."""
     ordered = sorted(arrived)
     at = 0
     for block in range(plan.num_blocks):
-        position, end = 0, plan.block_anchors(block)
+        position, end = 0, plan.block_elements(block)
         while at < len(ordered) and ordered[at].block == block:
             packet = arrived[ordered[at]]
             if packet.id.lane < position:
-                raise InvalidValueError(f"{packet.id.filename} holds anchors of the packet before it")
+                raise InvalidValueError(f"{packet.id.filename} holds elements of the packet before it")
             if packet.id.lane > position:
                 yield packet.id.lane - position, None
-            yield packet.num_anchors, packet
-            position, at = packet.id.lane + packet.num_anchors, at + 1
+            yield packet.num_elements, packet
+            position, at = packet.id.lane + packet.num_elements, at + 1
         if position < end:
             yield end - position, None

@@ -1,11 +1,11 @@
-"""Which lane of its block an anchor rides in: pure arithmetic on ranks, alike at both ends."""
+"""Which lane of its block an element rides in: pure arithmetic on ranks, alike at both ends."""
 
 import numpy as np
 
 from splatwire.packets.splitmix64 import splitmix64
 
 CHUNK = 1 << 17
-"""Ranks hashed at a time: temporaries stay in the cache, whatever the number of anchors."""
+"""Ranks hashed at a time: temporaries stay in the cache, whatever the number of elements."""
 
 
 def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray:
@@ -51,5 +51,5 @@ def contiguous_bounds(size: int, lanes: int) -> np.ndarray:
 
 
 def contiguous_lanes(size: int, lanes: int) -> np.ndarray:
-    """Lanes of the ranks of one block of `size` anchors, split into consecutive runs; uint8, `size`."""
+    """Lanes of the ranks of one block of `size` elements, split into consecutive runs; uint8, `size`."""
     return np.repeat(np.arange(lanes), np.diff(contiguous_bounds(size, lanes))).astype(np.uint8)

@@ -147,15 +147,15 @@ class PacketIntake:
         Raises:
             CorruptPacketError: If it has none.
         """
-        if not self._plan.fits(packet.id, packet.num_anchors):
+        if not self._plan.fits(packet.id, packet.num_elements):
             count = self._plan.count(packet.id)
-            what = f"it holds {packet.num_anchors} anchors where the manifest's plan has {count}"
+            what = f"it holds {packet.num_elements} elements where the manifest's plan has {count}"
             raise CorruptPacketError(packet.id.filename, what)
         if self._plan.packetization.hashed:
             self._check_hashed(packet)
 
     def _check_hashed(self, packet: Packet) -> None:
-        """A packet may not be too large, nor claim anchors that another packet of its block already holds."""
+        """A packet may not be too large, nor claim elements that another packet of its block already holds."""
         if packet.num_bytes > self._plan.packetization.packet_bytes:
             raise CorruptPacketError(
                 packet.id.filename, f"it has {packet.num_bytes} bytes, more than a packet may have"
@@ -164,12 +164,12 @@ class PacketIntake:
         at, first = bisect.bisect_left(firsts, packet.id.lane), packet.id.lane
         before = self._packets[PacketId(packet.id.block, firsts[at - 1])] if at else None
         if at < len(firsts) and firsts[at] == first:
-            if self._packets[packet.id].num_anchors != packet.num_anchors:
+            if self._packets[packet.id].num_elements != packet.num_elements:
                 raise CorruptPacketError(packet.id.filename, "it is another packet than the one that was already there")
             return
-        overlaps = before is not None and before.id.lane + before.num_anchors > first
-        if overlaps or (at < len(firsts) and first + packet.num_anchors > firsts[at]):
-            raise CorruptPacketError(packet.id.filename, "it holds anchors of a packet that was already there")
+        overlaps = before is not None and before.id.lane + before.num_elements > first
+        if overlaps or (at < len(firsts) and first + packet.num_elements > firsts[at]):
+            raise CorruptPacketError(packet.id.filename, "it holds elements of a packet that was already there")
         if len(self._packets) >= self._manifest.num_packets:
             raise CorruptPacketError(packet.id.filename, "the stream has no further packet")
         firsts.insert(at, first)

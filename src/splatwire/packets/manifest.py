@@ -33,11 +33,11 @@ _LAYOUT_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest:
-    """Description of a stream; the mapping from anchors to packets is rebuilt from it alone.
+    """Description of a stream; the mapping from elements to packets is rebuilt from it alone.
 
     Attributes:
-        packetization: How anchors are split into packets.
-        num_anchors: Elements of the scene, anchors or Gaussians, N.
+        packetization: How elements are split into packets.
+        num_elements: Elements of the scene, anchors or Gaussians, N.
         num_packets: Packets of the complete stream, whatever arrived of them.
         stream_id: Id that every packet of the stream carries, 32 bits.
         side_info_bytes: Size of the side information.
@@ -49,7 +49,7 @@ class Manifest:
         feature_dim: Channels of the anchor feature, F; 0 where the side information says it, as the next one.
         num_offsets: Offsets per anchor, K.
         feature_groups: Sizes of the feature's channel groups, in coding order; they add up to F.
-        tiers: Sizes of the tiers that anchors are grouped in by importance; empty if there is one. Which anchor is in
+        tiers: Sizes of the tiers that elements are grouped in by importance; empty if there is one. Which element is in
             which tier is side information.
 
     Raises:
@@ -57,7 +57,7 @@ class Manifest:
     """
 
     packetization: Packetization
-    num_anchors: int
+    num_elements: int
     num_packets: int
     stream_id: int
     side_info_bytes: int
@@ -75,7 +75,7 @@ class Manifest:
             raise UnknownNameError("codec of a stream", self.codec, SCHEMAS)
         least, most = (1, MAX_FEATURE_DIM) if self.schema.layout else (0, 0)
         for name, low, high in (
-            ("num_anchors", 0, MAX_ELEMENTS),
+            ("num_elements", 0, MAX_ELEMENTS),
             ("feature_dim", least, most),
             ("num_offsets", least, min(most, MAX_OFFSETS)),
             ("num_packets", 0, len(PARTS) * MAX_GROUPS),
@@ -83,9 +83,8 @@ class Manifest:
             ("side_info_bytes", 0, MAX_SIDE_INFO_BYTES),
         ):
             _check_integer(name, getattr(self, name), low, high)
-        if self.num_anchors > FREE_ELEMENTS + self.schema.elements_per_byte * self.side_info_bytes:
-            what = f"{self.side_info_bytes} bytes of side information cannot place {self.num_anchors} anchors"
-            raise InvalidValueError(what)
+        if self.num_elements > FREE_ELEMENTS + self.schema.elements_per_byte * self.side_info_bytes:
+            raise InvalidValueError(f"{self.side_info_bytes} bytes cannot place {self.num_elements} elements")
         for size in self.feature_groups:
             _check_integer("a size in feature_groups", size, 1, self.feature_dim)
         if sum(self.feature_groups) != self.feature_dim:
@@ -115,19 +114,18 @@ class Manifest:
 
     @property
     def plan(self) -> PacketPlan:
-        """The mapping between anchors and packets."""
+        """The mapping between elements and packets."""
         groups = len(self.feature_groups) if self.packetization.separated else 0
-        return PacketPlan(self.packetization, self.num_anchors, self.tiers, groups)
+        return PacketPlan(self.packetization, self.num_elements, self.tiers, groups)
 
     def _check_num_packets(self) -> None:
         """Bounds the packet count by arithmetic alone: nothing is allocated on the word of a manifest."""
         num_parts, num_blocks = len(self.plan.parts), self.plan.num_blocks
-        most = num_parts * sum(min(span.num_anchors, span.num_blocks * span.lanes) for span in self.plan.spans)
-        if self.packetization.hashed:
-            most = self.num_anchors
+        lanes = num_parts * sum(min(span.num_elements, span.num_blocks * span.lanes) for span in self.plan.spans)
+        most = self.num_elements if self.packetization.hashed else lanes
         if not num_blocks * num_parts <= self.num_packets <= most or self.num_packets % num_parts:
             raise InvalidValueError(
-                f"{self.num_packets} packets cannot carry {self.num_anchors} anchors in {num_blocks} blocks "
+                f"{self.num_packets} packets cannot carry {self.num_elements} elements in {num_blocks} blocks "
                 f"of {self.packetization.lanes} lanes with {self.packetization.packaging} packaging"
             )
 
@@ -135,8 +133,9 @@ class Manifest:
 _SHA256 = re.compile("[0-9a-f]{64}", re.ASCII)
 _WRITER = re.compile(f"[ -~]{{0,{MAX_WRITER_LENGTH}}}", re.ASCII)
 _TYPE_NAMES = {int: "an integer", str: "text", list: "a list", dict: "an object"}
+_COUNT = "num_anchors"  # of elements: its name since version 1, which had nothing else
 _JSON_TYPES: dict[str, type] = {
-    **{f.name: int for f in fields(Manifest)},
+    **{_COUNT if f.name == "num_elements" else f.name: int for f in fields(Manifest)},
     **dict.fromkeys(("stream_id", "side_info_digest", "symbols_digest", "writer", "codec"), str),
     "format_version": int,
     "packetization": dict,
@@ -168,9 +167,8 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         raise BitstreamError(f"{name} is not a manifest of schema '{SCHEMA}'")
     version = content.get("format_version")
     if type(version) is int and version > FORMAT_VERSION:
-        raise UnsupportedVersionError(
-            f"{name} has format version {version!r:.20}, this release reads up to {FORMAT_VERSION}"
-        )
+        what = f"{name} has format version {version!r:.20}, this release reads up to {FORMAT_VERSION}"
+        raise UnsupportedVersionError(what)
     if type(version) is not int or version < 1:
         raise BitstreamError(f"{name}: format_version is {version!r:.20}, not a number from 1 to {FORMAT_VERSION}")
     digest = content.pop("digest", None)
@@ -192,6 +190,7 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     if content.pop("format_version") != (schema.format_version if schema else None):
         raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
     try:
+        content["num_elements"] = content.pop(_COUNT)
         return Manifest(
             **{
                 **content,
@@ -228,10 +227,11 @@ def _content(manifest: Manifest) -> dict[str, Any]:
     content = {
         **asdict(manifest),
         "format_version": manifest.format_version,
+        _COUNT: manifest.num_elements,
         "packetization": _packetization_content(manifest.packetization),
         "schema": SCHEMA,
         "stream_id": f"{manifest.stream_id:08x}",
-        "tiers": [[tier.num_anchors, tier.lanes] for tier in manifest.tiers],
+        "tiers": [[tier.num_elements, tier.lanes] for tier in manifest.tiers],
     }
     expected = _expected_fields(manifest.format_version, bool(manifest.tiers))
     return {key: value for key, value in content.items() if key in expected or key == "schema"}

@@ -9,7 +9,7 @@ A packet is a 16-byte header and its payload; its length is that of the file or 
 | 5 | low 2 bits 0: whole anchors, high 6 bits are bits 8 to 13 of the lane; else one part of them, `part_byte` |
 | 6 | bits 0 to 7 of the lane (`PacketId.lane`; with hashed grouping a position) |
 | 7-9 | block |
-| 10-11 | number of anchors |
+| 10-11 | number of elements |
 | 12-15 | CRC-32 of bytes 0-11 and the payload |
 
 All numbers are little-endian.
@@ -42,17 +42,17 @@ class Packet:
 
     Attributes:
         id: Its name within the stream.
-        num_anchors: Anchors it holds, 1 to 65535.
+        num_elements: Elements it holds, 1 to 65535.
         data: All of its bytes, as they travel.
     """
 
     id: PacketId
-    num_anchors: int
+    num_elements: int
     data: bytes
 
     @property
     def payload(self) -> bytes:
-        """The entropy-coded attributes of its anchors."""
+        """The entropy-coded attributes of its elements."""
         return self.data[HEADER_BYTES:]
 
     @property
@@ -62,16 +62,16 @@ class Packet:
 
 
 def part_byte(part: int) -> int:
-    """Byte of a part but the whole anchor in the header: 1, 2, 3, 5, 6, 7, 9, ...; the low 2 bits are never 0."""
+    """Byte of a part but the whole element in the header: 1, 2, 3, 5, 6, 7, 9, ...; the low 2 bits are never 0."""
     return (part - 1) // 3 * 4 + (part - 1) % 3 + 1
 
 
-def make_packet(packet_id: PacketId, num_anchors: int, payload: bytes, stream_id: int = 0) -> Packet:
+def make_packet(packet_id: PacketId, num_elements: int, payload: bytes, stream_id: int = 0) -> Packet:
     """Writes a packet.
 
     Args:
         packet_id: Its name within the stream.
-        num_anchors: Anchors it holds, 1 to 65535.
+        num_elements: Elements it holds, 1 to 65535.
         payload: Their entropy-coded attributes.
         stream_id: Id of the stream it belongs to, 32 bits; 0 until `make_stream` gives it one.
 
@@ -82,17 +82,17 @@ def make_packet(packet_id: PacketId, num_anchors: int, payload: bytes, stream_id
         0 <= packet_id.block < MAX_BLOCKS
         and 0 <= packet_id.lane < (MAX_LANES if packet_id.part else MAX_HASHED_BLOCK)
         and 0 <= packet_id.part < len(PARTS)
-        and 1 <= num_anchors <= MAX_BLOCK_SIZE
+        and 1 <= num_elements <= MAX_BLOCK_SIZE
         and HEADER_BYTES + len(payload) <= MAX_PACKET_BYTES
     )
     if not fits:
-        raise InvalidValueError(f"no packet holds {packet_id} with {num_anchors} anchors and {len(payload)} bytes")
+        raise InvalidValueError(f"no packet holds {packet_id} with {num_elements} elements and {len(payload)} bytes")
     block_high, block_low = divmod(packet_id.block, 1 << 16)
     lane_high, lane_low = divmod(packet_id.lane, 1 << 8)
     part = part_byte(packet_id.part) if packet_id.part else lane_high << 2
-    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, num_anchors)
+    fields = _FIELDS.pack(PACKET_VERSION, stream_id, part, lane_low, block_low, block_high, num_elements)
     checksum = _CHECKSUM.pack(zlib.crc32(payload, zlib.crc32(fields)))
-    return Packet(packet_id, num_anchors, b"".join((fields, checksum, payload)))
+    return Packet(packet_id, num_elements, b"".join((fields, checksum, payload)))
 
 
 def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet:
@@ -111,7 +111,7 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
     view = memoryview(data)
     if len(view) < HEADER_BYTES:
         raise TruncatedStreamError(f"a packet of {len(view)} bytes ends within its header of {HEADER_BYTES}")
-    version, found_id, part, lane_low, block_low, block_high, num_anchors = _FIELDS.unpack_from(view)
+    version, found_id, part, lane_low, block_low, block_high, num_elements = _FIELDS.unpack_from(view)
     if version > PACKET_VERSION:
         raise UnsupportedVersionError(
             f"the packet has format version {version}, this release reads up to {PACKET_VERSION}"
@@ -128,11 +128,11 @@ def packet_from_bytes(data: bytes | memoryview, stream_id: int | None) -> Packet
     (checksum,) = _CHECKSUM.unpack_from(view, _FIELDS.size)
     if zlib.crc32(view[HEADER_BYTES:], zlib.crc32(view[: _FIELDS.size])) != checksum:
         raise CorruptPacketError(name, "its checksum does not match")
-    if version < 1 or num_anchors < 1:
-        raise CorruptPacketError(name, f"its header makes no sense (version {version}, {num_anchors} anchors)")
+    if version < 1 or num_elements < 1:
+        raise CorruptPacketError(name, f"its header makes no sense (version {version}, {num_elements} elements)")
     if stream_id is not None and found_id != stream_id:
         raise ForeignPacketError(name, f"it belongs to stream {found_id:08x}, not {stream_id:08x}")
-    return Packet(packet_id, num_anchors, bytes(view))
+    return Packet(packet_id, num_elements, bytes(view))
 
 
 def packet_mark(stream_id: int) -> bytes:

@@ -18,8 +18,8 @@ class PacketId:
 
     Attributes:
         block: Spatial block, t.
-        lane: Lane within the block, λ; with hashed grouping, position of its first anchor in the block's hash order.
-        part: What it carries of its anchors, an index into `PARTS`.
+        lane: Lane within the block, λ; with hashed grouping, position of its first element in the block's hash order.
+        part: What it carries of its elements, an index into `PARTS`.
     """
 
     block: int

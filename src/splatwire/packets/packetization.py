@@ -1,4 +1,4 @@
-"""Parameters of the packetization: how anchors are split into packets."""
+"""Parameters of the packetization: how elements are split into packets."""
 
 from dataclasses import dataclass
 
@@ -31,15 +31,15 @@ def check_range(what: str, value: int, low: int, high: int) -> None:
 
 @dataclass(frozen=True)
 class Packetization:
-    """How anchors are split into packets (paper 3.2.2 and 4.1, "Packetization Parameters").
+    """How elements are split into packets (paper 3.2.2 and 4.1, "Packetization Parameters").
 
     Attributes:
-        block_size: Most anchors of a spatial block.
+        block_size: Most elements of a spatial block.
         lanes: Packets that a block is split into.
         seed: Seed of the lane hash, 64 bits.
         order: How anchors are ranked: `morton` (true Z-order) or `raster` (z-major, what HAC++ does).
         grouping: `stratified` (hashed lanes), `contiguous` (each lane a run of consecutive ranks) or `hashed` (the
-            block's anchors in the order of their hashes, as many to a packet as its bytes allow; `lanes` is 1).
+            block's elements in the order of their hashes, as many to a packet as its bytes allow; `lanes` is 1).
         packaging: `atomic` (a packet holds whole anchors) or `separated` (a packet for each feature group, one for the
             scalings, one for the offsets, as in HAC++; the baseline of the ablation).
         packet_bytes: With hashed grouping the most bytes of a packet, header included; 0 with every other.
@@ -82,7 +82,7 @@ class Packetization:
 
     @property
     def hashed(self) -> bool:
-        """Whether packets are cut by their size, so that only a packet itself says which anchors it holds."""
+        """Whether packets are cut by their size, so that only a packet itself says which elements it holds."""
         return self.grouping == "hashed"
 
     @property
@@ -92,7 +92,7 @@ class Packetization:
 
     @property
     def separated(self) -> bool:
-        """Whether each attribute of some anchors is in a packet of its own."""
+        """Whether each attribute of some elements is in a packet of its own."""
         return self.packaging == "separated"
 
     @property
@@ -111,23 +111,23 @@ order to a batch), and packets that fit a datagram."""
 
 SPREAD = "spread"
 """Name of what `spread_packetization` returns; `packetization_named` knows it beside `PRESETS`."""
-_PACKET_ANCHORS, _FEWEST_LANES = 375, 8
+_PACKET_ELEMENTS, _FEWEST_LANES = 375, 8
 """As many as the paper's packets and blocks have."""
 
 
-def spread_packetization(num_anchors: int) -> Packetization:
-    """Returns lanes over the whole scene: one block, or as few as there can be, in packets of at most 375 anchors.
+def spread_packetization(num_elements: int) -> Packetization:
+    """Returns lanes over the whole scene: one block, or as few as there can be, in packets of at most 375 elements.
 
     In blocks of 3000 in 8 lanes the loss of a packet takes an eighth of what is there, and of two packets a quarter:
     neighbours often share their fate. At equal bytes and 20 % loss, lego is 0.30 to 0.44 dB better with these, and the
     worst of 16 losses 0.6 dB; snowmiku_small gains 0.0 to 0.06 dB (`benchmarks/results/spread.json`).
 
     Args:
-        num_anchors: Anchors that will be coded.
+        num_elements: Elements that will be coded.
     """
-    blocks = max(1, -(-num_anchors // MAX_BLOCK_SIZE))
-    size = max(1, -(-num_anchors // blocks))
-    return Packetization(block_size=size, lanes=max(_FEWEST_LANES, -(-size // _PACKET_ANCHORS)))
+    blocks = max(1, -(-num_elements // MAX_BLOCK_SIZE))
+    size = max(1, -(-num_elements // blocks))
+    return Packetization(block_size=size, lanes=max(_FEWEST_LANES, -(-size // _PACKET_ELEMENTS)))
 
 
 def packetization_named(name: str | None, schema: str, num_elements: int) -> Packetization:

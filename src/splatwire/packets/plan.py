@@ -1,4 +1,4 @@
-"""The plan: which anchors share a packet."""
+"""The plan: which elements share a packet."""
 
 import bisect
 import functools
@@ -16,7 +16,7 @@ from splatwire.packets.tiers import Span, TierShape, check_tiers, spans_of
 
 
 class PacketGroups(NamedTuple):
-    """Anchors by block and lane, in compressed rows: group g holds `ranks[starts[g]:starts[g + 1]]`, ascending.
+    """Elements by block and lane, in compressed rows: group g holds `ranks[starts[g]:starts[g + 1]]`, ascending.
 
     Attributes:
         ranks: All ranks (with tiers places, until they are mapped), group after group, int64, N.
@@ -33,11 +33,11 @@ class PacketPlan:
     """Mapping between ranks and packets, rebuilt from a few numbers; constructing it computes nothing.
 
     With tiers, the plan speaks of places where it otherwise speaks of ranks; `splatwire.packets.tiers.tier_order` maps
-    them, given the tier of every anchor. Names and sizes of packets follow from the plan alone.
+    them, given the tier of every element. Names and sizes of packets follow from the plan alone.
 
     Attributes:
-        packetization: How anchors are split.
-        num_anchors: Anchors of the scene, N.
+        packetization: How elements are split.
+        num_elements: Elements of the scene, N.
         tiers: Sizes of the tiers; empty if there is one.
         feature_groups: Number of feature groups; 0 with atomic packaging, where it does not matter.
 
@@ -46,7 +46,7 @@ class PacketPlan:
     """
 
     packetization: Packetization
-    num_anchors: int
+    num_elements: int
     tiers: tuple[TierShape, ...] = ()
     feature_groups: int = 0
 
@@ -58,15 +58,15 @@ class PacketPlan:
             least,
             most,
         )
-        check_range("number of anchors", self.num_anchors, 0, MAX_ELEMENTS)
-        check_tiers(self.tiers, self.num_anchors, self.packetization)
+        check_range("number of elements", self.num_elements, 0, MAX_ELEMENTS)
+        check_tiers(self.tiers, self.num_elements, self.packetization)
         check_range("number of blocks", self.num_blocks, 0, MAX_BLOCKS)
         check_range("number of packets", self.num_blocks * self.packetization.lanes, 0, MAX_GROUPS)
 
     @functools.cached_property
     def spans(self) -> tuple[Span, ...]:
         """Blocks of each tier, in order."""
-        return spans_of(self.tiers, self.num_anchors, self.packetization)
+        return spans_of(self.tiers, self.num_elements, self.packetization)
 
     @functools.cached_property
     def num_blocks(self) -> int:
@@ -86,7 +86,7 @@ class PacketPlan:
         return self.tier_of(block) % 2 == 0
 
     def tier_of(self, block: int) -> int:
-        """Tier of a block's anchors, 0 for the most important.
+        """Tier of a block's elements, 0 for the most important.
 
         Raises:
             InvalidValueError: If there is no such block.
@@ -96,14 +96,14 @@ class PacketPlan:
 
     @functools.cached_property
     def parts(self) -> tuple[int, ...]:
-        """`PacketId.part` of the packets that the anchors of one block and lane are split into, ascending."""
+        """`PacketId.part` of the packets that the elements of one block and lane are split into, ascending."""
         if not self.packetization.separated:
             return (0,)
         return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))
 
     @functools.cached_property
     def ids(self) -> tuple[PacketId, ...]:
-        """All packets that hold an anchor, in the order j = block * lanes + lane (then part).
+        """All packets that hold an element, in the order j = block * lanes + lane (then part).
 
         Raises:
             InvalidValueError: With hashed grouping, where only a stream knows.
@@ -119,7 +119,7 @@ class PacketPlan:
         lanes = np.int32(self.packetization.lanes)
         pieces = [np.empty(0, np.int32)]
         for span in self.spans:
-            place = np.arange(span.num_anchors, dtype=np.int32)
+            place = np.arange(span.num_elements, dtype=np.int32)
             block = place // np.int32(span.block_size) + np.int32(span.first_block)
             pieces.append(block * lanes + self._lanes_of(span))
         return np.concatenate(pieces)
@@ -134,7 +134,7 @@ class PacketPlan:
         return PacketGroups(ranks, np.concatenate([[0], np.cumsum(self.group_counts())]))
 
     def group_counts(self) -> np.ndarray:
-        """Anchors of each group of `groups`, int64 (G); not with hashed grouping."""
+        """Elements of each group of `groups`, int64 (G); not with hashed grouping."""
         self._check_fixed()
         counts = self._counts()
         return counts[counts > 0]
@@ -146,57 +146,57 @@ class PacketPlan:
         start, lanes = self._block_lanes(PacketId(block, 0, self.parts[0]))
         return start + np.argsort(lanes, kind="stable")
 
-    def members(self, packet_id: PacketId, num_anchors: int | None = None) -> np.ndarray:
-        """Ranks of one packet's anchors, ascending (hashed: in hash order), int64; computed from its block alone.
+    def members(self, packet_id: PacketId, num_elements: int | None = None) -> np.ndarray:
+        """Ranks of one packet's elements, ascending (hashed: in hash order), int64; computed from its block alone.
 
         Args:
             packet_id: The packet.
-            num_anchors: Its number of anchors, which with hashed grouping only the packet knows.
+            num_elements: Its number of elements, which with hashed grouping only the packet knows.
 
         Raises:
-            InvalidValueError: If the plan has no such block, lane or part, or not so many anchors.
+            InvalidValueError: If the plan has no such block, lane or part, or not so many elements.
         """
-        if num_anchors is None and not self.packetization.hashed:
+        if num_elements is None and not self.packetization.hashed:
             start, lanes = self._block_lanes(packet_id)
             return start + np.flatnonzero(lanes == packet_id.lane)
-        if num_anchors is None or not self.fits(packet_id, num_anchors):
-            raise InvalidValueError(f"the plan has no packet {packet_id.filename} with {num_anchors} anchors")
+        if num_elements is None or not self.fits(packet_id, num_elements):
+            raise InvalidValueError(f"the plan has no packet {packet_id.filename} with {num_elements} elements")
         if not self.packetization.hashed:
             return self.members(packet_id)
-        return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_anchors]
+        return self._hash_order(packet_id.block)[packet_id.lane : packet_id.lane + num_elements]
 
-    def run(self, packet_id: PacketId, num_anchors: int) -> slice:
-        """Where the anchors of a packet that fits are in `block_ranks` of its block."""
+    def run(self, packet_id: PacketId, num_elements: int) -> slice:
+        """Where the elements of a packet that fits are in `block_ranks` of its block."""
         if self.packetization.hashed:
-            return slice(packet_id.lane, packet_id.lane + num_anchors)
+            return slice(packet_id.lane, packet_id.lane + num_elements)
         first = int(_lane_counts(self, packet_id.block)[: packet_id.lane].sum())
-        return slice(first, first + num_anchors)
+        return slice(first, first + num_elements)
 
     def count(self, packet_id: PacketId) -> int:
-        """Anchors of one packet; 0 if the plan has no such packet. Cheap: at most one block is hashed.
+        """Elements of one packet; 0 if the plan has no such packet. Cheap: at most one block is hashed.
 
-        With hashed grouping, the anchors from the packet's first position to its block's end: the most it can hold.
+        With hashed grouping, the elements from the packet's first position to its block's end: the most it can hold.
         """
         p = self.packetization
         if not (0 <= packet_id.block < self.num_blocks and packet_id.lane >= 0 and packet_id.part in self.parts):
             return 0
         if p.hashed:
-            return max(0, self.block_anchors(packet_id.block) - packet_id.lane)
+            return max(0, self.block_elements(packet_id.block) - packet_id.lane)
         if packet_id.lane >= self._span(packet_id.block).lanes:
             return 0
         return int(_lane_counts(self, packet_id.block)[packet_id.lane])
 
-    def fits(self, packet_id: PacketId, num_anchors: int) -> bool:
-        """Whether the plan has such a packet with so many anchors."""
+    def fits(self, packet_id: PacketId, num_elements: int) -> bool:
+        """Whether the plan has such a packet with so many elements."""
         count = self.count(packet_id)
-        return 1 <= num_anchors <= count if self.packetization.hashed else num_anchors == count > 0
+        return 1 <= num_elements <= count if self.packetization.hashed else num_elements == count > 0
 
-    def block_anchors(self, block: int) -> int:
-        """Anchors of a block."""
-        return self._span(block).block_anchors(block)
+    def block_elements(self, block: int) -> int:
+        """Elements of a block."""
+        return self._span(block).block_elements(block)
 
     def name_hashed(self, place: int) -> PacketId:
-        """Name of the packet of hashed grouping that begins with the anchor that is n-th in `groups`."""
+        """Name of the packet of hashed grouping that begins with the element that is n-th in `groups`."""
         span = self.spans[bisect.bisect_right(self._first_places, place) - 1]
         block, position = divmod(place - span.first, span.block_size)
         return PacketId(span.first_block + block, position)
@@ -206,7 +206,7 @@ class PacketPlan:
 
     def _hash_order(self, block: int) -> np.ndarray:
         start = self._span(block).block_start(block)
-        return hash_order(start, start + self.block_anchors(block), self.packetization.seed)
+        return hash_order(start, start + self.block_elements(block), self.packetization.seed)
 
     def _check_fixed(self) -> None:
         if self.packetization.hashed:
@@ -216,8 +216,8 @@ class PacketPlan:
         """Lane of every place of a span, uint8."""
         p = self.packetization
         if p.grouping == "stratified":
-            return stratified_lanes(span.first, span.first + span.num_anchors, span.lanes, p.seed)
-        num_full, rest = divmod(span.num_anchors, span.block_size)
+            return stratified_lanes(span.first, span.first + span.num_elements, span.lanes, p.seed)
+        num_full, rest = divmod(span.num_elements, span.block_size)
         full = contiguous_lanes(span.block_size, span.lanes)
         return np.concatenate([np.tile(full, num_full), contiguous_lanes(rest, span.lanes)])
 
@@ -228,13 +228,13 @@ class PacketPlan:
         check_range("lane", packet_id.lane, 0, span.lanes - 1)
         if packet_id.part not in self.parts:
             raise InvalidValueError(f"{p.packaging} packaging has no packet {packet_id.filename}")
-        start, size = span.block_start(packet_id.block), span.block_anchors(packet_id.block)
+        start, size = span.block_start(packet_id.block), span.block_elements(packet_id.block)
         if p.grouping == "stratified":
             return start, stratified_lanes(start, start + size, span.lanes, p.seed)
         return start, contiguous_lanes(size, span.lanes)
 
     def _counts(self) -> np.ndarray:
-        """Anchors of each (block, lane), empty ones too, int64, S * lanes."""
+        """Elements of each (block, lane), empty ones too, int64, S * lanes."""
         lanes = self.packetization.lanes
         counts = np.zeros((self.num_blocks, lanes), np.int64)
         if self.packetization.grouping == "stratified":
@@ -242,7 +242,7 @@ class PacketPlan:
                 _count_lanes(span, self.packetization.seed, counts[span.first_block :][: span.num_blocks])
             return counts.ravel()
         for span in self.spans:
-            num_full, rest = divmod(span.num_anchors, span.block_size)
+            num_full, rest = divmod(span.num_elements, span.block_size)
             rows = counts[span.first_block :, : span.lanes]
             rows[:num_full] = np.diff(contiguous_bounds(span.block_size, span.lanes))
             if rest:
@@ -254,7 +254,7 @@ def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
     """Counts a span's places of each block and lane into `counts`, int64 (blocks, lanes), some blocks at a time."""
     blocks = max(CHUNK // max(span.block_size, counts.shape[1]), 1)
     for block in range(0, span.num_blocks, blocks):
-        begin, end = block * span.block_size, min((block + blocks) * span.block_size, span.num_anchors)
+        begin, end = block * span.block_size, min((block + blocks) * span.block_size, span.num_elements)
         lanes = stratified_lanes(span.first + begin, span.first + end, span.lanes, seed)
         here = counts[block : block + blocks]
         index = np.arange(end - begin) // span.block_size * here.shape[1] + lanes
@@ -263,6 +263,6 @@ def _count_lanes(span: Span, seed: int, counts: np.ndarray) -> None:
 
 @functools.lru_cache(maxsize=2048)
 def _lane_counts(plan: PacketPlan, block: int) -> np.ndarray:
-    """Anchors in each lane of a block; remembered because the packets of a block are asked for one after another."""
+    """Elements in each lane of a block; remembered because the packets of a block are asked for one after another."""
     _, lanes = plan._block_lanes(PacketId(block, 0, plan.parts[0]))
     return np.bincount(lanes, minlength=plan.packetization.lanes)

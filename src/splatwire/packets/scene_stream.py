@@ -83,7 +83,7 @@ def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequ
     packets of the other.
 
     Args:
-        packetization: How anchors are split.
+        packetization: How elements are split.
         side_info: The side information.
         packets: All packets of the complete stream, in order.
     """
@@ -92,7 +92,7 @@ def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequ
     digest.update(side_info)
     for packet in packets:
         payload = packet.payload
-        head = (packet.id.block, packet.id.lane, packet.id.part, packet.num_anchors, len(payload))
+        head = (packet.id.block, packet.id.lane, packet.id.part, packet.num_elements, len(payload))
         digest.update(struct.pack("<5I", *head))
         digest.update(payload)
     return int.from_bytes(digest.digest()[:4], "little")
@@ -101,7 +101,7 @@ def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequ
 def make_stream(
     *,
     packetization: Packetization,
-    num_anchors: int,
+    num_elements: int,
     side_info: bytes,
     packets: Iterable[Packet],
     symbols_digest: str,
@@ -115,8 +115,8 @@ def make_stream(
     """Puts a complete stream together: sorts packets, makes its id and its manifest.
 
     Args:
-        packetization: How anchors are split.
-        num_anchors: Elements of the scene, N.
+        packetization: How elements are split.
+        num_elements: Elements of the scene, N.
         side_info: The side information.
         packets: All packets of the plan, of no stream yet.
         symbols_digest: SHA-256 of all decoded integers, hexadecimal.
@@ -133,7 +133,7 @@ def make_stream(
     ordered = sorted(packets, key=lambda packet: packet.id)
     manifest = Manifest(
         packetization=packetization,
-        num_anchors=num_anchors,
+        num_elements=num_elements,
         codec=codec,
         feature_dim=feature_dim,
         num_offsets=num_offsets,
@@ -150,21 +150,21 @@ def make_stream(
         raise InvalidValueError("the packets of a new stream must be exactly those of its plan")
     # In place: where the caller forgot them, a large stream's packets are not there twice.
     for i, packet in enumerate(ordered):
-        ordered[i] = make_packet(packet.id, packet.num_anchors, packet.payload, manifest.stream_id)
+        ordered[i] = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id)
     return SceneStream(manifest, side_info, tuple(ordered))
 
 
 def _complete(plan: PacketPlan, packets: Sequence[Packet]) -> bool:
-    """Whether packets, ascending by id, hold every anchor of a plan once."""
+    """Whether packets, ascending by id, hold every element of a plan once."""
     if not plan.packetization.hashed:
         expected = [(packet_id, plan.count(packet_id)) for packet_id in plan.ids]
-        return [(packet.id, packet.num_anchors) for packet in packets] == expected
+        return [(packet.id, packet.num_elements) for packet in packets] == expected
     block, position = 0, 0
     for packet in packets:
-        if block < plan.num_blocks and position == plan.block_anchors(block):
+        if block < plan.num_blocks and position == plan.block_elements(block):
             block, position = block + 1, 0
         too_large = packet.num_bytes > plan.packetization.packet_bytes
-        if packet.id != PacketId(block, position) or not plan.fits(packet.id, packet.num_anchors) or too_large:
+        if packet.id != PacketId(block, position) or not plan.fits(packet.id, packet.num_elements) or too_large:
             return False
-        position += packet.num_anchors
-    return block == plan.num_blocks - 1 and position == plan.block_anchors(block) if packets else not plan.num_anchors
+        position += packet.num_elements
+    return block == plan.num_blocks - 1 and position == plan.block_elements(block) if packets else not plan.num_elements

@@ -41,7 +41,7 @@ class StreamSizes:
 def measure_sizes(stream: SceneStream) -> StreamSizes:
     """Counts the bytes of a stream."""
     sizes = [packet.num_bytes for packet in stream.packets] or [0]
-    num_elements = stream.manifest.num_anchors
+    num_elements = stream.manifest.num_elements
     return StreamSizes(
         num_bytes=stream.num_bytes,
         parts=stream.parts(),
@@ -58,7 +58,7 @@ def measure_sizes(stream: SceneStream) -> StreamSizes:
 def _by_tier(stream: SceneStream) -> dict[str, dict[str, int]]:
     plan = stream.manifest.plan
     tiers = [
-        {"num_elements": shape.num_anchors, "lanes": shape.lanes, "num_packets": 0, "packet_bytes": 0}
+        {"num_elements": shape.num_elements, "lanes": shape.lanes, "num_packets": 0, "packet_bytes": 0}
         for shape in plan.tiers
     ]
     for packet in stream.packets if tiers else ():

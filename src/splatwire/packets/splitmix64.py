@@ -1,4 +1,4 @@
-"""SplitMix64: the hash that assigns anchors to lanes, part of the format and never replaced by another generator.
+"""SplitMix64: the hash that assigns elements to lanes, part of the format and never replaced by another generator.
 
 Source of the constants: G. Steele, D. Lea, C. Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, in
 the public-domain form of S. Vigna.

@@ -71,7 +71,7 @@ def read_tiles(manifest: Manifest, side_info: bytes) -> Tiles:
         parents.append(coarser.first_block + parents_of(span.num_blocks, coarser.num_blocks))
     return Tiles(
         levels.astype(np.int64), np.concatenate(parents).astype(np.int64),
-        np.array([plan.block_anchors(block) for block in range(plan.num_blocks)], dtype=np.int64), index.packets,
+        np.array([plan.block_elements(block) for block in range(plan.num_blocks)], dtype=np.int64), index.packets,
         index.sizes, index.errors.astype(np.float64), low, high,
     )  # fmt: skip
 

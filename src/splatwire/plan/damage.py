@@ -109,6 +109,6 @@ def lost_shares(load: StreamLoad, packets: np.ndarray) -> np.ndarray:
     Returns:
         Float64 (T, tiers).
     """
-    weights = np.zeros((len(load.anchors), load.num_tiers))
-    weights[np.arange(len(load.anchors)), load.tiers] = load.anchors
+    weights = np.zeros((len(load.elements), load.num_tiers))
+    weights[np.arange(len(load.elements)), load.tiers] = load.elements
     return (~packets) @ (weights / weights.sum(axis=0))

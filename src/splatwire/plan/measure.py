@@ -58,7 +58,7 @@ class LossyPictures:
             raise InvalidValueError(f"damage needs a complete stream, and {lost} {complete.scene.ELEMENTS} are lost")
         if photos and len(photos) != cameras.num_views:
             raise InvalidValueError(f"{len(photos)} photos of {cameras.num_views} views")
-        self.num_anchors = complete.scene.num_elements
+        self.num_elements = complete.scene.num_elements
         self._complete, self._cameras = complete, cameras
         self._references = list(photos) or list(iterate_views(complete.scene, cameras))
         self._base = 0.0 if photos else base_mse
@@ -149,7 +149,7 @@ def offer_of(
     members = packet_members(stream)
 
     def picture(packets: np.ndarray) -> float:
-        return pictures.psnr(known_anchors(members, packets, pictures.num_anchors))
+        return pictures.psnr(known_elements(members, packets, pictures.num_elements))
 
     blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
     # it travels twice, in the welcome and with the side information
@@ -164,15 +164,15 @@ def packet_members(stream: SceneStream) -> list[Tensor]:
     return [ranks[packet.id] for packet in send_sequence(stream, "tiers")]
 
 
-def known_anchors(members: Sequence[Tensor], packets: np.ndarray, num_anchors: int) -> Bool[Tensor, "N"]:
+def known_elements(members: Sequence[Tensor], packets: np.ndarray, num_elements: int) -> Bool[Tensor, "N"]:
     """Elements that are there if some packets are.
 
     Args:
         members: Of `packet_members`.
         packets: Which packets are there, bool (P).
-        num_anchors: N.
+        num_elements: N.
     """
-    known = torch.zeros(num_anchors, dtype=torch.bool)
+    known = torch.zeros(num_elements, dtype=torch.bool)
     for place in np.flatnonzero(packets).tolist():
         known[members[place]] = True
     return known

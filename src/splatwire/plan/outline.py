@@ -12,7 +12,7 @@ from splatwire.packets import SceneStream, send_sequence
 from splatwire.transport.fec import MAX_REPAIR, framed_bytes
 from splatwire.transport.layout import Group, Segments, carried_bytes, head_object, parity_groups
 from splatwire.transport.program import side_symbol_bytes
-from splatwire.transport.protection import Protection, carried_packets, protected_tiers, tier_sizes
+from splatwire.transport.protection import Protection, carried_packets, packets_in_tiers, protected_tiers
 from splatwire.transport.timetable import timetable
 from splatwire.transport.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
 
@@ -27,13 +27,13 @@ class StreamLoad:
     Attributes:
         head_bytes: Manifest and side information.
         packet_bytes: Bytes of each packet, int64 (P).
-        anchors: Anchors of each packet, int64 (P).
+        elements: Elements of each packet, int64 (P).
         tiers: Tier of importance of each packet, int64 (P), ascending.
     """
 
     head_bytes: int
     packet_bytes: np.ndarray
-    anchors: np.ndarray
+    elements: np.ndarray
     tiers: np.ndarray
 
     @property
@@ -48,7 +48,7 @@ class StreamLoad:
         return StreamLoad(
             len(head_object(stream.manifest, stream.side_info)),
             np.array([packet.num_bytes for packet in ordered], dtype=np.int64),
-            np.array([packet.num_anchors for packet in ordered], dtype=np.int64),
+            np.array([packet.num_elements for packet in ordered], dtype=np.int64),
             np.array([plan.tier_of(packet.id.block) for packet in ordered], dtype=np.int64),
         )
 
@@ -112,7 +112,7 @@ def outline_transfer(load: StreamLoad, protection: Protection) -> Outline:
     tiers = protected_tiers(members, protection)
     groups = tuple(parity_groups(tiers))
     items = timetable(
-        with_repair, tiers, [group.repair for group in groups], protection, tier_sizes(members, protection)
+        with_repair, tiers, [group.repair for group in groups], protection, packets_in_tiers(members, protection)
     )
     table = np.array(items, dtype=np.int64).reshape(-1, 3)
     parity_bytes = framed_bytes(int(load.packet_bytes.max(initial=0))) + PARITY_OVERHEAD

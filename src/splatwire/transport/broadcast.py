@@ -78,7 +78,7 @@ class Broadcast:
         ordered = sorted(packets, key=lambda packet: not plan.lasting(packet.id.block))
         found = self._arranged(ordered, manifest)
         for packet in (ordered[number] for number in found.order):
-            named = make_packet(packet.id, packet.num_anchors, packet.payload, manifest.stream_id)
+            named = make_packet(packet.id, packet.num_elements, packet.payload, manifest.stream_id)
             if len(named.data) > MAX_PACKET_BYTES:
                 raise InvalidValueError(f"a packet of {len(named.data)} bytes fits no datagram")
             self._packets.append(named.data)

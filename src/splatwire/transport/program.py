@@ -20,8 +20,8 @@ from splatwire.transport.protection import (
     SIDE_SYMBOL_BYTES,
     Protection,
     carried_packets,
+    packets_in_tiers,
     protected_tiers,
-    tier_sizes,
 )
 from splatwire.transport.timetable import timetable
 from splatwire.transport.wire import DATA, DATA_OVERHEAD, PARITY, PARITY_OVERHEAD, SIDE, SIDE_OVERHEAD
@@ -184,7 +184,7 @@ def make_program(
     parity = parity_symbols(packets, tiers, framed_bytes(largest))
     program = Program(
         manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, head, packets, largest, carried,
-        tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], timing, tier_sizes(members, protection)),
+        tiers, parity, timetable(scheduled, tiers, [*map(len, parity)], timing, packets_in_tiers(members, protection)),
         preview, protection.resend, round(protection.resend_until * len(packets)),
     )  # fmt: skip
     return program if tiles is None else _for_views(program, tiles)

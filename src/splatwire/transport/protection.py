@@ -113,7 +113,7 @@ def protected_tiers(tiers: Sequence[int], protection: Protection) -> tuple[TierH
     return _tier_heads([(carried, 0.0), *runs], len(tiers))
 
 
-def tier_sizes(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
+def packets_in_tiers(tiers: Sequence[int], protection: Protection) -> tuple[int, ...]:
     """Packets of each tier of importance outside of the head object; all in one unless tiers are spread.
 
     Args:

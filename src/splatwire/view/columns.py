@@ -86,7 +86,7 @@ def columns_head(manifest: Manifest, side_info: bytes, partial: Partial[AnchorSc
 
 def columns_packet(packet: Packet, payload: bytes, manifest: Manifest) -> Packet:
     """The packet that has the rows of its anchors in place of their coded integers."""
-    return make_packet(packet.id, packet.num_anchors, payload, manifest.stream_id)
+    return make_packet(packet.id, packet.num_elements, payload, manifest.stream_id)
 
 
 def _side_info(partial: Partial[AnchorScene], sections: Mapping[str, bytes]) -> bytes:

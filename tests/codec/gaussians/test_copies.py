@@ -40,7 +40,7 @@ def section(stream):
 
 def read(stream, section):
     info = open_side_info(stream.manifest, stream.side_info)
-    return read_copies(replace(info, sections={SECTION: section}), stream.manifest.num_anchors)
+    return read_copies(replace(info, sections={SECTION: section}), stream.manifest.num_elements)
 
 
 def test_what_is_written_is_read(stream, section) -> None:

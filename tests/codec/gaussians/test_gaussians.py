@@ -103,8 +103,8 @@ def test_packets_decode_alone_as_they_do_together(stream: SceneStream) -> None:
 def test_plain_python_decodes_the_same_integers(stream: SceneStream) -> None:
     info = open_side_info(stream.manifest, stream.side_info)
     for packet in stream.packets[:2]:
-        found = ReferencePacket(info, packet.id.block, packet.payload, packet.num_anchors).decode()
-        fast = integers(stream, packet.id.block, [packet], [packet.num_anchors])
+        found = ReferencePacket(info, packet.id.block, packet.payload, packet.num_elements).decode()
+        fast = integers(stream, packet.id.block, [packet], [packet.num_elements])
         np.testing.assert_array_equal(fast, [g.row() + g.harmonics for g in found])
 
 
@@ -128,7 +128,7 @@ def fuzzed() -> SceneStream:
 def test_any_payload_decodes_to_finite_gaussians(fuzzed: SceneStream, seed: int) -> None:
     rng = np.random.default_rng(seed)
     lies = [
-        make_packet(p.id, p.num_anchors, rng.bytes(int(rng.integers(0, 300))), fuzzed.manifest.stream_id)
+        make_packet(p.id, p.num_elements, rng.bytes(int(rng.integers(0, 300))), fuzzed.manifest.stream_id)
         for p in fuzzed.packets[: len(fuzzed.packets) - 1]
     ]
     decoded, _ = decode_splats(fuzzed.with_packets(lies))
@@ -213,7 +213,7 @@ def test_datagrams_are_as_large_as_they_may_be() -> None:
 def test_a_forged_symbol_is_noticed(stream: SceneStream) -> None:
     first = stream.packets[0]
     payload = bytes([first.payload[0] ^ 64]) + first.payload[1:]
-    forged = make_packet(first.id, first.num_anchors, payload, stream.manifest.stream_id)
+    forged = make_packet(first.id, first.num_elements, payload, stream.manifest.stream_id)
     with pytest.raises(DesyncError):
         decode_splats(stream.with_packets([forged, *stream.packets[1:]]))
 
@@ -262,8 +262,8 @@ def test_few_bytes_of_side_information_announce_no_more_than_their_boxes_could_h
     most = FREE_ELEMENTS + MAX_BLOCK_SIZE // 7 * size
     large = replace(SMALL, block_size=MAX_BLOCK_SIZE, lanes=1)
     blocks = -(-most // MAX_BLOCK_SIZE)
-    said = replace(manifest, packetization=large, num_anchors=most, num_packets=blocks)
+    said = replace(manifest, packetization=large, num_elements=most, num_packets=blocks)
     with pytest.raises(InvalidValueError, match="cannot place"):
-        replace(said, num_anchors=most + 1)
+        replace(said, num_elements=most + 1)
     with pytest.raises(BitstreamError, match=f"cannot hold {blocks} boxes"):
         decode_splats(SceneStream(said, stream.side_info, ()))

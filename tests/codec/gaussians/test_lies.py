@@ -87,7 +87,7 @@ def rebuilt(stream: SceneStream, side_info: bytes, packets: list) -> SceneStream
     """The stream with other content, every checksum and digest of it right."""
     m = stream.manifest
     return make_stream(
-        packetization=m.packetization, num_anchors=m.num_anchors, side_info=side_info, packets=packets,
+        packetization=m.packetization, num_elements=m.num_elements, side_info=side_info, packets=packets,
         symbols_digest=m.symbols_digest, writer=m.writer, tiers=m.tiers, codec=GAUSSIANS,
     )  # fmt: skip
 
@@ -128,7 +128,7 @@ def lie(stream: SceneStream, rng: np.random.Generator) -> SceneStream:
             p = make_packet(PacketId(block, lane), count, p.payload)
         else:
             payload = rng.bytes(int(rng.integers(0, 300))) if kind == 4 else hit(p.payload, rng)
-            p = make_packet(p.id, p.num_anchors, payload)
+            p = make_packet(p.id, p.num_elements, payload)
         packets[i] = p
     kept = [p for p in packets if rng.random() < 0.9]
     return rebuilt(stream, side_info, packets).with_packets(kept)

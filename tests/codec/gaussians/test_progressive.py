@@ -45,7 +45,7 @@ def test_every_moment_is_what_a_decoder_makes_of_the_same_packets(stream):
     assert_same(decoder.snapshot(), of(stream, ()))
     for part in np.array_split(order, 3):
         new = decoder.add([stream.packets[i] for i in part])
-        assert len(new) == sum(stream.packets[i].num_anchors for i in part)
+        assert len(new) == sum(stream.packets[i].num_elements for i in part)
         assert len(decoder.add([stream.packets[part[0]]])) == 0
         assert_same(decoder.partial, of(stream, decoder.stream.packets))
     assert decoder.complete

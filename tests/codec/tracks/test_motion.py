@@ -42,9 +42,9 @@ def test_packets_read_as_in_plain_python(stream, info, group):
     packets = motion_packets(stream, group)
     assert packets
     for packet in packets:
-        counts = np.array([packet.num_anchors])
+        counts = np.array([packet.num_elements])
         heads, residuals, orders = decode_motion(info, group, counts, [packet.payload], first_new)
-        plain = ReferenceMotion(packet.payload, info.bit_zero.tolist(), packet.num_anchors, GROUP, first_new).decode()
+        plain = ReferenceMotion(packet.payload, info.bit_zero.tolist(), packet.num_elements, GROUP, first_new).decode()
         assert heads.tolist() == plain[0]
         assert residuals.reshape(-1, NUM_CHANNELS, GROUP).tolist() == plain[1]
         behind = np.arange(GROUP) >= orders[0][KIND_OF][:, None]
@@ -58,8 +58,8 @@ def test_altered_packets_read_as_in_plain_python(stream, info, seed):
     for place in rng.integers(0, len(payload), 3):
         payload[place] = rng.integers(0, 256)
     altered = bytes(payload)
-    heads, residuals, _ = decode_motion(info, 0, np.array([packet.num_anchors]), [altered], 0)
-    plain = ReferenceMotion(altered, info.bit_zero.tolist(), packet.num_anchors, GROUP, 0).decode()
+    heads, residuals, _ = decode_motion(info, 0, np.array([packet.num_elements]), [altered], 0)
+    plain = ReferenceMotion(altered, info.bit_zero.tolist(), packet.num_elements, GROUP, 0).decode()
     found = len(plain[0])
     assert heads[:found].tolist() == plain[0]
     assert (heads[found:] == -1).all()

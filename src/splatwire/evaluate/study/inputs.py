@@ -209,7 +209,7 @@ def _as_it_is(source: Source, digest: str) -> PreparedStream:
     if (stream := source.stream) is not None:
         manifest = stream.manifest
         return PreparedStream(
-            path, digest, stream_parts(stream), manifest.num_packets, manifest.num_anchors, elements=manifest.elements
+            path, digest, stream_parts(stream), manifest.num_packets, manifest.num_elements, elements=manifest.elements
         )
     found = read_scene_file(entry.source)
     scene, form = scene_of(found.loaded), format_of(found.kind)
@@ -246,7 +246,7 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
         digest_of_files(store.root / path),
         stream_parts(stream),
         len(stream.packets),
-        stream.manifest.num_anchors,
+        stream.manifest.num_elements,
         ordered.num_gaussians,
         seconds,
         stream.manifest.elements,

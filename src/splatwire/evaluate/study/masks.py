@@ -50,7 +50,7 @@ def mask_bytes(stream: SceneStream, mask: LossMask, loss: Loss, seed: int) -> by
         block=np.array([i.block for i in ids], np.int32),
         lane=np.array([i.lane for i in ids], np.int32),
         part=np.array([i.part for i in ids], np.int32),
-        num_anchors=np.array([packet.num_anchors for packet in stream.packets], np.int32),
+        num_anchors=np.array([packet.num_elements for packet in stream.packets], np.int32),
         num_bytes=np.array([packet.num_bytes for packet in stream.packets], np.int32),
         send_index=np.array([position[i] for i in ids], np.int32),
         received=mask.received,
@@ -73,7 +73,7 @@ def anchor_bytes(stream: SceneStream, positions: np.ndarray) -> bytes:
     """
     plan = stream.manifest.plan
     hashed = plan.packetization.hashed
-    members = [plan.members(p.id, p.num_anchors if hashed else None) for p in stream.packets]
+    members = [plan.members(p.id, p.num_elements if hashed else None) for p in stream.packets]
     starts = np.cumsum([0, *(len(ranks) for ranks in members)]).astype(np.int64)
     ranks = np.concatenate(members).astype(np.int32) if members else np.empty(0, np.int32)
     return _npz(starts=starts, ranks=ranks, positions=positions.astype(np.float32))

@@ -64,7 +64,7 @@ class CausalDecoder(AnchorDecoder):
             raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
         if manifest.packetization.order != "morton":
             raise BitstreamError("anchors of the causal model are in Morton order, and the manifest says otherwise")
-        num = manifest.num_anchors
+        num = manifest.num_elements
         check_memory(num * PLACE_BYTES, num_bytes, f"reading the places of {num:,} anchors")
         info = read_side_info(side_info, num)
         super().__init__(manifest, info.sections)

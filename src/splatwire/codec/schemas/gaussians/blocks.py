@@ -87,7 +87,7 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
 
 def block_sizes(plan: PacketPlan) -> np.ndarray:
     """Gaussians of each block, int64 (B)."""
-    return np.array([plan.block_anchors(block) for block in range(plan.num_blocks)], dtype=np.int64)
+    return np.array([plan.block_elements(block) for block in range(plan.num_blocks)], dtype=np.int64)
 
 
 def cell_shift(places: np.ndarray, bits: int) -> int:

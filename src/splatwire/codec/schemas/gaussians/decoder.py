@@ -60,7 +60,7 @@ class GaussianDecoder:
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         info = open_side_info(manifest, side_info)
-        self._info, self._plan, self._num, self.sections = info, manifest.plan, manifest.num_anchors, info.sections
+        self._info, self._plan, self._num, self.sections = info, manifest.plan, manifest.num_elements, info.sections
         self.scene_bytes = self._num * (4 * (11 + 3 * (info.degree + 1) ** 2) + 8)
         self.row_bytes = 8 * int(COLUMNS) + 4 * info.num_harmonics
         copies = read_copies(info, self._num)
@@ -68,8 +68,8 @@ class GaussianDecoder:
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """See `Decoder.working_bytes`: integers of a few blocks, whose results wait for others, floats of `PIECE`."""
-        spans = (span for span in self._plan.spans if span.num_anchors)
-        largest = max((self._plan.block_anchors(span.first_block) for span in spans), default=0)
+        spans = (span for span in self._plan.spans if span.num_elements)
+        largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:

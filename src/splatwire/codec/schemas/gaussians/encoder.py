@@ -66,7 +66,7 @@ def prepare_splats(
     sections |= antialiasing_sections(scene.antialiased)
     sections.pop(TIERS, None)
     if shapes:
-        tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_anchors for shape in shapes])
+        tier_of = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
         sections[TIERS] = encode_tiers(tier_of, len(shapes))
     known = None if coding is None else coding.transform.numpy()
     side_info = write_side_info(fit_side_info(source, sections, known, like, options.threads))

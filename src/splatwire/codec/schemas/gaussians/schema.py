@@ -23,7 +23,7 @@ def _again(stream: SceneStream, packetization: Packetization, threads: int | Non
             "encode the scene again"
         )
     info, shapes = open_side_info(stream.manifest, stream.side_info), stream.manifest.tiers
-    tiers = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_anchors for shape in shapes])
+    tiers = np.repeat(np.arange(len(shapes), dtype=np.uint8), [shape.num_elements for shape in shapes])
     scene = decode_stream(stream, threads=threads).scene
     options = Options(packetization, tiers=tiers if shapes else None, threads=threads)
     return prepare_splats(scene, options, like=info)

@@ -43,7 +43,7 @@ def open_side_info(manifest: Manifest, side_info: bytes, num_bytes: int) -> Side
     """
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")
-    num = manifest.num_anchors
+    num = manifest.num_elements
     check_memory(num * PLACE_BYTES, num_bytes, f"reading the places of {num:,} anchors")
     info = read_side_info(side_info, num, manifest.packetization.order)
     layout = info.config.layout

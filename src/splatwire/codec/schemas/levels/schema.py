@@ -31,7 +31,7 @@ class LevelsDecoder(GaussianDecoder):
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         super().__init__(manifest, side_info, num_bytes)
         read_tile_index(manifest, self.sections)  # what cannot be is told now, not by whoever fetches tiles
-        self._sizes = tuple(tier.num_anchors for tier in manifest.tiers) or (manifest.num_anchors,)
+        self._sizes = tuple(tier.num_elements for tier in manifest.tiers) or (manifest.num_elements,)
 
     def scene(self) -> Partial[SplatScene]:
         """See `Decoder.scene`."""
@@ -52,7 +52,7 @@ def _again(stream: SceneStream, packetization: Packetization, threads: int | Non
         raise InvalidValueError("tiles of levels are blocks of packets: encode the scene again for other blocks")
     info, partial = open_side_info(stream.manifest, stream.side_info), decode_stream(stream, threads=threads)
     coding = coding_of(info, partial[Levels].classes)
-    sizes = [tier.num_anchors for tier in stream.manifest.tiers] or [stream.manifest.num_anchors]
+    sizes = [tier.num_elements for tier in stream.manifest.tiers] or [stream.manifest.num_elements]
     tiers = np.repeat(np.arange(len(sizes), dtype=np.uint8), sizes)
     scene = SplatScene(partial.scene.splats, background=partial.scene.background, coding=coding)
     return prepare_splats(scene, Options(packetization, tiers=tiers, threads=threads), like=info, sorted_already=True)

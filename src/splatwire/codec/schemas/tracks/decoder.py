@@ -62,7 +62,7 @@ class TracksDecoder:
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         info, self.manifest = open_side_info(manifest, side_info), manifest
-        self.info, self._plan, self._num = info, manifest.plan, manifest.num_anchors
+        self.info, self._plan, self._num = info, manifest.plan, manifest.num_elements
         self.sections = info.sections
         self._spans = _Spans(info, manifest)
         self._num_tracks = sum(group.births for group in info.groups)
@@ -73,7 +73,7 @@ class TracksDecoder:
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """See `Decoder.working_bytes`: rows of a few blocks, whose results wait for others."""
-        largest = max((span.block_size for span in self._plan.spans if span.num_anchors), default=0)
+        largest = max((span.block_size for span in self._plan.spans if span.num_elements), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20)
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
@@ -115,7 +115,7 @@ class TracksDecoder:
         whole, harmonics = empty_bases(count, self.info.bases.num_harmonics)
         begin = 0
         for packet in run.packets:
-            own, end = slice(packet.id.lane, packet.id.lane + packet.num_anchors), begin + packet.num_anchors
+            own, end = slice(packet.id.lane, packet.id.lane + packet.num_elements), begin + packet.num_elements
             received[own], whole[own], harmonics[own] = True, rows[0][begin:end], rows[1][begin:end]
             begin = end
         here = np.arange(first, first + count)
@@ -143,7 +143,7 @@ class TracksDecoder:
         heads, moves, spoken, num, held = [], [], np.zeros(self._num_tracks, bool), 0, self.scene_bytes
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
-            num += packet.num_anchors
+            num += packet.num_elements
             moved = self._ready.get(packet.id) or self._moved(packet, there)
             if moved is None:
                 continue
@@ -182,7 +182,7 @@ class TracksDecoder:
     def _moved(self, packet: Packet, there: np.ndarray) -> "_Moved | None":
         """What a packet of motion says; None where it speaks of nobody, or a base is missing."""
         group, _ = self._spans.of(packet.id.block)
-        counts, first_new = np.array([packet.num_anchors]), self._spans.first_new[group]
+        counts, first_new = np.array([packet.num_elements]), self._spans.first_new[group]
         rows, residuals, orders = decode_motion(self.info, group, counts, [packet.payload], first_new)
         rows, residuals = _valid(rows, residuals, self._num_tracks)
         if not len(rows) or not there[rows[:, TRACK]].all():
@@ -235,8 +235,8 @@ class _Spans:
             for block in blocks:
                 self._blocks.append((group, len(self._tracks) if bases else None))
                 if bases:
-                    self._tracks.append((track, span.block_anchors(block)))
-                    track += span.block_anchors(block)
+                    self._tracks.append((track, span.block_elements(block)))
+                    track += span.block_elements(block)
 
     def of(self, block: int) -> tuple[int, int | None]:
         """Group of a block, and which block of bases it is; None for motion."""

@@ -148,7 +148,7 @@ class ClipWriter:
         """The stream of all groups, with more named sections."""
         side_info, tiers = self._stated(sections)
         return make_stream(
-            packetization=self._packetization, num_anchors=sum(tier.num_anchors for tier in tiers),
+            packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             side_info=side_info, packets=self._packets, symbols_digest=self._digest.hexdigest(),
             writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
         )  # fmt: skip
@@ -157,7 +157,7 @@ class ClipWriter:
         """Manifest and side information of the groups so far, of a stream whose id was chosen before its end."""
         side_info, tiers = self._stated(sections)
         manifest = Manifest(
-            packetization=self._packetization, num_anchors=sum(tier.num_anchors for tier in tiers),
+            packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             num_packets=len(self._packets), stream_id=stream_id, side_info_bytes=len(side_info),
             side_info_digest=hashlib.sha256(side_info).hexdigest(), symbols_digest=self._digest.hexdigest(),
             writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
@@ -254,8 +254,8 @@ class ClipWriter:
         """Packets of a run of blocks at its place in the stream; takes down how much is seen of what is in each."""
         first = self._num_blocks
         self._num_blocks += num_blocks
-        named = [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_anchors, p.payload) for p in packets]
-        ends = np.cumsum([0, *(packet.num_anchors for packet in packets)])
+        named = [make_packet(PacketId(first + p.id.block, p.id.lane), p.num_elements, p.payload) for p in packets]
+        ends = np.cumsum([0, *(packet.num_elements for packet in packets)])
         sums = np.add.reduceat(seen, ends[:-1]).tolist()
         self.worth |= {packet.id: worth for packet, worth in zip(named, sums, strict=True)}
         return named

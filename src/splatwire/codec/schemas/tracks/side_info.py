@@ -112,7 +112,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> ClipInfo:
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
     """What each group has, from the sizes of tiers."""
-    counts = [tier.num_anchors for tier in manifest.tiers]
+    counts = [tier.num_elements for tier in manifest.tiers]
     groups, alive = tuple(itertools.starmap(Group, zip(counts[::2], counts[1::2], strict=True))), 0
     for group in groups:
         alive += group.births
