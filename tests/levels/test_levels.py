@@ -25,7 +25,7 @@ from splatwire.packets.send_order import send_sequence
 from splatwire.packets.tiers import TierShape, spans_of
 from splatwire.packets.tile_index import SECTION, read_tile_index
 from splatwire.packets.tiles import parents_of
-from splatwire.packets.view import Look, cut_of, pixel_errors
+from splatwire.packets.view import Look, cut_of, pixel_errors, stands_for
 
 TILES = Packetization(block_size=40, lanes=2)
 DATAGRAMS = Packetization(block_size=40, lanes=1, grouping="hashed", packet_bytes=600)
@@ -209,26 +209,25 @@ def looking(tiles) -> Look:
 
 @settings(deadline=None)  # however busy the machine is
 @given(st.integers(0, 10**6), st.integers(50, 2000), st.booleans())
-def test_a_cut_is_a_partition(stream, seed, budget, blind):
+def test_a_cut_is_whole_above_and_wants_what_it_lacks(stream, seed, budget, blind):
     tiles = tiles_of(stream)
     there = np.random.default_rng(seed).random(tiles.num_tiles) < 0.7
     cut = cut_of(tiles, there, None if blind else looking(tiles), budget)
     assert all(there[list(cut.drawn)])
     assert not any(there[list(cut.wanted)])
     assert len(set(cut.wanted)) == len(cut.wanted)
-    for tile in cut.drawn:  # nothing is drawn twice
-        above = tiles.parents[tile]
-        while above >= 0:
-            assert above not in cut.drawn
-            above = tiles.parents[above]
+    above = tiles.parents[list(cut.drawn)]
+    assert set(above[above >= 0].tolist()) <= set(cut.drawn)  # what stands for it is known where it is drawn
+    place = {tile: n for n, tile in enumerate(cut.wanted)}
+    assert all(place.get(tiles.parents[tile], -1) < n for tile, n in place.items())
     roots = int(tiles.counts[tiles.parents < 0].sum())
     assert tiles.counts[list(cut.drawn)].sum() <= max(budget, roots)
 
 
-def test_a_cut_of_everything_is_the_finest_level(stream):
+def test_a_cut_of_everything_is_all_tiles(stream):
     tiles = tiles_of(stream)
     cut = cut_of(tiles, np.ones(tiles.num_tiles, bool), None)
-    assert cut.drawn == tuple(np.flatnonzero(tiles.levels == 0).tolist())
+    assert cut.drawn == tuple(range(tiles.num_tiles))
     assert not cut.wanted
     nothing = cut_of(tiles, np.zeros(tiles.num_tiles, bool), None)
     assert not nothing.drawn
@@ -239,8 +238,22 @@ def test_what_is_behind_counts_little(stream):
     tiles = tiles_of(stream)
     look = looking(tiles)
     away = Look(np.diag([1.0, -1.0, -1.0, 1.0]) @ look.viewmat, look.focal, look.width, look.height)
-    coarse = tiles.errors > 0
-    assert (pixel_errors(tiles, away)[coarse] < pixel_errors(tiles, look)[coarse]).all()
+    finer = tiles.parents >= 0
+    assert (pixel_errors(tiles, away)[finer] < pixel_errors(tiles, look)[finer]).all()
+
+
+def test_coarser_gaussians_stand_for_the_tiles_that_they_lie_in(stream):
+    tiles, plan = tiles_of(stream), stream.manifest.plan
+    means = decode_stream(stream).scene.splats.means.numpy().astype(np.float64)
+    for tile in range(tiles.num_tiles):
+        finer = np.flatnonzero(tiles.parents == tile)
+        found = stands_for(tiles, tile, means[plan.block_ranks(tile)])
+        if not len(finer):
+            assert (found == -1).all()
+            continue
+        # A coarser tile has as many of each finer one as that is large; codes move few of them across a border.
+        shares = np.bincount(found, minlength=tiles.num_tiles)[finer] / len(found)
+        np.testing.assert_allclose(shares, tiles.counts[finer] / tiles.counts[finer].sum(), atol=0.1)
 
 
 @pytest.mark.parametrize("seed", range(40))

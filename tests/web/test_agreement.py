@@ -1,10 +1,11 @@
 """Python and the page's code agree on what a stream may be, and on the integers of bytes that no encoder wrote.
 
 `SPLATWIRE_FUZZ_CASES=84000 pytest tests/web/test_agreement.py` runs long, part by part: 84,000 manifests, and for each
-of six streams a fifth as many packets and as much side information (100,800 each).
+of six streams a fifth as many packets and as much side information (100,800 each), and as many indexes of tiles.
 """
 
 import base64
+import contextlib
 import copy
 import hashlib
 import importlib.util
@@ -40,6 +41,8 @@ from splatwire.packets import (
     write_stream,
 )
 from splatwire.packets.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
+from splatwire.packets.sections import add_concealment, sections_of
+from splatwire.packets.tile_index import SECTION
 from web.node import WEB, lacking
 
 CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))
@@ -210,6 +213,24 @@ def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[t
     return found
 
 
+def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, dict[str, Any] | None]]:
+    """Side information with another index of tiles, and what it says; None where it is refused."""
+    section, found = sections_of(stream)[SECTION], []
+    for _ in range(cases):
+        data = bytearray(section)
+        if rng.random() < 0.6:  # of the same length
+            for _ in range(rng.randrange(1, 4)):
+                data[rng.randrange(len(data))] = rng.choice([0, 1, 0x7F, 0x80, 0xFF, rng.randrange(256)])
+        changed = add_concealment(stream, SECTION, bytes(data) if rng.random() < 0.6 else mutated_bytes(data, rng))
+        said: dict[str, Any] | None = None
+        with contextlib.suppress(BitstreamError):
+            tiles = tiles_of(changed)
+            sizes = [0, *np.cumsum(tiles.sizes).tolist()]
+            said = {"packets": tiles.packets.tolist(), "offsets": sizes, "errors": tiles.errors.tolist()}
+        found.append((base64.b64encode(changed.side_info).decode(), said))
+    return found
+
+
 def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[list[list[float]]]]]:
     """Clips of which packets are missing, and rows of every frame by track: track, place, turn, sizes, looks."""
     plan, rng = stream.manifest.plan, random.Random(3)
@@ -263,7 +284,12 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
     frames = {str(path): shown for path, shown in lossy_clips(streams["tiny_clip"], tmp_path)}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
-    told = {"manifests": pairs, "packets": packets, "heads": heads, "frames": frames, "cuts": cuts}
+    indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}
+    taken = sum(said is not None for _, said in indexes[str(tmp_path / "tiny_levels.swz")])
+    assert cases / 20 < taken < cases * 0.95, "too few indexes of one kind"
+    told = {
+        "manifests": pairs, "packets": packets, "heads": heads, "frames": frames, "cuts": cuts, "indexes": indexes,
+    }  # fmt: skip
     answers.write_text(json.dumps(told))
     done = subprocess.run(
         ["node", "scripts/test.mjs", "only", "agreement"], cwd=WEB, capture_output=True, text=True, timeout=1200,

@@ -39,8 +39,8 @@ export class Reception implements Receiver {
   #look = 0;
   #looked = 0;
   #drawing: Promise<void> | null = null;
-  /** Tiles that the page draws. */
-  readonly #tiles = new Set<number>();
+  /** Pieces of a scene with levels that the page draws. */
+  readonly #pieces = new Set<number>();
   #decodeMs = 0;
   #counts: Counts | null = null;
   #bytesBefore = 0;
@@ -74,7 +74,7 @@ export class Reception implements Receiver {
     }
     if (!received || known) return;
     this.#received = received;
-    this.#tiles.clear();
+    this.#pieces.clear();
     this.#waiting = []; // of another stream
     const { decoder } = received,
       { manifest } = head,
@@ -220,21 +220,21 @@ export class Reception implements Receiver {
     }
   }
 
-  /** Hands over what takes the place of tiles that the page draws; looks again after each swap if there is reason. */
+  /** Hands over what takes the place of pieces that the page draws; looks again after each swap if there is reason. */
   async #drawTiles(received: Received): Promise<void> {
     const { degree, size, tiling } = received.decoder.schema,
       pause = pausing();
     while (received.hasNew || this.#looked !== this.#look) {
       const ask = this.#look;
       let fresh = received.hasNew;
-      for (const { gone, come } of received.swaps(this.#camera, this.#tiles)) {
+      for (const { gone, come } of received.swaps(this.#camera, this.#pieces)) {
         const tiles = [];
         for (const tile of come) {
           await pause();
           tiles.push({ tile, packed: pack(tiling!.splatsOf(tile), degree, size) });
-          this.#tiles.add(tile);
+          this.#pieces.add(tile);
         }
-        for (const tile of gone) this.#tiles.delete(tile);
+        for (const tile of gone) this.#pieces.delete(tile);
         const hand = tiles.flatMap(({ packed }) => buffersOf(packed));
         say({ kind: "tiles", gone, come: tiles, fresh, ask }, hand);
         fresh = false;
@@ -286,8 +286,8 @@ export class Reception implements Receiver {
     }
     await this.#draw();
     const shownPackets = await received.conceal(choice, pause),
-      tiles = [...this.#tiles].sort((a, b) => a - b),
-      gains = received.decoder.schema.tiling ? received.gainsOfTiles(tiles) : received.gains;
+      pieces = [...this.#pieces].sort((a, b) => a - b),
+      gains = received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
     if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }
 

@@ -26,7 +26,15 @@ interface Answers {
   readonly frames: Readonly<Record<string, readonly (readonly (readonly number[])[])[]>>;
   /** Of streams with levels, what views show and want. */
   readonly cuts: Readonly<Record<string, readonly View[]>>;
+  /** Of streams with levels, side information and what its index of tiles says; null where it is refused. */
+  readonly indexes: Readonly<Record<string, readonly (readonly [string, Index | null])[]>>;
   readonly packets: Readonly<Record<string, readonly (readonly [number, number, number, string, string])[]>>;
+}
+
+interface Index {
+  readonly packets: readonly number[];
+  readonly offsets: readonly number[];
+  readonly errors: readonly number[];
 }
 
 interface View {
@@ -131,5 +139,50 @@ test("views of scenes with levels show and want the tiles that they do in Python
         cutOf(schema.tiles, (tile) => there[tile], look, budget),
         cut,
       );
+  }
+});
+
+test("indexes of tiles say what they do in Python, or are refused", { skip }, () => {
+  for (const [name, cases] of Object.entries(answers!.indexes)) {
+    const { head } = readStream(name);
+    for (const [n, [text, said]] of cases.entries()) {
+      let found: Index | null = null;
+      try {
+        const { schema } = new StreamDecoder({ ...head, sideInfo: bytesOf(text) });
+        assert.ok(schema instanceof LevelSchema);
+        const { packets, offsets, errors } = schema.tiles;
+        found = { packets: [...packets], offsets: [...offsets], errors: [...errors] };
+      } catch (error) {
+        assert.ok(error instanceof BitstreamError, `case ${n} of ${name}: ${(error as Error).stack}`);
+      }
+      assert.deepEqual(found, said, `case ${n} of ${name}`);
+    }
+  }
+});
+
+test("the pieces of a cut are its scene, each Gaussian once", { skip }, () => {
+  for (const [name, views] of Object.entries(answers!.cuts)) {
+    const { head, packets } = readStream(name),
+      decoder = new StreamDecoder(head),
+      { schema } = decoder;
+    assert.ok(schema instanceof LevelSchema);
+    for (const packet of packets) assert.ok(decoder.take(packet));
+    const { tiles, pieces } = schema,
+      below = (tile: number): number[] => [tile, ...tiles.children[tile].flatMap(below)],
+      of = (tile: number): number =>
+        tiles.children[tile].length ? tiles.children[tile].reduce((sum, child) => sum + size(child), 0) : 0,
+      size = (piece: number): number => schema.splatsOf(piece).reduce((sum, { count }) => sum + count, 0);
+    for (let tile = 0; tile < tiles.count; tile++)
+      if (tiles.children[tile].length) assert.equal(of(tile), tiles.gaussians[tile]);
+      else assert.equal(size(tiles.count + tile), tiles.gaussians[tile]);
+    for (const { drawn } of views) {
+      const covered = pieces.drawn({ drawn, wanted: [] }).flatMap((piece) => {
+        const { tile, instead } = pieces.of(piece);
+        return below(instead ?? tile).filter((finest) => !tiles.children[finest].length);
+      });
+      assert.equal(new Set(covered).size, covered.length);
+      const roots = drawn.filter((tile) => tiles.parents[tile] < 0).flatMap(below);
+      assert.equal(covered.length, roots.filter((tile) => !tiles.children[tile].length).length);
+    }
   }
 });

@@ -1,5 +1,6 @@
 """What somebody sees who walks through a scene while it arrives: PSNR of the view over time."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
@@ -14,10 +15,10 @@ from splatwire.levels.delivery import Delivery, Link, deliver
 from splatwire.levels.tiles import tiles_of
 from splatwire.levels.walk import Walk, look_of
 from splatwire.metrics import psnr
-from splatwire.model.appearance import Scene
+from splatwire.model.appearance import Scene, explicit_gaussians
 from splatwire.packets import SceneStream, arrived_blocks
 from splatwire.packets.tiles import Tiles
-from splatwire.packets.view import Look, cut_of
+from splatwire.packets.view import Look, cut_of, stands_for
 from splatwire.render import Renderer, render_scene
 
 SETTLED_DB = 1.0
@@ -110,6 +111,7 @@ class Journey:
         scene: All of its Gaussians, decoded.
         tiles: Its tiles.
         packet_of: Packet of each Gaussian, int64 (N).
+        instead_of: Finer tile that each Gaussian stands for, int64 (N); -1 of the finest level.
         delivery: When they come.
         head_bytes: Of manifest and side information.
     """
@@ -117,6 +119,7 @@ class Journey:
     scene: Scene
     tiles: Tiles
     packet_of: np.ndarray
+    instead_of: np.ndarray
     delivery: Delivery
     head_bytes: int
 
@@ -130,7 +133,8 @@ class Journey:
                 packet_of[block.ranks[run]] = first
                 first += 1
         scene = replace(decode_stream(stream).scene, hints=None)
-        return Journey(scene, tiles, packet_of, delivery, stream.num_bytes - int(tiles.sizes.sum()))
+        instead_of = _instead_of(tiles, delivery.blocks[packet_of], scene)
+        return Journey(scene, tiles, packet_of, instead_of, delivery, stream.num_bytes - int(tiles.sizes.sum()))
 
     def shown(self, seconds: float, look: Look) -> Scene:
         """See `Show.shown`."""
@@ -151,7 +155,18 @@ class Journey:
         return float(self.delivery.arrivals[self.tiles.parents[self.delivery.blocks] < 0].max())
 
     def _drawn(self, there: np.ndarray, came: np.ndarray, look: Look) -> Scene:
-        drawn = np.zeros(self.tiles.num_tiles, dtype=bool)
+        drawn = np.zeros(self.tiles.num_tiles + 1, dtype=bool)  # the last one is what the finest level stands for
         drawn[list(cut_of(self.tiles, there, look).drawn)] = True
-        shown = (drawn[self.delivery.blocks] & came)[self.packet_of]
+        shown = (drawn[self.delivery.blocks] & came)[self.packet_of] & ~drawn[self.instead_of]
         return self.scene.select(torch.from_numpy(shown))
+
+
+def _instead_of(tiles: Tiles, tile_of: np.ndarray, scene: Scene) -> np.ndarray:
+    """Finer tile that each Gaussian stands for."""
+    splats = explicit_gaussians(scene)
+    assert splats is not None  # nothing else has levels
+    order, means = np.argsort(tile_of, kind="stable"), splats.means.numpy().astype(np.float64)
+    found, edges = np.empty(len(order), dtype=np.int64), np.searchsorted(tile_of[order], np.arange(tiles.num_tiles + 1))
+    for tile, (first, end) in enumerate(itertools.pairwise(edges.tolist())):
+        found[order[first:end]] = stands_for(tiles, tile, means[order[first:end]])
+    return found

@@ -38,7 +38,8 @@ class Cut:
     """What a view has and wants.
 
     Attributes:
-        drawn: Tiles to draw; they stand for the whole scene as far as it is there.
+        drawn: Tiles to draw, with each the coarser ones above it; of those what stands for tiles that are drawn is left
+            out (`stands_for`).
         wanted: Tiles that are not there, the most useful first.
     """
 
@@ -47,12 +48,20 @@ class Cut:
 
 
 def pixel_errors(tiles: Tiles, look: Look | None) -> np.ndarray:
-    """How far centres in each tile are off on the screen, pixels, float64 (B).
+    """How far centres are off on the screen where a tile is not drawn, pixels, float64 (B).
 
-    Tiles that are not in the picture count for `BEHIND` of it; without a look, errors are those in world units.
+    Tiles that are not in the picture count for `BEHIND` of it; without a look, errors are those in world units. Of the
+    coarsest level infinite: nothing stands for it.
     """
+    errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if look is None:
-        return tiles.errors.copy()
+        return errors
+    distance, counts, _ = _seen(tiles, look)
+    return errors * look.focal / distance * counts
+
+
+def _seen(tiles: Tiles, look: Look) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance of each box, what it counts for, and what it covers of the screen on average over all directions."""
     middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
     radius = _length(half)
     eye = np.array([-sum(look.viewmat[row, axis] * look.viewmat[row, 3] for row in range(3)) for axis in range(3)])
@@ -65,7 +74,10 @@ def pixel_errors(tiles: Tiles, look: Look | None) -> np.ndarray:
     seen = z > -radius
     for side, slope in ((np.abs(x), across), (np.abs(y), down)):
         seen &= side - slope * z <= radius * np.sqrt(1 + slope * slope)
-    return tiles.errors * look.focal / distance * np.where(seen, 1.0, BEHIND)
+    a, b, c = half.T
+    scale = look.focal / distance
+    covered = np.minimum(2 * (a * b + b * c + c * a) * scale * scale, float(look.width * look.height))
+    return distance, np.where(seen, 1.0, BEHIND), covered
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
@@ -74,46 +86,59 @@ def _length(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt(x * x + y * y + z * z)
 
 
-def cut_of(tiles: Tiles, there: np.ndarray, look: Look | None, budget: int = BUDGET) -> Cut:
-    """Refines where the screen's error is largest, until the budget is spent or the error is small everywhere.
+def _useful(tiles: Tiles, look: Look | None, errors: np.ndarray) -> np.ndarray:
+    """What each tile brings for a byte: the root of the error that it takes away, wherever it covers the screen."""
+    if look is None:
+        return errors
+    _, counts, covered = _seen(tiles, look)
+    return np.sqrt(errors) * covered * counts / np.maximum(tiles.sizes, 1)
 
-    A tile gives way to the finer ones that it stands for when all of them are there.
+
+def cut_of(tiles: Tiles, there: np.ndarray, look: Look | None, budget: int = BUDGET) -> Cut:
+    """Takes what is most useful for a byte, until the budget is spent or the error is small everywhere.
 
     Args:
         tiles: The tiles.
         there: Which of them arrived, bool (B).
         look: Where somebody looks from; None for nowhere, which goes from coarse to fine all over.
-        budget: Gaussians that are drawn at most.
+        budget: Gaussians of tiles that are drawn at most; the coarsest level is drawn in any case.
     """
-    levels, finer = tiles.levels, np.flatnonzero(tiles.parents >= 0)
-    below, roots = tiles.parents[finer], np.flatnonzero(tiles.parents < 0)
-    refined = _refined(tiles, look, budget, finer, below)
-    giving_way = np.zeros(tiles.num_tiles, dtype=bool)
-    giving_way[refined] = True
-    giving_way[below[~there[finer]]] = False
-    real = there.copy()
-    for level in range(int(levels.max(initial=0)) - 1, -1, -1):
-        here = levels == level
-        parents = tiles.parents[here]
-        real[here] = real[parents] & giving_way[parents]
-    place = np.full(tiles.num_tiles, -1)
-    place[refined] = np.arange(len(refined))
-    absent = finer[(place[below] >= 0) & ~there[finer]]
-    wanted = absent[np.argsort(place[tiles.parents[absent]], kind="stable")]
-    drawn = np.flatnonzero(real & ~giving_way)
-    return Cut(tuple(drawn.tolist()), (*roots[~there[roots]].tolist(), *wanted.tolist()))
-
-
-def _refined(tiles: Tiles, look: Look | None, budget: int, finer: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """Tiles whose finer ones are shown or wanted, the most useful first: no tile before what stands for it."""
-    urgent = pixel_errors(tiles, look)
+    chosen = _chosen(tiles, look, budget)
+    real = np.zeros(tiles.num_tiles, dtype=bool)
+    real[chosen] = there[chosen]
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
         here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
-        urgent[here] = np.minimum(urgent[here], urgent[tiles.parents[here]])
-    more = np.bincount(below, tiles.counts[finer], tiles.num_tiles).astype(np.int64) - tiles.counts
-    parents = np.unique(below)
-    some = parents[urgent[parents] > (FINE_ENOUGH if look is not None else 0.0)]
-    order = some[np.argsort(-urgent[some], kind="stable")]
-    spent = tiles.counts[tiles.parents < 0].sum() + np.cumsum(more[order])
-    over = np.flatnonzero(spent > budget)
+        real[here] &= real[tiles.parents[here]]
+    return Cut(tuple(np.flatnonzero(real).tolist()), tuple(chosen[~there[chosen]].tolist()))
+
+
+def _chosen(tiles: Tiles, look: Look | None, budget: int) -> np.ndarray:
+    """Tiles that are shown or wanted, the most useful first: no tile before what stands for it."""
+    errors = pixel_errors(tiles, look)
+    useful = _useful(tiles, look, errors)
+    for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
+        here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
+        for values in (errors, useful):
+            values[here] = np.minimum(values[here], values[tiles.parents[here]])
+    some = np.flatnonzero(errors > (FINE_ENOUGH if look is not None else 0.0))
+    order = some[np.argsort(-useful[some], kind="stable")]
+    over = np.flatnonzero((np.cumsum(tiles.counts[order]) > budget) & (tiles.parents[order] >= 0))
     return order[: over[0]] if len(over) else order
+
+
+def stands_for(tiles: Tiles, tile: int, means: np.ndarray) -> np.ndarray:
+    """Which of the finer tiles below a tile each of its Gaussians stands for: the one whose box is nearest.
+
+    Args:
+        tiles: The tiles.
+        tile: One of them.
+        means: Centres of some of its Gaussians, float64 (N, 3).
+
+    Returns:
+        Tiles, int64 (N); -1 for Gaussians of the finest level.
+    """
+    finer = np.flatnonzero(tiles.parents == tile)
+    if not len(finer):
+        return np.full(len(means), -1, dtype=np.int64)
+    outside = np.maximum(np.maximum(tiles.low[finer][:, None] - means, means - tiles.high[finer][:, None]), 0)
+    return finer[outside.max(axis=2).argmin(axis=0)]

@@ -97,28 +97,30 @@ export class Received {
   }
 
   /**
-   * What takes the place of tiles that are on the screen, so that they are what a camera is to see: swap by swap, none
+   * What takes the place of pieces that are on the screen, so that they are what a camera is to see: swap by swap, none
    * of which shows a part of the scene twice or not at all.
    */
   swaps(camera: Camera, held: ReadonlySet<number>): Swap[] {
     const tiling = this.decoder.schema.tiling!;
     tiling.look(camera);
     this.#drawn = this.#parts.length;
-    return swapsOf(tiling.tiles.parents, held, new Set(tiling.drawn));
+    return swapsOf(tiling.pieces.parents, held, new Set(tiling.drawn));
   }
 
-  /** Gains of the Gaussians of tiles, one tile after another; null where nothing was dropped yet. */
-  gainsOfTiles(tiles: readonly number[]): Float32Array | null {
+  /** Gains of the Gaussians of pieces, one piece after another; null where nothing was dropped yet. */
+  gainsOfPieces(pieces: readonly number[]): Float32Array | null {
     const gains = this.#gains,
-      parts = tiles.flatMap((tile) => this.decoder.schema.tiling!.partsOf(tile));
+      parts = pieces.flatMap((piece) => this.decoder.schema.tiling!.partsOf(piece));
     if (!gains) return null;
     const firsts = new Map(this.#parts.map((part, p) => [part, this.#firsts[p]])),
-      all = new Float32Array(2 * parts.reduce((sum, part) => sum + part.count, 0)).fill(1);
+      all = new Float32Array(2 * parts.reduce((sum, { which }) => sum + which.length, 0)).fill(1);
     let at = 0;
-    for (const part of parts) {
-      const first = 2 * firsts.get(part)!;
-      if (first < gains.length) all.set(gains.subarray(first, first + 2 * part.count), at);
-      at += 2 * part.count;
+    for (const { part, which } of parts) {
+      const first = firsts.get(part)!;
+      for (const n of which) {
+        if (2 * (first + n) < gains.length) all.set(gains.subarray(2 * (first + n), 2 * (first + n + 1)), at);
+        at += 2;
+      }
     }
     return all;
   }

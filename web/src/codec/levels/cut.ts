@@ -16,15 +16,24 @@ const NEAREST = 0.02;
 export type Look = Pick<Camera, "viewmat" | "focal" | "width" | "height">;
 
 export interface Cut {
-  /** Tiles to draw, ascending; they stand for the whole scene as far as it is there. */
+  /**
+   * Tiles to draw, ascending, with each the coarser ones above it; of those what stands for tiles that are drawn is
+   * left out.
+   */
   readonly drawn: readonly number[];
   /** Tiles that are not there, the most useful first. */
   readonly wanted: readonly number[];
 }
 
-/** How far centres in a tile are off on the screen, pixels; without a look as in world units. */
-function pixelError(tiles: Tiles, tile: number, look: Look | null, eye: readonly number[]): number {
-  if (!look) return tiles.errors[tile];
+/**
+ * How far centres are off on the screen where a tile is not drawn, pixels, and what it brings for a byte: the root of
+ * the error that it takes away, wherever it covers the screen. Without a look both are errors in world units; of the
+ * coarsest level infinite, nothing stands for it.
+ */
+function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly number[]): [number, number] {
+  const parent = tiles.parents[tile],
+    error = parent < 0 ? Infinity : tiles.errors[parent];
+  if (!look) return [error, error];
   const middle = [0, 0, 0],
     half = [0, 0, 0],
     outside = [0, 0, 0];
@@ -41,58 +50,73 @@ function pixelError(tiles: Tiles, tile: number, look: Look | null, eye: readonly
   const across = look.width / 2 / look.focal,
     down = look.height / 2 / look.focal;
   const seen =
-    z > -radius &&
-    Math.abs(x) - across * z <= radius * Math.sqrt(1 + across * across) &&
-    Math.abs(y) - down * z <= radius * Math.sqrt(1 + down * down);
-  return ((tiles.errors[tile] * look.focal) / distance) * (seen ? 1 : BEHIND);
+      z > -radius &&
+      Math.abs(x) - across * z <= radius * Math.sqrt(1 + across * across) &&
+      Math.abs(y) - down * z <= radius * Math.sqrt(1 + down * down),
+    counts = seen ? 1 : BEHIND,
+    [a, b, c] = half,
+    scale = look.focal / distance,
+    covered = Math.min(2 * (a * b + b * c + c * a) * scale * scale, look.width * look.height),
+    pixels = ((error * look.focal) / distance) * counts,
+    size = Math.max(tiles.offsets[tile + 1] - tiles.offsets[tile], 1);
+  return [pixels, (Math.sqrt(pixels) * covered * counts) / size];
 }
 
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
 
-/**
- * Refines where the screen's error is largest, until the budget is spent or the error is small everywhere. A tile gives
- * way to the finer ones that it stands for when all of them are there.
- */
+/** Takes what is most useful for a byte, until the budget is spent or the error is small everywhere. */
 export function cutOf(tiles: Tiles, there: (tile: number) => boolean, look: Look | null, budget = BUDGET): Cut {
-  const { count, parents, children } = tiles,
-    real = Uint8Array.from({ length: count }, (_, tile) => Number(there(tile))),
-    refined = refinedTiles(tiles, look, budget),
-    givingWay = new Uint8Array(count),
+  const chosen = chosenTiles(tiles, look, budget),
+    real = new Uint8Array(tiles.count),
     drawn: number[] = [],
     wanted: number[] = [];
-  for (let root = 0; root < count && parents[root] < 0; root++) if (!real[root]) wanted.push(root);
-  for (const tile of refined) {
-    const absent = children[tile].filter((child) => !real[child]);
-    wanted.push(...absent);
-    givingWay[tile] = Number(!absent.length);
+  for (const tile of chosen) {
+    real[tile] = Number(there(tile));
+    if (!real[tile]) wanted.push(tile);
   }
-  for (let tile = 0; tile < count; tile++) {
-    const parent = parents[tile];
-    if (parent >= 0 && !(real[parent] && givingWay[parent])) real[tile] = 0; // coarser tiles come before finer ones
-    if (real[tile] && !givingWay[tile]) drawn.push(tile);
+  for (let tile = 0; tile < tiles.count; tile++) {
+    const parent = tiles.parents[tile];
+    if (parent >= 0 && !real[parent]) real[tile] = 0; // coarser tiles come before finer ones
+    if (real[tile]) drawn.push(tile);
   }
   return { drawn, wanted };
 }
 
-/** Tiles whose finer ones are shown or wanted, the most useful first: no tile before what stands for it. */
-function refinedTiles(tiles: Tiles, look: Look | null, budget: number): number[] {
-  const { count, parents, children, gaussians } = tiles,
+/** Tiles that are shown or wanted, the most useful first: no tile before what stands for it. */
+function chosenTiles(tiles: Tiles, look: Look | null, budget: number): number[] {
+  const { count, parents, gaussians } = tiles,
     eye = look ? eyeOf(look) : [],
     least = look ? FINE_ENOUGH : 0,
-    urgent = new Float64Array(count),
+    errors = new Float64Array(count),
+    useful = new Float64Array(count),
     some: number[] = [];
-  let spent = 0;
   for (let tile = 0; tile < count; tile++) {
-    const error = pixelError(tiles, tile, look, eye),
+    const [error, use] = worth(tiles, tile, look, eye),
       parent = parents[tile];
-    urgent[tile] = parent < 0 ? error : Math.min(error, urgent[parent]);
-    if (parent < 0) spent += gaussians[tile];
-    if (children[tile].length && urgent[tile] > least) some.push(tile);
+    errors[tile] = parent < 0 ? error : Math.min(error, errors[parent]);
+    useful[tile] = parent < 0 ? use : Math.min(use, useful[parent]);
+    if (errors[tile] > least) some.push(tile);
   }
-  some.sort((a, b) => urgent[b] - urgent[a] || a - b);
-  const end = some.findIndex((tile) => {
-    spent = children[tile].reduce((sum, child) => sum + gaussians[child], spent - gaussians[tile]);
-    return spent > budget;
-  });
+  some.sort((a, b) => (useful[a] === useful[b] ? a - b : useful[b] - useful[a]));
+  let spent = 0;
+  const end = some.findIndex((tile) => (spent += gaussians[tile]) > budget && parents[tile] >= 0);
   return end < 0 ? some : some.slice(0, end);
+}
+
+/** Which finer tile below a tile each of its Gaussians stands for, the one whose box is nearest; -1 for none. */
+export function standsFor({ children, low, high }: Tiles, tile: number, means: Float32Array): Int32Array {
+  const finer = children[tile];
+  return Int32Array.from({ length: means.length / 3 }, (_, n) => {
+    let best = -1,
+      least = Infinity;
+    for (const child of finer) {
+      let outside = 0;
+      for (let a = 0; a < 3; a++) {
+        const at = means[3 * n + a];
+        outside = Math.max(outside, low[3 * child + a] - at, at - high[3 * child + a]);
+      }
+      if (outside < least) [best, least] = [child, outside];
+    }
+    return best;
+  });
 }

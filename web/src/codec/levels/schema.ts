@@ -6,8 +6,9 @@ import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import { GaussianSchema } from "../gaussians/schema.ts";
 import type { Copies, Part, Schema, Seen } from "../schema.ts";
-import { emptySplats, type Splats } from "../splats.ts";
-import { type Cut, cutOf } from "./cut.ts";
+import { chosen, emptySplats, type Splats } from "../splats.ts";
+import { type Cut, cutOf, standsFor } from "./cut.ts";
+import { Pieces } from "./pieces.ts";
 import { readTiles, type Tiles } from "./tiles.ts";
 
 /** Which tiles are drawn, and which are to be fetched. */
@@ -16,19 +17,21 @@ export interface Tiling {
   readonly wanted: readonly number[];
   /** Gaussians that are enough to look around. */
   readonly enough: number;
-  /** Tiles that are drawn, ascending. */
+  readonly pieces: Pieces;
+  /** Pieces that are drawn. */
   readonly drawn: readonly number[];
-  /** Looks again; whether other tiles are drawn than before. */
+  /** Looks again; whether other pieces are drawn than before. */
   look(camera: Camera | null): boolean;
-  /** Packets of a tile that came. */
-  partsOf(tile: number): readonly Part[];
-  /** Their Gaussians, decoded anew. */
-  splatsOf(tile: number): Splats[];
+  /** Packets of which some Gaussians are those of a piece, and which of each. */
+  partsOf(piece: number): readonly { readonly part: Part; readonly which: Int32Array }[];
+  /** The Gaussians of a piece, decoded anew. */
+  splatsOf(piece: number): Splats[];
 }
 
 /** A packet; decoded when it is drawn, and forgotten when it is not any more. */
 class LevelPart implements Part {
   #splats: Splats | null = null;
+  #instead: Int32Array | null = null;
 
   constructor(
     readonly packet: Packet,
@@ -43,13 +46,28 @@ class LevelPart implements Part {
     return this.schema.gaussians.plan.members(this.packet);
   }
 
+  /** Which of its Gaussians stand for a finer tile; all where there is none. */
+  which(instead: number | null, splats?: Splats): Int32Array {
+    const all = Int32Array.from({ length: this.count }, (_, n) => n);
+    if (instead === null) return all;
+    const { tiles } = this.schema;
+    this.#instead ??= standsFor(tiles, this.packet.block, (splats ?? this.decoded()).means);
+    return all.filter((n) => this.#instead![n] === instead);
+  }
+
+  decoded(): Splats {
+    return this.schema.gaussians.read(this.packet).splats;
+  }
+
   seen(): Seen {
-    if (!this.schema.draws(this.packet.block)) {
+    const drawn = this.schema.drawnOf(this.packet.block);
+    if (!drawn.length) {
       this.#splats = null;
       return { splats: this.schema.none, owners: new Int32Array() };
     }
-    this.#splats ??= this.schema.gaussians.read(this.packet).splats;
-    return { splats: this.#splats, owners: Int32Array.from({ length: this.count }, (_, n) => n) };
+    const splats = (this.#splats ??= this.decoded()),
+      owners = Int32Array.from(drawn.flatMap((instead) => [...this.which(instead, splats)]));
+    return { splats: owners.length === this.count ? splats : chosen(splats, owners), owners };
   }
 }
 
@@ -64,12 +82,16 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   readonly none: Splats;
   readonly #came: Int32Array;
   readonly #parts: LevelPart[][];
+  readonly pieces: Pieces;
   #cut: Cut = { drawn: [], wanted: [] };
   #drawn = new Set<number>();
+  /** The last coarser tile that was decoded: its pieces are asked for one after another. */
+  #recent: { readonly tile: number; readonly splats: readonly Splats[] } | null = null;
 
   constructor(sideInfo: Uint8Array, plan: Plan) {
     this.gaussians = new GaussianSchema(sideInfo, plan);
     this.tiles = readTiles(this.gaussians.info, plan);
+    this.pieces = new Pieces(this.tiles);
     this.#came = new Int32Array(this.tiles.count);
     this.#parts = Array.from({ length: this.tiles.count }, () => []);
     this.none = emptySplats(0, this.degree);
@@ -110,25 +132,34 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   }
 
   get drawn(): readonly number[] {
-    return this.#cut.drawn;
+    return [...this.#drawn];
   }
 
-  partsOf(tile: number): readonly LevelPart[] {
-    return this.#parts[tile];
+  partsOf(piece: number): { part: LevelPart; which: Int32Array }[] {
+    const { tile, instead } = this.pieces.of(piece);
+    return this.#parts[tile].map((part) => ({ part, which: part.which(instead) }));
   }
 
-  splatsOf(tile: number): Splats[] {
-    return this.#parts[tile].map(({ packet }) => this.gaussians.read(packet).splats);
+  splatsOf(piece: number): Splats[] {
+    const { tile, instead } = this.pieces.of(piece),
+      parts = this.#parts[tile];
+    if (instead === null) return parts.map((part) => part.decoded());
+    const known = this.#recent?.tile === tile && this.#recent.splats.length === parts.length;
+    if (!known) this.#recent = { tile, splats: parts.map((part) => part.decoded()) };
+    return this.#recent!.splats.map((splats, n) => chosen(splats, parts[n].which(instead, splats)));
   }
 
-  draws(tile: number): boolean {
-    return this.#drawn.has(tile);
+  /** The finer tiles for which Gaussians of a tile are drawn; null among them for all of a finest one. */
+  drawnOf(tile: number): (number | null)[] {
+    const { children, count } = this.tiles;
+    if (!children[tile].length) return this.#drawn.has(count + tile) ? [null] : [];
+    return children[tile].filter((child) => this.#drawn.has(child));
   }
 
   look(camera: Camera | null): boolean {
     this.#cut = cutOf(this.tiles, (tile) => this.#came[tile] === this.tiles.packets[tile], camera);
-    const { drawn } = this.#cut,
-      same = drawn.length === this.#drawn.size && drawn.every((tile) => this.#drawn.has(tile));
+    const drawn = this.pieces.drawn(this.#cut),
+      same = drawn.length === this.#drawn.size && drawn.every((piece) => this.#drawn.has(piece));
     if (!same) this.#drawn = new Set(drawn);
     return !same;
   }
