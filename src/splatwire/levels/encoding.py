@@ -18,6 +18,10 @@ COARSEST_CLASS = -4
 """Class of precision of Gaussians that are merged from several; those that a coarser level has from a finer one are in
 the next finer class, which is how a receiver tells them apart. Two octaves finer cost 40 % more bytes of the coarser
 levels, for 0.2 to 0.4 dB of their pictures (truck, guitar)."""
+WALKED = Quality(level=7.0, classes=4)
+"""Without harmonics and unless somebody chooses: who walks through a scene sees Gaussians that no view from around it
+shows, and classes of precision are of such views. Against `default` on walks through four trucks and four playbots: 6
+and 14 % fewer bytes, 4 dB more and as much."""
 BUILDING = 0.2
 """Share of the work that is making levels."""
 
@@ -36,7 +40,7 @@ def encode_levels(
     Args:
         scene: The Gaussians; what draws nothing or cannot be drawn is left out, which is logged.
         packetization: How tiles are split into packets; None for that of the paper.
-        quality: See `splatwire.codec.encode_scene`.
+        quality: See `splatwire.codec.encode_scene`; None for `WALKED` where there are classes and no harmonics.
         classes: Of the Gaussians of the scene, see there.
         threads: See there.
         progress: Called with the share of the work that is done, 0 to 1.
@@ -54,6 +58,8 @@ def encode_levels(
     if not scene.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     report = progress or (lambda share: None)
+    if quality is None and classes is not None and not scene.splats.degree:
+        quality = WALKED
     built = build_levels(scene, packetization.block_size, lambda share: report(BUILDING * share))
     stream = encode_scene(
         built.scene, packetization, quality=quality, classes=_classes(built, classes, quality), threads=threads,
