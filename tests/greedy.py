@@ -78,14 +78,15 @@ def greedy_streams(gaussians: SceneStream) -> Iterator[tuple[str, SceneStream]]:
 def greedy_clips(real: SceneStream) -> Iterator[tuple[str, SceneStream]]:
     """Clips of at most a megabyte; `real` is a small one, whose tables are taken."""
     for blocks in (30, 160, 1600):
-        yield f"{blocks} blocks of tracks announced", of_tracks(real, blocks, 64, bases=False, motion=0)
-    yield "tracks that arrive in no bytes", of_tracks(real, 160, 64, bases=True, motion=0)
-    yield "tracks that move in few bytes", of_tracks(real, 20, 64, bases=True, motion=19)
-    yield "tracks that arrive and few of which move", of_tracks(real, 20, 64, bases=True, motion=1)
+        yield f"{blocks} blocks of tracks announced", of_tracks(real, blocks, 64, bases=0, motion=0)
+    yield "tracks that arrive in no bytes", of_tracks(real, 160, 64, bases=160, motion=0)
+    yield "tracks that move in few bytes", of_tracks(real, 20, 64, bases=20, motion=19)
+    yield "tracks that arrive and few of which move", of_tracks(real, 20, 64, bases=20, motion=1)
+    yield "tracks that many packets speak of", of_tracks(real, 30, 64, bases=2, motion=29)
 
 
-def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: bool, motion: int) -> SceneStream:
-    """A clip of one group: tracks in so many blocks, bases that arrive in no bytes or not at all, packets of motion."""
+def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion: int) -> SceneStream:
+    """A clip of one group: tracks in so many blocks, how many of them arrive in no bytes, packets of motion."""
     info, num = open_clip(real.manifest, real.side_info), blocks * CUT.block_size
     base, none = info.bases, np.zeros((blocks, 3), np.int64)
     boxes = replace(base.boxes, shifts=none[:, 0], origins=none, extents=none)
@@ -96,7 +97,7 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: bool, motio
     info = replace(info, timeline=Timeline(info.timeline.rate, frames, frames), bases=base, bit_zero=zero, sections={})
     tiers, sizes = (TierShape(num, 1), TierShape(num, 1)), [CUT.block_size] * blocks
     stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
-    packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes) if bases]
+    packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes[:bases])]
     payloads = coder.encode(zero, (0, MAX_CANDIDATES)).payloads
     for n in range(motion):
         block, begin = divmod(n * MAX_CANDIDATES, CUT.block_size)
@@ -225,6 +226,7 @@ def measure(warm: Path, folder: Path, *paths: Path) -> list[dict[str, object]]:
             clip = ClipDecoder(stream.manifest, stream.side_info)
             for packet in stream.packets:
                 clip.push(packet)
+            clip.frame(0)
             return
         decoder = ProgressiveDecoder(stream.manifest, stream.side_info)
         for packet in stream.packets:

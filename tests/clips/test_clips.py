@@ -12,7 +12,7 @@ from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.clips import ClipDecoder, ClipEncoder, ClipOptions, decode_frame, decode_frames, encode_clip, frame_files
 from splatwire.clips.evaluation import ClipRow, ClipScore
-from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec import decode_stream, encode_scene, memory
 from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
 from splatwire.formats import write_splats
 from splatwire.model import SplatScene
@@ -71,6 +71,20 @@ def test_frame_by_frame_gives_the_same_packets(frames, stream):
     whole = encoder.finish()
     early = {(p.id, p.payload) for packets in pushed for p in packets}
     assert early <= {(p.id, p.payload) for p in whole.packets} == {(p.id, p.payload) for p in stream.packets}
+
+
+def test_packets_are_kept_and_not_what_is_in_them(stream, monkeypatch):
+    """The integers of a clip's motion are many times its bytes: they are decoded again where they are asked for."""
+    inner = ClipDecoder(stream.manifest, stream.side_info)._decoder._decoder
+    monkeypatch.setattr(memory, "FREE_BYTES", inner.working_bytes(stream.packets))
+    monkeypatch.setattr(memory, "BYTES_PER_BYTE", 0)
+    decoder = ClipDecoder(stream.manifest, stream.side_info)
+    for packet in stream.packets:
+        decoder.push(packet)
+    assert decoder.complete
+    monkeypatch.setattr(memory, "FREE_BYTES", inner.scene_bytes - 1)
+    with pytest.raises(BitstreamError, match="all tracks"):
+        decoder.frame(0)
 
 
 @pytest.mark.parametrize("seed", range(2))

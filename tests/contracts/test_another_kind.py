@@ -135,7 +135,7 @@ class PointEncoder:
 
 class PointDecoder:
     order: np.ndarray | None = None
-    whole_blocks, alone = False, True
+    whole_blocks, alone, again = False, True, False
     row_bytes = 3
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:

@@ -1,6 +1,7 @@
 // What a worker has received of one stream: it decodes, conceals, and hands over what is to be drawn.
 
 import { readPreview } from "./codec/preview.ts";
+import type { MovingFrame } from "./codec/schema.ts";
 import type { Camera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
@@ -31,6 +32,8 @@ export class Reception implements Receiver {
   readonly held = new Held();
   /** Where what arrives is kept for the next time; null where it is not. */
   kept: Kept | null = null;
+  /** Why nothing more is decoded; null as long as there is no reason. */
+  failed: Error | null = null;
   #received: Received | null = null;
   #shownAt = 0;
   #ask = 0;
@@ -162,12 +165,16 @@ export class Reception implements Receiver {
     if (this.#counts) this.#tell(this.#counts);
   }
 
-  /** Decodes what waits, a little at a time: the session must be served meanwhile. */
+  /** Decodes what waits, a little at a time: the session must be served meanwhile. What takes too much ends it. */
   async #decode(): Promise<void> {
-    for (let next = 0; next < this.#waiting.length; ) {
+    for (let next = 0; next < this.#waiting.length && !this.failed; ) {
       const began = performance.now();
-      while (next < this.#waiting.length && performance.now() - began < SLICE_MS)
-        this.#received!.take(this.#waiting[next++]);
+      try {
+        while (next < this.#waiting.length && performance.now() - began < SLICE_MS)
+          this.#received!.take(this.#waiting[next++]);
+      } catch (error) {
+        this.failed = error as Error;
+      }
       this.#decodeMs += performance.now() - began;
       if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
       await nextTurn();
@@ -185,7 +192,7 @@ export class Reception implements Receiver {
   }
 
   stopped(): boolean {
-    return false;
+    return this.failed !== null;
   }
 
   look({ camera, ask }: ToWorker & { kind: "look" }): void {
@@ -252,11 +259,23 @@ export class Reception implements Receiver {
     if (!schema || !moving) return;
     const began = performance.now(),
       { shown, count } = this.#shownMotion(moving.packets, choice),
-      { splats, concealed } = moving.frame(number, shown, choice.concealer),
+      frame = this.#frameOf(() => moving.frame(number, shown, choice.concealer));
+    if (!frame) return;
+    const { splats, concealed } = frame,
       packed = pack([splats], schema.degree, schema.size),
       drawMs = performance.now() - began;
     say({ kind: "frame", number, packed, concealed, shownPackets: count, drawMs }, buffersOf(packed));
     setTimeout(() => moving.ahead(number, AHEAD_MS));
+  }
+
+  /** A frame; null, which is said, where it takes too much memory. */
+  #frameOf(make: () => MovingFrame): MovingFrame | null {
+    try {
+      return make();
+    } catch (error) {
+      this.note(`This frame cannot be shown: ${(error as Error).message}.`);
+      return null;
+    }
   }
 
   /** Which packets of motion are shown: the same function for the same choice and packets. */
@@ -280,7 +299,7 @@ export class Reception implements Receiver {
     } catch (error) {
       say({
         kind: "note",
-        text: `The stream's copies cannot be used, nothing is concealed: ${(error as Error).message}.`,
+        text: `Nothing is concealed: ${(error as Error).message}.`,
       });
       choice = { ...choice, concealer: "drop" };
     }

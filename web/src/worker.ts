@@ -23,6 +23,7 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
   open(data).then(
     async (text) => {
       await reception.settled();
+      if (reception.failed) return say({ kind: "failed", text: reception.failed.message });
       const complete = text === "complete" && reception.complete;
       say({ kind: "finished", text, complete });
       if (complete) void reception.digest();

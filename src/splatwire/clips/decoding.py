@@ -10,6 +10,7 @@ from torch import Tensor
 
 from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, Memory, clip_concealer, conceal_group
 from splatwire.codec import ProgressiveDecoder
+from splatwire.codec.memory import check_memory
 from splatwire.conceal import conceal
 from splatwire.errors import BitstreamError
 from splatwire.model import Partial, RenderHints, SplatScene
@@ -125,7 +126,10 @@ class ClipDecoder:
 
         Raises:
             InvalidValueError: If the clip has no such frame.
+            BitstreamError: If tracks are announced that take more memory than what arrived may
+                (`splatwire.codec.memory`): of more than 150,000 some have to be there first.
         """
+        check_memory(self._decoder.scene_bytes, self._decoder.num_bytes, "a frame of all tracks that are announced")
         return decode_frame(self._decoder.partial.scene, number, self._concealer)
 
 

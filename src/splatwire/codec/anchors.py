@@ -201,7 +201,7 @@ class AnchorDecoder:
         BitstreamError: If side information and manifest contradict each other.
     """
 
-    whole_blocks, alone = False, True
+    whole_blocks, alone, again = False, True, False
     chunk_bytes: int
     """Memory that each anchor takes that is being decoded."""
 

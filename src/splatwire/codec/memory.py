@@ -12,15 +12,12 @@ from contextlib import contextmanager
 
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.ops.threads import allowed_threads
+from splatwire.packets.limits import BYTES_PER_BYTE, FREE_BYTES
 
-FREE_BYTES = 150 << 20
-"""Allowed whatever the size of a stream."""
-BYTES_PER_BYTE = 160
-"""Allowed beyond that for each byte of it."""
 MOST_BYTES = 8 << 30
 """Allowed at most, and where nobody knows how large a stream will be that has only begun to arrive."""
 VARIABLE = "SPLATWIRE_DECODE_GB"
-"""Environment variable that replaces all three: a number of gigabytes."""
+"""Environment variable that replaces all of these limits: a number of gigabytes."""
 
 
 def allowed_bytes(stream_bytes: int | None) -> int:

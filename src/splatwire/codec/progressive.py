@@ -57,7 +57,7 @@ class ProgressiveDecoder(Arrivals):
             raise BitstreamError("packets of separated attributes are decoded all at once, not one by one")
         self._threads, self._progress = threads, progress
         self._what = f"decoding {manifest.num_elements:,} {manifest.elements}"
-        self._found: dict[PacketId, tuple[Packet, Rows]] = {}
+        self._found: dict[PacketId, tuple[Packet, Rows | None]] = {}
         self._blocks: dict[int, list[Packet]] = {}
         self._checked, self._num_known = False, 0
         self._room: Decoder | None = None
@@ -72,11 +72,16 @@ class ProgressiveDecoder(Arrivals):
         """
         with self.lock:
             if self._partial is None:
-                check_memory(self._decoder.scene_bytes, None, self._what)
+                check_memory(self.scene_bytes, None, self._what)
                 with allocating(self._what):
                     self._make_room()
             assert self._partial is not None
             return self._partial
+
+    @property
+    def scene_bytes(self) -> int:
+        """Memory that `partial` takes."""
+        return self._decoder.scene_bytes
 
     @property
     def num_known(self) -> int:
@@ -118,7 +123,8 @@ class ProgressiveDecoder(Arrivals):
             DesyncError: If now everything is there and yet the decoded integers are not those that were encoded.
         """
         taken, new = self.take(packets), [np.empty(0, dtype=np.int64)]
-        held, working = self.num_taken * (self._decoder.row_bytes + 8), self._decoder.working_bytes(taken)
+        held = 0 if self._decoder.again else self.num_taken * (self._decoder.row_bytes + 8)
+        working = self._decoder.working_bytes(taken)
         what = f"decoding {self.num_taken:,} {self.manifest.elements} that arrived"
         threads = threads_within(held, working, self.num_bytes, what, self._threads)
         runs = list(runs_of(self._decoder, self.manifest, taken))
@@ -132,13 +138,13 @@ class ProgressiveDecoder(Arrivals):
             self._check()
         return np.concatenate(new)
 
-    def _decode(self, run: Run) -> tuple[Run, Rows]:
-        return run, self._decoder.decode(run)
+    def _decode(self, run: Run) -> tuple[Run, Rows | None]:
+        return run, None if self._decoder.again else self._decoder.decode(run)
 
-    def _keep(self, run: Run, rows: Rows) -> None:
+    def _keep(self, run: Run, rows: Rows | None) -> None:
         """Keeps the integers of packets that are new, and writes them, or their block anew."""
         ends = np.cumsum(run.counts)[:-1]
-        each = zip(*(np.split(part, ends) for part in rows), strict=True)
+        each = [None] * len(run.packets) if rows is None else zip(*(np.split(part, ends) for part in rows), strict=True)
         for packet, own in zip(run.packets, each, strict=True):
             self._found[packet.id] = packet, own
             self._blocks.setdefault(packet.id.block, []).append(packet)
@@ -162,10 +168,10 @@ class ProgressiveDecoder(Arrivals):
         return [packet for packet, _ in self._found.values()]
 
     def _rows(self, run: Run) -> Rows:
-        """The integers of packets that were decoded before."""
-        if not run.packets:
+        """The integers of packets that came before."""
+        found = [rows for packet in run.packets if (rows := self._found[packet.id][1]) is not None]
+        if not found:
             return self._decoder.decode(run)
-        found = (self._found[packet.id][1] for packet in run.packets)
         return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
     def _check(self) -> None:

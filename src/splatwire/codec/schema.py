@@ -113,6 +113,8 @@ class Decoder(Protocol):
         order: Rank at each place of the manifest's plan, int64 (N); None if they are the same.
         whole_blocks: Whether a run is what arrived of one block, of all blocks; else packets of any blocks share one.
         alone: Whether packets of a run can be decoded one by one, too.
+        again: Whether packets are kept, and decoded again where they are asked for, because their integers take many
+            times the memory.
         scene_bytes: Memory that `expect` and `scene` take.
         row_bytes: Memory that the decoded integers of an element take.
     """
@@ -121,6 +123,7 @@ class Decoder(Protocol):
     order: np.ndarray | None
     whole_blocks: bool
     alone: bool
+    again: bool
     scene_bytes: int
     row_bytes: int
 

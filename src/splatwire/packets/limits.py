@@ -41,6 +41,11 @@ MAX_ELEMENTS = 1 << 28
 FREE_ELEMENTS = 1 << 16
 """More elements than these need a byte of side information for every so many of them: see `StreamSchema`."""
 
+FREE_BYTES = 150 << 20
+"""Of memory, what decoding a stream may take whatever its size."""
+BYTES_PER_BYTE = 160
+"""Of memory, what it may take beyond that for each byte that arrived."""
+
 MAX_POSITION_BITS = 63
 """Of the Morton code of an anchor's voxel, counted from the origin."""
 MAX_PLACE = 1 << 40

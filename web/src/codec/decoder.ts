@@ -8,6 +8,7 @@ import { CausalSchema } from "./causal/schema.ts";
 import { ColumnsSchema } from "./columns/schema.ts";
 import { GaussianSchema } from "./gaussians/schema.ts";
 import { LevelSchema } from "./levels/schema.ts";
+import { checkMemory } from "./memory.ts";
 import type { Part, Schema } from "./schema.ts";
 import { TrackSchema } from "./tracks/schema.ts";
 
@@ -40,11 +41,15 @@ function schemaOf({ manifest, sideInfo }: Head, plan: Plan): Schema {
 export class StreamDecoder {
   readonly schema: Schema;
   readonly intake: Intake;
+  /** Bytes that arrived, and of memory what their elements take. */
+  #numBytes: number;
+  #needed = 0;
 
   constructor(readonly head: Head) {
     const plan = new Plan(head.manifest);
     this.schema = schemaOf(head, plan);
     this.intake = new Intake(plan);
+    this.#numBytes = head.sideInfo.length;
   }
 
   /** RGB behind the scene. */
@@ -87,10 +92,27 @@ export class StreamDecoder {
     return up ?? null;
   }
 
-  /** Elements of a packet that is new and fits; null for anything else, which is counted. */
+  /**
+   * Elements of a packet that is new and fits; null for anything else, which is counted. Throws where so many elements
+   * in so few bytes take too much memory.
+   */
   take(bytes: Uint8Array): Part | null {
     const packet = this.intake.offer(bytes);
-    return packet && this.schema.read(packet);
+    if (!packet) return null;
+    this.#numBytes += bytes.length;
+    this.#needed += this.schema.bytesOf(packet);
+    this.#check(this.#needed, "what arrived");
+    return this.schema.read(packet);
+  }
+
+  /** Throws where looking at all elements, lost ones, too, takes more memory than what arrived may. */
+  checkAll(): void {
+    const { count } = this.head.manifest;
+    this.#check(count * this.schema.lookedAtBytes, `looking at ${count} elements`);
+  }
+
+  #check(needed: number, what: string): void {
+    checkMemory(needed, this.#numBytes, what);
   }
 
   /** The digest of everything, decoded once more; equals the manifest's where nothing was lost. */

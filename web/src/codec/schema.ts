@@ -67,6 +67,10 @@ export interface Schema<P extends Part = Part> {
   readonly tiling: Tiling | null;
   /** By name, what hides losses of such elements. */
   readonly concealers: Readonly<Record<string, Concealer>>;
+  /** Memory that an element takes where a concealer looks at all of them, lost ones, too. */
+  readonly lookedAtBytes: number;
+  /** Memory that is held of a packet's elements once they are decoded. */
+  bytesOf(packet: Packet): number;
   /** Decodes a packet that fits the plan; any payload gives something. */
   read(packet: Packet): P;
   /** Digest of all decoded integers, given the packets of each block in order. */

@@ -33,6 +33,11 @@ export function emptySplats(count: number, degree: number): Splats {
   };
 }
 
+/** Memory that a Gaussian takes: once as it was decoded, and once as it is drawn. */
+export function splatBytes(degree: number): number {
+  return 2 * 4 * (11 + 3 * (degree + 1) ** 2);
+}
+
 /** Some of them, in this order. */
 export function chosen(splats: Splats, which: Int32Array): Splats {
   const some = (values: Float32Array): Float32Array => {

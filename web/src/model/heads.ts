@@ -1,6 +1,6 @@
 // Neural heads: anchors become the Gaussians that a camera sees. The twin of `splatwire.model.gaussian_heads`.
 
-import { emptySplats, firstOf, type Splats } from "../codec/splats.ts";
+import { emptySplats, firstOf, type Splats, splatBytes } from "../codec/splats.ts";
 import { type Affine, affine, padded, ROWS } from "./affine.ts";
 import { type Anchors, inView } from "./anchors.ts";
 import { type Camera, eyeOf } from "./camera.ts";
@@ -61,6 +61,11 @@ export class Heads {
     for (const { outputs } of hidden) this.#firsts.push(this.#firsts[this.#firsts.length - 1] + outputs);
     this.#width = this.#featureLayer.outputs;
     this.#active = new Float64Array(this.#width);
+  }
+
+  /** Memory that an anchor of so many offsets takes, with the Gaussians that a camera sees. */
+  anchorBytes(numOffsets: number): number {
+    return 4 * (7 + this.#width) + numOffsets * (13 + splatBytes(0));
   }
 
   /** What features, one anchor's after another's, say to the hidden layers. */

@@ -53,8 +53,12 @@ export class Received {
     if (part) this.#push(part);
   }
 
-  /** Makes ready what a concealer draws in addition to what arrived. Throws where that is damaged. */
+  /**
+   * Makes ready what a concealer draws in addition to what arrived. Throws where that is damaged, or where all elements
+   * are too many for what arrived.
+   */
   async prepare({ concealer }: Choice, pause: Pause): Promise<void> {
+    if (concealer !== "drop") this.decoder.checkAll();
     if (concealer !== SKETCH || this.#copies || !this.decoder.schema.concealers[concealer]) return;
     const copies = await this.decoder.schema.copies(pause);
     if (!copies || this.#copies) return;

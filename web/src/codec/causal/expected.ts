@@ -3,6 +3,7 @@
 import type { AnchorFacts, Elements, Pause } from "../../conceal/conceal.ts";
 import type { Anchors } from "../../model/anchors.ts";
 import { givenFirst } from "../anchor_part.ts";
+import { LOOKED_AT_BYTES } from "../memory.ts";
 import { exponential, featureSteps, worldPlaces } from "./anchors.ts";
 import type { PacketDecoder } from "./packet.ts";
 import { expectedPlace } from "./positions.ts";
@@ -31,10 +32,10 @@ const clip = (value: number, [low, high]: readonly number[]): number => Math.min
 
 export class Expected {
   /** Where each anchor is expected, voxels from the origin, by rank; the first so many are known by now. */
-  readonly #places: Int32Array;
+  #places = new Int32Array();
   /** Logarithms of the scale and the three sizes that are expected there, and of how far features and those are off. */
-  readonly #logs: Float64Array;
-  readonly #spreads: Int32Array;
+  #logs = new Float64Array();
+  #spreads = new Int32Array();
   #done = 0;
   #sizes: Float32Array | null = null;
 
@@ -43,10 +44,11 @@ export class Expected {
     readonly packets: PacketDecoder,
     readonly count: number,
     readonly tierSizes: Float32Array | null,
-  ) {
-    this.#places = new Int32Array(3 * count);
-    this.#logs = new Float64Array(FORM * count);
-    this.#spreads = new Int32Array(this.#width * count);
+  ) {}
+
+  /** Memory that this and a concealer take for an anchor, once somebody asks. */
+  get bytes(): number {
+    return LOOKED_AT_BYTES + 4 * 3 + 8 * FORM + 4 * this.#width;
   }
 
   get #width(): number {
@@ -149,6 +151,11 @@ export class Expected {
 
   /** Geometric means of the sizes that are expected of all anchors, by rank: worked out once, a little at a time. */
   async #expectedSizes(pause: Pause): Promise<Float32Array | null> {
+    if (this.#logs.length < FORM * this.count) {
+      this.#places = new Int32Array(3 * this.count);
+      this.#logs = new Float64Array(FORM * this.count);
+      this.#spreads = new Int32Array(this.#width * this.count);
+    }
     while (this.#done < this.count) {
       if (!(await pause())) return null;
       this.#expectSome(this.#done, Math.min(this.#done + AT_A_TIME, this.count));

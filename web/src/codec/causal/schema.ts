@@ -85,6 +85,14 @@ export class CausalSchema implements Schema<CausalPart> {
     return this.info.sections;
   }
 
+  get lookedAtBytes(): number {
+    return this.#expected.bytes;
+  }
+
+  bytesOf(packet: Packet): number {
+    return packet.count * this.heads.anchorBytes(this.info.offsets);
+  }
+
   read(packet: Packet): CausalPart {
     const ranks = this.#ranks(packet);
     return new CausalPart(packet, ranks, toAnchors(this.#packets.decode(packet.payload, ranks), this.info), this.heads);

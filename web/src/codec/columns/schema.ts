@@ -14,6 +14,7 @@ import { Heads } from "../../model/heads.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import { AnchorPart, chosen, givenFirst } from "../anchor_part.ts";
+import { LOOKED_AT_BYTES } from "../memory.ts";
 import type { Copies, Schema } from "../schema.ts";
 import { type TierFacts, tierFacts } from "../tiers.ts";
 import { type Rows, readRows, readSideInfo, type SideInfo } from "./side_info.ts";
@@ -30,6 +31,7 @@ class ColumnPart extends AnchorPart {
 }
 
 export class ColumnsSchema implements Schema<ColumnPart> {
+  readonly lookedAtBytes = LOOKED_AT_BYTES;
   readonly tiling = null;
   readonly viewDependent = true;
   readonly moving = null;
@@ -68,6 +70,10 @@ export class ColumnsSchema implements Schema<ColumnPart> {
       ...ANCHOR_CONCEALERS,
       sketch: grown((all, pause) => (trust ? sceneFreeAnchors(all, pause, rule, trust) : grow(all, pause, rule))),
     };
+  }
+
+  bytesOf(packet: Packet): number {
+    return packet.count * this.#heads.anchorBytes(this.#info.offsets);
   }
 
   read(packet: Packet): ColumnPart {

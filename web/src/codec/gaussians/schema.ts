@@ -4,8 +4,9 @@ import { type Concealer, type Elements, grown, type Pause, SPLAT_CONCEALERS } fr
 import { sceneFree } from "../../conceal/scene_free.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
+import { LOOKED_AT_BYTES } from "../memory.ts";
 import type { Copies, Part, Schema, Seen } from "../schema.ts";
-import { chosen, type Splats } from "../splats.ts";
+import { chosen, type Splats, splatBytes } from "../splats.ts";
 import { type GaussianCopies, readCopies } from "./copies.ts";
 import { symbolsDigest } from "./digest.ts";
 import { expectedElements } from "./expected.ts";
@@ -34,6 +35,7 @@ export class GaussianPart implements Part {
 }
 
 export class GaussianSchema implements Schema<GaussianPart> {
+  readonly lookedAtBytes = LOOKED_AT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
   readonly moving = null;
@@ -63,6 +65,10 @@ export class GaussianSchema implements Schema<GaussianPart> {
 
   get sections(): Map<string, Uint8Array> {
     return this.info.sections;
+  }
+
+  bytesOf(packet: Packet): number {
+    return packet.count * splatBytes(this.degree);
   }
 
   read(packet: Packet): GaussianPart {

@@ -5,6 +5,7 @@ import type { Camera } from "../../model/camera.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import { GaussianSchema } from "../gaussians/schema.ts";
+import { LOOKED_AT_BYTES } from "../memory.ts";
 import type { Copies, Part, Schema, Seen } from "../schema.ts";
 import { chosen, emptySplats, type Splats } from "../splats.ts";
 import { type Cut, cutOf, standsFor } from "./cut.ts";
@@ -72,6 +73,7 @@ class LevelPart implements Part {
 }
 
 export class LevelSchema implements Schema<LevelPart>, Tiling {
+  readonly lookedAtBytes = LOOKED_AT_BYTES;
   readonly tiling = this;
   readonly viewDependent = true;
   readonly moving = null;
@@ -162,6 +164,10 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
       same = drawn.length === this.#drawn.size && drawn.every((piece) => this.#drawn.has(piece));
     if (!same) this.#drawn = new Set(drawn);
     return !same;
+  }
+
+  bytesOf(packet: Packet): number {
+    return this.gaussians.bytesOf(packet);
   }
 
   read(packet: Packet): LevelPart {

@@ -10,6 +10,8 @@ import { MotionSteps } from "./steps.ts";
 /** Four bytes each are kept of all tracks that a manifest announces. */
 const MAX_TRACKS = 1 << 24;
 const FIRST_ROOM = 1024;
+/** Memory that a track takes beside its Gaussian. */
+export const TRACK_BYTES = 4 + 24 + 4 * NUM_CHANNELS;
 
 export class Bases {
   /** Slot of each track; -1 where its base is not there. */

@@ -1,6 +1,7 @@
 // What of a clip arrived, and what it looks like in any frame. The twin of `splatwire.clips.decoding`.
 
 import type { Packet } from "../../packets/packet.ts";
+import { checkMemory } from "../memory.ts";
 import type { Moving, MovingFrame } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { Bases } from "./bases.ts";
@@ -60,7 +61,11 @@ export class Clip implements Moving {
   #played: Played | null = null;
   #before: Memory | null = null;
 
-  constructor(readonly info: ClipInfo) {
+  /** `numBytes` of the stream are there. */
+  constructor(
+    readonly info: ClipInfo,
+    public numBytes: number,
+  ) {
     this.bases = new Bases(info);
     this.#motion = info.groups.map(() => []);
     this.#units = unitsOf(info);
@@ -73,6 +78,7 @@ export class Clip implements Moving {
   addMotion(group: number, packet: Packet): void {
     this.#motion[group].push(packet);
     this.packets.push(packet);
+    this.numBytes += packet.payload.length;
     if (this.#played?.group === group) this.#played = null;
   }
 
@@ -133,10 +139,14 @@ export class Clip implements Moving {
       frames = this.framesOf(group),
       spoken = new Uint8Array(bases.count),
       found: Decoded[] = [];
+    let rows = bases.count;
+    this.#check(rows, frames);
     for (const packet of this.#motion[group].filter(shown)) {
       const decoded = this.#decode(group, packet);
       if (!decoded) continue;
       found.push(decoded);
+      rows += packet.count;
+      this.#check(rows, frames);
       const { heads } = decoded,
         last = HEAD * (packet.count - 1),
         end = Math.min(heads[last + TRACK] + heads[last + AFTER] + 1, info.numTracks);
@@ -144,6 +154,11 @@ export class Clip implements Moving {
         if (bases.slots[track] >= 0) spoken[bases.slots[track]] = 1;
     }
     return { poses: joined(found, bases.slots, frames), spoken };
+  }
+
+  /** Throws where poses of so many tracks take too much for what arrived: twice, before and after concealment. */
+  #check(rows: number, frames: number): void {
+    checkMemory(rows * frames * NUM_CHANNELS * 8, this.numBytes, `the motion of ${rows} tracks`);
   }
 
   /** A packet of motion whose bases are all there; null where one is missing. */

@@ -2,7 +2,6 @@
 // for `Clip`.
 
 import { sha256 } from "@noble/hashes/sha2.js";
-
 import { hex } from "../../bytes.ts";
 import type { Elements, Pause } from "../../conceal/conceal.ts";
 import type { Packet } from "../../packets/packet.ts";
@@ -11,13 +10,16 @@ import { addRows, integers32 } from "../gaussians/digest.ts";
 import { type Decoded, PacketDecoder } from "../gaussians/packet.ts";
 import { GaussianPart } from "../gaussians/schema.ts";
 import { toSplats } from "../gaussians/to_splats.ts";
+import { LOOKED_AT_BYTES } from "../memory.ts";
 import type { Copies, Schema } from "../schema.ts";
-import { emptySplats } from "../splats.ts";
+import { emptySplats, splatBytes } from "../splats.ts";
+import { TRACK_BYTES } from "./bases.ts";
 import { Clip } from "./clip.ts";
 import { decodeMotion } from "./motion.ts";
 import { type ClipInfo, readClipInfo } from "./side_info.ts";
 
 export class TrackSchema implements Schema<GaussianPart> {
+  readonly lookedAtBytes = LOOKED_AT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
   readonly middle = null;
@@ -34,7 +36,7 @@ export class TrackSchema implements Schema<GaussianPart> {
     readonly plan: Plan,
   ) {
     this.info = readClipInfo(sideInfo, plan.manifest);
-    this.moving = new Clip(this.info);
+    this.moving = new Clip(this.info, sideInfo.length);
     this.#bases = new PacketDecoder(this.info.bases);
     const size = plan.manifest.packetization.blockSize;
     let own = 0,
@@ -58,6 +60,11 @@ export class TrackSchema implements Schema<GaussianPart> {
     return this.info.sections;
   }
 
+  /** Of bases; motion is decoded when its group is played. */
+  bytesOf(packet: Packet): number {
+    return this.plan.tierOf(packet.block) % 2 ? 0 : packet.count * (splatBytes(this.degree) + TRACK_BYTES);
+  }
+
   read(packet: Packet): GaussianPart {
     const tier = this.plan.tierOf(packet.block),
       group = tier >> 1;
@@ -72,6 +79,7 @@ export class TrackSchema implements Schema<GaussianPart> {
       decoded = this.#bases.decode(packet.payload, base, packet.count),
       splats = toSplats(decoded, this.info.bases, base);
     this.moving.addBases(first, decoded.rows, this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3), splats);
+    this.moving.numBytes += packet.payload.length;
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }
 

@@ -56,7 +56,7 @@ class GaussianDecoder:
     """
 
     order: np.ndarray | None = None
-    whole_blocks, alone = True, True
+    whole_blocks, alone, again = True, True, False
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         info = open_side_info(manifest, side_info)

@@ -136,7 +136,7 @@ class SeparatedDecoder(HacppDecoder):
     received.
     """
 
-    whole_blocks, alone = True, False
+    whole_blocks, alone, again = True, False, False
 
     def __init__(self, manifest: Manifest, info: SideInfo) -> None:
         super().__init__(manifest, info)

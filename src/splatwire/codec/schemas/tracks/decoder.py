@@ -58,7 +58,7 @@ class TracksDecoder:
     """
 
     order: np.ndarray | None = None
-    whole_blocks, alone = True, True
+    whole_blocks, alone, again = True, True, True
 
     def __init__(self, manifest: Manifest, side_info: bytes, num_bytes: int) -> None:
         info, self.manifest = open_side_info(manifest, side_info), manifest
