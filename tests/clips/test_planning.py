@@ -1,6 +1,7 @@
 """Parity for the motion of a clip: what is planned is what is sent, and it is never below none at all."""
 
 import dataclasses
+import random
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from splatwire.clips import ClipOptions, encode_clip
 from splatwire.clips.damage import ClipDamage, pooled
 from splatwire.clips.delivery import ClipLoad, delivered, passage
 from splatwire.clips.planning import ClipOffer, plan_clip
-from splatwire.clips.worth import worth_of_stream
+from splatwire.clips.worth import worth_of, worth_of_stream
 from splatwire.errors import InvalidValueError
+from splatwire.packets import make_packet
 from splatwire.transport import Protection, make_program
 from splatwire.transport.collect import PacketCollector
 from splatwire.transport.frames import Data, Parity, Welcome
@@ -43,6 +45,18 @@ def offer_of(load, slope: float = 0.01, base: float = 1e-4) -> ClipOffer:
     shares = np.tile([0.0, 1.0], (groups, 1))
     mse = np.tile(np.array([base, base + slope])[None, :, None], (groups, 1, 2))
     return ClipOffer(load, ClipDamage(shares, mse, (GROUP,) * groups))
+
+
+def test_packets_that_nobody_wrote_are_worth_something_or_nothing(stream):
+    """They may name tracks that there are not."""
+    plan, rng = stream.manifest.plan, random.Random(3)
+    hostile = []
+    for packet in stream.packets:
+        if not plan.lasting(packet.id.block):
+            payloads = (rng.randbytes(rng.randrange(60)) for _ in range(20))
+            hostile += [make_packet(packet.id, packet.num_elements, payload) for payload in payloads]
+    found = worth_of(stream.manifest, stream.side_info, hostile, np.ones(10))
+    assert all(0 <= worth <= 10 for worth in found)
 
 
 def test_what_moves_and_is_seen_is_dear(stream, worth):

@@ -32,7 +32,8 @@ def worth_of(manifest: Manifest, side_info: bytes, packets: Sequence[Packet], we
             return 0.0
         group = plan.tier_of(packet.id.block) // 2
         heads, _, _ = decode_motion(info, group, np.array([packet.num_elements]), [packet.payload], int(firsts[group]))
-        return float(weights[heads[heads[:, STATE] == MOVING, TRACK]].sum())
+        moving = heads[heads[:, STATE] == MOVING, TRACK]
+        return float(weights[moving[(moving >= 0) & (moving < len(weights))]].sum())  # any bytes decode to some tracks
 
     return [worth(packet) for packet in packets]
 
