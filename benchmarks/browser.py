@@ -3,6 +3,7 @@
     python benchmarks/browser.py [scene.swz] [--pages 20] [--rate 4] > benchmarks/results/browser.json
     python benchmarks/browser.py [scene.swz] --minutes 10 > benchmarks/results/browser_open.json
     python benchmarks/browser.py [scene.swz] --elements 100 > benchmarks/results/browser_elements.json
+    python benchmarks/browser.py --pictures biker.swz guitar.swz ... > benchmarks/results/browser_pictures.json
 
 The stream is one of explicit Gaussians in datagrams, or the bundled scene's:
 
@@ -25,6 +26,8 @@ The third makes an element on somebody's page, waits until it draws everything, 
 that the processes of pages and of the GPU keep after each tenth of them, workers that are left, and whether the context
 of the page around it is still there.
 
+The fourth is `pictures` alone, of packed pages, by name of the stream.
+
 Software WebGL on two cores: what draws here would not wait on a graphics card.
 """
 
@@ -40,6 +43,7 @@ import random
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -56,6 +60,7 @@ from splatwire.render import render_scene
 from splatwire.scene import Cameras
 from splatwire.transport import ServerLimits, make_program
 from splatwire.transport.certificate import self_signed
+from splatwire.transport.pack import pack_stream
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import DRAWING, SCRIPT, Link, PageContent, web_file
 from splatwire.transport.preview import stream_preview
@@ -242,6 +247,20 @@ made.style.height = '20rem'; document.body.append(made)}"
         return await asyncio.to_thread(drive)
 
 
+def packed_pictures(paths: list[Path]) -> dict[str, list[float]]:
+    """PSNR of the pictures of packed pages against the renderer's, by name."""
+    found = {}
+    with browser() as page, tempfile.TemporaryDirectory() as folder:
+        for path in paths:
+            stream, _ = read_stream(path)
+            packed = Path(folder) / f"{path.stem}.html"
+            packed.write_bytes(pack_stream(stream, path.stem))
+            opened(page, packed.as_uri())
+            page.wait_for(f"{ELEMENT}.status.gaussians > 0 && {ELEMENT}.status.verified")
+            found[path.stem] = pictures(page, stream)
+    return found
+
+
 async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any]:
     program = make_program(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
 
@@ -290,8 +309,12 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=4.0)
     parser.add_argument("--minutes", type=float, default=0.0)
     parser.add_argument("--elements", type=int, default=0)
+    parser.add_argument("--pictures", type=Path, nargs="+", default=[])
     options = parser.parse_args()
-    if options.elements:
+    found: dict[str, Any]
+    if options.pictures:
+        found = {"pictures_db": packed_pictures(options.pictures)}
+    elif options.elements:
         found = asyncio.run(come_and_go(read_stream(options.stream)[0], options.elements))
     elif options.minutes:
         found = asyncio.run(left_open(read_stream(options.stream)[0], options.minutes))

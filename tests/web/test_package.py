@@ -11,7 +11,8 @@ import pytest
 
 import splatwire
 from explicit import encode_splats
-from splatwire.codec import decode_stream
+from splatwire.codec import add_concealment, decode_stream
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.packets import SceneStream, stream_to_bytes
 from transport.chromium import Browser, browser, executable
@@ -25,20 +26,21 @@ PAGE = '<!doctype html><link rel="icon" href="data:,">{element}<script type="mod
 VITE = """export default {
   base: "./",
   build: {
-    chunkSizeWarningLimit: 1000,
     rolldownOptions: { input: ["index.html", "strict.html"], checks: { bundlerTimings: false } },
   },
 };
 """
 """Warnings about its plugins' times are off: they are of machines, not of the package."""
+PARTS = ("decoder", "index", "view", "engine")
 POLICY = "default-src 'none'; script-src 'self'; worker-src 'self'; connect-src 'self'; style-src 'unsafe-inline'"
 DECODE = """
 import { readFileSync } from "node:fs";
 import { decode, receive } from "splatwire/decoder";
-const [file, half, url] = process.argv.slice(2), told = {};
-for (const [name, path, options] of [["whole", file, {}], ["half", half, {}], ["grown", half, {concealer: "grow"}]]) {
+const [file, half, asking, url] = process.argv.slice(2), told = {};
+for (const [name, path, options] of [["whole", file, {}], ["half", half, {}], ["grown", asking, {concealer: "grow"}]]) {
   const { gaussians, ...rest } = await decode(new Uint8Array(readFileSync(path)), options);
-  told[name] = { ...rest, count: gaussians.count, centres: [...gaussians.centres], scales: [...gaussians.scales] };
+  const { count, antialiased, centres, scales } = gaussians;
+  told[name] = { ...rest, count, antialiased, centres: [...centres], scales: [...scales] };
 }
 told.arrived = [];
 told.lost = 0;
@@ -94,10 +96,10 @@ def test_the_package_says_what_it_is_and_is_as_small_as_promised(packed: Path) -
             assert (folder / path).is_file(), path
     for file in ("LICENSE", "LICENSES.txt", "README.md", "index.js.map"):
         assert (folder / file).is_file(), file
-    size = {name: len(gzip.compress((folder / f"{name}.js").read_bytes(), 9)) for name in ("decoder", "index", "view")}
+    size = {name: len(gzip.compress((folder / f"{name}.js").read_bytes(), 9)) for name in PARTS}
     assert size["decoder"] <= 60_000
     assert size["index"] <= 80_000
-    assert size["index"] + size["view"] <= 400_000
+    assert size["index"] + size["view"] + size["engine"] <= 400_000
 
 
 def test_the_decoder_in_node_gives_pythons_gaussians(project: Path, stream: SceneStream, tmp_path: Path) -> None:
@@ -105,6 +107,7 @@ def test_the_decoder_in_node_gives_pythons_gaussians(project: Path, stream: Scen
     half, file = half_of(stream), stream_to_bytes(stream)
     (tmp_path / "whole.swz").write_bytes(file)
     (tmp_path / "half.swz").write_bytes(stream_to_bytes(half))
+    (tmp_path / "asking.swz").write_bytes(stream_to_bytes(add_concealment(half, ANTIALIASED, b"")))
     (project / "decode.mjs").write_text(DECODE)
 
     async def work() -> dict[str, Any]:
@@ -116,6 +119,7 @@ def test_the_decoder_in_node_gives_pythons_gaussians(project: Path, stream: Scen
                 "decode.mjs",
                 str(tmp_path / "whole.swz"),
                 str(tmp_path / "half.swz"),
+                str(tmp_path / "asking.swz"),
                 f"{host.url}ball.swz",
             ]
             return json.loads(await asyncio.to_thread(called, words, project))
@@ -124,6 +128,7 @@ def test_the_decoder_in_node_gives_pythons_gaussians(project: Path, stream: Scen
     assert told["whole"]["digest"] == stream.manifest.symbols_digest
     assert told["whole"]["verified"] is told["whole"]["complete"] is True
     assert told["half"]["verified"] is told["half"]["complete"] is False
+    assert [told[name]["antialiased"] for name in ("whole", "half", "grown")] == [False, False, True]
     for name, python in (("whole", decode_stream(stream)), ("half", decode_stream(half))):
         known = python.erasures.known.numpy()
         theirs = np.asarray(told[name]["centres"], dtype=np.float32).reshape(-1, 3)

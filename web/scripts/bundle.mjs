@@ -7,6 +7,8 @@ import { fileURLToPath } from "node:url";
 
 import { build } from "esbuild";
 
+import { finer, LOWER, lower, smaller } from "./engine.mjs";
+
 const root = fileURLToPath(new URL("..", import.meta.url));
 export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"));
 const common = {
@@ -46,24 +48,8 @@ const worker = (strict) => ({
       loader: "js",
     }));
     setup.onLoad({ filter: /gsplat-unified-sorter\.js$/ }, ({ path }) => sorter(path, strict));
-    // Shaders of lit surfaces for WebGPU, with which nothing here draws.
-    setup.onLoad({ filter: /wgsl[\\/]chunks[\\/]lit[\\/].*\.js$/ }, () => ({ contents: 'export default "";' }));
   },
 });
-
-/** Shaders of WebGPU, which nothing here draws with, are a quarter of PlayCanvas. */
-const webglAlone = {
-  name: "webgl",
-  setup(setup) {
-    setup.onLoad({ filter: /shader-lib\/wgsl\/chunks\/.*\.js$/ }, ({ path }) => {
-      const names = readFileSync(path, "utf8")
-          .match(/^export \{([^}]*)\};/m)[1]
-          .split(","),
-        empty = names.map((name) => `none as ${name.trim().split(" as ").pop()}`);
-      return { contents: `const none = "";\nexport { ${empty.join(", ")} };` };
-    });
-  },
-};
 
 const BLOB = /URL\.createObjectURL\(new Blob\(\[workerSource\], \{\s*type: "application\/javascript"\s*\}\)\)/;
 
@@ -80,7 +66,7 @@ function sorter(path, strict) {
 /** Text of each bundle of the page by its name, the same for the same sources and the packages of the lock file. */
 export async function bundles(strict = false) {
   const entryPoints = { splatwire: "src/main.ts", "splatwire-view": "src/view.ts" };
-  const plugins = [worker(strict), webglAlone];
+  const plugins = [worker(strict), smaller];
   const made = await build({ ...common, entryPoints, outdir: ".", format: "esm", plugins, banner });
   return made.outputFiles.map(({ path, text }) => [basename(path), text]);
 }
@@ -93,13 +79,16 @@ const SORTER = `
   globalThis.GSplatSortBinWeights = GSplatSortBinWeights;
   UnifiedSortWorker(self);`;
 
-/** In a package what draws is a module that bundlers see. */
-const drawing = (file) => ({
+/** In a package what draws is two modules that bundlers see, each of them small enough for a chunk of its own. */
+const drawing = (engine, view) => ({
   name: "drawing",
   setup(setup) {
-    setup.onResolve({ filter: /^drawing:$/ }, () => ({ path: file, external: true }));
+    setup.onResolve({ filter: /^drawing:/ }, ({ path }) => ({ path: path.slice(8), external: true }));
     setup.onLoad({ filter: /render\/load\.ts$/ }, () => ({
-      contents: 'export const loadView = async () => (await import("drawing:")).View;',
+      contents: `export async function loadView() {
+        const [{ View }] = await Promise.all([import("drawing:${view}"), import("drawing:${engine}")]);
+        return View;
+      }`,
       loader: "js",
     }));
   },
@@ -120,20 +109,25 @@ export async function modules() {
   const found = [];
   const make = async (entryPoints, more) => {
     const made = await build({ ...common, entryPoints, outdir: ".", sourcemap: true, banner, ...more });
-    for (const { path, contents } of made.outputFiles) found.push([basename(path), contents]);
+    for (const { path, contents } of made.outputFiles)
+      if (!basename(path).startsWith(LOWER)) found.push([basename(path), contents]);
   };
   const esm = { format: "esm" };
   await make({ decoder: "src/decoder.ts" }, esm);
-  await make({ index: "src/index.ts" }, { ...esm, plugins: [worker(false), drawing("./view.js")] });
-  await make({ view: "src/render/view.ts" }, { ...esm, plugins: [worker(false), webglAlone] });
-  await make({ strict: "src/index.ts" }, { ...esm, plugins: [worker(true), drawing("./strict-view.js")] });
-  await make({ "strict-view": "src/render/view.ts" }, { ...esm, plugins: [worker(true), webglAlone] });
+  const element = async (name, view, engine, strict) => {
+    const plugins = [worker(strict), drawing(`./${engine}.js`, `./${view}.js`)];
+    await make({ [name]: "src/index.ts" }, { ...esm, plugins });
+    const parts = { ...esm, plugins: [worker(strict), smaller, lower], splitting: true, chunkNames: engine };
+    await make({ [view]: "src/render/view.ts", [LOWER]: LOWER }, parts);
+  };
+  await element("index", "view", "engine", false);
+  await element("strict", "strict-view", "strict-engine", true);
   const doors = { ...esm, external: THEIRS, plugins: [decoderAlone] };
   await make(DOORS, doors);
   const generator = { "splat-transform": "src/doors/splat_transform.ts" };
   await make(generator, { ...doors, outExtension: { ".js": ".mjs" } });
   await make({ "splatwire-worker": "src/worker.ts" }, { format: "iife" });
   const stdin = { contents: SORTER, resolveDir: root, sourcefile: "splatwire-sorter.js" };
-  await make(undefined, { format: "iife", stdin, outfile: "splatwire-sorter.js", outdir: undefined });
+  await make(undefined, { format: "iife", plugins: [finer], stdin, outfile: "splatwire-sorter.js", outdir: undefined });
   return found;
 }

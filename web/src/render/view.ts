@@ -23,6 +23,7 @@ import type { Camera, FixedCamera } from "../model/camera.ts";
 import { Gaussians } from "./container.ts";
 import { cameraOf, type Orbit, tangentOf } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
+import { Precise } from "./precise.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 import { TiledGaussians } from "./tiled.ts";
 
@@ -42,6 +43,7 @@ export class View {
   readonly #app: AppBase;
   readonly #camera: Entity;
   readonly #scene: Entity;
+  readonly #precise: Precise;
   #gaussians: Gaussians | null = null;
   /** Of a scene with levels, in place of those. */
   #tiles: TiledGaussians | null = null;
@@ -98,6 +100,7 @@ export class View {
       toneMapping: TONEMAP_NONE,
       gammaCorrection: GAMMA_SRGB,
     });
+    this.#precise = new Precise(device, this.#camera.camera!);
     this.#app.root.addChild(this.#camera);
     this.#app.root.addChild(this.#scene);
     this.#app.on("update", () => this.#beforeFrame());
@@ -127,6 +130,7 @@ export class View {
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
     this.#gaussians?.destroy();
     this.#tiles?.destroy();
+    this.#precise.destroy();
     this.#app.destroy();
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     this.canvas.remove();
@@ -163,6 +167,7 @@ export class View {
       tangent = fixed ? height / 2 / fixed.focal : tangentOf(width, height);
     this.#camera.camera!.fov = (2 * Math.atan(tangent) * 180) / Math.PI;
     this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
+    this.#precise.resize(width, height);
     this.touch();
   }
 
@@ -314,6 +319,7 @@ export class View {
 
   #afterFrame(): void {
     this.#drawnAt = performance.now();
+    this.#precise.show();
     for (const resolve of this.#frame.splice(0)) resolve();
     if (!this.#isSorted) return;
     this.#isSorted = false;
