@@ -1,6 +1,9 @@
 """Gaussians of scenes that ask for it lose as much opacity as they are widened, in Python, in streams and files."""
 
+import json
 import struct
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,16 +11,20 @@ import torch
 
 from explicit import encode_splats
 from scenes import tiny_cameras
-from splatwire.codec import add_concealment, decode_stream, encode_scene
+from splatwire.cli.main import main
+from splatwire.clips import encode_clip, open_sequence
+from splatwire.clips.decoding import decode_frames
+from splatwire.codec import add_concealment, decode_stream, encode_scene, repack
 from splatwire.codec.antialiasing import SECTION
 from splatwire.formats import is_antialiased
+from splatwire.levels import encode_levels
 from splatwire.model.projection import DILATION
 from splatwire.model.splat_scene import SplatScene
-from splatwire.packets import stream_from_bytes, stream_to_bytes
+from splatwire.packets import stream_from_bytes, stream_to_bytes, write_stream
 from splatwire.packets.sections import sections_of
 from splatwire.render import render_scene
 from splatwire.scene.splats import Splats
-from splatwire.scene_io import open_scene
+from splatwire.scene_io import open_scene, save_scene
 from web.test_page import SMALL, ball
 
 
@@ -67,3 +74,49 @@ def test_an_spz_says_it(tmp_path: Path) -> None:
     scene = open_scene(path)
     assert isinstance(scene, SplatScene)
     assert scene.antialiased
+
+
+@pytest.mark.parametrize("name", ["a.spz", "a.sog"])
+def test_files_that_can_say_it_keep_it(name: str, tmp_path: Path) -> None:
+    for wish in (False, True):
+        save_scene(SplatScene(ball(), antialiased=wish), tmp_path / name)
+        assert is_antialiased(tmp_path / name) is wish
+        assert open_scene(tmp_path / name).antialiased is wish  # type: ignore[union-attr]
+
+
+def called(*words: str) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert not ended.value.code
+
+
+def test_an_export_keeps_it_and_says_where_it_cannot(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    source = tmp_path / "scene.swz"
+    write_stream(encode_scene(SplatScene(ball(), antialiased=True), SMALL), source)
+    for kind, more in (("spz", ()), ("spz", ("--harmonic-bits", "5", "4")), ("sog", ())):
+        called("export", kind, str(source), "-o", str(tmp_path / f"b.{kind}"), *more)
+        assert is_antialiased(tmp_path / f"b.{kind}")
+    assert not caplog.messages
+    called("export", "ply", str(source), "-o", str(tmp_path / "b.ply"))
+    assert "cannot ask for antialiasing" in caplog.text
+
+
+@pytest.mark.parametrize("wish", [False, True])
+def test_a_streamed_sog_says_it_and_levels_keep_it(wish: bool, tmp_path: Path) -> None:
+    save_scene(SplatScene(ball(), antialiased=wish), tmp_path / "chunk.sog")
+    zipfile.ZipFile(tmp_path / "chunk.sog").extractall(tmp_path / "0_0")
+    whole = {"lods": {"0": {"file": 0, "offset": 0, "count": ball().num_gaussians}}}
+    (tmp_path / "lod-meta.json").write_text(json.dumps({"filenames": ["0_0/meta.json"], "tree": whole}))
+    scene = open_scene(tmp_path / "lod-meta.json")
+    assert isinstance(scene, SplatScene)
+    assert scene.antialiased is wish
+    stream = encode_levels(scene, SMALL)
+    for each in (stream, repack(stream, replace(SMALL, packet_bytes=1000))):
+        assert decode_stream(each).scene.antialiased is wish
+
+
+def test_a_clip_says_it(tmp_path: Path) -> None:
+    for number in range(2):
+        save_scene(SplatScene(ball(), antialiased=True), tmp_path / f"{number}.spz")
+    clip, _ = encode_clip(open_sequence(tmp_path).read())
+    assert all(frame.scene.antialiased for frame in decode_frames(decode_stream(clip).scene))

@@ -3,6 +3,9 @@
 import pytest
 import torch
 
+from splatwire.clips import ClipOptions, encode_clip
+from splatwire.codec.schemas.tracks.side_info import open_side_info
+from splatwire.codec.viewpoint import UP_SECTION
 from splatwire.model.splat_scene import SplatScene
 from splatwire.render.up import up_of
 from splatwire.scene.splats import Splats
@@ -21,3 +24,11 @@ def lit_ball(up: float, strength: float) -> SplatScene:
 @pytest.mark.parametrize(("up", "strength", "found"), [(1, 0.6, "y"), (-1, 0.6, "-y"), (1, 0.02, "-y"), (1, 0, "-y")])
 def test_the_brighter_side_is_up_and_minus_y_where_neither_is(up: float, strength: float, found: str) -> None:
     assert up_of(lit_ball(up, strength)) == found
+
+
+def test_a_clip_is_told_as_a_scene_is_and_may_be_overridden() -> None:
+    frames, sections = [lit_ball(1, 0.6).splats] * 2, []
+    for options in (ClipOptions(), ClipOptions(up="-y"), ClipOptions(up="z")):
+        stream, _ = encode_clip(frames, options)
+        sections.append(open_side_info(stream.manifest, stream.side_info).sections.get(UP_SECTION))
+    assert sections == [b"y", None, b"z"]

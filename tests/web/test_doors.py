@@ -7,6 +7,7 @@ import json
 import re
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from PIL import Image
 
 from explicit import encode_splats
 from scenes import tiny_cameras
-from splatwire.codec import decode_stream
+from splatwire.codec import add_concealment, decode_stream
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.conceal import conceal
 from splatwire.formats import write_gltf_with_stream
@@ -66,12 +68,11 @@ window.draw = async (pose) => {
 THREE = """
 import * as THREE from "three";
 import { SparkRenderer } from "@sparkjsdev/spark";
-import { loaded, scene } from "./example";
+import { load, scene } from "./example";
 declare global { interface Window { draw(pose: number[]): Promise<string>; failed?: string } }
 const width = 240, height = 180, canvas = document.querySelector("canvas")!;
 const renderer = new THREE.WebGLRenderer({ canvas, preserveDrawingBuffer: true });
 renderer.setClearColor(new THREE.Color().setRGB(0.2, 0.5, 0.8, THREE.SRGBColorSpace));
-scene.add(new SparkRenderer({ renderer, preBlurAmount: 0.3, blurAmount: 0, sortRadial: false }));
 const angle = 2 * Math.atan(height / 2 / width) * 180 / Math.PI;
 const camera = new THREE.PerspectiveCamera(angle, width / height, 0.01, 100);
 const plane = (left: number, right: number, depth: number, colour: number) => {
@@ -83,7 +84,8 @@ const plane = (left: number, right: number, depth: number, colour: number) => {
 plane(-0.5, -0.125, 1, 0xff0000); // before the ball, over the left 45 pixels
 plane(0.125, 0.5, 10, 0x00ff00); // behind it, over the right 45
 scene.add(camera);
-await loaded;
+await load(renderer);
+for (const spark of scene.children) if (spark instanceof SparkRenderer) spark.sortRadial = false;
 window.draw = async (pose) => {
   new THREE.Matrix4().fromArray(pose).decompose(camera.position, camera.quaternion, camera.scale);
   for (let n = 0; n < 5; n++) {
@@ -195,11 +197,16 @@ def psnr(first: np.ndarray, second: np.ndarray) -> float:
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path, stream: SceneStream) -> None:
-    cameras = tiny_cameras(2, 240, 180)
-    expected = render_scene(conceal(decode_stream(stream), "grow"), cameras)
-    code, scene = example("splatwire/playcanvas"), ("scene.swz", stream_to_bytes(stream))
-    draws(project, "playcanvas", PLAYCANVAS, code, scene, cameras, [p.numpy() for p in expected], 36)
+def test_playcanvas_draws_an_asset_that_is_a_stream(project: Path) -> None:
+    """And follows its wish for antialiasing: Gaussians are below a pixel."""
+    small, cameras = ball(degree=3), tiny_cameras(2, 240, 180)
+    small = replace(small, scales=small.scales * 0.1)
+    plain = half_of(encode_splats(small, SMALL, background=(0.2, 0.5, 0.8), quality=Quality(10.0)))
+    asking = add_concealment(plain, ANTIALIASED, b"")
+    expected, other = (render_scene(conceal(decode_stream(each), "grow"), cameras).numpy() for each in (asking, plain))
+    assert all(psnr(*pair) < 34 for pair in zip(expected, other, strict=True))
+    code, scene = example("splatwire/playcanvas"), ("scene.swz", stream_to_bytes(asking))
+    draws(project, "playcanvas", PLAYCANVAS, code, scene, cameras, expected, 36)
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")

@@ -32,6 +32,8 @@ export interface Gaussians {
   readonly colours: Float32Array;
   /** Coefficients of degree 1 and more: coefficient after coefficient of a Gaussian, three channels each. */
   readonly harmonics: Float32Array;
+  /** Whether they lose opacity as they are widened to a pixel (Mip-Splatting), not so in 3DGS. */
+  readonly antialiased: boolean;
 }
 
 export interface Options {
@@ -160,7 +162,8 @@ class Transfer {
     if (!received.hasNew) return;
     const seen = await received.seen(cameraOf(received, this.options), false, this.#pause);
     if (!seen) return;
-    yield { ...progressOf(received), gaussians: joined(seen.parts), instead: !this.#given };
+    const gaussians = joined(seen.parts, received.decoder.antialiased);
+    yield { ...progressOf(received), gaussians, instead: !this.#given };
     this.#given = true;
   }
 
@@ -221,7 +224,7 @@ async function everything(received: Received, options: Options): Promise<Gaussia
     throw new Error(`the stream has no concealer '${concealer}', only ${Object.keys(concealers).join(", ")}`);
   await received.prepare(choice, pause);
   const seen = await received.seen(camera, true, pause),
-    all = joined(seen!.parts);
+    all = joined(seen!.parts, received.decoder.antialiased);
   if (!concealer) return all;
   await received.conceal(choice, pause);
   return gained(all, received.gains!);
@@ -252,8 +255,8 @@ function gained(all: Gaussians, gains: Float32Array): Gaussians {
       return found;
     };
   return {
+    ...all,
     count: kept.length,
-    degree: all.degree,
     centres: some(all.centres),
     rotations: some(all.rotations),
     scales: some(all.scales, (value, n) => value * gains[2 * n]),
@@ -263,7 +266,7 @@ function gained(all: Gaussians, gains: Float32Array): Gaussians {
   };
 }
 
-function joined(parts: readonly Splats[]): Gaussians {
+function joined(parts: readonly Splats[], antialiased: boolean): Gaussians {
   const all = (arrays: readonly Float32Array[]): Float32Array => {
     const found = new Float32Array(arrays.reduce((sum, array) => sum + array.length, 0));
     let at = 0;
@@ -282,5 +285,6 @@ function joined(parts: readonly Splats[]): Gaussians {
     opacities: all(parts.map(({ opacities }) => opacities)),
     colours: all(parts.map(({ colours }) => colours)),
     harmonics: all(parts.map(({ harmonics }) => harmonics)),
+    antialiased,
   };
 }

@@ -110,16 +110,13 @@ def _rows(options: "Evaluate", *, complete: bool) -> "list[ClipRow]":
 
 def _cameras(options: "Evaluate", frame: "Frame") -> "Cameras":
     """Those of a file, or some around the first frame."""
-    import torch
-
     from splatwire.clips.evaluation import NUM_VIEWS, VIEW_SIZE
     from splatwire.data import load_cameras
     from splatwire.evaluate.views import spread
-    from splatwire.model import SplatScene
     from splatwire.render.importance import surrounding_cameras
 
     if options.cameras is not None:
         cameras = load_cameras(options.cameras)
         return cameras.select(spread(cameras.num_views, options.views))
-    scene = SplatScene(frame.splats.select(torch.from_numpy(frame.drawn)))
+    scene = frame.scene()
     return surrounding_cameras(scene, NUM_VIEWS if options.views is None else options.views, VIEW_SIZE)

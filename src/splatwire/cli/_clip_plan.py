@@ -118,7 +118,6 @@ def frames_of(files: list[Path], timeline: "Timeline", cameras: "Cameras") -> "P
 
     from splatwire.clips import read_frames
     from splatwire.clips.damage import sampled
-    from splatwire.model import SplatScene
     from splatwire.render import iterate_views
 
     if len(files) != timeline.num_frames:
@@ -126,6 +125,6 @@ def frames_of(files: list[Path], timeline: "Timeline", cameras: "Cameras") -> "P
     wanted = [timeline.frames_of(group)[n] for group, some in enumerate(sampled(timeline)) for n in some]
     found = []
     for frame in read_frames([files[number] for number in wanted]):
-        scene = SplatScene(frame.splats.select(torch.from_numpy(frame.drawn)))
+        scene = frame.scene()
         found.append(torch.stack([image.cpu() for image in iterate_views(scene, cameras)]).clamp(0, 1))
     return found

@@ -37,7 +37,7 @@ def check_concealer(name: str) -> None:
 
 
 def clip_options(
-    fps: float | None, group: int | None, quality: str | None, background: "Background | None"
+    fps: float | None, group: int | None, quality: str | None, background: "Background | None", up: str = "auto"
 ) -> "ClipOptions":
     """How a clip is encoded.
 
@@ -55,7 +55,7 @@ def clip_options(
     rate = FRAME_RATE if fps is None else Fraction(fps).limit_denominator(MAX_DENOMINATOR)
     return ClipOptions(
         rate, GROUP_FRAMES if group is None else group, quality=quality_of(quality or "default"),
-        background=BLACK if background is None else background,
+        background=BLACK if background is None else background, up=up,
     )  # fmt: skip
 
 
@@ -146,7 +146,7 @@ def write_frames(
     width, written, concealed = len(str(count - 1)), 0, 0
     for frame in shown:
         name = folder if only is not None else folder / f"frame_{frame.number:0{width}}{suffix}"
-        write_splats([frame.scene.drawn()], name)
+        write_splats([frame.scene.drawn()], name, antialiased=clip.antialiased)
         written, concealed = written + 1, concealed + int(frame.concealed.sum())
         report("writing frames", written / (1 if only is not None else count))
     lost = int((~clip.tracks.received).sum())

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from splatwire.scene import Cameras
 
 
-_STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "up", "refine", "levels", "no_sketch")
+_STILL = ("preset", "block_size", "lanes", "tiers", "keep", "data", "cameras", "refine", "levels", "no_sketch")
 """Options that a clip has no use for."""
 
 
@@ -173,7 +173,7 @@ class Encode:
 
         if still := [name for name in _STILL if getattr(self, name) != getattr(type(self), name)]:
             raise InvalidValueError(f"--{still[0].replace('_', '-')} is for a still scene, not for a clip")
-        options = clip_options(self.fps, self.group, self.quality, chosen_background(self.background))
+        options = clip_options(self.fps, self.group, self.quality, chosen_background(self.background), self.up)
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
             stream, tracking, seconds = encode_sequence(Path(self.scene), self.frames, options, report)
             write_stream(stream, path)

@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.data import Dataset
+    from splatwire.model import SplatScene
     from splatwire.model.appearance import Scene
     from splatwire.scene import Cameras
     from splatwire.scene.splats import Splats
@@ -54,8 +55,9 @@ class Export:
         """Runs the verb."""
         from splatwire.conceal import create_concealer
         from splatwire.exporters import FitCounts
-        from splatwire.formats import read_splats
-        from splatwire.model.appearance import explicit_gaussians
+        from splatwire.formats import is_antialiased, read_splats
+        from splatwire.model import SplatScene
+        from splatwire.model.appearance import antialiased, explicit_gaussians
         from splatwire.ops.spherical_harmonics import num_functions
         from splatwire.render import create_renderer
         from splatwire.scene_io import drawable_scene
@@ -78,11 +80,12 @@ class Export:
                 self._write(fit_splats(scene, views.fitted_to, draw, degree=degree, counts=counts, progress=show))
             else:
                 degree = min(splats.degree, self._degree)
-                counts.possible = counts.written = self._write(iter([splats.at_most_degree(degree)]))
+                parts, asked = iter([splats.at_most_degree(degree)]), antialiased(scene)
+                counts.possible = counts.written = self._write(parts, asked)
                 tell_lost_harmonics(scene, self.output)
             if views is not None:
-                splats = read_splats(self.output)
-                measured = measure(scene, splats, views.measured_on, views.photos, show)
+                written = SplatScene(read_splats(self.output), antialiased=is_antialiased(self.output))
+                measured = measure(scene, written, views.measured_on, views.photos, show)
         result = {
             "output": str(self.output),
             "num_gaussians": counts.written,
@@ -121,13 +124,13 @@ class Export:
     def _degree(self) -> int:
         return self.degree if self.degree is not None else 0 if self.kind == "splat" else 3
 
-    def _write(self, parts: "Iterator[Splats]") -> int:
-        from splatwire.formats.kinds import WRITERS
+    def _write(self, parts: "Iterator[Splats]", antialiased: bool = False) -> int:
+        from splatwire.formats.kinds import WRITERS, antialiasing
         from splatwire.formats.spz import write_spz
 
         if self.harmonic_bits is not None:
-            return write_spz(parts, self.output, self.harmonic_bits)
-        return WRITERS[self.kind.replace("-", ".")](parts, self.output)
+            return write_spz(parts, self.output, self.harmonic_bits, antialiased=antialiased)
+        return antialiasing(WRITERS[self.kind.replace("-", ".")], self.output, antialiased)(parts, self.output)
 
     def _views(self, scene: "Scene") -> "_Views | None":
         """Where the scene is looked at from; None for Gaussians of which nobody wants it."""
@@ -157,13 +160,13 @@ class _Views:
 
 
 def measure(
-    scene: "Scene", splats: "Splats", cameras: "Cameras", photos: "Dataset | None", show: Reporter
+    scene: "Scene", written: "SplatScene", cameras: "Cameras", photos: "Dataset | None", show: Reporter
 ) -> dict[str, Any]:
     """Compares pictures of an export with those of the scene that it was made of, and with photos.
 
     Args:
         scene: The scene.
-        splats: The Gaussians of the export.
+        written: The Gaussians of the export.
         cameras: Where both are looked at from.
         photos: Photos from there, if there are any.
         show: Progress.
@@ -174,12 +177,11 @@ def measure(
     import torch
 
     from splatwire.metrics import psnr
-    from splatwire.model import SplatScene
     from splatwire.render import iterate_views
 
     background = torch.tensor(scene.background)
     rows = []
-    shown = (scene, SplatScene(splats))
+    shown = (scene, written)
     pairs = zip(*(iterate_views(what, cameras, background=background) for what in shown), strict=True)
     for view, (neural, explicit) in enumerate(pairs):
         row = [float(psnr(explicit[None], neural[None])[0])]

@@ -1,7 +1,7 @@
 """Clips to frames, group by group: what is held is one group, and where each track was when the one before ended."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -146,11 +146,11 @@ def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: Re
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]
     splats = moved(clip.tracks.splats.select(torch.from_numpy(tracks)), torch.from_numpy(poses.at(index)[here]))
-    scene = SplatScene(splats, background=clip.background)
+    scene = SplatScene(splats, background=clip.background, antialiased=clip.antialiased)
     if hints is not None:
         opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
         own = RenderHints(hints.size_gain[tracks], torch.zeros(len(tracks), dtype=torch.bool), opacity)
-        scene = SplatScene(SplatScene(splats, own).drawn(), background=clip.background)
+        scene = replace(scene, splats=SplatScene(splats, own).drawn())
     return ClipFrame(number, scene, tracks, poses.concealed[here])
 
 

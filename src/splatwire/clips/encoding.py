@@ -10,12 +10,16 @@ import numpy as np
 from splatwire.clips.frames import Frame
 from splatwire.clips.grouping import NamedFrame, group_of
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
+from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.codec.schemas.tracks.encoder import ClipWriter
+from splatwire.codec.viewpoint import up_sections
 from splatwire.errors import InvalidValueError
+from splatwire.model import SplatScene
 from splatwire.packets import Manifest, Packet, SceneStream
 from splatwire.packets.limits import MAX_FRAME_RATE, MAX_GROUP_FRAMES
 from splatwire.render.precision import precision_classes
+from splatwire.render.up import up_of
 from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
 
@@ -36,6 +40,7 @@ class ClipOptions:
         order: Whether rows are the same Gaussians in every frame, see `Tracker`.
         quality: How finely Gaussians are quantised: a name, or a `Quality`.
         background: RGB behind everything.
+        up: Which axis points up: `y`, `-y`, `z`, `-z`; `auto` looks at the first frame (`splatwire.render.up`).
         threads: Threads to use, which changes no bit; None for one for each processor.
 
     Raises:
@@ -47,6 +52,7 @@ class ClipOptions:
     order: str = "auto"
     quality: str | Quality = "default"
     background: Background = BLACK
+    up: str = "auto"
     threads: int | None = None
 
     def __post_init__(self) -> None:
@@ -72,6 +78,7 @@ class ClipEncoder:
         self._tracker, self._frames = Tracker(options.order), list[NamedFrame]()
         self._degree: int | None = None
         self._groups, self._told = 0, False
+        self._sections: dict[str, bytes] = {}
         self._writer = ClipWriter(
             options.rate, options.group_frames, quality_of(options.quality), options.background, threads=options.threads
         )
@@ -95,6 +102,8 @@ class ClipEncoder:
             raise InvalidValueError(
                 f"a frame has harmonics of degree {taken.splats.degree}, those before of {self._degree}"
             )
+        if self._degree is None:
+            self._sections |= antialiasing_sections(taken.antialiased)
         self._degree = taken.splats.degree
         self._frames.append(self._tracker.add(taken))
         return self._flush() if len(self._frames) == self._options.group_frames else []
@@ -108,11 +117,15 @@ class ClipEncoder:
         self.flush()
         if not self._groups:
             raise InvalidValueError("a clip has one frame at least")
-        return self._writer.finish({SECTION: self.tracking.section()})
+        return self._writer.finish(self._stated)
 
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
         """Manifest and side information of the groups so far, of a stream whose id was chosen before its end."""
-        return self._writer.so_far({SECTION: self.tracking.section()}, stream_id)
+        return self._writer.so_far(self._stated, stream_id)
+
+    @property
+    def _stated(self) -> dict[str, bytes]:
+        return {SECTION: self.tracking.section(), **self._sections}
 
     def worth(self, packets: Sequence[Packet]) -> list[float]:
         """What losing each of some packets of the last group costs, see `splatwire.clips.worth.worth_of`."""
@@ -127,7 +140,10 @@ class ClipEncoder:
         self._tell_harmonics()
         classes = None
         if not self._groups and len(group.keys):
-            classes = self._classes(group.first(np.arange(len(group.keys))))
+            first = group.first(np.arange(len(group.keys)))
+            classes = self._classes(first)
+            up = self._options.up
+            self._sections |= up_sections(up_of(SplatScene(first)) if up == "auto" else up)
         self._frames, self._groups = [], self._groups + 1
         return self._writer.add(group, classes)
 

@@ -117,7 +117,7 @@ def score_clip(
     for number, frame in enumerate(frames):
         if number >= count:
             raise InvalidValueError(f"the clip has {count} frames, the reference more")
-        own = SplatScene(frame.splats.select(torch.from_numpy(frame.drawn)), background=arrived[0].background)
+        own = frame.scene(arrived[0].background)
         reference = _pictures(own, cameras, renderer)
         if on_picture:
             on_picture(-1, number, reference[0])

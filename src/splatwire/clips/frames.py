@@ -9,11 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.kinds import SPLATV, STREAMS, file_kind
-from splatwire.formats import format_of, read_rows, read_splatv
+from splatwire.formats import format_of, is_antialiased, read_rows, read_splatv
+from splatwire.model import SplatScene
 from splatwire.packets.limits import MAX_FRAMES
+from splatwire.scene.background import BLACK, Background
 from splatwire.scene.rows import rows_of_splats
 from splatwire.scene.splats import Splats
 
@@ -124,18 +127,26 @@ class Frame:
     Attributes:
         splats: All rows.
         drawn: Rows that draw something, bool (M).
+        antialiased: Whether the file asks for antialiasing.
     """
 
     splats: Splats
     drawn: np.ndarray
+    antialiased: bool = False
 
     @staticmethod
-    def of(splats: Splats, where: object = "a frame") -> "Frame":
+    def of(splats: Splats, where: object = "a frame", antialiased: bool = False) -> "Frame":
         """A frame of some Gaussians; what cannot be drawn is told."""
         rows = rows_of_splats(splats)
         rows.tell(where, "Gaussians")
         visible = rows.kept & (splats.opacities >= FAINTEST)
-        return Frame(splats, visible.numpy())
+        return Frame(splats, visible.numpy(), antialiased)
+
+    def scene(self, background: Background = BLACK) -> SplatScene:
+        """What is drawn of it."""
+        return SplatScene(
+            self.splats.select(torch.from_numpy(self.drawn)), background=background, antialiased=self.antialiased
+        )
 
 
 def read_frames(files: list[Path]) -> Iterator[Frame]:
@@ -153,7 +164,7 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
             raise DatasetError(
                 f"{path} has harmonics of degree {splats.degree}, {files[0].name} of {degree}: frames share one"
             )
-        yield Frame.of(splats, path)
+        yield Frame.of(splats, path, is_antialiased(path))
 
 
 def is_frame(path: Path) -> bool:

@@ -9,6 +9,11 @@ UP_SECTION = "up"
 """Name of the section that says only which axis is up: its name as text, `y`, `-z`, ...; `-y` where it is absent."""
 
 
+def up_sections(axis: str) -> dict[str, bytes]:
+    """The section that says which axis is up, by its name; none for `-y`."""
+    return {} if axis == "-y" else {UP_SECTION: axis.encode()}
+
+
 def viewpoint_section(cameras: Cameras) -> bytes:
     """The section that lets a receiver begin where the first camera is.
 

@@ -24,13 +24,15 @@ _POSITION_TOP = 65535
 _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def write_sog(parts: Iterable[Splats], path: Path) -> int:
+def write_sog(parts: Iterable[Splats], path: Path, *, antialiased: bool = False) -> int:
     """Writes a bundled SOG, Gaussians in Morton order; see `splatwire.formats.write_splats`."""
     splats = join(path, parts)
     means = splats.means.double().numpy()
     order = np.argsort(_morton(means), kind="stable")
     pictures: dict[str, np.ndarray] = {}
     meta = {"version": 2, "asset": {"generator": f"splatwire {__version__}"}, "count": len(means)}
+    if antialiased:
+        meta["antialias"] = True
     meta["means"] = _means(means[order], pictures)
     logs = np.log(splats.scales.numpy()[order])
     meta["scales"] = _coded("scales", logs, np.full(len(logs), 255, np.uint8), pictures)

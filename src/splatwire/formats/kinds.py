@@ -1,7 +1,9 @@
 """Which format a file has, told by its first bytes, and its reader and writer."""
 
+import logging
 import os
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +26,7 @@ from splatwire.files.kinds import (
     file_kind,
     is_not,
 )
-from splatwire.formats import sog, spz
+from splatwire.formats import sog, spz, streamed_sog
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
 from splatwire.formats.gltf import read_gltf
@@ -40,6 +42,7 @@ from splatwire.formats.streamed_sog import read_streamed_sog
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
+LOG = logging.getLogger(__name__)
 Writer = Callable[[Iterable[Splats], Path], int]
 KINDS = {
     "ply": (SPLATS_PLY, ANCHORS_PLY, COMPRESSED_PLY, OTHER_PLY),
@@ -109,7 +112,8 @@ def is_antialiased(path: Path) -> bool:
 
     SPZ and SOG can say so; in 3DGS, whose files are PLY, they keep it.
     """
-    asked = {"spz": spz.is_antialiased, "sog": sog.is_antialiased}.get(splats_kind(path) or "")
+    say = {"spz": spz.is_antialiased, "sog": sog.is_antialiased, "streamed sog": streamed_sog.is_antialiased}
+    asked = say.get(splats_kind(path) or "")
     return asked is not None and asked(path)
 
 
@@ -152,7 +156,7 @@ def writer_for(path: str | os.PathLike[str]) -> Writer:
     raise UnknownNameError("format of explicit Gaussians", name, WRITERS)
 
 
-def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = None) -> int:
+def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = None, *, antialiased: bool = False) -> int:
     """Writes explicit Gaussians in the format that the end of the file's name says (`WRITERS`).
 
     Args:
@@ -160,6 +164,8 @@ def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = Non
             part.
         path: The file; it appears under its name when it is complete.
         note: What is noted of them, in a PLY; other formats have no room for it.
+        antialiased: Whether they lose opacity as they are widened to a pixel. SPZ and SOG say so; where a format
+            cannot, a warning does.
 
     Returns:
         How many Gaussians were written.
@@ -169,5 +175,15 @@ def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = Non
         InvalidValueError: If there is none, a number is not finite, or degrees differ.
         OSError: If the file cannot be written.
     """
-    writer = writer_for(path)
+    writer = antialiasing(writer_for(path), path, antialiased)
     return write_ply(parts, path, note) if writer is write_ply else writer(parts, path)
+
+
+def antialiasing(writer: Writer, path: Path, antialiased: bool) -> Writer:
+    """The writer that says that Gaussians are antialiased if they are; where its format cannot, that is logged."""
+    if not antialiased:
+        return writer
+    if writer in (write_spz, write_sog):
+        return partial(writer, antialiased=True)
+    LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: SPZ and SOG can", path)
+    return writer

@@ -193,7 +193,13 @@ def _smallest_three(data: np.ndarray) -> np.ndarray:
     return np.roll(xyzw, 1, axis=1)
 
 
-def write_spz(parts: Iterable[Splats], path: Path, harmonic_bits: tuple[int, int] = FULL_BITS) -> int:
+def write_spz(
+    parts: Iterable[Splats],
+    path: Path,
+    harmonic_bits: tuple[int, int] = FULL_BITS,
+    *,
+    antialiased: bool = False,
+) -> int:
     """Writes an SPZ file of version 3, which all viewers read; harmonics are cut to their range.
 
     Args:
@@ -201,6 +207,7 @@ def write_spz(parts: Iterable[Splats], path: Path, harmonic_bits: tuple[int, int
         path: The file.
         harmonic_bits: Bits of harmonics of degree 1, and of those beyond, 1 to 8 each: they stay bytes, of which the
             last bits are 0, so that they pack better.
+        antialiased: Whether the header says that it was trained with antialiasing.
 
     Raises:
         InvalidValueError: Also if a position is beyond 2**23, or there is no such number of bits.
@@ -209,7 +216,7 @@ def write_spz(parts: Iterable[Splats], path: Path, harmonic_bits: tuple[int, int
         raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
     splats = flip_axes(join(path, parts), SPZ_FLIPS)
     bits = _fraction_bits(float(splats.means.abs().max()))
-    header = _HEADER.pack(MAGIC, 3, splats.num_gaussians, splats.degree, bits, 0, 0)
+    header = _HEADER.pack(MAGIC, 3, splats.num_gaussians, splats.degree, bits, _ANTIALIASED * antialiased, 0)
     content = header + b"".join(column.tobytes() for column in _columns(splats, bits, harmonic_bits))
     with written_whole(path) as unfinished:
         unfinished.write_bytes(gzip.compress(content, mtime=0))

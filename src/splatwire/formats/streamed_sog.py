@@ -15,6 +15,7 @@ import torch
 from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
+from splatwire.formats import sog
 from splatwire.formats._columns import check_count
 from splatwire.formats.sog import read_sog
 from splatwire.scene.splats import Splats
@@ -62,6 +63,13 @@ def read_streamed_sog(path: Path) -> Splats:
     if coarser:
         LOG.warning("%s: %d leaves are read at a coarser level, or not at all, for lack of chunks", index, coarser)
     return _joined(index, chunks, pieces)
+
+
+def is_antialiased(path: Path) -> bool:
+    """Whether a streamed SOG, which can be read, has a chunk that says that it was trained with antialiasing."""
+    index = path / SOG_LEVELS_NAME if path.is_dir() else path
+    here = [chunk for chunk in _chunks(index, read_json(index, DatasetError)) if (chunk / SOG_META_NAME).is_file()]
+    return any(sog.is_antialiased(chunk) for chunk in here)
 
 
 def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:

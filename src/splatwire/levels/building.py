@@ -65,7 +65,8 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
             if progress:
                 progress(done / total)
         errors.append(np.sqrt(squares[:, 0] / squares[:, 1]))
-    made = LevelScene(whole, background=scene.background, level_sizes=tuple(sizes[::-1]))
+    levels = tuple(sizes[::-1])
+    made = LevelScene(whole, background=scene.background, antialiased=scene.antialiased, level_sizes=levels)
     return Built(made, order.numpy(), old, np.concatenate(errors[::-1]))
 
 

@@ -108,6 +108,7 @@ class ClipScene:
             wait. Decodes it anew each time, so that only what is used takes memory.
         count: Elements, N.
         background: RGB behind everything.
+        antialiased: See `SplatScene`.
     """
 
     ELEMENTS: ClassVar[str] = "tracks"
@@ -117,6 +118,7 @@ class ClipScene:
     motion: Callable[[int, np.ndarray], GroupMotion]
     count: int
     background: Background = BLACK
+    antialiased: bool = False
     hints: RenderHints | None = None
 
     @property
@@ -161,7 +163,7 @@ class ClipScene:
 
     def bases(self) -> SplatScene:
         """The bases as a scene of their own."""
-        return SplatScene(self.tracks.splats, background=self.background)
+        return SplatScene(self.tracks.splats, background=self.background, antialiased=self.antialiased)
 
     def select(self, index: Tensor) -> "ClipScene":
         """The clip itself: which of its elements are there is for its motion to say."""

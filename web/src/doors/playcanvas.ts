@@ -7,7 +7,10 @@ import { plyColumns } from "./columns.ts";
 
 type Told = (error: string | null, resource?: GSplatResource | null) => void;
 
-/** For `app.loader.getHandler("gsplat").addParser(new SwzParser(app))`. Fires `progress` with packets at the asset. */
+/**
+ * For `app.loader.getHandler("gsplat").addParser(new SwzParser(app))`. Fires `progress` with packets at the asset, and
+ * sets `app.scene.gsplat.antiAlias` where a stream asks for it.
+ */
 export class SwzParser {
   constructor(
     readonly app: AppBase,
@@ -22,7 +25,11 @@ export class SwzParser {
   load(url: string | { load: string; original: string }, callback: Told, asset?: Asset): void {
     const address = typeof url === "string" ? url : url.load;
     this.#gaussians(address, asset).then(
-      (gaussians) => callback(null, gaussians && resourceOf(this.app.graphicsDevice, gaussians)),
+      (gaussians) => {
+        // of the whole application there: never taken back, for what else is there may want it
+        if (gaussians?.antialiased) this.app.scene.gsplat.antiAlias = true;
+        callback(null, gaussians && resourceOf(this.app.graphicsDevice, gaussians));
+      },
       (error: unknown) => callback(`${address}: ${error instanceof Error ? error.message : error}`),
     );
   }

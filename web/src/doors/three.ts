@@ -23,6 +23,10 @@ export function splatsOf(gaussians: Gaussians): ExtSplats {
   return new ExtSplats({ extArrays: arrays, numSplats: count, extra });
 }
 
+/** What pixels add to Gaussians, as options of a `SparkRenderer`: by itself Spark draws all as if antialiased. */
+export const blurOf = ({ antialiased }: Gaussians): { preBlurAmount: number; blurAmount: number } =>
+  antialiased ? { preBlurAmount: 0, blurAmount: 0.3 } : { preBlurAmount: 0.3, blurAmount: 0 };
+
 /** Where Spark's shader looks for coefficients 1 to 15. Its own encoder misplaces those of degree 2. */
 const PLACES = [
   ...[0, 1, 2, 3].map((word) => ["sh1", word] as const),

@@ -54,7 +54,7 @@ def _again(stream: SceneStream, packetization: Packetization, threads: int | Non
     coding = coding_of(info, partial[Levels].classes)
     sizes = [tier.num_elements for tier in stream.manifest.tiers] or [stream.manifest.num_elements]
     tiers = np.repeat(np.arange(len(sizes), dtype=np.uint8), sizes)
-    scene = SplatScene(partial.scene.splats, background=partial.scene.background, coding=coding)
+    scene = replace(partial.scene, hints=None, coding=coding)
     return prepare_splats(scene, Options(packetization, tiers=tiers, threads=threads), like=info, sorted_already=True)
 
 

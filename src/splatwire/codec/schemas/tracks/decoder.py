@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import read_background
 from splatwire.codec.memory import check_memory
 from splatwire.codec.named_sections import concealer_sections
@@ -130,7 +131,8 @@ class TracksDecoder:
     def scene(self) -> Partial[ClipScene]:
         """See `Decoder.scene`."""
         tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), self._spans.blocks_of_tracks())
-        clip = ClipScene(self.info.timeline, tracks, self._motion, self._num, read_background(self.sections))
+        background, antialiased = read_background(self.sections), ANTIALIASED in self.sections
+        clip = ClipScene(self.info.timeline, tracks, self._motion, self._num, background, antialiased)
         return Partial(clip, self._erasures, concealer_sections(self.sections))
 
     def _motion(self, group: int, there: np.ndarray) -> GroupMotion:
