@@ -1,7 +1,14 @@
-// Where Gaussians are blended, in ten bits a colour: each of hundreds of thin layers is rounded to them. The eight of a
-// canvas are 6 to 9 dB farther away from the renderer's pictures; sixteen would take twice the memory.
+// Where Gaussians are blended: in sixteen bits a colour. A canvas rounds each of hundreds of thin layers to eight bits
+// and cuts it at 1, though others may cover most of a bright one: 6 to 14 dB farther from the renderer's pictures.
 
-import { type CameraComponent, PIXELFORMAT_RGB10A2, RenderTarget, Texture, type WebglGraphicsDevice } from "playcanvas";
+import {
+  type CameraComponent,
+  PIXELFORMAT_RGB10A2,
+  PIXELFORMAT_RGBA16F,
+  RenderTarget,
+  Texture,
+  type WebglGraphicsDevice,
+} from "playcanvas";
 
 /** What a camera draws into, with more bits than the canvas that it is then copied to. */
 export class Precise {
@@ -15,7 +22,7 @@ export class Precise {
   resize(width: number, height: number): void {
     if (this.#target?.width === width && this.#target.height === height) return;
     this.destroy();
-    const format = PIXELFORMAT_RGB10A2,
+    const format = this.device.textureHalfFloatRenderable ? PIXELFORMAT_RGBA16F : PIXELFORMAT_RGB10A2,
       colorBuffer = new Texture(this.device, { name: "precise", width, height, format, mipmaps: false });
     this.#target = new RenderTarget({ name: "precise", colorBuffer, depth: true });
     this.camera.renderTarget = this.#target;
