@@ -6,6 +6,7 @@ import torch
 from scenes import tiny_cameras, tiny_scene
 from splatwire.model import RenderHints
 from splatwire.render import render_scene
+from splatwire.render.quick_sensitivity import quick_sensitivity
 from splatwire.render.sensitivity import Sensitivity, render_sensitivity
 
 CAMERAS = tiny_cameras(num_views=2, width=48, height=32)
@@ -62,3 +63,24 @@ def test_it_is_repeatable_and_what_nobody_sees_is_worth_nothing(scene) -> None:
     shares: list[float] = []
     render_sensitivity(scene, CAMERAS, probes=1, progress=shares.append)
     assert shares == [0.5, 1.0]
+
+
+def test_a_glance_says_what_looking_closely_says(scene) -> None:
+    cameras = tiny_cameras(num_views=8, width=48, height=32)
+    full = [render_sensitivity(scene, cameras, probes=2, seed=seed) for seed in range(12)]
+    quick = [quick_sensitivity(scene, cameras, chosen=60, probes=2, seed=seed) for seed in range(12)]
+    removal, seen = (sum(one.removal for one in found) / 12 for found in (full, quick))
+    best = removal.argsort(descending=True)[:8]
+    torch.testing.assert_close(seen[best], removal[best], rtol=0.3, atol=0)
+    for name in ("channels", "offsets"):
+        mine, true = (sum(float(getattr(one, name)[best].sum()) for one in found) for found in (quick, full))
+        assert mine == pytest.approx(true, rel=0.5), name
+
+
+def test_a_glance_tells_apart_as_many_as_it_is_asked_for(scene) -> None:
+    cameras = tiny_cameras(num_views=4, width=48, height=32)
+    few, all_of_them = (quick_sensitivity(scene, cameras, chosen=chosen, seed=3) for chosen in (20, 60))
+    told = few.removal > 0
+    assert 10 < int(told.sum()) <= 20
+    assert torch.equal(few.removal[told], all_of_them.removal[told])
+    assert float(few.removal.sum()) > 0.6 * float(all_of_them.removal.sum())

@@ -86,7 +86,7 @@ def test_what_is_no_checkpoint_is_refused(dataset: Dataset, config: TrainConfig,
     save_file({"x": torch.zeros(2)}, other)
     with pytest.raises(BitstreamError, match="not a file of splatwire-checkpoint"):
         load_checkpoint(other)
-    other.write_bytes(whole.replace(b'\\"version\\": 4', b'\\"version\\": 9'))
+    other.write_bytes(whole.replace(b'\\"version\\": 5', b'\\"version\\": 9'))
     with pytest.raises(UnsupportedVersionError):
         load_checkpoint(other)
 

@@ -1,8 +1,9 @@
+import dataclasses
 import math
 
 import pytest
 
-from splatwire.train.config import LearningRate, Marks
+from splatwire.train.config import LearningRate, LearningRates, Marks
 from splatwire.train.presets import create_config
 from splatwire.train.schedule import (
     Phase,
@@ -47,3 +48,17 @@ def test_only_offsets_and_masks_follow_the_size_of_the_scene() -> None:
     small, large = (learning_rates(config, 100, extent) for extent in (1.0, 3.0))
     for name, rate in small.items():
         assert large[name] == pytest.approx(rate * (3 if name in ("offsets", "mask_logits") else 1))
+
+
+def test_a_finished_scene_goes_on_at_the_rates_of_a_second_half() -> None:
+    plain, longer = create_config(iterations=600), create_config(iterations=600, losses=("bernoulli:0.2",))
+    assert (longer.marks.settled, longer.marks.tuning, longer.marks.iterations) == (600, 180, 780)
+    assert dataclasses.replace(longer.marks, iterations=600, tuning=0) == plain.marks
+    for iteration in (1, 301, 600):
+        assert learning_rates(longer, iteration, 1.0) == learning_rates(plain, iteration, 1.0)
+    after, end = (learning_rates(longer, iteration, 1.0) for iteration in (601, 780))
+    for name, rate in vars(LearningRates()).items():
+        if name != "mask_logits":
+            assert after[name] == pytest.approx(math.sqrt(rate.initial * rate.final), rel=0.03)
+            assert end[name] == pytest.approx(rate.final)
+    assert create_config(model="hacpp", losses=("bernoulli:0.2",)).marks.tuning == 0

@@ -39,6 +39,7 @@ class SketchConfig:
         scored_views: most views that pictures are compared in.
         width: Pictures are drawn at most this wide.
         probes: Random sign patterns per view (`render_sensitivity`).
+        quick: Whether a glance at anchors suffices (`quick_sensitivity`).
         fit: How anchors are chosen and rounded.
         seed: Seed of everything random.
     """
@@ -51,6 +52,7 @@ class SketchConfig:
     scored_views: int = 6
     width: int = _MAX_WIDTH
     probes: int = 2
+    quick: bool = False
     fit: SketchFit = field(default_factory=SketchFit)
     seed: int = 0
 
@@ -62,7 +64,7 @@ class SketchConfig:
         )  # fmt: skip
 
 
-QUICK = SketchConfig(share=0.01, masks=0, held_out_masks=0, views=8, width=224, probes=3)
+QUICK = SketchConfig(share=0.01, masks=0, held_out_masks=0, views=8, width=224, probes=3, quick=True)
 """What encoding has time for: one look at the scene, and the growth that is usual."""
 
 

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from splatwire.calibrate.sketch_fit import BITS_OF_COPY, SketchFit, SketchMaterial, fit_sketch, sketch_material
+from splatwire.calibrate.sketch_fit import (
+    BITS_OF_COPY,
+    SketchFit,
+    SketchMaterial,
+    fit_sketch,
+    num_candidates,
+    sketch_material,
+)
 from splatwire.calibrate.views import Progress
 from splatwire.conceal import Concealed
 from splatwire.conceal.sketch.concealer import SketchedLoss, buckets_of, with_sketch
@@ -15,7 +22,8 @@ from splatwire.conceal.sketch.section import SketchSection, write_sketch
 from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, Partial
 from splatwire.packets import SceneStream
-from splatwire.render.sensitivity import render_sensitivity
+from splatwire.render.quick_sensitivity import quick_sensitivity
+from splatwire.render.sensitivity import Sensitivity, render_sensitivity
 from splatwire.scene import Cameras
 
 if TYPE_CHECKING:
@@ -24,6 +32,8 @@ if TYPE_CHECKING:
 _PRICE_STEPS = 24
 _CLOSE = 0.98
 """Of the bytes that a sketch may take, enough are used from this share on."""
+_FEWEST_VIEWS = 4
+"""A glance halves views, and one half of these finds what the other looks at more closely."""
 _FURTHEST = 4.0
 """Most that the logarithm of the price changes at a time, in octaves."""
 
@@ -64,10 +74,7 @@ class AnchorSketch:
         Raises:
             InvalidValueError: If a sketch of that size holds nothing, or no view shows anything.
         """
-        sensitivity = render_sensitivity(
-            complete.scene, cameras, probes=config.probes, seed=config.seed,
-            progress=lambda share: show("what each anchor is worth", share),
-        )  # fmt: skip
+        sensitivity = _sensitivity(complete.scene, cameras, most, config, show)
         if not float(sensitivity.removal.sum()) > 0:
             raise InvalidValueError("no view shows anything of the scene: there is nothing to calibrate on")
         buckets = buckets_of(complete)
@@ -103,6 +110,20 @@ class AnchorSketch:
     def proposal(self, around: SketchedLoss) -> tuple[Partial[AnchorScene], Concealed]:
         """See `Sketch`."""
         return around.filled, around.proposal(self.copies)
+
+
+def _sensitivity(
+    scene: AnchorScene, cameras: Cameras, most: int, config: "SketchConfig", show: Progress
+) -> Sensitivity:
+    """What each anchor is worth; at a glance, every other view at half its size tells."""
+
+    def progress(share: float) -> None:
+        show("what each anchor is worth", share)
+
+    if config.quick and cameras.num_views >= _FEWEST_VIEWS:
+        half = cameras.select(list(range(0, cameras.num_views, 2))).scaled(0.5)
+        return quick_sensitivity(scene, half, chosen=num_candidates(most), seed=config.seed, progress=progress)
+    return render_sensitivity(scene, cameras, probes=config.probes, seed=config.seed, progress=progress)
 
 
 def _of_size(

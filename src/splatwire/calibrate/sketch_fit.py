@@ -87,6 +87,11 @@ class SketchMaterial:
         return max(options.crowding * float(ranked[min(round(count), len(ranked) - 1)]) / BITS_OF_COPY, 2.0**-40)
 
 
+def num_candidates(most: int) -> int:
+    """Anchors that a sketch of so many bytes is chosen from."""
+    return _CANDIDATES * 8 * most // BITS_OF_COPY
+
+
 def sketch_material(complete: Partial[AnchorScene], sensitivity: Sensitivity, most: int) -> SketchMaterial:
     """Prepares a complete scene for sketches of at most so many bytes."""
     anchors = complete.scene.anchors
@@ -94,7 +99,7 @@ def sketch_material(complete: Partial[AnchorScene], sensitivity: Sensitivity, mo
     num = len(removal)
     order = np.argsort(-removal, kind="stable")
     important = order[: max(round(_BASIS_SHARE * num), min(num, 64))]
-    candidates = np.sort(order[: max(min(_CANDIDATES * 8 * most // BITS_OF_COPY, round(_MOST_CANDIDATES * num)), 1)])
+    candidates = np.sort(order[: max(min(num_candidates(most), round(_MOST_CANDIDATES * num)), 1)])
     relative = (anchors.scalings.clamp(min=1e-9) / expected_scalings(complete[Prior])).log()
     relative = relative.clamp(-MAX_LOG_SIZE, MAX_LOG_SIZE)
     channels = torch.cat([anchors.features, relative], dim=1).double().numpy()

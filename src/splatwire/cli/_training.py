@@ -31,7 +31,7 @@ _RECIPE = {
     "model": attrgetter("model.__class__"),
     "lmbda": attrgetter("weights.rate"),
     "size": attrgetter("weights.size"),
-    "iterations": attrgetter("marks.iterations"),
+    "iterations": attrgetter("marks.settled"),
     "voxel-size": attrgetter("voxel_size"),
     "growth-interval": attrgetter("marks.growth_interval"),
     "refine": attrgetter("refine.steps"),

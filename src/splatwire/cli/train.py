@@ -50,7 +50,7 @@ class Train:
     the run, from --lmbda on."""
     iterations: int | None = None
     """Length of the run; all phases keep their proportions. 2400 if absent, 720 with a scene to go on with (the
-    published schedules have 30000)."""
+    published schedules have 30000). With --loss three tenths more follow."""
     voxel_size: float | None = None
     """Spacing of anchors in world units, 0 to derive it from the points. The recipe's own if absent."""
     growth_interval: int | None = None
@@ -140,7 +140,8 @@ class Train:
             return self._going_on(start, model, f"{chosen}, on the {place}")
         config = self._config()
         train, test = self._datasets(config)
-        told = f"recipe {config.preset}{chosen}, {config.marks.iterations:,} iterations on the {place}"
+        more = f" and {config.marks.tuning:,} more for losses" if config.marks.tuning else ""
+        told = f"recipe {config.preset}{chosen}, {config.marks.settled:,} iterations{more} on the {place}"
         print(told, file=sys.stderr)
         if start is not None:
             train = dataclasses.replace(train, points=points_of(start))

@@ -179,9 +179,9 @@ def _write(n, k, at, anchors, gains, numbers, out):
 def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers, other_layers, slopes):
     """The Gaussians of anchors [first, last) in view: means, quats, scales, opacities, colors, anchor by anchor.
 
-    Those fainter than 1/255 are left out, too: no renderer draws them. `opacity_layers`: hidden and output layer.
-    `other_layers`: the hidden layers of covariance and colour; then per offset a row of sixteen biases and a row for
-    each hidden number, zeros up to a multiple of four.
+    After them anchor and offset of each. Those fainter than 1/255 are left out, too: no renderer draws them.
+    `opacity_layers`: hidden and output layer. `other_layers`: the hidden layers of covariance and colour; then per
+    offset a row of sixteen biases and a row for each hidden number, zeros up to a multiple of four.
     """
     num_offsets, num_inputs = anchors[4].shape[1], anchors[1].shape[1] + 4
     groups, out_groups, padded = -(-num_hidden // ROWS), -(-num_offsets // ROWS), -(-num_hidden // 4) * 4
@@ -193,6 +193,7 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
     room, at, n = (last - first) * num_offsets, 0, first
     out = (np.empty((room, 3), np.float32), np.empty((room, 4), np.float32), np.empty((room, 3), np.float32),
            np.empty(room, np.float32), np.empty((room, 3), np.float32))  # fmt: skip
+    places = np.empty((room, 2), np.int64)
     while n < last:
         count, n = _choose_anchors(n, last, anchors, hints, camera, chosen)
         if count == 0:
@@ -215,5 +216,6 @@ def spawn_block(first, last, anchors, hints, camera, num_hidden, opacity_layers,
                     store(numbers, LANES, _ONE / (_ONE + _exp_minus(outputs)))
                     _write(chosen[lane], k, at, anchors, hints[1], numbers, out)
                     out[3][at] = opacities[lane, k]
+                    places[at, 0], places[at, 1] = chosen[lane], k
                     at += 1
-    return out[0][:at], out[1][:at], out[2][:at], out[3][:at], out[4][:at]
+    return out[0][:at], out[1][:at], out[2][:at], out[3][:at], out[4][:at], places[:at]

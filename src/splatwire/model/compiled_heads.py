@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from splatwire.model.anchor_scene import AnchorScene, GaussianHeads
-from splatwire.model.gaussian_heads import generate_gaussians
+from splatwire.model.gaussian_heads import SpawnedGaussians, generate_spawned
 from splatwire.model.networks import Linear, Mlp
 from splatwire.ops.threads import share
 from splatwire.scene import Cameras, Gaussians
@@ -13,8 +13,13 @@ from splatwire.scene import Cameras, Gaussians
 _BLOCK = 1024  # anchors; a multiple of sixteen
 
 
-@torch.no_grad()
 def drawn_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:
+    """The Gaussians of `drawn_with_anchors` alone."""
+    return drawn_with_anchors(scene, cameras, view).gaussians
+
+
+@torch.no_grad()
+def drawn_with_anchors(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
     """Generates what camera `view` sees of `scene`, without gradients; arguments as in `generate_gaussians`.
 
     Compiled on first use where the scene is float32 on the CPU; elsewhere the plain version does it.
@@ -25,7 +30,7 @@ def drawn_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussian
     """
     positions = scene.anchors.positions
     if positions.device.type != "cpu" or positions.dtype != torch.float32:
-        return generate_gaussians(scene, cameras, view)
+        return generate_spawned(scene, cameras, view)
     from splatwire.model import _heads_kernels
 
     arguments = _arguments(scene, cameras, view)
@@ -35,7 +40,8 @@ def drawn_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussian
         return _heads_kernels.spawn_block(first, min(first + _BLOCK, num), *arguments)
 
     blocks = share(spawn, range(0, max(num, 1), _BLOCK))
-    return Gaussians(*[torch.from_numpy(np.concatenate(parts)) for parts in zip(*blocks, strict=True)])
+    *fields, places = (torch.from_numpy(np.concatenate(parts)) for parts in zip(*blocks, strict=True))
+    return SpawnedGaussians(Gaussians(*fields), places[:, 0], places[:, 1])
 
 
 def _arguments(scene: AnchorScene, cameras: Cameras, view: int) -> tuple[object, ...]:

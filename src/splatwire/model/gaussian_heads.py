@@ -38,14 +38,17 @@ def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gauss
     Returns:
         The Gaussians with positive opacity of all anchors in view, anchor by anchor.
     """
+    return generate_spawned(scene, cameras, view).gaussians
+
+
+def generate_spawned(scene: AnchorScene, cameras: Cameras, view: int) -> SpawnedGaussians:
+    """The same as `generate_gaussians`, each Gaussian with its anchor."""
     visible = visible_anchors(scene.anchors, cameras, view) & scene.anchors.mask.any(dim=1)
     size_gain, opacity_gain, hints = None, None, scene.hints
     if hints is not None:
         visible, size_gain, opacity_gain = visible & ~hints.left_out, hints.size_gain, hints.opacity_gain
     center = cameras.centers[view].to(scene.anchors.positions)
-    return spawn_gaussians(
-        scene.anchors, scene.heads, center, visible, size_gain=size_gain, opacity_gain=opacity_gain
-    ).gaussians
+    return spawn_gaussians(scene.anchors, scene.heads, center, visible, size_gain=size_gain, opacity_gain=opacity_gain)
 
 
 @torch.no_grad()

@@ -8,10 +8,17 @@ from splatwire.train.config import TrainConfig
 from splatwire.train.state import TrainState
 
 
-def start_of_mean(config: TrainConfig) -> int:
-    """Iteration after which a running mean is taken: two lengths before the end, and not while anchors grow."""
+def start_of_mean(config: TrainConfig, iteration: int = 0) -> int:
+    """Iteration after which a running mean is taken: two lengths before the end, and not while anchors grow.
+
+    Args:
+        config: The recipe.
+        iteration: Where the run is: a scene that goes on (`Marks.tuning`) has another mean.
+    """
     marks = config.marks
-    return max(marks.iterations - 2 * config.averaged, marks.growth_end)
+    if marks.goes_on(iteration):
+        return max(marks.iterations - 2 * config.averaged, marks.settled)
+    return max(marks.settled - 2 * config.averaged, marks.growth_end)
 
 
 @torch.no_grad()
@@ -24,7 +31,7 @@ def gather_mean(state: TrainState, config: TrainConfig) -> None:
         state: Its means are changed in place.
         config: The recipe.
     """
-    count = state.iteration - start_of_mean(config)
+    count = state.iteration - start_of_mean(config, state.iteration)
     if count < 1 or not config.averaged:
         return
     for name, value in state.parameters.items():

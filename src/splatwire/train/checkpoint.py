@@ -18,7 +18,7 @@ from splatwire.train.initial import parameter_shapes
 from splatwire.train.state import GrowthStatistics, Moments, Steering, TrainState
 
 FORMAT = "splatwire-checkpoint"
-VERSION = 4
+VERSION = 5
 
 
 def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:

@@ -74,6 +74,7 @@ class Marks:
         growth_start: Anchors are added and removed.
         growth_end: The number of anchors stays.
         growth_interval: Iterations between two changes of the anchors.
+        tuning: Iterations at the end in which the scene, finished by then, goes on (`splatwire.train.tuning`).
     """
 
     iterations: int = FULL_ITERATIONS
@@ -84,6 +85,16 @@ class Marks:
     growth_start: int = 1500
     growth_end: int = 15_000
     growth_interval: int = 100
+    tuning: int = 0
+
+    @property
+    def settled(self) -> int:
+        """The iteration after which the scene is finished, and goes on."""
+        return self.iterations - self.tuning
+
+    def goes_on(self, iteration: int) -> bool:
+        """Whether it is one of those in which the finished scene goes on."""
+        return self.settled < iteration <= self.iterations
 
     def scaled(self, iterations: int) -> "Marks":
         """Returns the same phases, in proportion, for a run of `iterations`."""

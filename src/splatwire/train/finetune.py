@@ -1,7 +1,6 @@
 """A finished scene goes on learning: its anchors stay where they are, everything else is the second half of a run."""
 
 import dataclasses
-import math
 
 import torch
 from torch import Tensor
@@ -11,17 +10,17 @@ from splatwire.errors import InvalidValueError
 from splatwire.model import AnchorScene, CausalCoding, HacppCoding, Mlp
 from splatwire.model.scene import Scene
 from splatwire.model.voxels import voxel_indices
-from splatwire.train.config import LearningRate, LearningRates, Marks, TrainConfig
+from splatwire.train.config import Marks, TrainConfig
 from splatwire.train.initial import camera_extent, parameter_shapes
 from splatwire.train.presets import CAUSAL, HACPP
+from splatwire.train.schedule import second_half
 from splatwire.train.state import CHANNEL_SLOPE, GrowthStatistics, TrainState
+from splatwire.train.tuning import MASK_LOGITS
 
 _SMALLEST_SCALING = 1e-6
 """World units; a decoded scaling may be 0 or less, and its logarithm is learnt."""
 _LATENT = 0.01
 """Numbers behind the grid's signs: some forty steps that agree turn one."""
-_MASK_LOGITS = (-8.0, 0.0)
-"""Of offsets that do not exist and that do."""
 
 
 def model_of(scene: Scene) -> str | None:
@@ -41,22 +40,18 @@ def fine_tuning(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         config: The recipe of a new scene; its length, weights and losses stay.
         scene: The scene, which brings its shapes and voxels.
     """
-    iterations, widths = config.marks.iterations, _widths(scene)
+    iterations, widths = config.marks.settled, _widths(scene)
     marks = Marks(
         iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0, growth_start=0,
         growth_end=0, growth_interval=1,
     )  # fmt: skip
-    published = dataclasses.replace(LearningRates(), mask_logits=config.rates.mask_logits)
-    rates = {
-        name: LearningRate(math.sqrt(rate.initial * rate.final), rate.final) for name, rate in vars(published).items()
-    }
     return dataclasses.replace(
         config,
         model=scene.coding.config,
         voxel_size=scene.coding.voxel_size,
         hidden=widths,
         marks=marks,
-        rates=LearningRates(**rates),
+        rates=second_half(config.rates),
         averaged=config.averaged if isinstance(scene.coding, CausalCoding) else 0,
     )
 
@@ -83,7 +78,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
         InvalidValueError: If the scene's networks are not those of this trainer, or positions are not whole voxels.
     """
     anchors = scene.anchors
-    absent, present = _MASK_LOGITS
+    absent, present = MASK_LOGITS
     logs = anchors.scalings.clamp(min=_SMALLEST_SCALING).log()
     parameters = {
         "features": anchors.features,

@@ -42,6 +42,8 @@ CAUSAL_LATE = {
 restless evens out in the mean that a run leaves. 0.56 dB at 3 % fewer bytes on lego, 0.16 dB at as many on
 snowmiku_small; twice as much for offsets is worse, and so is learning so fast from the start (a fifth more anchors)."""
 CAUSAL_LENGTH = 2400
+TUNING_SHARE = 0.3
+"""Iterations that a run for losses goes on for (`splatwire.train.tuning`), relative to its length; causal model."""
 _GO_ON = ("offsets", "opacity", "color", "causal", "steps")
 _SHORTER = 4 / 3
 """What learns faster at the end of a short run, and the power of how much shorter that is, by which it does."""
@@ -138,7 +140,7 @@ def create_config(
         test_views=chosen.test_views,
         seed=seed,
     )
-    return config if model == HACPP else _causal(config)
+    return config if model == HACPP else _going_on(_causal(config))
 
 
 def for_length(rates: LearningRates, iterations: int) -> LearningRates:
@@ -178,6 +180,16 @@ def _causal(config: TrainConfig) -> TrainConfig:
         weights=dataclasses.replace(config.weights, sample_share=CAUSAL_SAMPLE_SHARE),
         growth=dataclasses.replace(config.growth, gradient_threshold=CAUSAL_GRADIENT),
         mask_threshold=CAUSAL_MASK_THRESHOLD,
+    )
+
+
+def _going_on(config: TrainConfig) -> TrainConfig:
+    """The recipe with iterations for losses at the end, if it has losses."""
+    if not (config.losses.models or config.losses.first):
+        return config
+    marks, more = config.marks, round(TUNING_SHARE * config.marks.iterations)
+    return dataclasses.replace(
+        config, marks=dataclasses.replace(marks, iterations=marks.iterations + more, tuning=more)
     )
 
 

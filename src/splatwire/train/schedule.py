@@ -1,9 +1,10 @@
 """Which phase an iteration belongs to, and how fast each group learns in it."""
 
+import dataclasses
 import enum
 import math
 
-from splatwire.train.config import LearningRate, Marks, TrainConfig
+from splatwire.train.config import LearningRate, LearningRates, Marks, TrainConfig
 
 SCALED_BY_EXTENT = ("offsets", "mask_logits")
 
@@ -46,6 +47,13 @@ def half_cosine(share: float) -> float:
     return 0.5 + 0.5 * math.cos(math.pi * share)
 
 
+def second_half(rates: LearningRates) -> LearningRates:
+    """Returns the rates with which a finished scene goes on: those of a published second half, and the own of masks."""
+    published = dataclasses.replace(LearningRates(), mask_logits=rates.mask_logits)
+    halves = {name: LearningRate(math.sqrt(r.initial * r.final), r.final) for name, r in vars(published).items()}
+    return LearningRates(**halves)
+
+
 def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) -> dict[str, float]:
     """Returns the learning rate of every group in `iteration`.
 
@@ -54,10 +62,14 @@ def learning_rates(config: TrainConfig, iteration: int, camera_extent: float) ->
         iteration: Counted from 1.
         camera_extent: 1.1 times the largest distance of a training camera from their mean, world units.
     """
-    share = iteration / config.marks.iterations
-    rates = {name: learning_rate_at(rate, share) for name, rate in vars(config.rates).items()}
-    if iteration > config.marks.growth_end:
-        rates = {name: rate * getattr(config.rates, name).late for name, rate in rates.items()}
+    marks = config.marks
+    if marks.goes_on(iteration):
+        share, plan = (iteration - marks.settled) / marks.tuning, second_half(config.rates)
+    else:
+        share, plan = iteration / marks.settled, config.rates
+    rates = {name: learning_rate_at(rate, share) for name, rate in vars(plan).items()}
+    if iteration > marks.growth_end:
+        rates = {name: rate * getattr(plan, name).late for name, rate in rates.items()}
     for name in SCALED_BY_EXTENT:
         rates[name] *= camera_extent
     return rates

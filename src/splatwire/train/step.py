@@ -22,6 +22,7 @@ from splatwire.train.models import trained_model
 from splatwire.train.packet_loss import PacketLosses
 from splatwire.train.schedule import changes_anchors, gathers_statistics, learning_rates
 from splatwire.train.state import Moments, TrainState, group_of
+from splatwire.train.tuning import settle
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,8 @@ class TrainingStep:
         """
         config = self._config
         state.iteration += 1
+        if config.marks.tuning and state.iteration == config.marks.settled + 1:
+            settle(state, config)
         self._model.begin(state)
         self._losses.begin(state, self._cameras)
         visible = self._visible(state, view)

@@ -1,0 +1,55 @@
+import dataclasses
+from pathlib import Path
+
+import torch
+
+from splatwire.data import Dataset
+from splatwire.train import Listener, RunOptions, load_checkpoint, train_scene
+from splatwire.train.averaging import gather_mean, start_of_mean
+from splatwire.train.config import TrainConfig
+from splatwire.train.export import export_scene
+from splatwire.train.initial import initial_state
+from splatwire.train.presets import loss_training
+from splatwire.train.tuning import settle
+
+
+def going_on(config: TrainConfig) -> TrainConfig:
+    marks = dataclasses.replace(config.marks, iterations=80, tuning=20)
+    return dataclasses.replace(config, marks=marks, averaged=4, losses=loss_training(("bernoulli:0.3",)))
+
+
+def test_a_settled_state_is_the_scene_that_it_exports(dataset: Dataset, config: TrainConfig) -> None:
+    config = going_on(config)
+    state = initial_state(dataset, config)
+    for value in (0.0, 0.1):
+        state.iteration = start_of_mean(config) + 1 + round(10 * value)
+        for parameter in state.parameters.values():
+            parameter.data.add_(value)
+        gather_mean(state, config)
+    state.means["mask_logits"][::3] = -20.0
+    before = export_scene(state, config)
+    settle(state, config)
+    after = export_scene(state, config)
+    assert not state.means
+    assert not state.moments
+    assert state.num_anchors == before.anchors.num_anchors < len(dataset.points.positions)
+    assert torch.equal(after.anchors.mask, before.anchors.mask)
+    assert torch.equal(after.anchors.features, before.anchors.features)
+    assert torch.equal(after.heads.color.hidden.weight, before.heads.color.hidden.weight)
+
+
+def test_the_mean_of_what_goes_on_is_its_own(config: TrainConfig) -> None:
+    config = going_on(config)
+    assert [start_of_mean(config, iteration) for iteration in (1, 60, 61, 80)] == [52, 52, 72, 72]
+    assert start_of_mean(dataclasses.replace(config, averaged=50), 61) == 60
+
+
+def test_a_run_that_is_stopped_while_it_goes_on_resumes(dataset: Dataset, config: TrainConfig, tmp_path: Path) -> None:
+    config, path, seen = going_on(config), tmp_path / "run.checkpoint", []
+    listener = Listener(progress=seen.append, should_stop=lambda: len(seen) == 70)
+    assert train_scene(dataset, None, config, options=RunOptions(checkpoint=path), listener=listener).stopped
+    state, recipe = load_checkpoint(path)
+    assert recipe == config
+    resumed, straight = train_scene(dataset, None, recipe, state=state), train_scene(dataset, None, config)
+    assert resumed.state.iteration == straight.state.iteration == 80
+    assert torch.equal(resumed.scene.anchors.features, straight.scene.anchors.features)
