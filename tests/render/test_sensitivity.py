@@ -74,12 +74,12 @@ def test_a_glance_says_what_looking_closely_says(scene) -> None:
     torch.testing.assert_close(seen[best], removal[best], rtol=0.3, atol=0)
     for name in ("channels", "offsets"):
         mine, true = (sum(float(getattr(one, name)[best].sum()) for one in found) for found in (quick, full))
-        assert mine == pytest.approx(true, rel=0.5), name
+        assert 0.15 < mine / true < 0.6, name
 
 
 def test_a_glance_tells_apart_as_many_as_it_is_asked_for(scene) -> None:
     cameras = tiny_cameras(num_views=4, width=48, height=32)
-    few, all_of_them = (quick_sensitivity(scene, cameras, chosen=chosen, seed=3) for chosen in (20, 60))
+    few, all_of_them = (quick_sensitivity(scene, cameras, chosen=chosen, probes=2, seed=3) for chosen in (20, 60))
     told = few.removal > 0
     assert 10 < int(told.sum()) <= 20
     assert torch.equal(few.removal[told], all_of_them.removal[told])

@@ -7,8 +7,12 @@ from splatwire.data import Dataset
 from splatwire.train import Listener, RunOptions, load_checkpoint, train_scene
 from splatwire.train.averaging import gather_mean, start_of_mean
 from splatwire.train.config import TrainConfig
+from splatwire.train.context import AnchorCache
 from splatwire.train.export import export_scene
 from splatwire.train.initial import initial_state
+from splatwire.train.kernels import choose_kernels
+from splatwire.train.models import trained_model
+from splatwire.train.packet_loss import PacketLosses
 from splatwire.train.presets import loss_training
 from splatwire.train.tuning import settle
 
@@ -53,3 +57,18 @@ def test_a_run_that_is_stopped_while_it_goes_on_resumes(dataset: Dataset, config
     resumed, straight = train_scene(dataset, None, recipe, state=state), train_scene(dataset, None, config)
     assert resumed.state.iteration == straight.state.iteration == 80
     assert torch.equal(resumed.scene.anchors.features, straight.scene.anchors.features)
+
+
+def test_losses_begin_with_a_finished_scene_but_what_comes_first_is_learnt_from_the_middle_on(
+    dataset: Dataset, config: TrainConfig
+) -> None:
+    config = going_on(config)
+    state, kernels = initial_state(dataset, config), choose_kernels(torch.device("cpu"))
+    for losses, begin in ((("bernoulli:0.3",), 60), (("bernoulli:0.3", "first:0.3"), 50)):
+        recipe = dataclasses.replace(config, losses=loss_training(losses, 1.0))
+        cache = AnchorCache(recipe)
+        drawn = PacketLosses(recipe, trained_model(recipe, kernels, cache), cache)
+        active = []
+        for state.iteration in range(1, 81):
+            active.append(drawn.active(state))
+        assert active == [iteration > begin for iteration in range(1, 81)]

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 _PRICE_STEPS = 24
 _CLOSE = 0.98
 """Of the bytes that a sketch may take, enough are used from this share on."""
-_FEWEST_VIEWS = 4
-"""A glance halves views, and one half of these finds what the other looks at more closely."""
 _FURTHEST = 4.0
 """Most that the logarithm of the price changes at a time, in octaves."""
 
@@ -115,13 +113,13 @@ class AnchorSketch:
 def _sensitivity(
     scene: AnchorScene, cameras: Cameras, most: int, config: "SketchConfig", show: Progress
 ) -> Sensitivity:
-    """What each anchor is worth; at a glance, every other view at half its size tells."""
+    """What each anchor is worth; at a glance, views of half the size tell."""
 
     def progress(share: float) -> None:
         show("what each anchor is worth", share)
 
-    if config.quick and cameras.num_views >= _FEWEST_VIEWS:
-        half = cameras.select(list(range(0, cameras.num_views, 2))).scaled(0.5)
+    if config.quick and cameras.num_views > 1:
+        half = cameras.scaled(0.5)
         return quick_sensitivity(scene, half, chosen=num_candidates(most), seed=config.seed, progress=progress)
     return render_sensitivity(scene, cameras, probes=config.probes, seed=config.seed, progress=progress)
 

@@ -63,8 +63,8 @@ class Train:
     first:SHARE, where nothing but the most important share of the anchors arrives. Of several, chance takes one each
     time."""
     loss_share: float | None = None
-    """Share of the iterations, once the number of anchors stays, that lose packets; 0.5 where absent. The larger, the
-    less a loss costs, and the more the complete picture."""
+    """Share of the iterations for losses that lose packets; 0.5 where absent. The larger, the less a loss costs, and
+    the more the complete picture."""
     images: str | None = None
     """Image folder instead of images (images_4, for example)."""
     max_width: int = 1600

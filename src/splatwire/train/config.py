@@ -201,7 +201,7 @@ class LossTraining:
         packets: Packetizations, as `packetization_named` knows them; a lossy iteration draws one. With the paper's some
             places lose nothing and others much: snowmiku_small comes out 0.2 to 0.4 dB better than with `spread`, with
             and without loss (two trainings), lego 0.1 dB worse.
-        share: Share of the iterations, once the number of anchors stays, that are lossy.
+        share: Share of the iterations that are lossy, once the scene goes on (or the number of anchors stays).
     """
 
     models: tuple[str, ...] = ()

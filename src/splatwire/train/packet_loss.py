@@ -74,8 +74,18 @@ class PacketLosses:
         self._order = torch.empty(0, dtype=torch.int64)
 
     def active(self, state: TrainState) -> bool:
-        """Whether this iteration may lose packets: once the number of anchors stays."""
-        return bool(self._choices) and state.iteration > self._config.marks.growth_end
+        """Whether this iteration may lose packets."""
+        return bool(self._choices) and state.iteration > self._start
+
+    @property
+    def _start(self) -> int:
+        """The iteration before the first lossy one: a finished scene's last, or once the number of anchors stays.
+
+        Losses before leave short runs with a worse picture, complete and lossy (lego, 600 iterations). What arrives
+        first has to be learnt all the same: which anchors matter is sorted while that still changes much.
+        """
+        marks = self._config.marks
+        return marks.settled if marks.tuning and not self._config.losses.first else marks.growth_end
 
     @property
     def _choices(self) -> tuple[LossModel | float, ...]:
@@ -88,7 +98,7 @@ class PacketLosses:
             state: Changed in place.
             cameras: The training cameras, which say what is important.
         """
-        since = state.iteration - self._config.marks.growth_end
+        since = state.iteration - self._start
         if not self.active(state) or since % _TIDY_INTERVAL != 1:
             return
         alive = state.masks(self._config.mask_threshold).any(dim=1)
