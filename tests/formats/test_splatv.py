@@ -45,6 +45,17 @@ def test_a_clip_of_one_has_births_and_deaths(tmp_path):
         open_sequence(path, 0)
 
 
+def test_what_cannot_be_drawn_is_told_once(tmp_path, caplog):
+    """Not in each of its frames."""
+    path, broken = tmp_path / "a.splatv", ((float("nan"), 0, 0), *GAUSSIANS[0][1:])
+    path.write_bytes(splatv([*GAUSSIANS, broken]))
+    frames = list(open_sequence(path, 5).read())
+    assert [int(frame.drawn.sum()) for frame in frames] == [1, 1, 2, 1, 1]
+    assert [record.message for record in caplog.records if record.levelname == "WARNING"] == [
+        f"{path} at time 0: 1 of 3 Gaussians cannot be drawn and are left out (the first is row 2)"
+    ]
+
+
 def test_what_is_damaged_is_told_in_one_line(tmp_path):
     path, good = tmp_path / "a.splatv", splatv()
     begin = good.index(b"}]") + 2

@@ -14,10 +14,11 @@ import torch
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.kinds import SPLATV, STREAMS, file_kind
 from splatwire.formats import format_of, is_antialiased, read_rows, read_splatv
+from splatwire.formats.splatv import MovingSplats
 from splatwire.model import SplatScene
 from splatwire.packets.limits import MAX_FRAMES
 from splatwire.scene.background import BLACK, Background
-from splatwire.scene.rows import rows_of_splats
+from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -64,7 +65,19 @@ def open_sequence(path: str | os.PathLike[str], num_frames: int | None = None) -
         raise InvalidValueError(f"a clip has 1 to {MAX_FRAMES:,} frames, not {count}")
     moving = read_splatv(source)
     times = [number / max(count - 1, 1) for number in range(count)]
-    return Sequence(count, lambda: (Frame.of(moving.at(time), source) for time in times), "tracked")
+    return Sequence(count, lambda: _frames_at(moving, times), "tracked")
+
+
+def _frames_at(moving: MovingSplats, times: list[float]) -> Iterator["Frame"]:
+    """Frames of Gaussians on paths; what cannot be drawn is told once."""
+    told = False
+    for time in times:
+        splats = moving.at(time)
+        rows = rows_of_splats(splats)
+        if rows.num_invalid and not told:
+            told = True
+            rows.tell(f"{moving.path} at time {time:.3g}", "Gaussians")
+        yield Frame.judged(splats, rows)
 
 
 def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
@@ -139,8 +152,12 @@ class Frame:
         """A frame of some Gaussians; what cannot be drawn is told."""
         rows = rows_of_splats(splats)
         rows.tell(where, "Gaussians")
-        visible = rows.kept & (splats.opacities >= FAINTEST)
-        return Frame(splats, visible.numpy(), antialiased)
+        return Frame.judged(splats, rows, antialiased)
+
+    @staticmethod
+    def judged(splats: Splats, rows: Rows, antialiased: bool = False) -> "Frame":
+        """A frame of some Gaussians of which it is known what can be drawn."""
+        return Frame(splats, (rows.kept & (splats.opacities >= FAINTEST)).numpy(), antialiased)
 
     def scene(self, background: Background = BLACK) -> SplatScene:
         """What is drawn of it."""
