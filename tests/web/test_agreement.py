@@ -15,6 +15,7 @@ import os
 import random
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ import torch
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
 from splatwire.byte_io import ByteReader
-from splatwire.clips.concealment import ClipConcealer
+from splatwire.clips.concealment import clip_concealer
 from splatwire.clips.decoding import decode_frames
 from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
@@ -240,7 +241,7 @@ def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[
         path = folder / f"clip_{share}.swz"
         write_stream(stream.with_packets(kept), path)
         shown = []
-        method = ClipConcealer("motion", neighbors=16, plane=True, grow=False)
+        method = replace(clip_concealer("motion"), grow=False)
         for frame in decode_frames(decode_stream(stream.with_packets(kept)).scene, method):
             s, tracks = frame.scene.splats, torch.from_numpy(frame.tracks)[:, None]
             columns = (tracks, s.means, s.quats, s.scales, s.opacities[:, None], 0.5 + DC * s.sh[:, 0])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.clips.neighbors import PLACE, Neighbors
+from splatwire.clips.neighbors import PLACE, POSE, Neighbors
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.clip import ClipScene, GroupMotion
@@ -20,8 +20,8 @@ class ClipConcealer:
         shown: Whether they are drawn at all; else they are left out until the next group.
         neighbors: They move as so many of their nearest neighbours whose motion arrived; 0 for none: they stay where
             they were.
-        plane: Whether neighbours say so by the plane that fits their motions best (`plane_weights`), not by their mean
-            (inverse squared distance).
+        smooth: Whether neighbours say so by the quadratic that fits their motions best (`smooth_weights`), not by their
+            mean (inverse squared distance).
         momentum: Share of their own last velocity that they go on with, where nobody tells.
         grow: Whether Gaussians whose base was never seen are made up for by those around them.
 
@@ -32,7 +32,7 @@ class ClipConcealer:
     name: str
     shown: bool = True
     neighbors: int = 0
-    plane: bool = False
+    smooth: bool = False
     momentum: float = 0.0
     grow: bool = True
 
@@ -48,7 +48,7 @@ CLIP_CONCEALERS = {
         ClipConcealer("hold"),
         ClipConcealer("extrapolate", momentum=1.0),
         ClipConcealer("neighbors", neighbors=8),
-        ClipConcealer("motion", neighbors=16, plane=True),
+        ClipConcealer("motion", neighbors=40, smooth=True),
     )
 }
 DEFAULT = "motion"
@@ -170,33 +170,57 @@ def _standing(who: np.ndarray) -> _Guess:
 def _guess(
     clip: ClipScene, arrived: GroupPoses, who: np.ndarray, before: Memory, frames: int, concealer: ClipConcealer,
 ) -> _Guess:  # fmt: skip
-    """What tracks do whose motion was lost."""
+    """What tracks do whose motion was lost: what neighbours say, and how they differed from that before."""
     start = before.offsets[who]
     whole = (arrived.begins == 0) & (arrived.ends == frames)
     if not (concealer.neighbors and whole.any()):
         speed = concealer.momentum * before.velocity[who]
         speed[:, PLACE.stop :] = 0
         return lambda frame, _arrived: start + (frame + 1) * speed if concealer.momentum else start
-    # From where they were, unless that is a guess itself: then from their bases, so that errors do not add up.
-    known, parts, means = ~before.concealed[who], [], clip.tracks.splats.means.numpy()
+    tracks, concealed = clip.tracks, before.concealed[who]
+    places, colours = tracks.splats.means.numpy() + before.offsets[:, PLACE], tracks.splats.sh[:, 0].numpy()
+    told, same = np.flatnonzero(whole), _together(tracks.born, arrived.tracks[whole])
+    peers, mine = told[same[arrived.tracks[told]]], same[who]
+    if len(peers) < concealer.neighbors:
+        peers, mine = told, np.zeros(len(who), bool)
 
-    def ask(told: np.ndarray, who: np.ndarray, since: np.ndarray) -> Neighbors:
-        return Neighbors.of(means, arrived.tracks, told, who, since, concealer.neighbors, plane=concealer.plane)
+    def ask(some: np.ndarray, who: np.ndarray) -> Neighbors:
+        return Neighbors.of(places, colours, arrived.tracks, some, who, concealer.neighbors, smooth=concealer.smooth)
 
-    start[~known] = 0
-    told = np.flatnonzero(whole & ~before.concealed[arrived.tracks])
-    if len(told):
-        parts.append((known, ask(told, who[known], before.offsets)))
-    bases, told = np.zeros_like(before.offsets), np.flatnonzero(whole)
-    parts.append((~known, ask(told, who[~known], bases)))
+    alike, others = ask(peers, who[mine]), ask(told, who[~mine])
+    own = start[mine] - alike.said(before.offsets[arrived.tracks[peers]])
+    own *= _trust(own, tracks.rounding[who[mine]], concealed[mine])
 
     def at(_frame: int, offsets: np.ndarray) -> np.ndarray:
         found = start.copy()
-        for some, neighbors in parts:
-            found[some] += neighbors.moves(offsets)
+        found[mine] = alike.said(offsets[peers]) + own
+        found[~mine] += others.said(offsets[told] - before.offsets[arrived.tracks[told]])
         return found
 
     return at
+
+
+def _together(born: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """Tracks that were born in the group that most of those that are told about were, bool (T).
+
+    Offsets of others are from another time on, so that only what these change tells of them.
+    """
+    return born == np.bincount(born[told]).argmax()
+
+
+def _trust(own: np.ndarray, rounding: np.ndarray, concealed: np.ndarray) -> np.ndarray:
+    """How far tracks go on to differ from what their neighbours say as they did when the group before ended, (n, C).
+
+    Of place and rotation, what is not large beside the steps of the place is rounding; of looks, all is.
+
+    Args:
+        own: How they differed, (n, C).
+        rounding: Steps of their places, (n).
+        concealed: Whether that was a guess, bool (n).
+    """
+    apart, trust = (own[:, PLACE] ** 2).sum(axis=1), np.zeros_like(own)
+    trust[:, POSE] = (apart / (apart + rounding**2 + 1e-30) * ~concealed)[:, None]
+    return trust
 
 
 def _remembered(poses: GroupPoses, count: int, frames: int, before: Memory) -> Memory:

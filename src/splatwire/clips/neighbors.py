@@ -7,88 +7,113 @@ from scipy.spatial import cKDTree
 
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 
-PLACE, LOOKS = slice(0, 3), slice(6, None)
+PLACE, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10, None)
+"""Channels: place; place and rotation; scales and opacity; colour."""
 NEAREST = 0.1
 """A neighbour counts no more than one at a third of the mean distance does."""
-WILD = 3.0
-"""Sum of the magnitudes of weights from which on a plane reaches too far out of its neighbours: their mean is safer."""
-RIDGE = 1e-3
-"""How much planes through neighbours are kept level, by the spread of these."""
+WILD = 6.0
+"""Sum of the magnitudes of weights from which on a fit reaches too far out of its neighbours: their mean is safer."""
+RIDGES = np.array([1e-9, *[1e-3] * 3, *[1e-2] * 6])
+"""How much a fit through neighbours is kept level and straight, by their mean distance: constant, linear, quadratic."""
+COLOUR_RIDGE = 0.1
+"""Squared contrast of colours (constants of harmonics) of which a change that grows with it is half believed."""
 AT_ONCE = 1 << 15
 """Tracks whose neighbours are looked for together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Neighbors:
-    """Who tells how some tracks move.
+    """Who tells what some tracks do.
 
     Attributes:
         told: Rows of the poses that arrived which are asked, int64 (m).
-        since: From where on they are asked how they moved, float32 (m, C).
         near: Which of them are near to each track, int32 (n, k).
         weights: How much each of these counts, float32 (n, k).
+        closeness: How near it is, adds up to one, float32 (n, k).
+        contrasts: How their colours differ from each other, so that the sum with changes of colour is the share of its
+            own colour by which one changes, float32 (n, k, 3).
+        contrast: How the track's colour differs from theirs, float32 (n, 3).
     """
 
     told: np.ndarray
-    since: np.ndarray
     near: np.ndarray
     weights: np.ndarray
+    closeness: np.ndarray
+    contrasts: np.ndarray
+    contrast: np.ndarray
 
     @staticmethod
     def of(
-        means: np.ndarray, tracks: np.ndarray, told: np.ndarray, who: np.ndarray, since: np.ndarray, count: int,
-        *, plane: bool,
+        places: np.ndarray, colours: np.ndarray, tracks: np.ndarray, told: np.ndarray, who: np.ndarray, count: int,
+        *, smooth: bool,
     ) -> "Neighbors":  # fmt: skip
         """The nearest of tracks that are told about.
 
         Args:
-            means: Where tracks are born, float32 (T, 3).
+            places: Where tracks were last, float32 (T, 3).
+            colours: Constants of their bases' harmonics, float32 (T, 3).
             tracks: Track of each row of the poses that arrived, int64.
             told: Rows that may be asked.
             who: Tracks whose neighbours are looked for.
-            since: How all tracks differed from their bases then, float32 (T, C).
             count: Neighbours of each, at most.
-            plane: See `splatwire.clips.concealment.ClipConcealer`.
+            smooth: See `splatwire.clips.concealment.ClipConcealer`.
         """
-        places, mine, count = means + since[:, PLACE], tracks[told], min(count, len(told))
-        near, weights = np.zeros((len(who), count), np.int32), np.zeros((len(who), count), np.float32)
-        weigh, tree = plane_weights if plane else distance_weights, cKDTree(places[mine])
+        mine, count = tracks[told], min(count, len(told))
+        near, contrast = np.zeros((len(who), count), np.int32), np.zeros((len(who), 3), np.float32)
+        weights, closeness = np.zeros((2, len(who), count), np.float32)
+        contrasts, tree = np.zeros((len(who), count, 3), np.float32), cKDTree(places[mine])
         for begin in range(0, len(who), AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
             _, found = tree.query(places[who[some]], k=count, workers=-1)
             near[some] = found.reshape(-1, count)
-            weights[some] = weigh(places[mine][near[some]] - places[who[some]][:, None])
-        return Neighbors(told, since[mine], near, weights)
+            offsets = (places[mine][near[some]] - places[who[some]][:, None]).astype(np.float64)
+            closeness[some] = _closeness((offsets**2).sum(axis=2))[0]
+            weights[some] = smooth_weights(offsets) if smooth else closeness[some]
+            contrasts[some], contrast[some] = _contrasts(colours[mine][near[some]], colours[who[some]], closeness[some])
+        return Neighbors(told, near, weights, closeness, contrasts, contrast)
 
-    def moves(self, offsets: np.ndarray) -> np.ndarray:
-        """How the tracks move, float32 (n, C), given the offsets of all that arrived, float32 (arrived, C)."""
-        changes, moves = offsets[self.told] - self.since, np.zeros((len(self.near), NUM_CHANNELS), np.float32)
-        low = high = changes[self.near[:, 0]][:, LOOKS]
+    def said(self, values: np.ndarray) -> np.ndarray:
+        """What the tracks do, float32 (n, C), given what those that are asked do, float32 (m, C)."""
+        said, share = np.zeros((len(self.near), NUM_CHANNELS), np.float32), np.zeros(len(self.near), np.float32)
+        low = high = values[self.near[:, 0]][:, SHAPE]
         for column in range(self.near.shape[1]):
-            change = changes[self.near[:, column]]
-            moves += self.weights[:, column, None] * change
-            low, high = np.minimum(low, change[:, LOOKS]), np.maximum(high, change[:, LOOKS])
-        moves[:, LOOKS] = moves[:, LOOKS].clip(low, high)  # none grows, shines or reddens more than all around it
-        return moves
+            value = values[self.near[:, column]]
+            said[:, : COLOUR.start] += self.weights[:, column, None] * value[:, : COLOUR.start]
+            said[:, COLOUR] += self.closeness[:, column, None] * value[:, COLOUR]
+            share += (self.contrasts[:, column] * value[:, COLOUR]).sum(axis=1)
+            low, high = np.minimum(low, value[:, SHAPE]), np.maximum(high, value[:, SHAPE])
+        said[:, SHAPE] = said[:, SHAPE].clip(low, high)  # none grows or shines more than all around it
+        said[:, COLOUR] += share.clip(-1, 1)[:, None] * self.contrast
+        return said
 
 
-def distance_weights(offsets: np.ndarray) -> np.ndarray:
-    """Weights by inverse squared distance (Shepard, 1968); as `plane_weights`."""
-    return _closeness((offsets.astype(np.float64) ** 2).sum(axis=2))[0].astype(np.float32)
+def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`Neighbors.contrasts` and `Neighbors.contrast`: light that changes brightens what is bright more than the dark.
+
+    Args:
+        colours: Of neighbours, (n, k, 3).
+        own: Of the tracks, (n, 3).
+        closeness: (n, k).
+    """
+    near = closeness.astype(np.float64)
+    mean = np.einsum("nk,nka->na", near, colours)
+    apart = colours - mean[:, None]
+    square = np.einsum("nk,nka->n", near, apart * apart)
+    return near[:, :, None] * apart / (square + COLOUR_RIDGE)[:, None, None], own - mean
 
 
 def _closeness(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights by inverse squared distance that add up to one, (n, k), and the mean squared distance, (n, 1)."""
+    """Weights by inverse squared distance (Shepard, 1968) that add up to one, (n, k); mean squared distance, (n, 1)."""
     scale = square.mean(axis=1, keepdims=True) + 1e-30
     near = 1 / (square / scale + NEAREST)
     return near / near.sum(axis=1, keepdims=True), scale
 
 
-def plane_weights(offsets: np.ndarray) -> np.ndarray:
-    """Weights that give a smooth motion's value here from its neighbours': of the plane that fits them best.
+def smooth_weights(offsets: np.ndarray) -> np.ndarray:
+    """Weights that give a smooth motion's value here from its neighbours': of the quadratic that fits them best.
 
     What turns or grows as a whole moves as a linear function of place, of which a weighted mean of neighbours on one
-    side is wrong and a plane is right. Near neighbours count more, by inverse squared distance.
+    side is wrong; what bends is a quadratic one. Near neighbours count more, by inverse squared distance.
 
     Args:
         offsets: Where neighbours are from here, (n, k, 3).
@@ -98,13 +123,12 @@ def plane_weights(offsets: np.ndarray) -> np.ndarray:
     """
     offsets = offsets.astype(np.float64)
     near, scale = _closeness((offsets**2).sum(axis=2))
-    offsets /= np.sqrt(scale)[:, :, None]
-    middle = np.einsum("nk,nka->na", near, offsets)
-    apart = offsets - middle[:, None]
-    spread = np.einsum("nk,nka,nkb->nab", near, apart, apart)
-    spread += (RIDGE * np.trace(spread, axis1=1, axis2=2) + 1e-12)[:, None, None] * np.eye(3)
-    slope = np.linalg.solve(spread, middle[:, :, None])
-    weights = near * (1 - np.einsum("nka,na->nk", apart, slope[:, :, 0]))
+    x, y, z = np.moveaxis(offsets / np.sqrt(scale)[:, :, None], 2, 0)
+    terms = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=2)
+    moments = np.einsum("nk,nka,nkb->nab", near, terms, terms) + np.diag(RIDGES)
+    here = np.linalg.solve(moments, np.eye(10)[None, :, :1])[:, :, 0]
+    weights = near * np.einsum("nka,na->nk", terms, here)
+    weights /= weights.sum(axis=1, keepdims=True)
     wild = np.abs(weights).sum(axis=1) > WILD
     weights[wild] = near[wild]
     return weights.astype(np.float32)

@@ -89,12 +89,14 @@ class Tracks:
         born: Group that each is born in, int64 (T).
         received: Whether each arrived, bool (T).
         blocks: Block of the stream that each base is in, int64 (T).
+        rounding: Step of each one's place when it moves, world units, float32 (T); 0 where the base did not arrive.
     """
 
     splats: Splats
     born: np.ndarray
     received: np.ndarray
     blocks: np.ndarray
+    rounding: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

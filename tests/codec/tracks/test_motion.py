@@ -9,7 +9,7 @@ from moving_clips import moving_frames
 from reference.motion_packets import ReferenceMotion, coefficients
 from reference.trajectories import targets_of as plain_targets
 from splatwire.clips import ClipOptions, encode_clip
-from splatwire.clips.neighbors import distance_weights, plane_weights
+from splatwire.clips.neighbors import Neighbors, smooth_weights
 from splatwire.codec.schemas.tracks.basis import polynomials
 from splatwire.codec.schemas.tracks.decoder import decode_motion
 from splatwire.codec.schemas.tracks.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
@@ -127,14 +127,23 @@ def test_coefficients_are_those_of_the_plain_reference(frames):
     assert not fast.coefficients[:40].any()
 
 
-def test_planes_keep_what_is_linear():
+def test_weights_keep_what_is_linear_and_bends():
     rng = np.random.default_rng(0)
-    offsets = rng.normal(size=(50, 16, 3)) + 0.3
-    weights = plane_weights(offsets).astype(np.float64)
+    offsets = rng.normal(size=(50, 40, 3)) + 0.3
+    weights = smooth_weights(offsets).astype(np.float64)
     assert np.allclose(weights.sum(axis=1), 1, atol=1e-5)
-    slope = rng.normal(size=3)
+    slope, bend = rng.normal(size=3), rng.normal(size=(3, 3))
     assert np.allclose((weights * (offsets @ slope)).sum(axis=1), 0, atol=0.05)
-    mean = distance_weights(offsets).astype(np.float64)
-    assert np.allclose(mean.sum(axis=1), 1, atol=1e-5)
-    assert (mean > 0).all()
-    assert np.abs((mean * (offsets @ slope)).sum(axis=1)).max() > 0.1
+    bent = np.einsum("nka,ab,nkb->nk", offsets, bend, offsets)
+    assert np.linalg.norm((weights * bent).sum(axis=1)) < 0.2 * np.linalg.norm(bent.mean(axis=1))
+
+
+def test_light_that_changes_is_told_by_colour():
+    rng = np.random.default_rng(1)
+    places, colours = rng.uniform(size=(400, 3)).astype(np.float32), rng.normal(size=(400, 3)).astype(np.float32)
+    told, who = np.arange(300), np.arange(300, 400)
+    neighbors = Neighbors.of(places, colours, told, told, who, 40, smooth=True)
+    values = np.zeros((300, NUM_CHANNELS), np.float32)
+    values[:, 10:] = 0.2 * colours[:300]
+    error = np.abs(neighbors.said(values)[:, 10:] - 0.2 * colours[300:])
+    assert error.max() < 0.1 * 0.2 * np.abs(colours[300:]).max()

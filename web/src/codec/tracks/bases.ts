@@ -18,6 +18,8 @@ export class Bases {
   readonly slots: Int32Array;
   /** Track of each slot. */
   tracks = new Int32Array(FIRST_ROOM);
+  /** Group of frames that each was born in. */
+  born = new Int32Array(FIRST_ROOM);
   /** Places in half lattice units of the scene, 3 each. */
   places = new Float64Array(3 * FIRST_ROOM);
   /** log2 of the steps of motion, one for each channel. */
@@ -36,13 +38,15 @@ export class Bases {
 
   /** Takes Gaussians that follow each other from a track on: their integers, the corner of their block, and they. */
   add(first: number, rows: Float64Array, corner: Float64Array, splats: Splats): void {
-    const { count } = splats;
+    const { count } = splats,
+      group = this.info.groups.findIndex(({ firstNew, births }) => first < firstNew + births);
     this.#reserve(this.count + count);
     for (let i = 0; i < count; i++) {
       const slot = this.count++,
         row = i * COLUMNS;
       this.slots[first + i] = slot;
       this.tracks[slot] = first + i;
+      this.born[slot] = group;
       for (let a = 0; a < 3; a++) this.places[3 * slot + a] = rows[row + LATTICE + a] + 2 * corner[a];
       this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * slot);
     }
@@ -62,6 +66,7 @@ export class Bases {
       wider[name].set(this.splats[name]);
     this.splats = wider;
     this.tracks = grown(this.tracks, new Int32Array(larger));
+    this.born = grown(this.born, new Int32Array(larger));
     this.places = grown(this.places, new Float64Array(3 * larger));
     this.shifts = grown(this.shifts, new Int32Array(NUM_CHANNELS * larger));
   }

@@ -5,7 +5,7 @@ import { checkMemory } from "../memory.ts";
 import type { Moving, MovingFrame } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { Bases } from "./bases.ts";
-import { addMoves, type Poses } from "./concealment.ts";
+import { guessed, type Poses } from "./concealment.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
 import { coefficients, coefficientsOf } from "./predict.ts";
@@ -255,7 +255,7 @@ export class Clip implements Moving {
     };
   }
 
-  /** From where they were, unless that is a guess itself: then from their bases. */
+  /** What tracks do whose motion was lost: as neighbours say, or what they did last. */
   #guess(
     poses: Poses,
     lost: readonly number[],
@@ -264,24 +264,28 @@ export class Clip implements Moving {
     out: Float32Array,
     moving: boolean,
   ): void {
-    const { bases } = this,
-      size = frames * NUM_CHANNELS,
-      none = new Float32Array(bases.count * NUM_CHANNELS),
-      since = before ? widened(before.offsets, none.length) : none,
-      whole = Int32Array.from(poses.slots.keys()).filter((n) => poses.begins[n] === 0 && poses.ends[n] === frames),
-      known = lost.map((slot) => !moving || !before?.guessed[slot]);
-    for (const certain of [true, false]) {
-      const at = lost.flatMap((_, n) => (known[n] === certain ? [n] : [])),
-        who = Int32Array.from(at, (n) => lost[n]),
-        told = certain ? whole.filter((n) => !before?.guessed[poses.slots[n]]) : whole,
-        start = certain || !told.length ? since : none,
-        moves = new Float32Array(size * who.length);
-      who.forEach((slot, n) => {
-        for (let k = 0; k < size; k++) moves[n * size + k] = start[slot * NUM_CHANNELS + (k % NUM_CHANNELS)];
-      });
-      if (moving) addMoves(poses, told, who, start, bases.splats.means, frames, moves);
-      at.forEach((n, m) => out.set(moves.subarray(m * size, (m + 1) * size), n * size));
-    }
+    const { bases, info } = this,
+      room = bases.count * NUM_CHANNELS,
+      whole = (n: number) => moving && poses.begins[n] === 0 && poses.ends[n] === frames,
+      told = Int32Array.from(poses.slots.keys()).filter(whole),
+      unit = 2 ** (info.bases.sizeLog - info.bases.unit - 1),
+      past = {
+        splats: bases.splats,
+        since: before ? widened(before.offsets, room) : new Float32Array(room),
+        guessed: before?.guessed ?? null,
+        together: this.#together(Int32Array.from(told, (n) => poses.slots[n])),
+        rounding: (slot: number) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
+      };
+    out.set(guessed(poses, told, Int32Array.from(lost), past, frames));
+  }
+
+  /** Slots of tracks that were born in the group that most of some were. */
+  #together(slots: Int32Array): Uint8Array {
+    const born = this.bases.born.subarray(0, this.bases.count),
+      counts = new Int32Array(this.info.groups.length);
+    for (const slot of slots) counts[born[slot]]++;
+    const most = counts.indexOf(counts.reduce((a, b) => Math.max(a, b), 0));
+    return Uint8Array.from(born, (group) => Number(group === most));
   }
 
   #remember(

@@ -110,8 +110,9 @@ class SourceScene:
         coding: SplatCoding | None = None,
         *,
         sorted_already: bool = False,
+        most_unit: int = ROOM,
     ) -> "SourceScene":
-        """Sorts Gaussians into the blocks of a plan, see `prepare_splats`."""
+        """Sorts Gaussians into the blocks of a plan, see `prepare_splats`; `most_unit` is the most `unit` may be."""
         if coding is not None:
             size_log, unit, coarsest = coding.size_log, coding.unit, coding.coarsest
             bases, levels = np.array(coding.bases), coding.classes.numpy()
@@ -121,7 +122,7 @@ class SourceScene:
             tell_cut_colours(splats)
             bases = _bases(splats, quality, size_log)
             levels = _levels(classes, splats.num_gaussians, quality.classes_of(splats.degree) - 1)
-            unit = _lattice_unit(splats, levels, bases, size_log)
+            unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means.numpy(), unit, size_log)
         centres = _centres(splats, levels, bases, size_log, unit, coarsest)
         order = _as_they_come(len(centres)) if sorted_already else gaussian_order(centres, tiers)

@@ -16,6 +16,10 @@ from splatwire.model import SplatCoding
 from splatwire.packets import HEADER_BYTES, Packet, PacketId, Packetization, PacketPlan, make_packet
 from splatwire.scene.splats import Splats
 
+FINEST_UNIT = 28
+"""`-log2` of the finest lattice, relative to the scene's size. Float32 says no more of most places; on a finer one
+what moves far fits no coefficient (`layout.MAX_COEFFICIENT`) and begins anew: bytes, and a ghost where it is lost."""
+
 
 @dataclass(frozen=True, eq=False)
 class CodedBases:
@@ -77,7 +81,8 @@ class BaseEncoder:
         """
         size = span_size(splats.num_gaussians, self._packetization.block_size)
         plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
-        source = SourceScene.of(splats, plan, classes, None, self._quality, self._coding(splats.num_gaussians))
+        source = SourceScene.of(splats, plan, classes, None, self._quality, self._coding(splats.num_gaussians),
+                                most_unit=FINEST_UNIT)  # fmt: skip
         like = self._infos[0] if self._infos else None
         known = None if like is None else like.transform
         fitted = fit_side_info(source, sections if like is None else {}, known, like, self._threads)

@@ -68,7 +68,7 @@ class TracksDecoder:
         self._spans = _Spans(info, manifest)
         self._num_tracks = sum(group.births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.bases.degree + 1) ** 2
-        self.scene_bytes = self._num_tracks * (4 * (11 + side) + 8 * int(COLUMNS) + 8 + SHOWN_BYTES) + self._num
+        self.scene_bytes = self._num_tracks * (4 * (12 + side) + 8 * int(COLUMNS) + 8 + SHOWN_BYTES) + self._num
         frames = info.timeline.group_frames
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.bases.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
@@ -81,6 +81,7 @@ class TracksDecoder:
         """See `Decoder.expect`."""
         self._splats = blank_splats(self._num_tracks, self.info.bases.degree)
         self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
+        self._rounding = np.zeros(self._num_tracks, np.float32)
         self._received = torch.zeros(self._num_tracks, dtype=torch.bool)
         self._erasures = Erasures.of_anchors(torch.zeros(self._num, dtype=torch.bool))
         self._packets: dict[int, tuple[Packet, ...]] = {}
@@ -94,6 +95,7 @@ class TracksDecoder:
         for name in ("means", "quats", "scales", "opacities", "sh"):
             getattr(self._splats, name)[:known] = getattr(other._splats, name)
         self._rows[:known], self._received[:known] = other._rows, other._received
+        self._rounding[:known] = other._rounding
         self._erasures.received[: other._num] = other._erasures.received
 
     def decode(self, run: Run) -> Rows:
@@ -123,6 +125,9 @@ class TracksDecoder:
         store_block(self._splats, here, whole, harmonics, received, self.info.bases, base)
         self._rows[here] = placed(whole, self.info.bases, base)
         self._received[here] = torch.from_numpy(received)
+        steps = motion_shifts(self._rows[here], self.info.bases, self.info.coarser)[:, 0]
+        exponents = steps + self.info.bases.size_log - self.info.bases.unit - 1
+        self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
 
     def update_digest(self, digest: Any, rows: Rows) -> None:
         """See `Decoder.update_digest`."""
@@ -130,7 +135,8 @@ class TracksDecoder:
 
     def scene(self) -> Partial[ClipScene]:
         """See `Decoder.scene`."""
-        tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), self._spans.blocks_of_tracks())
+        blocks = self._spans.blocks_of_tracks()
+        tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), blocks, self._rounding)
         background, antialiased = read_background(self.sections), ANTIALIASED in self.sections
         clip = ClipScene(self.info.timeline, tracks, self._motion, self._num, background, antialiased)
         return Partial(clip, self._erasures, concealer_sections(self.sections))
