@@ -18,7 +18,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.request import Request, urlopen
@@ -32,6 +33,9 @@ from splatwire.packets.view import Look, cut_of
 from splatwire.transport import Receiver, ReceiverOptions
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import PageContent
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "transport"))
+from moq_relay import moq_relay
 
 OPENING, PIECE, SLICE = 1 << 18, 1 << 16, 1 << 18
 AT_ONCE = 10
@@ -147,33 +151,16 @@ async def behind_cache(stream: SceneStream, receivers: int) -> dict[str, Any]:
     return found
 
 
-@contextlib.asynccontextmanager
-async def relay() -> AsyncIterator[int]:
-    import moq
-
-    origin, sessions = moq.OriginProducer(), []
-    async with moq.Server("127.0.0.1:0", tls_generate=["localhost"], publish=origin, subscribe=origin) as server:
-
-        async def accept() -> None:
-            async for request in server:
-                sessions.append(await request.accept())
-
-        task = asyncio.ensure_future(accept())
-        yield int(server.local_addr.rpartition(":")[2])
-        task.cancel()
-
-
 async def behind_relay(stream: SceneStream, receivers: int) -> dict[str, Any]:
     """Receivers come some at a time, and stay until the last one has everything, as pages do."""
-    from splatwire.transport.address import Address
     from splatwire.transport.moq import RelayTrust, publish, session
     from splatwire.transport.moq_receiver import RelayReceiver
 
     trust, found = RelayTrust(insecure=True), dict[str, Any](file_bytes=stream.num_bytes)
     for name, count in (("one", 1), ("all", receivers)):
-        async with relay() as port:
+        async with moq_relay() as there:
             stop, ready, began = asyncio.Event(), asyncio.Event(), time.perf_counter()
-            address = Address("127.0.0.1", port, "city", "moq")
+            address = replace(there, name="city")
             task = asyncio.ensure_future(publish(address, stream, trust, stop, ready.set))
             await ready.wait()
             limit, come, everybody = asyncio.Semaphore(AT_ONCE), list[RelayReceiver](), asyncio.Event()

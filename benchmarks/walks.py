@@ -22,6 +22,7 @@ import numpy as np
 import torch
 
 from splatwire.channel import parse_loss
+from splatwire.codec import repack
 from splatwire.formats import read_splats
 from splatwire.formats._sog_writer import write_sog
 from splatwire.formats.sog import read_sog
@@ -32,6 +33,7 @@ from splatwire.levels.merging import reduced
 from splatwire.levels.walk import Walk
 from splatwire.model import SplatScene
 from splatwire.ops.kd_order import kd_order
+from splatwire.packets import PRESETS
 from splatwire.render.precision import classes_of
 from splatwire.scene import Cameras
 from splatwire.scene.splats import Splats
@@ -229,16 +231,18 @@ def measured(path: str, side: int) -> dict[str, object]:
     classes = classes_of(one, None)
     scene = SplatScene(copied(one.splats, side))
     stream = encode_levels(scene, classes=None if classes is None else np.tile(classes, side * side))
+    datagrams = repack(stream, PRESETS["datagram"])  # as servers send it over UDP and QUIC
     sog = streamed_sog(scene.splats)
     facts: dict[str, Any] = {
         "scene": path.rsplit("/", 1)[-1], "copies": side * side, "gaussians": scene.num_elements,
-        "bytes": stream.num_bytes, "sog_bytes": sum(sog.sizes), "sog_files": len(sog.sizes), "walks": {},
+        "bytes": stream.num_bytes, "datagram_bytes": datagrams.num_bytes, "sog_bytes": sum(sog.sizes),
+        "sog_files": len(sog.sizes), "walks": {},
     }  # fmt: skip
     for name, walk in walks(scene.splats).items():
         print(f"{path}: {name}", file=sys.stderr)
         times = [0.5, *(float(second) for second in range(1, int(SECONDS) + 1))]
         link = replace(LINK, loss=parse_loss("bernoulli:0.05", "datagram"))
-        ours, lossy = Journey.of(stream, walk, LINK), Journey.of(stream, walk, link)
+        ours, lossy = Journey.of(stream, walk, LINK), Journey.of(datagrams, walk, link)
         found = {}
         for key, show in (("ours", ours), ("ours, 5 % lost", lossy), ("streamed SOG", SogJourney(sog, walk, LINK))):
             found[key] = told(score_walk(show, scene, walk, times))

@@ -5,7 +5,7 @@ import contextlib
 import os
 import random
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -22,42 +22,14 @@ from splatwire.transport import ReceiverLimits, ReceiverOptions
 from splatwire.transport.address import Address
 
 pytest.importorskip("moq", reason="the package moq-rs is not installed")
-import moq
-
 from splatwire.transport.layout import head_object
 from splatwire.transport.moq import HEAD, RelayTrust, parts_of, publish, tiles_of
 from splatwire.transport.moq_receiver import RelayReceiver, receive_relayed
+from transport.moq_relay import moq_relay
 
 CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))
 TRUST = RelayTrust(insecure=True)
 LEVELS = encode_levels(SplatScene(some_splats(3000)), Packetization(block_size=60, lanes=2))
-
-
-@dataclass
-class Relay:
-    """A relay on this machine."""
-
-    port: int
-
-    def at(self, name: str) -> Address:
-        """The address of a scene there."""
-        return Address("127.0.0.1", self.port, name, "moq")
-
-
-@contextlib.asynccontextmanager
-async def relay() -> AsyncIterator[Relay]:
-    origin, sessions = moq.OriginProducer(), []
-    async with moq.Server("127.0.0.1:0", tls_generate=["localhost"], publish=origin, subscribe=origin) as server:
-
-        async def accept() -> None:
-            async for request in server:
-                sessions.append(await request.accept())
-
-        task = asyncio.ensure_future(accept())
-        try:
-            yield Relay(int(server.local_addr.rpartition(":")[2]))
-        finally:
-            task.cancel()
 
 
 @contextlib.asynccontextmanager
@@ -84,10 +56,10 @@ def far() -> Look:
 
 def test_streams_come_through_a_relay_as_they_were():
     async def work() -> None:
-        async with relay() as there:
+        async with moq_relay() as there:
             for name, stream in (("levels", LEVELS), ("some/plain", encode_scene(SplatScene(some_splats(900))))):
-                async with published(stream, there.at(name)):
-                    many = (receive_relayed(there.at(name), ReceiverOptions(), TRUST) for _ in range(3))
+                async with published(stream, replace(there, name=name)):
+                    many = (receive_relayed(replace(there, name=name), ReceiverOptions(), TRUST) for _ in range(3))
                     for receiver in await asyncio.gather(*many):
                         assert receiver.finished.reason == "complete"
                         assert receiver.stream() == stream
@@ -97,8 +69,8 @@ def test_streams_come_through_a_relay_as_they_were():
 
 def test_what_is_looked_at_is_all_that_is_asked_for():
     async def work() -> None:
-        async with relay() as there, published(LEVELS, there.at("levels")):
-            receiver = await receive_relayed(there.at("levels"), ReceiverOptions(look=far()), TRUST)
+        async with moq_relay() as there, published(LEVELS, replace(there, name="levels")):
+            receiver = await receive_relayed(replace(there, name="levels"), ReceiverOptions(look=far()), TRUST)
             assert receiver.finished.reason == "seen"
             assert 0 < len(receiver.stream().packets) < len(LEVELS.packets) / 2
 
@@ -107,8 +79,8 @@ def test_what_is_looked_at_is_all_that_is_asked_for():
 
 def test_nobody_publishes_what_nobody_published():
     async def work() -> None:
-        async with relay() as there:
-            receiver = await receive_relayed(there.at("nothing"), ReceiverOptions(deadline_s=1.0), TRUST)
+        async with moq_relay() as there:
+            receiver = await receive_relayed(replace(there, name="nothing"), ReceiverOptions(deadline_s=1.0), TRUST)
             assert receiver.finished.reason == "deadline"
             assert receiver.stream() is None
 

@@ -1,6 +1,7 @@
 """A scene with levels in a browser: what is looked at comes first, by ranges of bytes, and nothing that nobody sees."""
 
 import asyncio
+from collections.abc import Iterable
 from dataclasses import replace
 from unittest.mock import patch
 
@@ -47,26 +48,33 @@ def seen_from(stream: SceneStream, distance: float) -> bytes:
     return stream_to_bytes(add_concealment(stream, SECTION, viewpoint_section(moved)))
 
 
+async def packets_of(url: str, names: Iterable[str], way: str) -> dict[str, int]:
+    """Packets of each stream that a browser has when it sees all that it looks at, and came this way."""
+
+    def drive() -> dict[str, int]:
+        came = {}
+        with browser() as page:
+            for name in names:
+                page.open("about:blank")
+                page.open(f"{url}?stream={name}")
+                page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')", 60)
+                came[name] = page.evaluate(f"{STATUS}.packets")
+                assert page.evaluate(f"{STATUS}.way") == way
+                assert not page.evaluate(f"{STATUS}.failed")
+                assert 0 < page.evaluate(f"{STATUS}.gaussians") <= 40_000
+        return came
+
+    return await asyncio.to_thread(drive)
+
+
 def test_a_browser_fetches_what_is_looked_at() -> None:
     stream = encode_levels(ball(40_000), Packetization(block_size=400, lanes=2))
     contents = {"far": seen_from(stream, 500.0), "near": seen_from(stream, 1.5)}
 
     async def work() -> None:
         async with PageServer(PageContent(contents)) as server:
-
-            def drive() -> None:
-                came = {}
-                with browser() as page:
-                    for name in contents:
-                        page.open("about:blank")
-                        page.open(f"{server.url}?stream={name}")
-                        page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')", 60)
-                        came[name] = page.evaluate(f"{STATUS}.packets")
-                        assert not page.evaluate(f"{STATUS}.failed")
-                        assert 0 < page.evaluate(f"{STATUS}.gaussians") <= 40_000
-                assert 0 < came["far"] < came["near"] <= len(stream.packets)
-
-            await asyncio.to_thread(drive)
+            came = await packets_of(server.url, contents, "HTTP, by ranges")
+        assert 0 < came["far"] < came["near"] <= len(stream.packets)
 
     asyncio.run(asyncio.wait_for(work(), 200))
 
@@ -100,20 +108,8 @@ def test_datagrams_bring_what_is_looked_at() -> None:
         quic = QuicServer(programs, "127.0.0.1", 0, identity=identity)
         async with PageServer(PageContent(programs, Link((await quic.start()).port, WEBTRANSPORT_PATH,
                                                          identity.fingerprint))) as server:  # fmt: skip
-
-            def drive() -> None:
-                came = {}
-                with browser() as page:
-                    for name in contents:
-                        page.open("about:blank")
-                        page.open(f"{server.url}?stream={name}")
-                        page.wait_for(f"{STATUS}?.finished || {SAID}.includes('this view needs')", 60)
-                        came[name] = page.evaluate(f"{STATUS}.packets")
-                        assert page.evaluate(f"{STATUS}.way") == "WebTransport datagrams"
-                        assert not page.evaluate(f"{STATUS}.failed")
-                assert 0 < came["far"] < came["near"] <= len(stream.packets)
-
-            await asyncio.to_thread(drive)
+            came = await packets_of(server.url, contents, "WebTransport datagrams")
+        assert 0 < came["far"] < came["near"] <= len(stream.packets)
         quic.close()
 
     asyncio.run(asyncio.wait_for(work(), 200))

@@ -1,12 +1,25 @@
 """Streams for the network: whatever packets a stream has, it is sent in packets of which each fits a datagram."""
 
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from splatwire.cli._output import progress_bars
 
 if TYPE_CHECKING:
+    from splatwire.cli._output import Reporter
     from splatwire.packets import SceneStream
+
+
+def into_datagrams(stream: "SceneStream", report: "Reporter") -> "SceneStream":
+    """A stream in packets that fit datagrams; tiles of levels stay as they are."""
+    from splatwire.codec import repack
+    from splatwire.packets import PRESETS
+
+    packed, own = PRESETS["datagram"], stream.manifest.packetization
+    if stream.manifest.schema.tiled:
+        packed = replace(packed, block_size=own.block_size)
+    return repack(stream, packed, progress=lambda share: report("putting it into datagrams", share))
 
 
 def in_datagrams(stream: "SceneStream", path: str) -> "SceneStream":
@@ -21,11 +34,8 @@ def in_datagrams(stream: "SceneStream", path: str) -> "SceneStream":
     """
     if stream.manifest.packetization.hashed:
         return stream
-    from splatwire.codec import repack
-    from splatwire.packets import PRESETS
-
     with progress_bars() as report:
-        packed = repack(stream, PRESETS["datagram"], progress=lambda share: report("putting it into datagrams", share))
+        packed = into_datagrams(stream, report)
     growth = packed.num_bytes / stream.num_bytes - 1
     print(
         f"{path}: the same scene in {len(packed.packets):,} packets that fit datagrams, {growth:+.1%} bytes; "

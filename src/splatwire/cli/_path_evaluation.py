@@ -73,6 +73,7 @@ def evaluate_path(options: "Evaluate", stream: "SceneStream", report: "Reporter"
     """
     import torch
 
+    from splatwire.cli._datagrams import into_datagrams
     from splatwire.cli._scenes import chosen_background
     from splatwire.data import load_cameras
     from splatwire.evaluate.pixels import to_pixels
@@ -86,6 +87,8 @@ def evaluate_path(options: "Evaluate", stream: "SceneStream", report: "Reporter"
     assert options.reference is not None
     cameras, link = load_cameras(options.path), link_of(options)
     walk = Walk(cameras, max(cameras.num_views - 1, 1) if options.seconds is None else options.seconds)
+    if options.loss and not stream.manifest.packetization.hashed:  # as it is sent where datagrams are lost
+        stream = into_datagrams(stream, report)
     journey = Journey.of(stream, walk, link, lambda share: report("sending in virtual time", share))
     reference, background = open_scene(options.reference), chosen_background(options.background)
     whole = journey.whole_at
