@@ -24,6 +24,7 @@ import pytest
 import torch
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
+from codec.gaussians.test_gaussians import some_splats
 from splatwire.byte_io import ByteReader
 from splatwire.clips.concealment import clip_concealer
 from splatwire.clips.decoding import decode_frames
@@ -31,9 +32,11 @@ from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
 from splatwire.codec.weight_bytes import framed
 from splatwire.errors import BitstreamError, SplatwireError
-from splatwire.levels import Look, cut_of, tiles_of
+from splatwire.levels import Look, cut_of, encode_levels, tiles_of
+from splatwire.model import SplatScene
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.packets import (
+    Packetization,
     SceneStream,
     make_packet,
     manifest_from_bytes,
@@ -290,7 +293,11 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
     assert cases / 20 < taken < cases * 0.95, "too few indexes of one kind"
     told = {
         "manifests": pairs, "packets": packets, "heads": heads, "frames": frames, "cuts": cuts, "indexes": indexes,
+        "tiled": str(tmp_path / "tiled.swz"),
     }  # fmt: skip
+    small = Packetization(block_size=200, lanes=1, grouping="hashed", packet_bytes=250)
+    tiled = encode_levels(SplatScene(some_splats(2000)), small)
+    write_stream(tiled, tmp_path / "tiled.swz")
     answers.write_text(json.dumps(told))
     done = subprocess.run(
         ["node", "scripts/test.mjs", "only", "agreement"], cwd=WEB, capture_output=True, text=True, timeout=1200,

@@ -42,8 +42,8 @@ export class Reception implements Receiver {
   #look = 0;
   #looked = 0;
   #drawing: Promise<void> | null = null;
-  /** Pieces of a scene with levels that the page draws. */
-  readonly #pieces = new Set<number>();
+  /** Pieces of a scene with levels that the page draws, and of how many packets. */
+  readonly #pieces = new Map<number, number>();
   #decodeMs = 0;
   #counts: Counts | null = null;
   #bytesBefore = 0;
@@ -236,12 +236,13 @@ export class Reception implements Receiver {
       let fresh = received.hasNew;
       for (const { gone, come } of received.swaps(this.#camera, this.#pieces)) {
         const tiles = [];
+        for (const tile of gone) this.#pieces.delete(tile);
         for (const tile of come) {
           await pause();
-          tiles.push({ tile, packed: pack(tiling!.splatsOf(tile), degree, size) });
-          this.#pieces.add(tile);
+          const parts = tiling!.splatsOf(tile);
+          tiles.push({ tile, packed: pack(parts, degree, size) });
+          this.#pieces.set(tile, parts.length);
         }
-        for (const tile of gone) this.#pieces.delete(tile);
         const hand = tiles.flatMap(({ packed }) => buffersOf(packed));
         say({ kind: "tiles", gone, come: tiles, fresh, ask }, hand);
         fresh = false;
@@ -305,7 +306,7 @@ export class Reception implements Receiver {
     }
     await this.#draw();
     const shownPackets = await received.conceal(choice, pause),
-      pieces = [...this.#pieces].sort((a, b) => a - b),
+      pieces = [...this.#pieces.keys()].sort((a, b) => a - b),
       gains = received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
     if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }

@@ -9,10 +9,12 @@ import { BitstreamError } from "../src/bytes.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
 import { cutOf, type Look } from "../src/codec/levels/cut.ts";
 import { LevelSchema } from "../src/codec/levels/schema.ts";
+import type { Swap } from "../src/codec/levels/swaps.ts";
 import type { Splats } from "../src/codec/splats.ts";
 import { TrackSchema } from "../src/codec/tracks/schema.ts";
 import { readManifest } from "../src/packets/manifest.ts";
 import type { Packet } from "../src/packets/packet.ts";
+import { Received } from "../src/transport/received.ts";
 import { readStream } from "./vectors.ts";
 
 /**
@@ -26,6 +28,8 @@ interface Answers {
   readonly frames: Readonly<Record<string, readonly (readonly (readonly number[])[])[]>>;
   /** Of streams with levels, what views show and want. */
   readonly cuts: Readonly<Record<string, readonly View[]>>;
+  /** A stream with levels, of which each tile has some packets. */
+  readonly tiled: string;
   /** Of streams with levels, side information and what its index of tiles says; null where it is refused. */
   readonly indexes: Readonly<Record<string, readonly (readonly [string, Index | null])[]>>;
   readonly packets: Readonly<Record<string, readonly (readonly [number, number, number, string, string])[]>>;
@@ -185,4 +189,46 @@ test("the pieces of a cut are its scene, each Gaussian once", { skip }, () => {
       assert.equal(covered.length, roots.filter((tile) => !tiles.children[tile].length).length);
     }
   }
+});
+
+test("a tile is drawn when most of it is there, and once more with what came late", { skip }, () => {
+  const { head, packets } = readStream(answers!.tiled),
+    received = new Received(head),
+    tiling = received.decoder.schema.tiling!,
+    { tiles, pieces } = tiling,
+    finer = tiles.children[0][0],
+    of = (tile: number): Uint8Array[] => packets.slice(tiles.firstPackets[tile], tiles.firstPackets[tile + 1]),
+    near = {
+      viewmat: [
+        [1, 0, 0, 0],
+        [0, 1, 0, 0],
+        [0, 0, 1, 0],
+      ],
+      focal: 1e9,
+      width: 100,
+      height: 100,
+      margin: 0,
+    },
+    held = new Map<number, number>();
+  const show = (): readonly Swap[] => {
+    const swaps = received.swaps(near, held);
+    for (const { gone, come } of swaps) {
+      for (const piece of gone) held.delete(piece);
+      for (const piece of come) held.set(piece, tiling.splatsOf(piece).length);
+    }
+    return swaps;
+  };
+  const isDrawn = (): boolean => [...held.keys()].some((piece) => pieces.of(piece).tile === finer);
+  const late = of(finer).slice(0, Math.floor(tiles.packets[finer] / 4) + 1);
+  assert.ok(late.length > 1);
+  for (const bytes of [...of(0), ...of(finer).slice(late.length)]) received.take(bytes);
+  show();
+  assert.ok(!isDrawn() && held.size === tiles.children[0].length);
+  received.take(late.pop()!);
+  show();
+  assert.ok(isDrawn() && tiling.wanted.includes(finer));
+  for (const bytes of late) received.take(bytes);
+  assert.ok(show().some(({ gone, come }) => gone.length === 1 && gone[0] === come[0]));
+  assert.ok(isDrawn() && !tiling.wanted.includes(finer));
+  assert.deepEqual(show(), []);
 });

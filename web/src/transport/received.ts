@@ -101,14 +101,20 @@ export class Received {
   }
 
   /**
-   * What takes the place of pieces that are on the screen, so that they are what a camera is to see: swap by swap, none
-   * of which shows a part of the scene twice or not at all.
+   * What takes the place of pieces that are on the screen, each with so many packets, so that they are what a camera is
+   * to see: swap by swap, none of which shows a part of the scene twice or not at all. A piece of which more came takes
+   * its own place.
    */
-  swaps(camera: Camera, held: ReadonlySet<number>): Swap[] {
+  swaps(camera: Camera, held: ReadonlyMap<number, number>): Swap[] {
     const tiling = this.decoder.schema.tiling!;
     tiling.look(camera);
     this.#drawn = this.#parts.length;
-    return swapsOf(tiling.pieces.parents, held, new Set(tiling.drawn));
+    const drawn = new Set(tiling.drawn),
+      grown = tiling.drawn.filter((piece) => tiling.partsOf(piece).length > (held.get(piece) ?? Infinity));
+    return [
+      ...swapsOf(tiling.pieces.parents, new Set(held.keys()), drawn),
+      ...grown.map((piece) => ({ gone: [piece], come: [piece] })),
+    ];
   }
 
   /** Gains of the Gaussians of pieces, one piece after another; null where nothing was dropped yet. */

@@ -64,15 +64,24 @@ function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly numb
 
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
 
-/** Takes what is most useful for a byte, until the budget is spent or the error is small everywhere. */
-export function cutOf(tiles: Tiles, there: (tile: number) => boolean, look: Look | null, budget = BUDGET): Cut {
+/**
+ * Takes what is most useful for a byte, until the budget is spent or the error is small everywhere. Tiles can be drawn
+ * before all of them is there.
+ */
+export function cutOf(
+  tiles: Tiles,
+  there: (tile: number) => boolean,
+  look: Look | null,
+  budget = BUDGET,
+  drawable = there,
+): Cut {
   const chosen = chosenTiles(tiles, look, budget),
     real = new Uint8Array(tiles.count),
     drawn: number[] = [],
     wanted: number[] = [];
   for (const tile of chosen) {
-    real[tile] = Number(there(tile));
-    if (!real[tile]) wanted.push(tile);
+    real[tile] = Number(drawable(tile));
+    if (!there(tile)) wanted.push(tile);
   }
   for (let tile = 0; tile < tiles.count; tile++) {
     const parent = tiles.parents[tile];

@@ -8,9 +8,12 @@ import { GaussianSchema } from "../gaussians/schema.ts";
 import { LOOKED_AT_BYTES } from "../memory.ts";
 import type { Copies, Part, Schema, Seen } from "../schema.ts";
 import { chosen, emptySplats, type Splats } from "../splats.ts";
-import { type Cut, cutOf, standsFor } from "./cut.ts";
+import { BUDGET, type Cut, cutOf, standsFor } from "./cut.ts";
 import { Pieces } from "./pieces.ts";
 import { readTiles, type Tiles } from "./tiles.ts";
+
+/** Share of a tile's packets with which it is drawn: they lie evenly over it, and what is lost comes again. */
+const MOST = 0.75;
 
 /** Which tiles are drawn, and which are to be fetched. */
 export interface Tiling {
@@ -77,7 +80,7 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   readonly tiling = this;
   readonly viewDependent = true;
   readonly moving = null;
-  /** Losses are hidden by coarser tiles: a finer one is drawn when all of it is there. */
+  /** Losses are hidden by coarser tiles: a finer one is drawn when most of it is there. */
   readonly concealers = { drop: CONCEALERS.drop };
   readonly gaussians: GaussianSchema;
   readonly tiles: Tiles;
@@ -159,7 +162,11 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
   }
 
   look(camera: Camera | null): boolean {
-    this.#cut = cutOf(this.tiles, (tile) => this.#came[tile] === this.tiles.packets[tile], camera);
+    const { packets, parents } = this.tiles,
+      came = this.#came,
+      there = (tile: number): boolean => came[tile] === packets[tile],
+      most = (tile: number): boolean => came[tile] >= (parents[tile] < 0 ? 1 : MOST * packets[tile]);
+    this.#cut = cutOf(this.tiles, there, camera, BUDGET, most);
     const drawn = this.pieces.drawn(this.#cut),
       same = drawn.length === this.#drawn.size && drawn.every((piece) => this.#drawn.has(piece));
     if (!same) this.#drawn = new Set(drawn);
