@@ -109,8 +109,8 @@ def test_datagrams_bring_what_is_looked_at() -> None:
         async with PageServer(PageContent(programs, Link((await quic.start()).port, WEBTRANSPORT_PATH,
                                                          identity.fingerprint))) as server:  # fmt: skip
             came = await packets_of(server.url, contents, "WebTransport datagrams")
-        assert 0 < came["far"] < came["near"] <= len(stream.packets)
         quic.close()
+        assert 0 < came["far"] < came["near"] <= len(stream.packets)
 
     asyncio.run(asyncio.wait_for(work(), 200))
 

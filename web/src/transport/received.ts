@@ -110,7 +110,7 @@ export class Received {
     tiling.look(camera);
     this.#drawn = this.#parts.length;
     const drawn = new Set(tiling.drawn),
-      grown = tiling.drawn.filter((piece) => tiling.partsOf(piece).length > (held.get(piece) ?? Infinity));
+      grown = tiling.drawn.filter((piece) => tiling.packetsOf(piece) > (held.get(piece) ?? Infinity));
     return [
       ...swapsOf(tiling.pieces.parents, new Set(held.keys()), drawn),
       ...grown.map((piece) => ({ gone: [piece], come: [piece] })),

@@ -109,6 +109,7 @@ export async function receiveDatagrams(
 /** Says where somebody looks from, and what came; little once all of that is there. */
 class Looker {
   #looking: Look | null = null;
+  #sawFrom: Look | null = null;
   #times = 0;
   #toldAt = -Infinity;
   #reportedAt = -Infinity;
@@ -126,7 +127,9 @@ class Looker {
 
   look(now: number): void {
     const seen = this.transfer.ended && this.transfer.viewing;
-    if (seen && !this.seen) this.listener.sawAll?.();
+    // Who looks elsewhere and needs nothing more for it hears of that, too: nothing comes then.
+    if (seen && (!this.seen || this.#sawFrom !== this.#looking)) this.listener.sawAll?.();
+    if (seen) this.#sawFrom = this.#looking;
     this.#seenAt = seen ? Math.min(this.#seenAt, now) : Infinity;
   }
 

@@ -26,7 +26,9 @@ export interface Tiling {
   readonly drawn: readonly number[];
   /** Looks again; whether other pieces are drawn than before. */
   look(camera: Camera | null): boolean;
-  /** Packets of which some Gaussians are those of a piece, and which of each. */
+  /** How many packets of the tile of a piece came. */
+  packetsOf(piece: number): number;
+  /** Those packets, and which of their Gaussians are those of the piece. */
   partsOf(piece: number): readonly { readonly part: Part; readonly which: Int32Array }[];
   /** The Gaussians of a piece, decoded anew. */
   splatsOf(piece: number): Splats[];
@@ -138,6 +140,10 @@ export class LevelSchema implements Schema<LevelPart>, Tiling {
 
   get drawn(): readonly number[] {
     return [...this.#drawn];
+  }
+
+  packetsOf(piece: number): number {
+    return this.#parts[this.pieces.of(piece).tile].length;
   }
 
   partsOf(piece: number): { part: LevelPart; which: Int32Array }[] {
