@@ -6,8 +6,12 @@ from collections.abc import Callable
 import pytest
 
 from explicit import encode_splats
+from moving_clips import moving_frames
+from splatwire.clips import ClipOptions, encode_clip
 from splatwire.codec.schemas.gaussians.quality import Quality
-from splatwire.packets import SceneStream, stream_to_bytes
+from splatwire.levels import encode_levels
+from splatwire.model import SplatScene
+from splatwire.packets import Packetization, SceneStream, stream_to_bytes
 from splatwire.packets.packet import make_packet
 from transport.chromium import Browser, browser, executable
 from web.host import Host, hosting
@@ -231,3 +235,40 @@ def test_what_was_altered_or_cannot_be_drawn_is_not_called_whole(stream: SceneSt
         assert page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.first').classList.contains('shown')")
 
     hosted(changed, work)
+
+
+@pytest.mark.parametrize("kind", ["clip", "levels"])
+def test_what_moves_and_what_has_levels_comes_moves_and_goes_as_well(kind: str, stream: SceneStream) -> None:
+    """Whole by its digest, after a link that dropped, a move within the page and an element that was taken away."""
+    small = Packetization(block_size=40, lanes=2)
+    made_of = (
+        encode_clip(moving_frames(300, 5), ClipOptions(group_frames=3))[0]
+        if kind == "clip"
+        else encode_levels(SplatScene(ball()), small)
+    )
+    file, whole = stream_to_bytes(made_of), {"complete": True, "verified": True}
+
+    def work(host: Host, page: Browser) -> None:
+        page.open(f"{host.url}none")
+        page.wait_for("customElements.get('splat-wire')")
+        for _ in range(3):
+            made(page, "other.swz")
+            assert page.wait_for(f"{ELEMENT}.view && {LOADED}")[1] == whole
+            page.evaluate(f"window.view = {ELEMENT}.view; document.querySelector('#b').append({ELEMENT})")
+            page.resolve("new Promise((resolve) => setTimeout(resolve, 50))")
+            assert page.evaluate(f"{ELEMENT}.view === view") is True
+            page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
+            page.wait_for("window.workers === 0")
+        page.resolve("caches.delete('splatwire-1')")
+        begun = len(host.asked)
+        host.deliver = lambda request, body: len(body) * 6 // 10 if len(host.asked) == begun + 1 else None
+        host.cut.set()
+        made(page, "other.swz")
+        assert page.wait_for("events.find(([kind]) => kind === 'lost')")[1]["retryMs"] > 0
+        assert page.wait_for(LOADED)[1] == whole
+        assert page.resolve(f"{ELEMENT}.verify()") is True
+        page.evaluate(f"{ELEMENT}.src = 'ball.swz'; events.length = 0")  # a scene that stands still takes its place
+        assert page.wait_for(LOADED)[1] == whole
+        page.wait_for(f"{ELEMENT}.status.gaussians === {stream.manifest.num_elements}")
+
+    hosted(stream, work, **{"other.swz": file})
