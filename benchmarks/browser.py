@@ -238,6 +238,7 @@ made.style.height = '20rem'; document.body.append(made)}"
                         gone["after"].append(n)
                         gone["pages_mb"].append(round(page.memory() / 1e6))
                         gone["gpu_mb"].append(round(page.memory("GPU") / 1e6))
+                        print({name: values[-1] for name, values in gone.items()}, file=sys.stderr)
                 left = {
                     "workers_left": page.evaluate("workers"),
                     "host_context_lost": page.evaluate("theirs.isContextLost()"),

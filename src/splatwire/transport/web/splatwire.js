@@ -46,7 +46,7 @@ input[type=radio] { margin: 0 .25rem 0 0; }
 fieldset label { margin: 0; }
 select, input[type=range] { width: 100%; box-sizing: border-box; }
 button { font: inherit; margin: .2rem .3rem .2rem 0; }
-.bar button { margin: .2rem 0; }
+.bar button { flex: none; margin: .2rem 0; }
 .state + button { margin-inline-start: auto; }
 @media (pointer: coarse) {
   button, select, input[type=range], fieldset label { min-height: 44px; }
