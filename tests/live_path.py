@@ -1,9 +1,12 @@
 """A clip that is pushed frame by frame through server and receiver, over a path that loses; time is a number."""
 
+import itertools
 import random
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from splatwire.clips import ClipEncoder, ClipFrame, ClipOptions
+from splatwire.clips import ClipFrame, ClipOptions
+from splatwire.clips.chapters import CHAPTER_GROUPS, EndlessClip
 from splatwire.clips.live import LiveDecoder
 from splatwire.packets import PacketId, SceneStream
 from splatwire.scene.splats import Splats
@@ -15,8 +18,9 @@ from splatwire.transport import (
     ReceiverOptions,
     ServerLimits,
     SideInfoArrived,
+    StreamLeft,
 )
-from splatwire.transport.broadcast import PROTECTION, Broadcast
+from splatwire.transport.broadcast import PROTECTION
 from splatwire.transport.sender import Server
 from splatwire.transport.wire import DATA, decode, kind_of
 
@@ -35,6 +39,8 @@ class Watched:
     repaired: int = 0
     """Packets that parity brought back."""
     arrived: set[PacketId] = field(default_factory=set)
+    left: list[SceneStream] = field(default_factory=list)
+    """Chapters that ended."""
 
 
 class LivePath:
@@ -48,17 +54,18 @@ class LivePath:
         rate: Bytes per second, fixed; None adapts.
         protection: What is sent ahead.
         asks: Whether the receiver asks for what it lacks.
+        chapter_groups: Groups of frames of a chapter.
     """
 
     def __init__(
         self, frames: list[Splats], group: int, loss: float = 0.0, joins: float = 0.0, rate: float | None = None,
-        protection: Protection = PROTECTION, asks: bool = True,
+        protection: Protection = PROTECTION, asks: bool = True, chapter_groups: int = CHAPTER_GROUPS,
     ) -> None:  # fmt: skip
         self._random = random.Random(7)
         self._frames, self._group, self._loss, self._joins = frames, group, loss, joins
         self._asks = asks
-        self._encoder = ClipEncoder(ClipOptions(group_frames=group))
-        self._broadcast = Broadcast(protection, self._encoder.worth)
+        ids = itertools.count(STREAM_ID)
+        self._clip = EndlessClip(ClipOptions(group_frames=group), lambda: next(ids), protection, chapter_groups)
         limits = ServerLimits(fixed_rate=rate)
         self._server = Server({}, secret=bytes(16), random=self._random.randbytes, limits=limits)
         self._receiver: Receiver | None = None
@@ -66,38 +73,37 @@ class LivePath:
         self.first_packets: list[int] = []
         self.lasting: list[bool] = []
         self.watched = Watched()
+        self.each_group: Callable[[], None] = lambda: None
 
-    def run(self) -> tuple[Watched, SceneStream]:
-        """Runs until the receiver has finished; what it showed, and the whole clip."""
-        pushed = 0
+    def run(self, *, keep: bool = True) -> tuple[Watched, SceneStream]:
+        """Runs until the receiver has finished; what it showed, if that is kept, and the last chapter."""
+        pushed, self._keep = 0, keep
         while not self.watched.reason:
             self._now += STEP_S
-            assert self._now < 60
+            assert self._now < 60 + len(self._frames) / FRAME_RATE
             while pushed < len(self._frames) and pushed / FRAME_RATE <= self._now:
                 self._push(self._frames[pushed], pushed + 1)
                 pushed += 1
             if self._receiver is None and self._now >= self._joins:
                 self._receiver = Receiver(5, self._now, ReceiverOptions(nack=self._asks))
             for _, data in self._server.poll(self._now):
-                if kind_of(data) == DATA:
+                if keep and kind_of(data) == DATA:
                     self.watched.sent.append((decode(data).place, self._groups - 1))
                 self._arrive(data)
             if self._receiver:
                 self._answer(*self._receiver.poll(self._now))
-        return self.watched, self._encoder.finish()
+        return self.watched, self._clip.encoder.finish()
 
     def _push(self, splats: Splats, count: int) -> None:
-        packets = self._encoder.push(splats)
         last = count == len(self._frames)
-        if count % self._group == 0 or last:
-            packets = packets or self._encoder.flush()
-            program = self._broadcast.add(*self._encoder.so_far(STREAM_ID), packets)
-            self.first_packets.append(program.newest)
+        edition = self._clip.push(splats)
+        for program in ([] if edition is None else [edition]) + (self._clip.end() if last else []):
+            if program.newest < len(program.packets) and program.open:
+                self.first_packets.append(program.newest)
+                self._groups += 1
             self.lasting = [bool(lasts) for lasts in program.lasting]
-            self._groups += 1
             self._server.renew("live", program)
-        if last:
-            self._server.renew("live", self._broadcast.end(*self._encoder.so_far(STREAM_ID)))
+            self.each_group()
 
     def _lost(self) -> bool:
         return self._random.random() < self._loss
@@ -116,13 +122,17 @@ class LivePath:
                 self._show(self._decoder.grow(event.manifest, event.side_info))
             elif isinstance(event, PacketArrived):
                 self.watched.repaired += event.repaired
-                self.watched.arrived.add(event.packet.id)
+                if self._keep:
+                    self.watched.arrived.add(event.packet.id)
                 self._show(self._decoder.add([event.packet]))
+            elif isinstance(event, StreamLeft):
+                self.watched.left += [event.stream] if self._keep else []
             elif isinstance(event, Finished):
                 self._show(self._decoder.finish())
                 self.watched.reason = event.reason
 
     def _show(self, frames) -> None:
         for frame in frames:
-            self.watched.frames.append(frame)
-            self.watched.times.append(self._now)
+            if self._keep:
+                self.watched.frames.append(frame)
+                self.watched.times.append(self._now)

@@ -1,7 +1,9 @@
 """Clips that grow while they are watched: nothing but time tells them from clips that are there."""
 
 import dataclasses
+import gc
 import itertools
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +72,45 @@ def test_who_comes_late_begins_with_the_running_group(frames):
     assert first == (0.5 * FRAME_RATE) // GROUP * GROUP - GROUP
     assert [frame.number for frame in watched.frames] == list(range(first, len(frames)))
     assert all(same(frame, whole[frame.number]) for frame in watched.frames)
+
+
+@pytest.mark.parametrize(("loss", "joins"), [(0.0, 0.0), (0.2, 0.0), (0.0, 0.9)])
+def test_chapter_follows_chapter_and_no_frame_is_left_out(frames, loss, joins):
+    frames = [*frames, *reversed(frames)]
+    path = LivePath(frames, GROUP, loss=loss, joins=joins, chapter_groups=3)
+    watched, _ = path.run()
+    numbers = [frame.number for frame in watched.frames]
+    assert numbers == list(range(numbers[0], len(frames)))
+    assert joins * FRAME_RATE - 2 * GROUP <= numbers[0] <= joins * FRAME_RATE + (5 if loss else 2) * GROUP
+    chapter, end = numbers[0] // (3 * GROUP), len(frames) // (3 * GROUP)
+    assert [stream.manifest.stream_id - STREAM_ID for stream in watched.left] == list(range(chapter, end))
+    if not loss:
+        assert not any(frame.concealed.any() for frame in watched.frames)
+        for stream in watched.left[1:]:  # each chapter is a whole clip
+            assert len(stream.packets) == stream.manifest.num_packets
+    else:
+        counts = [len(frame.tracks) for frame in watched.frames[-GROUP:]]
+        assert min(counts) == max(counts) == frames[-1].num_gaussians
+
+
+def test_a_live_clip_without_end_takes_no_more_memory_after_many_chapters():
+    path = LivePath(moving_frames(200, 4) * 20, 2, loss=0.05, chapter_groups=4)
+    held = []
+    path.each_group = lambda: held.append(_held())
+    tracemalloc.start()
+    try:
+        watched, _ = path.run(keep=False)
+    finally:
+        tracemalloc.stop()
+    early, late = held[8:24], held[-12:]
+    assert len(held) == 41
+    assert max(late) < 1.1 * max(early)
+    assert watched.reason == "complete"
+
+
+def _held() -> int:
+    gc.collect()
+    return tracemalloc.get_traced_memory()[0]
 
 
 def test_where_the_path_is_slower_than_the_clip_motion_goes_first_and_bases_never(frames):

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import re
 import signal
 import time
@@ -42,7 +43,8 @@ class Receive:
     """udp://HOST[:PORT][/NAME], quic://HOST[:PORT][/NAME] or moq://RELAY[:PORT]/NAME."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if it ends in .swz (or is -), a folder of packets otherwise; of a clip that is sent
-    live, a folder with a PLY for each frame as soon as it can be shown. With --conceal a scene; a
+    live, a folder with a PLY for each frame as soon as it can be shown, and with .swz a file for each of its chapters,
+    the last one under this name, those before as NAME.000.swz and so on. With --conceal a scene; a
     name that ends in .ply, .spz, .sog or .splat gets the explicit Gaussians. If only the preview arrived, that is
     written beside it, as NAME.preview.ply."""
     deadline: str | None = None
@@ -66,7 +68,7 @@ class Receive:
         from splatwire.cli._clips import check_concealer
         from splatwire.errors import MissingSideInfoError
         from splatwire.packets import write_stream
-        from splatwire.transport import ReceiverOptions
+        from splatwire.transport import ReceiverOptions, StreamLeft
         from splatwire.transport.address import parse_url
 
         address = parse_url(self.url)
@@ -75,12 +77,14 @@ class Receive:
         options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not self.no_nack, look=look)
         if self.conceal is not None:
             check_concealer(self.conceal)
-        moments = Moments()
+        moments, chapters = Moments(), itertools.count()
         with progress_bars() as show, self._output() as path, LiveFrames(path, self.conceal, show) as live:
 
             def note(event: "Event") -> None:
                 moments.note(event, show)
                 live.note(event)
+                if isinstance(event, StreamLeft) and not live.began:
+                    self._keep_chapter(event.stream, next(chapters))
 
             receiver, stopped = self._transfer(address, options, note)
             stream, over = receiver.stream(), receiver.finished
@@ -113,6 +117,13 @@ class Receive:
                 capture = Capture(stack.enter_context(self.pcap.open("wb")).write)
                 tap = lambda source, target, data: capture.add(source, target, data, time.time())  # noqa: E731
             return asyncio.run(_stoppable(lambda stop: transfer(options, note, tap=tap, stop=stop)))
+
+    def _keep_chapter(self, stream: "SceneStream", number: int) -> None:
+        """Writes a chapter of an endless clip that has ended beside the output, which the last one gets."""
+        from splatwire.packets import write_stream
+
+        path = prepared_output(Path(self.output).resolve().with_suffix(f".{number:03}{STREAM_SUFFIX}"))
+        write_stream(stream, path)
 
     def _keep_preview(self, preview: bytes) -> str:
         """Writes the preview beside the output that there is not, as a PLY of 3DGS; says what became of it."""

@@ -4,9 +4,8 @@ import asyncio
 import contextlib
 import re
 import signal
-import socket
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ import tyro
 
 from splatwire.cli import _bundled
 from splatwire.cli._datagrams import in_datagrams
+from splatwire.cli._listening import Listening, check_port, open_server
 from splatwire.cli._output import JsonFlag, print_json
 from splatwire.cli._publishing import publish_stream
 from splatwire.cli._receiving import TrustOptions
@@ -22,7 +22,6 @@ from splatwire.cli._receiving import TrustOptions
 if TYPE_CHECKING:
     from splatwire.packets import SceneStream
     from splatwire.transport import Program, Protection, ServerLimits
-    from splatwire.transport.certificate import Identity
 
 
 @dataclass(frozen=True)
@@ -73,12 +72,10 @@ class Serve:
         """Runs the verb."""
         from splatwire.errors import InvalidValueError
 
-        if not 0 <= self.port < 1 << 16:
-            raise InvalidValueError(f"a port is a number from 0 to 65535, {self.port} is not")
+        check_port(self.port)
+        check_port(self.page or 0)
         if not self._over_quic and (self.certificate or self.key or self.origins):
             raise InvalidValueError("--certificate, --key and --origins are for --quic")
-        if self.page is not None and not 0 <= self.page < 1 << 16:
-            raise InvalidValueError(f"a port is a number from 0 to 65535, {self.page} is not")
         if self.moq is not None:
             if self._over_quic or self.plan or self.protect or len(self.streams) > 1:
                 raise InvalidValueError("--moq publishes one stream, which the relay sends: no --page, --quic, --plan")
@@ -155,23 +152,6 @@ class Serve:
         rate = None if self.rate is None else self.rate * 1e6 / 8
         return ServerLimits(self.clients, self.clients_per_address, silence_s=self.idle, fixed_rate=rate)
 
-    def identity(self) -> "Callable[[], Identity]":
-        """What gives the certificate and key of a QUIC server; one that was made on the spot is renewed.
-
-        Raises:
-            InvalidValueError: If only one of them was given, or they are something else.
-        """
-        from splatwire.errors import InvalidValueError
-        from splatwire.transport.certificate import RenewedIdentity, from_pem
-
-        if (self.certificate is None) != (self.key is None):
-            raise InvalidValueError("--certificate and --key belong together")
-        if self.certificate is None or self.key is None:
-            hosts = ("localhost", "127.0.0.1", "::1", socket.gethostname(), self.host)
-            return RenewedIdentity(hosts, told=_told_renewed)
-        given = from_pem(self.certificate.read_bytes(), self.key.read_bytes())
-        return lambda: given
-
     async def _serve(self, programs: "dict[str, Program]") -> None:
         stop = asyncio.Event()
         loop = asyncio.get_running_loop()
@@ -197,42 +177,10 @@ class Serve:
         self, programs: "dict[str, Program]", stack: contextlib.AsyncExitStack
     ) -> tuple[Any, dict[str, str]]:
         """A server, and what its clients have to know of it."""
-        if not self._over_quic:
-            from splatwire.transport.udp import UdpServer
-
-            plain = UdpServer(programs, self.host, self.port, limits=self.limits())
-            stack.callback(plain.close)
-            return plain, {}
-        from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits, need_aioquic
-
-        need_aioquic()
-        from splatwire.transport.page import PageLimits, PageServer
-        from splatwire.transport.page_content import Link, PageContent
-        from splatwire.transport.quic_server import QuicServer
-
-        identity = self.identity()
-        server = QuicServer(
-            programs, self.host, self.port, identity=identity, limits=self.limits(),
-            quic_limits=QuicLimits(2 * self.clients, 2 * self.clients_per_address, self.origins or None),
-        )  # fmt: skip
-        stack.callback(server.close)
-        await server.start()
-        facts = {"fingerprint": identity().fingerprint}
-        if self.page is not None:
-
-            def link() -> Link:
-                return Link(server.port, WEBTRANSPORT_PATH, None if self.certificate else identity().fingerprint)
-
-            content = PageContent(programs, link, self.host, self.origins or None)
-            spent = PageLimits(self.clients, 2 * self.clients_per_address)
-            page = await stack.enter_async_context(PageServer(content, self.page, spent))
-            facts["page"] = page.url
-        return server, facts
-
-
-def _told_renewed(identity: "Identity") -> None:
-    """Says by which fingerprint a server is known from here on."""
-    print(f"the certificate was renewed; fingerprint: {identity.fingerprint}", file=sys.stderr, flush=True)
+        listening = Listening(
+            self.host, self.port, self._over_quic, self.page, self.certificate, self.key, self.origins, self.limits()
+        )
+        return await open_server(programs, listening, stack)
 
 
 def protection_of(side_repair: float, texts: Sequence[str]) -> "Protection":

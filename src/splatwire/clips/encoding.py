@@ -7,12 +7,13 @@ from fractions import Fraction
 
 import numpy as np
 
+from splatwire.byte_io import ByteWriter
 from splatwire.clips.frames import Frame
 from splatwire.clips.grouping import NamedFrame, group_of
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
-from splatwire.codec.schemas.tracks.encoder import ClipWriter
+from splatwire.codec.schemas.tracks.encoder import ClipWriter, TrackGroup
 from splatwire.codec.viewpoint import up_sections
 from splatwire.errors import InvalidValueError
 from splatwire.model import SplatScene
@@ -26,6 +27,10 @@ from splatwire.scene.splats import Splats
 LOG = logging.getLogger(__name__)
 GROUP_FRAMES = 15
 FRAME_RATE = Fraction(30)
+FIRST_FRAME = "first_frame"
+"""Section of a clip that goes on where another one ended: the number of its first frame, LEB128."""
+KNOWN_SHARE = 0.5
+"""Of the Gaussians: where so many have a class of precision from before, the others get a middle one."""
 SEEN = 0.02
 """A change of a coefficient of the harmonics that is told, where an eye sees 1 as the whole range of a colour."""
 
@@ -79,6 +84,8 @@ class ClipEncoder:
         self._degree: int | None = None
         self._groups, self._told = 0, False
         self._sections: dict[str, bytes] = {}
+        self._num_frames = self._first_frame = 0
+        self._known: tuple[np.ndarray, np.ndarray] | None = None
         self._writer = ClipWriter(
             options.rate, options.group_frames, quality_of(options.quality), options.background, threads=options.threads
         )
@@ -87,6 +94,24 @@ class ClipEncoder:
     def tracking(self) -> TrackingReport:
         """How the frames so far belong together."""
         return self._tracker.report
+
+    def next_chapter(self) -> "ClipEncoder":
+        """An encoder of a clip of its own that goes on where this one ends, in which Gaussians keep their names.
+
+        What this one holds is not held by it.
+        """
+        assert not self._frames
+        other = ClipEncoder(self._options, self._classes)
+        other._tracker, other._degree, other._told = self._tracker, self._degree, self._told
+        other._first_frame = other._num_frames = self._num_frames
+        number = ByteWriter()
+        number.unsigned(self._num_frames)
+        other._sections = {**self._sections, FIRST_FRAME: number.bytes()}
+        names = self._tracker.rename()
+        if self._known is not None:
+            _, there, at = np.intersect1d(names, self._known[0], assume_unique=True, return_indices=True)
+            other._known = there, self._known[1][at]
+        return other
 
     def push(self, frame: Frame | Splats) -> list[Packet]:
         """Takes the next frame.
@@ -106,6 +131,7 @@ class ClipEncoder:
             self._sections |= antialiasing_sections(taken.antialiased)
         self._degree = taken.splats.degree
         self._frames.append(self._tracker.add(taken))
+        self._num_frames += 1
         return self._flush() if len(self._frames) == self._options.group_frames else []
 
     def finish(self) -> SceneStream:
@@ -138,14 +164,25 @@ class ClipEncoder:
     def _flush(self) -> list[Packet]:
         group = group_of(self._frames)
         self._tell_harmonics()
-        classes = None
-        if not self._groups and len(group.keys):
-            first = group.first(np.arange(len(group.keys)))
-            classes = self._classes(first)
-            up = self._options.up
-            self._sections |= up_sections(up_of(SplatScene(first)) if up == "auto" else up)
+        classes = self._precision(group) if not self._groups and len(group.keys) else None
         self._frames, self._groups = [], self._groups + 1
         return self._writer.add(group, classes)
+
+    def _precision(self, group: TrackGroup) -> np.ndarray:
+        """Classes of precision of the first group's tracks: those that they had in the chapter before, or looked at."""
+        if self._known is not None:
+            _, here, at = np.intersect1d(group.keys, self._known[0], assume_unique=True, return_indices=True)
+            if len(here) >= KNOWN_SHARE * len(group.keys):
+                classes = np.full(len(group.keys), int(np.median(self._known[1])), np.int8)
+                classes[here] = self._known[1][at]
+                return classes
+        first = group.first(np.arange(len(group.keys)))
+        classes = self._classes(first)
+        self._known = group.keys, classes
+        if not self._first_frame:
+            up = self._options.up
+            self._sections |= up_sections(up_of(SplatScene(first)) if up == "auto" else up)
+        return classes
 
     def _tell_harmonics(self) -> None:
         """Warns, once, where colours change with the direction that they are seen from: tracks keep those of birth."""

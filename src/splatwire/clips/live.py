@@ -1,10 +1,13 @@
 """A clip that grows while it is watched: frames of each group as soon as they can be shown."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 
+from splatwire.byte_io import ByteReader
 from splatwire.clips.concealment import DEFAULT, Memory, clip_concealer
 from splatwire.clips.decoding import ClipFrame, decode_group
+from splatwire.clips.encoding import FIRST_FRAME
 from splatwire.codec.decoding import runs_of
 from splatwire.codec.memory import allocating, check_memory
 from splatwire.codec.schemas.tracks.decoder import TracksDecoder
@@ -16,7 +19,8 @@ class LiveDecoder:
     """Decodes a clip that grows, group by group; holds the bases, and the motion of the running group.
 
     A group is shown as soon as all of it is there, or when the next one begins: motion that comes later is dropped,
-    bases are taken whenever they come. Who joins late begins with the running group.
+    bases are taken whenever they come. Who joins late begins with the running group. Where another stream follows, the
+    next chapter of an endless clip, what was before is forgotten, and frames are counted on.
 
     Args:
         concealer: What becomes of tracks whose motion was lost, or its name.
@@ -27,13 +31,16 @@ class LiveDecoder:
 
     def __init__(self, concealer: str = DEFAULT) -> None:
         self._method = clip_concealer(concealer)
+        self._begin()
+
+    def _begin(self) -> None:
         self._manifest: Manifest | None = None
         self._side_info = b""
         self._decoder: TracksDecoder | None = None
         self._blocks: dict[int, list[Packet]] = {}
         self._fresh: set[int] = set()
         self._have: dict[int, int] = {}
-        self._next = 0
+        self._next = self._first_frame = 0
         self._memory: Memory | None = None
         self._num_bytes = 0
 
@@ -45,6 +52,9 @@ class LiveDecoder:
         """
         if not manifest.schema.timed:
             raise BitstreamError(f"a stream of {manifest.elements} is a scene, not a clip")
+        if self._manifest is not None and self._manifest.stream_id != manifest.stream_id:
+            yield from self.finish()
+            self._begin()
         if self._manifest is None:
             self._next = len(manifest.tiers) // 2 - 1
         elif manifest.tiers[: len(self._manifest.tiers)] != self._manifest.tiers:
@@ -107,7 +117,7 @@ class LiveDecoder:
             opened.expect(None)
             if self._decoder is not None:
                 opened.take_over(self._decoder)
-        self._decoder = opened
+        self._decoder, self._first_frame = opened, first_frame(opened.sections)
         return opened
 
     def _group(self, group: int) -> Iterator[ClipFrame]:
@@ -117,7 +127,8 @@ class LiveDecoder:
             self._store(opened, self._manifest, group)
             clip = opened.scene().scene
             frames, self._memory = decode_group(clip, group, clip.tracks.received, self._memory, self._method)
-            yield from frames
+            for frame in frames:
+                yield replace(frame, number=frame.number + self._first_frame)
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
         """Writes bases that are new, and the motion of a group; forgets older motion."""
@@ -133,3 +144,17 @@ class LiveDecoder:
             decoder.store(run, decoder.decode(run) if plan.lasting(run.block) else ())
         self._fresh -= {block for block in wanted if plan.lasting(block)}
         self._have = {number: count for number, count in self._have.items() if number > group}
+
+
+def first_frame(sections: Mapping[str, bytes]) -> int:
+    """Number of a clip's first frame: not 0 where it goes on with another clip.
+
+    Raises:
+        BitstreamError: If it is damaged.
+    """
+    if FIRST_FRAME not in sections:
+        return 0
+    reader = ByteReader(sections[FIRST_FRAME], f"section '{FIRST_FRAME}'")
+    number = reader.unsigned()
+    reader.finish()
+    return number

@@ -85,6 +85,19 @@ class Tracker:
         self._rows, self._last = frame.splats, named
         return named
 
+    def rename(self) -> np.ndarray:
+        """Names the Gaussians of the last frame anew, so that names do not grow for ever.
+
+        Returns:
+            Their names before, ascending, int64: what was the n-th of these is called n from here on.
+        """
+        assert self._last is not None
+        old = np.unique(self._last.keys)
+        self._last = replace(self._last, keys=np.searchsorted(old, self._last.keys))
+        self._keys = np.where(self._keys >= 0, np.searchsorted(old, self._keys), -1)
+        self._next = len(old)
+        return old
+
     def _first(self, frame: Frame) -> NamedFrame:
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
         return self._by_rows(frame, count=False)

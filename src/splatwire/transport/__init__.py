@@ -1,7 +1,7 @@
 """Transport: a stream over a network that loses datagrams. The core knows no socket and no clock; no torch here."""
 
 from splatwire.transport.collect import ReceiverLimits
-from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
+from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, StreamLeft, Welcomed
 from splatwire.transport.program import Program, make_program
 from splatwire.transport.protection import Protection
 from splatwire.transport.receiver import Receiver
@@ -23,6 +23,7 @@ __all__ = [
     "ServerLimits",
     "ServerTransfer",
     "SideInfoArrived",
+    "StreamLeft",
     "Welcomed",
     "make_program",
 ]

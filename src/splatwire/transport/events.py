@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from splatwire.packets import Manifest, Packet, PacketIntake
+from splatwire.packets import Manifest, Packet, PacketIntake, SceneStream
 from splatwire.transport.frames import Welcome
 
 
@@ -58,6 +58,17 @@ class PacketArrived:
 
 
 @dataclass(frozen=True)
+class StreamLeft:
+    """Another stream follows, of a live clip its next chapter; what came of the one before is forgotten here.
+
+    Attributes:
+        stream: What came.
+    """
+
+    stream: SceneStream
+
+
+@dataclass(frozen=True)
 class Finished:
     """Nothing more will come.
 
@@ -71,4 +82,4 @@ class Finished:
     ok: bool
 
 
-Event = Welcomed | SideInfoArrived | PacketArrived | Finished
+Event = Welcomed | SideInfoArrived | PacketArrived | StreamLeft | Finished

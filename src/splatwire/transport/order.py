@@ -143,14 +143,21 @@ class Order:
         self._gone[tile] = True
         self._run.extend(range(max(first, self._passed) if if_begun else first, end))
 
-    def renew(self, program: Program, reliable: bool, told: Item) -> None:
-        """Goes on with a program that has grown: its head object at once, then what is left, then what is new."""
-        old, self._program = self._program, program
+    def renew(self, program: Program, reliable: bool, told: Item, known: int) -> None:
+        """Goes on with a program that has grown: its head object at once, then what is left, then what is new.
+
+        Args:
+            program: The program.
+            reliable: Whether the head object travels on a reliable stream.
+            told: What leaves before the head object, behind it and before what is new.
+            known: Packets that it had before.
+        """
+        self._program = program
         source = program.reliable_schedule if reliable else program.schedule
         head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule[self._next :] if program.wants(*item)]
-        new = [] if len(old.packets) == len(program.packets) else [
-            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= len(old.packets))
+        left = [item for item in self._schedule[self._next :] if known and program.wants(*item)]
+        new = [] if known == len(program.packets) else [
+            item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= known)
         ]  # fmt: skip
         self._schedule, self._next = (told, *head, told, *left, told, *new), 0
         self._head_end = 1 + len(head)

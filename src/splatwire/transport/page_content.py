@@ -49,8 +49,8 @@ class PageContent:
     """Everything that is served.
 
     Attributes:
-        programs: Streams by name, or the bytes of their files, or files that still grow; the page shows the first
-            one, or that of its query `stream`.
+        programs: Streams by name, or the bytes of their files, or files that still grow, or None for a live clip, which
+            comes by sessions only; the page shows the first one, or that of its query `stream`.
         link: Where datagrams are to be had, or what says so at the moment (certificates are renewed); None where there
             are none.
         host: The address that the server was told to listen on, by which it may be called.
@@ -58,7 +58,7 @@ class PageContent:
         attributes: More of what the page's element is told (docs/browser.md).
     """
 
-    programs: Mapping[str, Program | bytes | Growing]
+    programs: Mapping[str, Program | bytes | Growing | None]
     link: Link | Callable[[], Link] | None = None
     host: str = "127.0.0.1"
     origins: tuple[str, ...] | None = None
@@ -108,8 +108,8 @@ class PageContent:
         if target == "/streams.json":
             return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
         name = unquote(target.removeprefix(STREAMS).removesuffix(".swz"))
-        if target == stream_path(name) and name in self.programs:
-            return "200 OK", "application/octet-stream", self._file(name), shared
+        if target == stream_path(name) and (file := self._file(name)) is not None:
+            return "200 OK", "application/octet-stream", file, shared
         return None
 
     def _page(self, query: str, called: str) -> str:
@@ -135,7 +135,7 @@ class PageContent:
 
     def _address(self, name: str) -> str:
         """Where a page finds a stream: under a name that no other content will have, unless it grows."""
-        file = self._file(name) if name in self.programs else b""
+        file = self._file(name)
         return f"{stream_path(name)}?{self._tag(file)}" if isinstance(file, bytes) and file else stream_path(name)
 
     def _policy(self, called: str) -> str:
@@ -156,8 +156,8 @@ class PageContent:
     def _shared(self, origin: str | None) -> str:
         return f"Access-Control-Allow-Origin: {origin}\r\nVary: Origin\r\n" if origin in (self.origins or ()) else ""
 
-    def _file(self, name: str) -> bytes | Growing:
-        program = self.programs[name]
+    def _file(self, name: str) -> bytes | Growing | None:
+        program = self.programs.get(name)
         if not isinstance(program, Program):
             return program
         if name not in self._files:

@@ -99,6 +99,11 @@ class QuicServer:
         """The port that it listens on."""
         return int(self._socket.getsockname()[1])
 
+    def renew(self, name: str, program: Program) -> None:
+        """See `Server.renew`."""
+        self.core.renew(name, program)
+        self.pump()
+
     def close(self) -> None:
         """Closes all connections and stops."""
         if self._timer:

@@ -12,7 +12,7 @@ from splatwire.transport.collect import (
     check_welcome,
     read_head,
 )
-from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, Welcomed
+from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, StreamLeft, Welcomed
 from splatwire.transport.frames import (
     NOT_YET,
     REFUSALS,
@@ -84,6 +84,7 @@ class Receiver(Arrived):
         self._view_number, self._view_at, self._told = 0, -math.inf, 0
         self._ended_at: float | None = None
         self._ends_in_vain = 0
+        self._stream_before: int | None = None
         if self.options.look is not None:
             self.look(self.options.look)
 
@@ -163,9 +164,10 @@ class Receiver(Arrived):
         return [], []
 
     def _told_again(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
-        """What there is by now of a stream that grows; anything else is an answer that came twice."""
-        same = (frame.session, frame.stream_id) == (before.session, before.stream_id)
-        if not (same and before.open and frame.num_packets >= before.num_packets):
+        """What there is by now of a stream that grows, or the one that follows; else an answer that came twice."""
+        follows = frame.stream_id not in (before.stream_id, self._stream_before)
+        grows = frame.stream_id == before.stream_id and frame.num_packets >= before.num_packets
+        if not (frame.session == before.session and before.open and (grows or follows)):
             self.num_rejected += 1
             return [], []
         self._heard_at = now
@@ -174,10 +176,15 @@ class Receiver(Arrived):
         if problem := check_welcome(frame, self.options.limits):
             return self._finish(problem)
         assert self._collector is not None
+        left = [StreamLeft(stream)] if follows and (stream := self.stream()) else []
         self._welcome, self._head, self._ended_at = frame, HeadCollector(frame), None
-        self._collector.renew(frame)
+        if follows:
+            self._stream_before, self._manifest, self._side_info = before.stream_id, None, b""
+            self._collector, self._asked = PacketCollector(frame), Asked()
+        else:
+            self._collector.renew(frame)
         self._asked.most = MOST_TRIES
-        return [self._feedback(now)], [Welcomed.of(frame)]
+        return [self._feedback(now)], [*left, Welcomed.of(frame)]
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:
         known = self._welcome is not None and frame.session == self._welcome.session

@@ -32,6 +32,10 @@ RECENT = 8192
 """Datagrams whose sending time is remembered."""
 HEAD_SAFETY = 1.3
 """Bytes kept free for symbols of the head object that a client lacks, over their own: some are lost again."""
+SPARE_BYTES = 100_000
+"""Beyond the passes of its program that a client may have."""
+MOST_DATAGRAMS = (1 << 32) - 1
+"""Their numbers have 32 bits: 23 days of a live clip at 20 Mbit/s."""
 QUIET_S = 1.0
 """Receivers report 50 times a second; one that was not heard for so long is sent nothing until it is heard again."""
 
@@ -78,7 +82,7 @@ class ServerTransfer:
         self._head_left_at: float | None = None
         self._end_at, self._ends, self._clock = 0.0, 0, 0
         self._welcomed_at, self._welcomes = -WELCOME_S, 0
-        self._most_bytes = 100_000
+        self._most_bytes = SPARE_BYTES
         self._allow(0)
 
     def welcome(self) -> bytes:
@@ -90,14 +94,20 @@ class ServerTransfer:
     def renew(self, program: Program) -> None:
         """Goes on with a program that has grown: its head object at once, then what is left, then what is new.
 
-        What is not worth sending any more (`Program.resends`) is left out, whether it waits to leave once or again.
+        What is not worth sending any more (`Program.resends`) is left out, whether it waits to leave once or again. Of
+        another stream all is new, and nothing is left of the one before.
         """
         old, self.program = self.program, program
-        self._order.renew(program, self._reliable_head, (WELCOME, 0, 0))
-        self._again = deque(item for item in self._again if item[0] == DATA and program.resends(item[2]))
+        known, again = len(old.packets), self._again
+        if program.stream_id != old.stream_id:
+            self._order, known, again = Order(program, self._reliable_head), 0, deque()
+            self._held, self._sent_again = Held(), {}
+            self._most_bytes = self.bytes_sent + SPARE_BYTES
+        self._order.renew(program, self._reliable_head, (WELCOME, 0, 0), known)
+        self._again = deque(item for item in again if item[0] == DATA and program.resends(item[2]))
         self._waiting = set(self._again)
         self._head_waiting, self._head_left_at, self._head_cursor = 0, None, program.head_reserve
-        self._allow(len(old.packets))
+        self._allow(known)
 
     def _allow(self, known: int) -> None:
         """Lets the packets of the program that are new, and its head object, leave a few times."""
@@ -121,7 +131,7 @@ class ServerTransfer:
     @property
     def spent(self) -> bool:
         """Whether the client had its share."""
-        return self.bytes_sent > self._most_bytes
+        return self.bytes_sent > self._most_bytes or self._sequence >= MOST_DATAGRAMS
 
     def may_welcome(self, now: float) -> bool:
         """Whether a request is answered: not while the last answer may be under way, nor after the client reported."""
