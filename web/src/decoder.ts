@@ -127,6 +127,7 @@ export async function* receive(url: string | URL, options: ReceiveOptions = {}):
 
 class Transfer {
   readonly held = new Held();
+  readonly live = false;
   ended = false;
   error: unknown = null;
   #received: Received | null = null;

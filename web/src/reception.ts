@@ -7,6 +7,7 @@ import { ContainerReader, type Head } from "./packets/container.ts";
 import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
 import type { Receiver } from "./transport/attempts.ts";
+import { Chapters } from "./transport/chapters.ts";
 import type { Arrived, Counts, Fetching } from "./transport/events.ts";
 import { Held } from "./transport/held.ts";
 import { Kept } from "./transport/kept.ts";
@@ -35,6 +36,10 @@ export class Reception implements Receiver {
   /** Why nothing more is decoded; null as long as there is no reason. */
   failed: Error | null = null;
   #received: Received | null = null;
+  /** Of a live clip. */
+  #chapters: Chapters | null = null;
+  #told = -1;
+  #size = 1;
   #shownAt = 0;
   #ask = 0;
   /** Where the page looks from, its number, and whether it was answered. */
@@ -51,7 +56,7 @@ export class Reception implements Receiver {
   #countedAt = 0;
   #shown: { key: string; count: number; shown: (packet: Packet) => boolean } | null = null;
   #moved: (() => void)[] = [];
-  #waiting: Uint8Array[] = [];
+  #waiting: { readonly bytes: Uint8Array; readonly of: Received }[] = [];
   #working: Promise<void> | null = null;
 
   /** One that is no preview is nothing to fail for. */
@@ -65,12 +70,13 @@ export class Reception implements Receiver {
     }
   }
 
-  /** A second way brings the head once more: what is there stays. */
-  head(head: Head, file: Uint8Array, keep: boolean): void {
+  /** A second way brings the head once more: what is there stays. Of a live clip it is a longer one, or another. */
+  head(head: Head, file: Uint8Array, keep: boolean, live = false): void {
     const { streamId } = head.manifest,
       known = this.#received?.decoder.head.manifest.streamId === streamId,
       received = known ? this.#received : new Received(head);
     if (!keep) this.kept = null;
+    if (live && received?.decoder.schema.moving) return this.#lives(head, received, known);
     if (!this.held.begun) {
       this.held.begin(file);
       this.kept?.begin(file);
@@ -79,7 +85,37 @@ export class Reception implements Receiver {
     this.#received = received;
     this.#pieces.clear();
     this.#waiting = []; // of another stream
-    const { decoder } = received,
+    this.#tellFacts(received);
+  }
+
+  /** A live clip goes on: with more groups, or with its next chapter. */
+  #lives(head: Head, received: Received, known: boolean): void {
+    if (known && head.manifest.numPackets >= received.decoder.head.manifest.numPackets) received.decoder.grow(head);
+    this.#received = received;
+    if (!known) {
+      const begins = !this.#chapters;
+      this.#chapters ??= new Chapters();
+      this.#chapters.follow(received);
+      if (begins) this.#tellFacts(received);
+    }
+    this.#tellPlayable();
+  }
+
+  /** Says which frames of a live clip can be shown, where it is news. */
+  #tellPlayable(): void {
+    const playable = this.#chapters?.playable;
+    if (!playable || playable.end === this.#told) return;
+    this.#told = playable.end;
+    say({ kind: "playable", ...playable, late: this.#chapters!.late });
+  }
+
+  /** Whether it is a live clip: there is no file of it, and nobody can have all of it. */
+  get live(): boolean {
+    return this.#chapters !== null;
+  }
+
+  #tellFacts({ decoder }: Received): void {
+    const { head } = decoder,
       { manifest } = head,
       section = decoder.schema.sections.get("preview");
     if (section) this.preview(section);
@@ -96,19 +132,20 @@ export class Reception implements Receiver {
       up: decoder.up,
       sideInfoBytes: manifest.sideInfoBytes,
       concealers: decoder.schema.moving?.concealers ?? Object.keys(decoder.schema.concealers),
-      moving: decoder.schema.moving?.times ?? null,
+      moving: decoder.schema.moving && { ...decoder.schema.moving.times, live: this.live },
     };
+    this.#size = facts.size;
     say({ kind: "facts", facts });
   }
 
   packets(packets: readonly Arrived[]): void {
-    const fresh = this.held.add(packets);
+    const fresh = this.live ? packets : this.held.add(packets);
     this.kept?.add(fresh);
     this.#take(fresh);
   }
 
   #take(packets: readonly Arrived[]): void {
-    for (const { bytes } of packets) this.#waiting.push(bytes);
+    for (const { bytes } of packets) this.#waiting.push({ bytes, of: this.#received! });
     this.#working ??= this.#decode();
   }
 
@@ -170,12 +207,15 @@ export class Reception implements Receiver {
     for (let next = 0; next < this.#waiting.length && !this.failed; ) {
       const began = performance.now();
       try {
-        while (next < this.#waiting.length && performance.now() - began < SLICE_MS)
-          this.#received!.take(this.#waiting[next++]);
+        while (next < this.#waiting.length && performance.now() - began < SLICE_MS) {
+          const { bytes, of } = this.#waiting[next++];
+          of.take(bytes);
+        }
       } catch (error) {
         this.failed = error as Error;
       }
       this.#decodeMs += performance.now() - began;
+      this.#tellPlayable();
       if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
       await nextTurn();
     }
@@ -255,18 +295,20 @@ export class Reception implements Receiver {
 
   /** Hands over a frame of what moves. */
   frame({ number, choice }: ToWorker & { kind: "frame" }): void {
-    const schema = this.#received?.decoder.schema,
+    const place = this.#chapters?.at(number),
+      schema = (this.#chapters ? place?.received : this.#received)?.decoder.schema,
       moving = schema?.moving;
     if (!schema || !moving) return;
     const began = performance.now(),
+      own = place?.number ?? number,
       { shown, count } = this.#shownMotion(moving.packets, choice),
-      frame = this.#frameOf(() => moving.frame(number, shown, choice.concealer));
+      frame = this.#frameOf(() => moving.frame(own, shown, choice.concealer));
     if (!frame) return;
     const { splats, concealed } = frame,
-      packed = pack([splats], schema.degree, schema.size),
+      packed = pack([splats], schema.degree, this.#size),
       drawMs = performance.now() - began;
     say({ kind: "frame", number, packed, concealed, shownPackets: count, drawMs }, buffersOf(packed));
-    setTimeout(() => moving.ahead(number, AHEAD_MS));
+    setTimeout(() => moving.ahead(own, AHEAD_MS));
   }
 
   /** A frame; null, which is said, where it takes too much memory. */
@@ -281,7 +323,8 @@ export class Reception implements Receiver {
 
   /** Which packets of motion are shown: the same function for the same choice and packets. */
   #shownMotion(packets: readonly Packet[], choice: Choice): { shown: (packet: Packet) => boolean; count: number } {
-    const key = JSON.stringify([packets.length, { ...choice, concealer: "" }]);
+    const last = packets.at(-1),
+      key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
     if (this.#shown?.key !== key) {
       const kept = shownPackets(packets, choice),
         some = new Set(packets.filter((_, n) => kept[n]));

@@ -24,7 +24,7 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker>) => {
     async (text) => {
       await reception.settled();
       if (reception.failed) return say({ kind: "failed", text: reception.failed.message });
-      const complete = text === "complete" && reception.complete;
+      const complete = text === "complete" && reception.complete && !reception.live;
       say({ kind: "finished", text, complete });
       if (complete) void reception.digest();
     },

@@ -45,11 +45,24 @@ export class StreamDecoder {
   #numBytes: number;
   #needed = 0;
 
-  constructor(readonly head: Head) {
+  constructor(public head: Head) {
     const plan = new Plan(head.manifest);
     this.schema = schemaOf(head, plan);
     this.intake = new Intake(plan);
     this.#numBytes = head.sideInfo.length;
+  }
+
+  /** Goes on with the head of the same stream that has grown. Throws where it says other things of what was there. */
+  grow(head: Head): void {
+    const { tiers } = this.head.manifest,
+      longer = head.manifest.tiers;
+    const same = tiers.every(({ count, lanes }, n) => longer[n]?.count === count && longer[n].lanes === lanes);
+    if (!this.schema.grow || !same)
+      throw new BitstreamError("a stream that grows says other things of what was there already");
+    const plan = new Plan(head.manifest);
+    this.schema.grow(head.sideInfo, plan);
+    this.intake.plan = plan;
+    this.head = head;
   }
 
   /** RGB behind the scene. */

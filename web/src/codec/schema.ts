@@ -3,6 +3,7 @@
 import type { Concealer, Elements, Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packet } from "../packets/packet.ts";
+import type { Plan } from "../packets/plan.ts";
 import type { Tiling } from "./levels/schema.ts";
 import type { Splats } from "./splats.ts";
 
@@ -32,16 +33,24 @@ export interface Copies<P extends Part = Part> {
 
 /** What moves: its frames, as far as packets of them came. */
 export interface Moving {
-  /** Frames a second, and how many there are. */
-  readonly times: { readonly rate: number; readonly numFrames: number };
+  /** Frames a second, how many there are, and how many a group has. */
+  readonly times: { readonly rate: number; readonly numFrames: number; readonly groupFrames: number };
   /** The names of what hides lost motion. */
   readonly concealers: readonly string[];
   /** A frame; packets that are not shown count as lost. */
   frame(number: number, shown: (packet: Packet) => boolean, concealer: string): MovingFrame;
   /** Makes ready what comes after a frame, for so many milliseconds. */
   ahead(number: number, ms: number): void;
-  /** Packets of motion that came. */
+  /** Packets of motion that came and were not forgotten. */
   readonly packets: readonly Packet[];
+  /** Number of the first frame, of a clip that goes on where another one ended. */
+  readonly firstFrame: number;
+  /** Frames of groups that nothing more is awaited of: they are whole, or another one has begun. */
+  readonly ready: number;
+  /** Packets of motion that came after their group was shown. */
+  readonly late: number;
+  /** Forgets what packets say of groups before that of a frame, which are not shown again; their blocks. */
+  forget(number: number): number[];
 }
 
 export interface MovingFrame {
@@ -71,6 +80,8 @@ export interface Schema<P extends Part = Part> {
   readonly lookedAtBytes: number;
   /** Memory that is held of a packet's elements once they are decoded. */
   bytesOf(packet: Packet): number;
+  /** Goes on with the head of the same stream that has grown; none where streams do not grow. */
+  grow?(sideInfo: Uint8Array, plan: Plan): void;
   /** Decodes a packet that fits the plan; any payload gives something. */
   read(packet: Packet): P;
   /** Digest of all decoded integers, given the packets of each block in order. */

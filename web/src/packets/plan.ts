@@ -5,6 +5,8 @@ import type { Manifest } from "./manifest.ts";
 import { type Packet, readPacket } from "./packet.ts";
 import { splitmix, splitmixModulo } from "./splitmix64.ts";
 
+const NOTHING = new Uint8Array();
+
 interface Span {
   readonly first: number;
   readonly count: number;
@@ -146,7 +148,14 @@ export class Intake {
   readonly blocks = new Map<number, Packet[]>();
   size = 0;
 
-  constructor(readonly plan: Plan) {}
+  constructor(public plan: Plan) {}
+
+  /** Keeps of the packets of some blocks no more than that they came. */
+  forget(blocks: Iterable<number>): void {
+    for (const block of blocks)
+      for (const [n, packet] of (this.blocks.get(block) ?? []).entries())
+        this.blocks.get(block)![n] = { ...packet, payload: NOTHING, bytes: NOTHING };
+  }
 
   get complete(): boolean {
     return this.size === this.plan.manifest.numPackets;

@@ -13,6 +13,7 @@ import { resolveSource, titleOf } from "./address.ts";
 import { Comparison } from "./difference.ts";
 import { newStatus, type Status, type Tell } from "./events.ts";
 import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
+import { LivePlayer } from "./live_player.ts";
 import { Panel } from "./panel.ts";
 import { Player } from "./player.ts";
 import { type Shown, Stage } from "./stage.ts";
@@ -34,7 +35,7 @@ export class Controller {
   #begun = false;
   #watch: Watch | null = null;
   /** Of what moves. */
-  #player: Player | null = null;
+  #player: Player | LivePlayer | null = null;
   #asked = 0;
   #drops = 0;
   #gained = 0;
@@ -199,6 +200,8 @@ export class Controller {
         return this.#recut(message);
       case "frame":
         return this.#frame(message);
+      case "playable":
+        return this.#playable(message);
       case "counts":
         return this.#count(message);
       case "gains":
@@ -227,6 +230,10 @@ export class Controller {
     this.stage.settle();
     if (this.stage.view) this.#conceal();
     if (status.failed) return;
+    if (this.#player instanceof LivePlayer) {
+      panel.say(text === "complete" || text === "sent" ? "The live clip has ended." : `The live clip ended: ${text}.`);
+      return this.tell("load", { complete, verified: false });
+    }
     if (complete) return panel.say("Everything came; it is being checked.");
     panel.say(`It ended early: ${text}. What is missing is concealed.`);
     this.tell("load", { complete, verified: false });
@@ -263,7 +270,8 @@ export class Controller {
     const { gaussians, size, middle, viewpoint, up, viewDependent, concealers, moving } = facts,
       { stage } = this;
     this.#player?.destroy();
-    this.#player = moving && new Player(moving, (number) => this.#askFrame(number));
+    const ask = (number: number): void => this.#askFrame(number);
+    this.#player = moving && (moving.live ? new LivePlayer(moving.rate, ask) : new Player(moving, ask));
     if (this.#player) this.panel.add(this.#player.element);
     this.panel.offer(concealers);
     this.#gaussians = gaussians;
@@ -322,6 +330,13 @@ export class Controller {
     this.#send({ kind: "frame", number, choice });
   }
 
+  /** Frames of a live clip can be shown. */
+  #playable({ begin, end, late }: FromWorker & { kind: "playable" }): void {
+    if (!(this.#player instanceof LivePlayer)) return;
+    this.#player.playable(begin, end);
+    this.panel.tell("late", `${late.toLocaleString()} packets, ${this.#player.facts.late} frames`);
+  }
+
   /** A frame is there: the next one is asked for when it is on the screen. */
   #frame({ number, packed, concealed, shownPackets, drawMs }: FromWorker & { kind: "frame" }): void {
     const { stage, panel } = this;
@@ -332,7 +347,11 @@ export class Controller {
     panel.tell("Gaussians", stage.count.toLocaleString());
     panel.tell("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
     panel.tell("motion shown", `${shownPackets.toLocaleString()} packets`);
-    panel.tell("late", `${this.#player?.skipped ?? 0} frames`);
+    if (this.#player instanceof LivePlayer) {
+      const { held, buffer } = this.#player.facts;
+      panel.tell("held", held ? `${held} frames` : "none");
+      panel.tell("buffer", `${(1000 * buffer).toFixed(0)} ms`);
+    } else panel.tell("late", `${this.#player?.skipped ?? 0} frames`);
     panel.tell("a frame takes", `${drawMs.toFixed(0)} ms`);
     if (packed.count) {
       this.#time("first");
@@ -359,7 +378,8 @@ export class Controller {
     panel.tell("decoding", `${(decodeMs / 1000).toFixed(2)} s`);
     panel.tell("way", counts.way);
     if (status.lost && !status.finished) status.lost = null;
-    if (share > 0 && !status.finished && !status.failed) panel.say("Receiving ...");
+    const says = this.#player instanceof LivePlayer ? "Live." : "Receiving ...";
+    if (share > 0 && !status.finished && !status.failed) panel.say(says);
     this.tell("progress", { packets, expected, bytes, gaussians: status.gaussians });
   }
 

@@ -20,6 +20,8 @@ export interface Receiver extends Listener {
   readonly held: Held;
   /** The head of the file of which a part is there. */
   readonly headOfHeld: Head | null;
+  /** Whether it is a live clip, of which there is no file. */
+  readonly live: boolean;
   note(text: string): void;
   lost(reason: string, retryMs: number): void;
 }
@@ -49,7 +51,7 @@ async function attempt({ session, name, file }: Source, receiver: Receiver): Pro
     } catch (error) {
       ended = (error as Error).message;
     }
-    if (receiver.held.count > count) throw new Error(ended);
+    if (receiver.live || receiver.held.count > count) throw new Error(ended);
     receiver.note(`${receiver.held.begun ? "The rest comes" : "The stream comes"} by HTTP: ${ended}.`);
   }
   return receiveFile(file, receiver, receiver.held, receiver.headOfHeld);

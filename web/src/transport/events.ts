@@ -45,9 +45,10 @@ export interface Listener {
   sawAll?(): void;
   preview(bytes: Uint8Array): void;
   /**
-   * `file` has the bytes of the stream's file up to its first packet; `keep`: whether the file will be the same later.
+   * `file` has the bytes of the stream's file up to its first packet; `keep`: whether the file will be the same later;
+   * `live`: whether the stream grows, and another one may follow.
    */
-  head(head: Head, file: Uint8Array, keep: boolean): void;
+  head(head: Head, file: Uint8Array, keep: boolean, live?: boolean): void;
   packets(packets: readonly Arrived[]): void;
   counts(counts: Counts): void;
   stopped(): boolean;

@@ -56,6 +56,8 @@ export interface Welcome {
   readonly carried: number;
   /** Whether what is looked at comes first, once the server is told: a last tier of 0 packets, 0 groups, 2 symbols. */
   readonly viewable: boolean;
+  /** Whether the stream grows, and others follow it: a last tier of 0 packets, 0 groups, 1 symbol. */
+  readonly open: boolean;
   readonly preview: Uint8Array;
 }
 
@@ -79,6 +81,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     packetBytes: numbers.getUint16(63, true),
     carried: numbers.getUint32(65, true),
     viewable: numbers.getBigUint64(at - 8, true) === 2n << 48n,
+    open: numbers.getBigUint64(at - 8, true) === 1n << 48n,
     preview: bytes.slice(at + 2, at + 2 + size),
   };
   const fine =

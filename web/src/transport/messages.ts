@@ -34,8 +34,8 @@ export interface Facts {
   readonly sideInfoBytes: number;
   /** Concealers that work on its elements. */
   readonly concealers: readonly string[];
-  /** Frames a second and how many, of what moves; null where all stands still. */
-  readonly moving: { readonly rate: number; readonly numFrames: number } | null;
+  /** Frames a second and how many, of what moves, and whether it is live; null where all stands still. */
+  readonly moving: { readonly rate: number; readonly numFrames: number; readonly live: boolean } | null;
 }
 
 export type FromWorker =
@@ -59,6 +59,8 @@ export type FromWorker =
   | { kind: "tiles"; gone: readonly number[]; come: readonly Tile[]; fresh: boolean; ask: number }
   /** A frame of what moves, in place of what is there; how many elements are guesses, packets of motion are shown. */
   | { kind: "frame"; number: number; packed: Packed; concealed: number; shownPackets: number; drawMs: number }
+  /** Which frames of a live clip can be shown by now, and how many packets came when their group had been shown. */
+  | { kind: "playable"; begin: number; end: number; late: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
   | { kind: "gains"; gains: Float32Array; ask: number; shownPackets: number }
   | { kind: "note"; text: string }

@@ -1,11 +1,8 @@
 // The receiving side of one transfer: bytes and time (milliseconds) in, bytes out; no socket, no clock.
 
-import { sha256 } from "@noble/hashes/sha2.js";
-
 import { hex } from "../bytes.ts";
 import type { Look } from "../codec/levels/cut.ts";
-import { checkHead, fileHead, type Head } from "../packets/container.ts";
-import { readManifest } from "../packets/manifest.ts";
+import type { Head } from "../packets/container.ts";
 import { readPacket } from "../packets/packet.ts";
 import type { Arrived } from "./events.ts";
 import {
@@ -25,6 +22,7 @@ import {
   writeRequest,
   writeView,
 } from "./frames.ts";
+import { HeadObject } from "./head_object.ts";
 
 const REFUSALS = [
   "",
@@ -33,9 +31,12 @@ const REFUSALS = [
   "the server stopped",
   "too many transfers from this network",
 ];
+/** The one reason after which it is asked again: a live clip that has not begun. */
+const NOT_YET = 5;
 const AGAIN_MS = 120,
   REORDER = 48,
   MOST_EARLY = 64,
+  MOST_NEWER = 512,
   MOST_NACKS = 250,
   MOST_AHEAD = 2 ** 17,
   ENDS_IN_VAIN = 25,
@@ -57,15 +58,16 @@ export class Transfer {
   /** Why it is over. */
   finished: string | null = null;
   headMs: number | null = null;
-  numSymbols = 0;
-  headSymbols = 0;
+  /** How many heads came: a stream that grows has one for each group of frames. */
+  heads = 0;
   readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
   readonly #request: Uint8Array;
-  #object = new Uint8Array();
-  #segments = 0;
-  #seen = new Uint8Array();
+  #object: HeadObject | null = null;
+  /** Whether each packet is there: 1, or 2 for one that nobody asks for any more. */
   #there = new Uint8Array();
   readonly #asked = new Map<number, number>();
+  readonly #tries = new Map<number, number>();
+  #streamBefore: number | null = null;
   #largest = -1;
   #largestAt: number;
   #highest = -1;
@@ -77,8 +79,9 @@ export class Transfer {
   readonly #gaps = new Map<number, number>();
   #said = 0;
   #endsInVain = 0;
-  /** What overtook the welcome. */
+  /** What overtook the welcome, and packets that overtook one that says more. */
   #early: Uint8Array[] = [];
+  #ahead: Arrived[] = [];
 
   constructor(
     readonly name: string,
@@ -111,13 +114,12 @@ export class Transfer {
 
   /** The stream's file up to its first packet; once the head came. */
   get fileHead(): Uint8Array {
-    const size = viewOf(this.#object).getUint32(0, true);
-    return fileHead(this.#object.subarray(4, 4 + size), this.head!.sideInfo);
+    return this.#object!.file(this.head!);
   }
 
   /** SHA-256 of the head object, hexadecimal; empty as long as it is not there. */
   get headDigest(): string {
-    return this.head ? hex(sha256(this.#object)) : "";
+    return this.head && this.#object ? this.#object.digest : "";
   }
 
   receive(bytes: Uint8Array, now: number): void {
@@ -125,7 +127,8 @@ export class Transfer {
     const kind = kindOf(bytes);
     this.counts.bytes += bytes.length;
     if (kind === WELCOME && !this.welcome) return this.#welcomed(bytes, now);
-    if (kind === WELCOME) return; // once more, another way
+    if (kind === WELCOME) return this.#told(bytes, now);
+    if (kind === REFUSE && bytes[9] === NOT_YET) return;
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const known =
       kind === SIDE ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
@@ -145,7 +148,7 @@ export class Transfer {
       this.#endsInVain = 0;
       if (this.viewing) this.ended = false;
       const place = viewOf(bytes).getUint32(9, true);
-      this.#take(place, bytes.slice(13));
+      this.#take(place, bytes.slice(13), true);
       if (this.#there[place]) this.#highest = Math.max(this.#highest, place);
     }
     this.#look();
@@ -192,6 +195,7 @@ export class Transfer {
     const { packets, carried } = this.welcome!,
       lost: number[] = [];
     const stop = this.ended ? packets : this.#highest + 1 - REORDER;
+    const { open } = this.welcome!;
     while (this.#lowest < packets && this.#there[this.#lowest]) this.#lowest++;
     for (
       let place = this.head ? this.#lowest : Math.max(carried, this.#lowest);
@@ -199,6 +203,12 @@ export class Transfer {
       place++
     ) {
       if (this.#there[place] || now - (this.#asked.get(place) ?? -1e9) < AGAIN_MS) continue;
+      const tries = this.#tries.get(place) ?? 0;
+      if (open && tries === TRIES) {
+        this.#there[place] = 2; // what moves is worth nothing once its time has passed
+        continue;
+      }
+      this.#tries.set(place, tries + 1);
       this.#asked.set(place, now);
       lost.push(place);
     }
@@ -211,7 +221,7 @@ export class Transfer {
       largest: Math.max(this.#largest, 0),
       received: Math.min(this.counts.datagrams, this.#largest + 1),
       clock: Math.round(this.#largestAt * 1000),
-      symbolsMissing: this.head ? 0 : this.numSymbols - this.headSymbols,
+      symbolsMissing: this.head ? 0 : (this.#object?.missing ?? 0),
       lost: this.viewing ? this.#lostNumbers(now) : this.#lostPlaces(now),
     });
   }
@@ -224,10 +234,7 @@ export class Transfer {
     const welcome = readWelcome(bytes, this.nonce);
     if (!welcome) return void (this.finished = "the server announces something impossible");
     this.welcome = welcome;
-    this.numSymbols = Math.ceil(welcome.headBytes / welcome.symbolBytes);
-    this.#segments = Math.ceil(this.numSymbols / 2048);
-    this.#object = new Uint8Array(welcome.headBytes);
-    this.#seen = new Uint8Array(this.numSymbols);
+    this.#object = new HeadObject(welcome);
     this.#there = new Uint8Array(welcome.packets);
     if (this.before && this.goesOn) {
       const { head, held } = this.before;
@@ -237,58 +244,73 @@ export class Transfer {
       this.counts.packets = this.#there.reduce((sum, one) => sum + one, 0);
       this.#look();
     }
+    this.#again(now);
+  }
+
+  /** What there is by now of a stream that grows, or the one that follows it; anything else came twice. */
+  #told(bytes: Uint8Array, now: number): void {
+    const before = this.welcome!,
+      next = readWelcome(bytes, this.nonce);
+    if (!next || !before.open || next.session !== before.session) return;
+    const same = next.streamId === before.streamId;
+    if (same ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
+    if (same && next.open === before.open && hex(next.digest) === hex(before.digest)) return;
+    this.welcome = next;
+    this.#object = new HeadObject(next);
+    this.head = null;
+    this.ended = false;
+    this.#endsInVain = 0;
+    const there = new Uint8Array(next.packets);
+    if (same) there.set(this.#there);
+    else this.#leave(before.streamId);
+    this.#there = there;
+    this.#again(now);
+  }
+
+  /** Forgets what was of another stream. */
+  #leave(streamId: number): void {
+    this.#streamBefore = streamId;
+    this.#asked.clear();
+    this.#tries.clear();
+    this.#highest = -1;
+    this.#lowest = this.counts.packets = 0;
+    this.fresh = [];
+  }
+
+  /** Takes what overtook a welcome. */
+  #again(now: number): void {
     for (const early of this.#early.splice(0)) {
       this.counts.bytes -= early.length; // it was counted when it came
       this.receive(early, now);
     }
+    for (const { place, bytes } of this.#ahead.splice(0)) this.#take(place, bytes);
   }
 
   #side(bytes: Uint8Array, now: number): void {
-    const { symbolBytes, headBytes } = this.welcome!,
-      numbers = viewOf(bytes);
-    const segment = numbers.getUint16(9, true),
-      payload = bytes.subarray(15, bytes.length - 4);
-    const first = Math.floor((this.numSymbols * segment) / this.#segments),
-      at = first + numbers.getUint32(11, true);
-    const next = Math.floor((this.numSymbols * (segment + 1)) / this.#segments);
     if (this.head) return; // it was there before
-    if (segment >= this.#segments || at >= next || payload.length !== symbolBytes) return void this.counts.rejected++;
-    if (this.#seen[at]) return; // once more, another way
-    this.#object.set(payload.subarray(0, Math.min(symbolBytes, headBytes - at * symbolBytes)), at * symbolBytes);
-    this.#seen[at] = 1;
-    if (++this.headSymbols < this.numSymbols) return;
-    this.headMs = now - this.began;
+    if (!this.#object!.add(bytes)) return void this.counts.rejected++;
+    if (this.#object!.missing) return;
+    this.headMs ??= now - this.began;
     try {
-      this.#readHead();
+      const { head, carried } = this.#object!.read();
+      this.head = head;
+      this.heads++;
+      carried.forEach((packet, place) => this.#take(place, packet));
       this.#look();
     } catch (error) {
       this.finished = (error as Error).message;
     }
   }
 
-  /** Manifest, side information, and the packets that travel behind them. */
-  #readHead(): void {
-    const object = this.#object,
-      numbers = viewOf(object);
-    if (hex(sha256(object)) !== hex(this.welcome!.digest)) throw new Error("the side information is damaged");
-    const manifestEnd = 4 + (object.length >= 4 ? numbers.getUint32(0, true) : 0);
-    const manifest = readManifest(object.subarray(4, manifestEnd));
-    let at = manifestEnd + manifest.sideInfoBytes,
-      place = 0;
-    this.head = checkHead(manifest, object.subarray(manifestEnd, at));
-    for (; at + 2 <= object.length && place < this.welcome!.carried; place++) {
-      const size = numbers.getUint16(at, true);
-      this.#take(place, object.slice(at + 2, at + 2 + size));
-      at += 2 + size;
+  /** Takes a packet; of a stream that grows it `may` be ahead of the welcome that tells of it. */
+  #take(place: number, packet: Uint8Array, may = false): void {
+    const { packets, packetBytes, streamId, open } = this.welcome!;
+    if (place >= packets || packet.length > packetBytes || !readPacket(packet, streamId)) {
+      if (open && may && this.#ahead.length < MOST_NEWER) this.#ahead.push({ place, bytes: packet });
+      else this.counts.rejected++;
+      return;
     }
-    if (place !== this.welcome!.carried || at !== object.length) throw new Error("the side information is damaged");
-  }
-
-  #take(place: number, packet: Uint8Array): void {
-    const { packets, packetBytes, streamId } = this.welcome!;
-    if (place >= packets || packet.length > packetBytes || !readPacket(packet, streamId))
-      return void this.counts.rejected++;
-    if (this.#there[place]) return void this.counts.duplicates++;
+    if (this.#there[place] === 1) return void this.counts.duplicates++;
     this.#there[place] = 1;
     this.fresh.push({ place, bytes: packet });
     this.counts.packets++;
@@ -296,7 +318,7 @@ export class Transfer {
   }
 
   #look(): void {
-    if (!this.head) return;
+    if (!this.head || this.welcome!.open) return;
     if (this.counts.packets === this.welcome!.packets) this.finished = "complete";
     else if (!this.viewing && this.#endsInVain >= ENDS_IN_VAIN) this.finished = "sent";
   }

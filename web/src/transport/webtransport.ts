@@ -156,7 +156,8 @@ class Looker {
 /** Tells what is new: the preview once, the head once, packets as they come. */
 class Progress {
   #preview = false;
-  #head = false;
+  #heads = 0;
+  #live = false;
 
   constructor(
     readonly transfer: Transfer,
@@ -168,13 +169,14 @@ class Progress {
     const { transfer, listener } = this;
     if (transfer.welcome && !this.#preview) {
       this.#preview = true;
-      if (transfer.goesOn) this.#head = true;
+      if (transfer.goesOn) this.#heads = -1;
       else if (transfer.before) this.changed();
       if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
     }
-    if (transfer.head && !this.#head) {
-      this.#head = true;
-      listener.head(transfer.head, transfer.fileHead, true);
+    this.#live ||= transfer.welcome?.open ?? false;
+    if (transfer.head && this.#heads >= 0 && this.#heads !== transfer.heads) {
+      this.#heads = transfer.heads;
+      listener.head(transfer.head, transfer.fileHead, !this.#live, this.#live);
     }
     if (transfer.head && transfer.fresh.length) listener.packets(transfer.fresh.splice(0));
     listener.counts({

@@ -15,7 +15,7 @@ export const TRACK_BYTES = 4 + 24 + 4 * NUM_CHANNELS;
 
 export class Bases {
   /** Slot of each track; -1 where its base is not there. */
-  readonly slots: Int32Array;
+  slots: Int32Array;
   /** Track of each slot. */
   tracks = new Int32Array(FIRST_ROOM);
   /** Group of frames that each was born in. */
@@ -28,12 +28,17 @@ export class Bases {
   count = 0;
   readonly #steps: MotionSteps;
 
-  constructor(readonly info: ClipInfo) {
-    if (info.numTracks > MAX_TRACKS)
-      throw new BitstreamError(`${info.numTracks} tracks are more than this page can play`);
-    this.slots = new Int32Array(info.numTracks).fill(-1);
+  constructor(info: ClipInfo) {
+    this.slots = slotsOf(info);
     this.splats = emptySplats(FIRST_ROOM, info.bases.degree);
     this.#steps = new MotionSteps(info.bases, info.coarser);
+  }
+
+  /** Goes on with a clip that has more tracks by now. */
+  grow(info: ClipInfo): void {
+    const slots = slotsOf(info);
+    slots.set(this.slots);
+    this.slots = slots;
   }
 
   /** Takes Gaussians that follow each other from a track on: their integers, the corner of their block, and they. */
@@ -75,4 +80,9 @@ export class Bases {
 function grown<T extends Int32Array | Float64Array>(old: T, larger: T): T {
   larger.set(old as never);
   return larger;
+}
+
+function slotsOf({ numTracks }: ClipInfo): Int32Array {
+  if (numTracks > MAX_TRACKS) throw new BitstreamError(`${numTracks} tracks are more than this page can play`);
+  return new Int32Array(numTracks).fill(-1);
 }

@@ -1,5 +1,6 @@
 // What of a clip arrived, and what it looks like in any frame. The twin of `splatwire.clips.decoding`.
 
+import { ByteReader } from "../../bytes.ts";
 import type { Packet } from "../../packets/packet.ts";
 import { checkMemory } from "../memory.ts";
 import type { Moving, MovingFrame } from "../schema.ts";
@@ -52,9 +53,14 @@ interface Played extends Poses, Concealed {
 
 export class Clip implements Moving {
   readonly concealers = CONCEALERS;
-  readonly packets: Packet[] = [];
+  packets: Packet[] = [];
+  late = 0;
   readonly bases: Bases;
   readonly #motion: Packet[][];
+  /** Elements of each group that came. */
+  readonly #came: number[];
+  /** The first group whose motion is not forgotten. */
+  #oldest = 0;
   readonly #units: Float64Array;
   #kept = 0;
   readonly #decoded = new Map<Packet, Decoded>();
@@ -63,19 +69,33 @@ export class Clip implements Moving {
 
   /** `numBytes` of the stream are there. */
   constructor(
-    readonly info: ClipInfo,
+    public info: ClipInfo,
     public numBytes: number,
   ) {
     this.bases = new Bases(info);
     this.#motion = info.groups.map(() => []);
+    this.#came = info.groups.map(() => 0);
     this.#units = unitsOf(info);
   }
 
-  addBases(first: number, rows: Float64Array, corner: Float64Array, splats: Splats): void {
+  /** Goes on with a clip that has more groups by now. */
+  grow(info: ClipInfo): void {
+    this.info = info;
+    this.bases.grow(info);
+    for (let group = this.#motion.length; group < info.groups.length; group++) {
+      this.#motion.push([]);
+      this.#came.push(0);
+    }
+  }
+
+  addBases(group: number, first: number, rows: Float64Array, corner: Float64Array, splats: Splats): void {
+    this.#came[group] += splats.count;
     this.bases.add(first, rows, corner, splats);
   }
 
   addMotion(group: number, packet: Packet): void {
+    this.#came[group] += packet.count;
+    if (group < this.#oldest) return void this.late++;
     this.#motion[group].push(packet);
     this.packets.push(packet);
     this.numBytes += packet.payload.length;
@@ -84,6 +104,36 @@ export class Clip implements Moving {
 
   get times(): Timeline {
     return this.info.timeline;
+  }
+
+  get firstFrame(): number {
+    const section = this.info.sections.get("first_frame");
+    if (!section) return 0;
+    const reader = new ByteReader(section, "section 'first_frame'"),
+      number = reader.unsigned();
+    reader.finish();
+    return number;
+  }
+
+  get ready(): number {
+    const { groups, timeline } = this.info,
+      last = groups.length - 1,
+      whole = this.#came[last] >= groups[last].births + groups[last].motions;
+    return whole ? timeline.numFrames : last * timeline.groupFrames;
+  }
+
+  forget(number: number): number[] {
+    const end = Math.floor(number / this.info.timeline.groupFrames),
+      blocks = new Set<number>();
+    for (; this.#oldest < end; this.#oldest++) {
+      for (const packet of this.#motion[this.#oldest].splice(0)) {
+        blocks.add(packet.block);
+        this.#kept -= this.#decoded.get(packet)?.offsets.byteLength ?? 0;
+        this.#decoded.delete(packet);
+      }
+    }
+    if (blocks.size) this.packets = this.packets.filter(({ block }) => !blocks.has(block));
+    return [...blocks];
   }
 
   /** Frames of a group. */

@@ -18,34 +18,53 @@ import { Clip } from "./clip.ts";
 import { decodeMotion } from "./motion.ts";
 import { type ClipInfo, readClipInfo } from "./side_info.ts";
 
+/** First block of a group's bases among those of all groups and in the plan, and its first track. */
+interface First {
+  readonly own: number;
+  readonly plan: number;
+  readonly track: number;
+}
+
+function firstsOf({ groups }: ClipInfo, plan: Plan): First[] {
+  const size = plan.manifest.packetization.blockSize;
+  let own = 0,
+    first = 0;
+  return groups.map(({ births, motions, firstNew }) => {
+    const found = { own, plan: first, track: firstNew };
+    own += Math.ceil(births / size);
+    first += Math.ceil(births / size) + Math.ceil(motions / size);
+    return found;
+  });
+}
+
 export class TrackSchema implements Schema<GaussianPart> {
   readonly lookedAtBytes = LOOKED_AT_BYTES;
   readonly tiling = null;
   readonly viewDependent = false;
   readonly middle = null;
-  readonly info: ClipInfo;
+  info: ClipInfo;
   readonly concealers = {};
   /** What of the clip arrived. */
   readonly moving: Clip;
-  readonly #bases: PacketDecoder;
-  /** First block of bases of each group among those of all groups, and its first block in the plan. */
-  readonly #firsts: { readonly own: number; readonly plan: number; readonly track: number }[] = [];
+  #bases: PacketDecoder;
+  #firsts: readonly First[];
 
   constructor(
     sideInfo: Uint8Array,
-    readonly plan: Plan,
+    public plan: Plan,
   ) {
     this.info = readClipInfo(sideInfo, plan.manifest);
     this.moving = new Clip(this.info, sideInfo.length);
     this.#bases = new PacketDecoder(this.info.bases);
-    const size = plan.manifest.packetization.blockSize;
-    let own = 0,
-      first = 0;
-    for (const { births, motions, firstNew } of this.info.groups) {
-      this.#firsts.push({ own, plan: first, track: firstNew });
-      own += Math.ceil(births / size);
-      first += Math.ceil(births / size) + Math.ceil(motions / size);
-    }
+    this.#firsts = firstsOf(this.info, plan);
+  }
+
+  grow(sideInfo: Uint8Array, plan: Plan): void {
+    this.info = readClipInfo(sideInfo, plan.manifest);
+    this.plan = plan;
+    this.moving.grow(this.info);
+    this.#bases = new PacketDecoder(this.info.bases);
+    this.#firsts = firstsOf(this.info, plan);
   }
 
   get degree(): number {
@@ -78,7 +97,8 @@ export class TrackSchema implements Schema<GaussianPart> {
       first = track + block * (block ? this.plan.blockCount(plan) : 0) + packet.lane,
       decoded = this.#bases.decode(packet.payload, base, packet.count),
       splats = toSplats(decoded, this.info.bases, base);
-    this.moving.addBases(first, decoded.rows, this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3), splats);
+    const corner = this.info.bases.boxes.corners.subarray(3 * base, 3 * base + 3);
+    this.moving.addBases(group, first, decoded.rows, corner, splats);
     this.moving.numBytes += packet.payload.length;
     return new GaussianPart(packet, splats, () => this.plan.members(packet));
   }

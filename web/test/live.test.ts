@@ -1,0 +1,52 @@
+// The clock of a live clip: late by what its groups varied, never ahead of what is there.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { JitterBuffer } from "../src/page/live_player.ts";
+
+const RATE = 30,
+  GROUP = 15,
+  STEP_S = 0.004;
+
+/** Frames that are shown when groups come so many seconds after their last frame; each with its time. */
+function played(delays: readonly number[]): { buffer: JitterBuffer; shown: Map<number, number> } {
+  const buffer = new JitterBuffer(RATE),
+    shown = new Map<number, number>(),
+    came = delays.map((delay, group) => ((group + 1) * GROUP) / RATE + delay),
+    end = came[came.length - 1] + (2 * GROUP) / RATE;
+  let next = 0;
+  for (let now = 0; now < end; now += STEP_S) {
+    while (next < came.length && came[next] <= now) buffer.add(0, ++next * GROUP, now);
+    const due = buffer.due(now);
+    assert.ok(due === null || due < next * GROUP);
+    if (due !== null && !shown.has(due)) shown.set(due, now);
+  }
+  return { buffer, shown };
+}
+
+test("groups that come alike are shown without a stop, every frame once", () => {
+  const { buffer, shown } = played(Array.from({ length: 20 }, () => 0.05));
+  assert.equal(shown.size, 20 * GROUP);
+  const times = [...shown.values()],
+    gaps = times.slice(1).map((time, n) => time - times[n]);
+  assert.ok(Math.max(...gaps) < 1.5 / RATE);
+  assert.ok(buffer.seconds < 0.05);
+});
+
+test("after a few groups that come differently nothing is waited for", () => {
+  const delays = Array.from({ length: 60 }, (_, n) => 0.05 + 0.15 * ((n * 7) % 5) * 0.25),
+    { buffer, shown } = played(delays.slice(0, 12)),
+    begun = buffer.held;
+  assert.equal(shown.size, 12 * GROUP);
+  const longer = played(delays).buffer;
+  assert.ok(longer.held - begun <= GROUP + 1); // what is due after the last group
+});
+
+test("a pause of the path is waited for, and the clock catches up again", () => {
+  const delays = Array.from({ length: 120 }, (_, n) => (n === 20 ? 0.4 : 0.05)),
+    { buffer, shown } = played(delays);
+  assert.equal(shown.size, 120 * GROUP);
+  assert.ok(buffer.seconds < 0.1);
+  assert.ok(shown.get(21 * GROUP)! > (21 * GROUP) / RATE + 0.4);
+});
