@@ -13,7 +13,6 @@ from splatwire.clips.chapters import EndlessClip
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import Link, PageContent
 from transport.chromium import browser, executable
-from web.pictures import ELEMENT
 from web.test_page import STATUS, run
 from web.test_page_clip import PANEL, TOLD, cell, slide
 
