@@ -66,3 +66,23 @@ def rotation_vectors(quats: np.ndarray, bases: np.ndarray) -> np.ndarray:
     signs[:, 1:] = torch.where(steps < 0, -1.0, 1.0)
     turn = turn * signs.cumprod(dim=1)[..., None]
     return (turn[..., 1:] / (1 + turn[..., :1]).clamp(min=1e-3)).numpy()
+
+
+def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, size_log: int) -> np.ndarray:
+    """What coefficients do to bases in one frame, float64 (n, C) as in `splatwire.model.clip.GroupMotion.at`.
+
+    Args:
+        coefficients: (n, C, K), the first K of a group; the others are 0.
+        frames: Frames of the group.
+        frame: Which of them.
+        unit: As for `targets_of`.
+        size_log: As there.
+    """
+    tracks, channels, orders = coefficients.shape
+    rows = coefficients.reshape(tracks * channels, orders).astype(np.float64)  # one product: of three axes it is many
+    values = (rows @ polynomials(frames)[frame, :orders]).reshape(tracks, channels)
+    values[:, :3] = np.ldexp(values[:, :3], size_log - unit - 1)
+    values[:, 3:6] /= _TURN
+    values[:, 6:10] *= np.log(2.0) / _FIXED
+    values[:, 10:] = values[:, 10:] / (_FIXED * DC) @ LUMA_CHROMA
+    return values

@@ -150,12 +150,7 @@ def _first_memory(clip: ClipScene) -> Memory:
 
 
 def _arrived(motion: GroupMotion) -> GroupPoses:
-    def at(frame: int) -> np.ndarray:
-        offsets = np.zeros((len(motion.tracks), NUM_CHANNELS), np.float32)
-        offsets[motion.moving] = motion.at(frame)
-        return offsets
-
-    return GroupPoses(motion.tracks, motion.begins, motion.ends, np.zeros(len(motion.tracks), bool), at)
+    return GroupPoses(motion.tracks, motion.begins, motion.ends, np.zeros(len(motion.tracks), bool), motion.at)
 
 
 _Guess = Callable[[int, np.ndarray], np.ndarray]

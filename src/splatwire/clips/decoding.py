@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, Memory, clip_concealer, conceal_group
 from splatwire.codec import ProgressiveDecoder
@@ -15,7 +13,6 @@ from splatwire.conceal import conceal
 from splatwire.errors import BitstreamError
 from splatwire.model import Partial, RenderHints, SplatScene
 from splatwire.model.clip import ClipScene
-from splatwire.ops.quaternions import multiply
 from splatwire.packets import Manifest, Packet
 from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
@@ -145,7 +142,8 @@ def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: Re
     """
     here = np.flatnonzero((poses.begins <= index) & (index < poses.ends))
     tracks = poses.tracks[here]
-    splats = moved(clip.tracks.splats.select(torch.from_numpy(tracks)), torch.from_numpy(poses.at(index)[here]))
+    offsets = poses.at(index)
+    splats = moved(clip.tracks.splats, tracks, offsets if len(here) == len(offsets) else offsets[here])
     scene = SplatScene(splats, background=clip.background, antialiased=clip.antialiased)
     if hints is not None:
         opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
@@ -154,21 +152,25 @@ def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: Re
     return ClipFrame(number, scene, tracks, poses.concealed[here])
 
 
-def moved(splats: Splats, offsets: Float[Tensor, "n C"]) -> Splats:
-    """Gaussians that differ from these as `splatwire.model.clip.GroupMotion.at` says."""
-    turn, order = offsets[:, 3:6] / 4, (-splats.scales).argsort(dim=1, stable=True)
-    square = (turn * turn).sum(dim=1, keepdim=True)
-    rotation = torch.cat([1 - square, 2 * turn], dim=1) / (1 + square)
-    gains = torch.zeros_like(splats.scales).scatter(1, order, offsets[:, 6:9])
-    sh = splats.sh.clone()
-    sh[:, 0] += offsets[:, 10:]
-    return Splats(
-        splats.means + offsets[:, :3],
-        torch.nn.functional.normalize(multiply(rotation, splats.quats), dim=1),
-        splats.scales * gains.exp(),
-        (splats.opacities * offsets[:, 9].exp()).clamp(max=1 - 1e-6),
-        sh,
-    )
+def moved(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
+    """Some of the Gaussians, moved.
+
+    Args:
+        splats: All of them.
+        tracks: Which, int64 (n).
+        offsets: How each differs then, float32 (n, C) as in `splatwire.model.clip.GroupMotion.at`.
+    """
+    from splatwire.clips import _pose_kernels as kernels
+
+    found = Splats.empty(len(tracks), splats.degree)
+    kernels.move(_arrays(splats), tracks, np.ascontiguousarray(offsets), _arrays(found))
+    return found
+
+
+def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
+    """The attributes as the kernel takes them, in the memory of the Gaussians if that is contiguous."""
+    means, quats, scales, opacities, sh = (values.contiguous().numpy() for values in vars(splats).values())
+    return means, quats, scales, opacities, sh.reshape(len(sh), -1)
 
 
 def grown(clip: ClipScene, there: np.ndarray, group: int) -> RenderHints | None:

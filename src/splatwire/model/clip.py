@@ -61,7 +61,7 @@ class GroupMotion:
         moving: Which of them move, bool (n); the others stand where their bases are.
         begins: First frame of each, counted from the group's, int64 (n).
         ends: First frame after each, int64 (n).
-        at: How each moving one differs from its base in a frame, counted from the group's first, float64 (moving, C):
+        at: How each differs from its base in a frame, counted from the group's first, float32 (n, C):
             place in world units, rotation (vector of four times the tangent of a quarter of the angle), natural
             logarithms of scales by falling size and of opacity, red, green and blue of the harmonics' constant. Frame
             by frame, so that memory does not grow with the frames of a group.

@@ -7,6 +7,7 @@ import pytest
 
 from moving_clips import moving_frames
 from reference.motion_packets import ReferenceMotion, coefficients
+from reference.trajectories import offsets_at
 from reference.trajectories import targets_of as plain_targets
 from splatwire.clips import ClipOptions, encode_clip
 from splatwire.clips.neighbors import Neighbors, smooth_weights
@@ -15,7 +16,7 @@ from splatwire.codec.schemas.tracks.decoder import decode_motion
 from splatwire.codec.schemas.tracks.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
 from splatwire.codec.schemas.tracks.motion_rows import coefficients_of
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
-from splatwire.codec.schemas.tracks.trajectories import Trajectories, offsets_at, targets_of
+from splatwire.codec.schemas.tracks.trajectories import Offsets, PacketMoves, Trajectories, targets_of
 from splatwire.packets import Packet, SceneStream
 
 FRAMES, GROUP = 10, 5
@@ -64,6 +65,22 @@ def test_altered_packets_read_as_in_plain_python(stream, info, seed):
     assert heads[:found].tolist() == plain[0]
     assert (heads[found:] == -1).all()
     assert residuals[:found].reshape(-1, NUM_CHANNELS, GROUP).tolist() == plain[1]
+
+
+def test_offsets_are_those_of_plain_numpy():
+    rng, frames = np.random.default_rng(4), 7
+    packets = []
+    for count, width in ((9, 4), (0, 3), (5, 7)):
+        orders = rng.integers(0, width + 1, NUM_KINDS)
+        values = rng.normal(0, 5000, (count, NUM_CHANNELS, width)).astype(np.float32)
+        values[:, np.arange(width) >= orders[KIND_OF][:, None]] = 0
+        packets.append(PacketMoves(values, orders))
+    rows = rng.permutation(np.concatenate([np.arange(14), [-1, -1]]))
+    at = Offsets(packets, frames, 24, 3).of(rows)
+    for frame in range(frames):
+        plain = [offsets_at(packet.coefficients, frames, frame, 24, 3) for packet in packets]
+        wanted = np.concatenate([*plain, np.zeros((1, NUM_CHANNELS))])[rows]
+        np.testing.assert_allclose(at(frame), wanted, rtol=2e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(("seed", "size"), [(0, 1 << 12), (1, 1 << 26), (2, 3), (3, 1 << 20)])

@@ -32,7 +32,7 @@ from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, empty_ro
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
-from splatwire.codec.schemas.tracks.trajectories import offsets_at
+from splatwire.codec.schemas.tracks.trajectories import Offsets, PacketMoves
 from splatwire.model import Partial
 from splatwire.model.clip import ClipScene, GroupMotion, Tracks
 from splatwire.packets import Manifest, Packet, PacketId
@@ -41,8 +41,8 @@ from splatwire.scene import Erasures
 SHOWN_BYTES = 768
 """Of memory, what a track takes while a group is concealed and its frames are made, beside its base and its motion."""
 
-_Moved = tuple[np.ndarray, np.ndarray]
-"""Of a packet of motion: heads int64 (n, HEAD), coefficients of those that move, float32 (m, C, orders)."""
+_Moved = tuple[np.ndarray, PacketMoves]
+"""Of a packet of motion: heads int64 (n, HEAD), and what those do that move."""
 
 
 class TracksDecoder:
@@ -148,27 +148,23 @@ class TracksDecoder:
             BitstreamError: If it takes more memory than a stream of so many bytes may.
         """
         blocks, bases, time = self._spans.motion_blocks(group), self.info.bases, self.info.timeline
-        heads, moves, spoken, num, held = [], [], np.zeros(self._num_tracks, bool), 0, self.scene_bytes
+        heads, moves, held = list[np.ndarray](), list[PacketMoves](), self.scene_bytes
+        spoken, num = np.zeros(self._num_tracks, bool), 0
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
             num += packet.num_elements
             moved = self._ready.get(packet.id) or self._moved(packet, there)
             if moved is None:
                 continue
-            rows, coefficients = moved
+            rows, does = moved
             spoken[max(rows[0, TRACK] - rows[0, BEFORE], 0) : rows[-1, TRACK] + rows[-1, AFTER] + 1] = True
             heads.append(rows)
-            moves.append(coefficients)
-            held += rows.nbytes + coefficients.nbytes
+            moves.append(does)
+            held += rows.nbytes + 2 * does.nbytes
             check_memory(held, num_bytes, f"the motion of {num:,} tracks")
         frames, complete = len(time.frames_of(group)), num == self.info.groups[group].motions
-
-        def offsets(frame: int) -> np.ndarray:
-            some = (offsets_at(move, frames, frame, bases.unit, bases.size_log) for move in moves)
-            return np.concatenate([np.zeros((0, NUM_CHANNELS)), *some])
-
-        return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, frames, spoken, complete,
-                       not blocks)  # fmt: skip
+        offsets = Offsets(moves, frames, bases.unit, bases.size_log)
+        return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, spoken, complete, not blocks)
 
     def prepare(self, packet: Packet, num_bytes: int) -> None:
         """Decodes a packet of motion whose bases are there before its group is asked for, so that less is left then.
@@ -198,7 +194,7 @@ class TracksDecoder:
         own = self._rows[rows[:, TRACK]]
         shifts = motion_shifts(own, self.info.bases, self.info.coarser)
         coefficients = coefficients_of(rows, residuals, orders[0], own[:, :3], shifts)
-        return rows, coefficients[:, :, : orders.max()].astype(np.float32)
+        return rows, PacketMoves(coefficients[:, :, : orders.max()].astype(np.float32), orders[0])
 
 
 def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[np.ndarray, np.ndarray]:
@@ -207,20 +203,14 @@ def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[n
     return heads[good], residuals[good]
 
 
-def _sorted(
-    heads: np.ndarray, offsets: Callable[[int], np.ndarray], frames: int, spoken: np.ndarray, complete: bool,
-    unchanged: bool,
-) -> GroupMotion:  # fmt: skip
+def _sorted(heads: np.ndarray, offsets: Offsets, spoken: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
     """Puts tracks of all packets in order; of one that is there twice the first counts."""
     tracks, first = np.unique(heads[:, TRACK], return_index=True)
     moving = heads[:, STATE] == MOVING
-    row_of = np.cumsum(moving) - 1
-    some, wanted = heads[first], row_of[first][moving[first]]
-    begins = np.clip(some[:, BEGINS], 0, frames - 1)
-    return GroupMotion(
-        tracks, moving[first], begins, np.clip(some[:, ENDS], begins, frames), lambda frame: offsets(frame)[wanted],
-        spoken, complete, unchanged,
-    )  # fmt: skip
+    rows, some = np.where(moving, np.cumsum(moving) - 1, -1)[first], heads[first]
+    begins = np.clip(some[:, BEGINS], 0, offsets.frames - 1)
+    ends = np.clip(some[:, ENDS], begins, offsets.frames)
+    return GroupMotion(tracks, moving[first], begins, ends, offsets.of(rows), spoken, complete, unchanged)
 
 
 class _Spans:

@@ -1,5 +1,6 @@
 """Trajectories as coefficients, and coefficients as what they do to a base."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from splatwire.codec.schemas.gaussians.attributes import LUMA_CHROMA
 from splatwire.codec.schemas.gaussians.layout import BITS, DIRECTION_BITS
 from splatwire.codec.schemas.tracks.basis import polynomials
-from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
+from splatwire.codec.schemas.tracks.layout import KIND_OF, NUM_CHANNELS
 from splatwire.codec.threads import ordered_map
 from splatwire.ops.spherical_harmonics import DC
 
@@ -105,21 +106,73 @@ def targets_of(
     return found
 
 
-def offsets_at(coefficients: np.ndarray, frames: int, frame: int, unit: int, size_log: int) -> np.ndarray:
-    """What coefficients do to bases in one frame, float64 (n, C) as in `splatwire.model.clip.GroupMotion.at`.
+@dataclass(frozen=True, eq=False)
+class PacketMoves:
+    """What a packet says of its tracks that move.
+
+    Attributes:
+        coefficients: float32 (m, C, K).
+        orders: How many of the K of each kind are not 0, int64 (kinds).
+    """
+
+    coefficients: np.ndarray
+    orders: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory."""
+        return self.coefficients.nbytes
+
+
+@dataclass(frozen=True, eq=False)
+class Offsets:
+    """How tracks of a group differ from their bases, frame by frame.
 
     Args:
-        coefficients: (n, C, K), the first K of a group; the others are 0.
+        moves: What packets say of tracks that move.
         frames: Frames of the group.
-        frame: Which of them.
         unit: As for `targets_of`.
         size_log: As there.
     """
-    tracks, channels, orders = coefficients.shape
-    rows = coefficients.reshape(tracks * channels, orders).astype(np.float64)  # one product: of three axes it is many
-    values = (rows @ polynomials(frames)[frame, :orders]).reshape(tracks, channels)
-    values[:, :3] = np.ldexp(values[:, :3], size_log - unit - 1)
-    values[:, 3:6] /= _TURN
-    values[:, 6:10] *= np.log(2.0) / _FIXED
-    values[:, 10:] = values[:, 10:] / (_FIXED * DC) @ LUMA_CHROMA
-    return values
+
+    moves: Sequence[PacketMoves]
+    frames: int
+    unit: int
+    size_log: int
+
+    def of(self, rows: np.ndarray) -> Callable[[int], np.ndarray]:
+        """Of some tracks.
+
+        Args:
+            rows: Which of those that move each one is, in the order of the packets, int64 (n); -1 if it does not.
+
+        Returns:
+            For a frame of the group: float32 (n, C) as in `splatwire.model.clip.GroupMotion.at`.
+        """
+        from splatwire.codec.schemas.tracks import _offset_kernels as kernels
+
+        counts = [len(packet.coefficients) for packet in self.moves]
+        widths = np.array([packet.coefficients.shape[2] for packet in self.moves], np.int64)
+        sizes, packets = NUM_CHANNELS * widths, np.repeat(np.arange(len(counts)), counts)
+        ends = np.concatenate([[0], np.cumsum(np.repeat(sizes, counts))]).astype(np.int64)
+        flat = np.concatenate([np.zeros(0, np.float32), *(packet.coefficients.ravel() for packet in self.moves)])
+        orders = np.array([packet.orders[KIND_OF] for packet in self.moves], np.int64).reshape(-1, NUM_CHANNELS)
+        starts = np.where(rows < 0, -1, ends[rows])
+        own = np.concatenate([packets, [0]])[rows]  # of one that stands still it does not matter
+        table, factors, colours = polynomials(self.frames), self._factors(), np.ascontiguousarray(LUMA_CHROMA)
+
+        def at(frame: int) -> np.ndarray:
+            found = np.empty((len(rows), NUM_CHANNELS), np.float32)
+            kernels.offsets(flat, starts, own, orders, widths, table[frame].copy(), factors, colours, found)
+            return found
+
+        return at
+
+    def _factors(self) -> np.ndarray:
+        """Units of the channels, float64 (C)."""
+        factors = np.ones(NUM_CHANNELS)
+        factors[:3] = np.ldexp(1.0, self.size_log - self.unit - 1)
+        factors[3:6] = 1 / _TURN
+        factors[6:10] = np.log(2.0) / _FIXED
+        factors[10:] = 1 / (_FIXED * DC)
+        return factors
