@@ -6,13 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from splatwire.transport.frames import Feedback
+from splatwire.transport.broadcast import Edition
+from splatwire.transport.frames import MORE, Feedback
 from splatwire.transport.program import Program, make_program
 from splatwire.transport.protection import Protection
 from splatwire.transport.receiver import FEEDBACK_S
 from splatwire.transport.server_limits import ServerLimits
 from splatwire.transport.transfer import ServerTransfer
-from splatwire.transport.wire import DATA, SIDE
+from splatwire.transport.wire import DATA, SIDE, decode, kind_of
 from transport.network import datagram_stream
 
 IP_UDP_BYTES = 28
@@ -147,8 +148,15 @@ class Splatwire:
         self._planned: float | None = None
         self.network.at(self.begin, self._start)
 
+    def _program(self) -> Program:
+        """What is sent."""
+        return _PROGRAM
+
+    def _left(self, data: bytes) -> None:
+        """Hears what leaves."""
+
     def _start(self) -> None:
-        self.transfer = ServerTransfer(_PROGRAM, 1, self.limits, self.network.now)
+        self.transfer = ServerTransfer(self._program(), 1, self.limits, self.network.now)
         self.transfer.may_welcome(self.network.now)
         self.network.at(self.network.now + self.network.round_trip, self._report)
 
@@ -175,11 +183,12 @@ class Splatwire:
         if self._planned is None or self.network.now < self._planned:
             return
         self._planned = None
-        sequence = self.transfer._sequence
+        sequence = self.transfer._reports.sequence
         data = self.transfer.poll(self.network.now)
         if data is not None:
             size = len(data) + IP_UDP_BYTES
             count(self.sent, self.network.now, size)
+            self._left(data)
             self.network.send(size, lambda: self._arrives(sequence, size))
         self._plan()
 
@@ -190,4 +199,42 @@ class Splatwire:
             self._largest, self._largest_at = sequence, self.network.now + self.late()
 
 
+@dataclass
+class LiveSplatwire(Splatwire):
+    """The same of a live clip: every half a second a group of frames, bases and motion, the most seen first.
+
+    Attributes:
+        bases: Packets of bases of a group.
+        motion: Packets of its motion.
+        left: Places of packets that left.
+        firsts: The first packet of each group.
+    """
+
+    bases: int = 10
+    motion: int = 400
+    left: set[int] = field(default_factory=set)
+    firsts: list[int] = field(default_factory=list)
+
+    def _program(self) -> Program:
+        first = (self.bases + self.motion) * len(self.firsts)
+        places = range(first, first + self.bases + self.motion)
+        lasting = (b"\1" * self.bases + bytes(self.motion)) * (len(self.firsts) + 1)
+        packets = tuple(_PROGRAM.packets[0] if lasts or n >= first else b"" for n, lasts in enumerate(lasting))
+        self.firsts.append(first)
+        self.network.at(self.network.now + GROUP_S, self._renew)
+        fields = {f.name: getattr(_PROGRAM, f.name) for f in dataclasses.fields(Program)}
+        schedule = ((SIDE, 0, 0), *((DATA, 0, place) for place in places))
+        told = {"packets": packets, "schedule": schedule, "tiers": (MORE,), "resend": None}
+        return Edition(**{**fields, **told}, lasting=lasting, newest=first)
+
+    def _renew(self) -> None:
+        self.transfer.renew(self._program())
+        self._plan()
+
+    def _left(self, data: bytes) -> None:
+        if kind_of(data) == DATA:
+            self.left.add(decode(data).place)
+
+
+GROUP_S = 0.5
 _PROGRAM = endless()

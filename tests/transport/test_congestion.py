@@ -10,7 +10,7 @@ from splatwire.transport.cubic import INITIAL, LEAST, SEGMENT, CubicWindow
 from splatwire.transport.delivered import DeliveredWindow
 from splatwire.transport.pacing import SLOWEST
 from splatwire.transport.path import LossMeter, QueueMeter, Tally
-from transport.bottleneck import Network, Splatwire, throughput
+from transport.bottleneck import GROUP_S, LiveSplatwire, Network, Splatwire, throughput
 from transport.network import bernoulli, bursts
 from transport.tcp_models import Bbr, Cubic
 
@@ -48,6 +48,23 @@ def test_a_receiver_that_is_held_up_now_and_then_takes_nothing_from_tcp(other, m
     network.run(45.0)
     assert 0.5 <= throughput(theirs, 15.0, 45.0) / (rate / 2) <= 2.0
     assert throughput(ours, 15.0, 45.0) + throughput(theirs, 15.0, 45.0) > 0.9 * rate
+
+
+@pytest.mark.parametrize(("other", "products"), [(Cubic, 1), (Bbr, 4)])
+def test_a_live_clip_that_wants_twice_the_link_leaves_tcp_its_share_and_drops_what_is_seen_least(other, products):
+    rate, round_trip = 4 * MBIT, 0.04
+    network = Network(rate, products * rate * round_trip, round_trip)
+    ours, theirs = LiveSplatwire(network), other(network, 0.1)
+    network.run(40.0)
+    assert ours.motion * 1000 / GROUP_S > 1.5 * rate
+    assert 0.5 <= throughput(theirs, 15.0, 40.0) / (rate / 2) <= 2.0
+    assert throughput(ours, 15.0, 40.0) + throughput(theirs, 15.0, 40.0) > 0.85 * rate
+    for first in ours.firsts[1:-1]:
+        bases, motion = range(first, first + ours.bases), range(first + ours.bases, first + ours.bases + ours.motion)
+        assert set(bases) <= ours.left
+        sent = [place in ours.left for place in motion]
+        assert 0 < sum(sent) < len(sent)
+        assert sent == sorted(sent, reverse=True)
 
 
 def test_two_transfers_share_a_link_and_leave_its_queue_short():

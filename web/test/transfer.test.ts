@@ -48,6 +48,7 @@ test("frames are Python's", { skip: expected === null && "EXPECTED names no answ
     packetBytes: 1150,
     carried: 4,
     viewable: false,
+    open: false,
   });
   assert.equal(Buffer.from(preview).toString(), "preview");
   assert.equal(digest.length, 32);

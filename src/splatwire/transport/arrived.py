@@ -25,6 +25,14 @@ class Arrived:
         self._manifest: Manifest | None = None
         self._side_info = b""
 
+    def _begin(self, welcome: Welcome, *, anew: bool) -> None:
+        """Waits for what a checked welcome declares: all of it, or what is new of a stream that has grown."""
+        self._welcome, self._head = welcome, HeadCollector(welcome)
+        if anew or self._collector is None:
+            self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
+        else:
+            self._collector.renew(welcome)
+
     @property
     def welcome(self) -> Welcome | None:
         """What the server declared, once it did."""

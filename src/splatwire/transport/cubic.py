@@ -32,8 +32,12 @@ class CubicWindow:
         """Whether it is in slow start."""
         return self.bytes < self.threshold
 
+    def acknowledged(self, num_bytes: float) -> None:
+        """Slow start: grows by what arrived (RFC 5681, 3.1), which doubles it in a round trip."""
+        self.bytes = min(self.bytes + num_bytes, max(self.threshold, LEAST))
+
     def grow(self, now: float, seconds: float, round_trip: float) -> None:
-        """Grows by some seconds without congestion.
+        """Grows by some seconds without congestion, after slow start.
 
         Args:
             now: Time, seconds.
@@ -41,9 +45,6 @@ class CubicWindow:
             round_trip: Smoothed, seconds.
         """
         rounds = seconds / round_trip
-        if self.starting:
-            self.bytes = min(self.bytes * 2.0**rounds, max(self.threshold, LEAST))
-            return
         if self._since is None:
             self._since, self._reno = now - seconds, self.bytes
             self._most = max(self._most, self.bytes)

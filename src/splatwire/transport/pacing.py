@@ -169,6 +169,8 @@ class RateControl:
         current.arrived_bytes += bytes_arrived
         current.seconds += seconds
         current.least_queue, current.most_queue = min(current.least_queue, queue), max(current.most_queue, queue)
+        if self.window.starting and not self._pause and num_arrived and self._steady(current.seen):
+            self.window.acknowledged(bytes_arrived * num_sent / num_arrived)  # what is lost as ever is no congestion
         if current.least_queue > START_QUEUE_S and current.seen.sent >= 8:
             self.window.stop_starting()
         if now - current.began >= max(self.round_trip, ROUND_S) and current.seen.sent >= 2:
@@ -206,13 +208,16 @@ class RateControl:
             self._begin("probe", now, self._time_to_drain(PROBE_SHARE), PROBE_SHARE * self._capacity)
         elif not self.competing and done.least_queue > QUEUE_S:
             self._begin("drain", now, 2 * self._time_to_drain(DRAIN_SHARE), DRAIN_SHARE * self._capacity)
-        elif self._may_grow(done.seen, length):
+        elif not self.window.starting and self._may_grow(done.seen, length):
             self.window.grow(now, length, max(self.round_trip, ROUND_S))
 
     def _may_grow(self, seen: Tally, length: float) -> bool:
-        """Whether about as much was sent as was allowed (RFC 7661), and, in slow start, no more lost than is usual."""
-        usual = SLACK * self.loss.usual * seen.sent + self.loss.chance(seen.sent)
-        return seen.sent * DATAGRAM > 0.5 * self.rate * length and (not self.window.starting or seen.lost <= usual)
+        """Whether about as much was sent as was allowed (RFC 7661)."""
+        return seen.sent * DATAGRAM > 0.5 * self.rate * length
+
+    def _steady(self, seen: Tally) -> bool:
+        """Whether no more was lost than is usual: slow start goes on."""
+        return seen.lost <= SLACK * self.loss.usual * seen.sent + self.loss.chance(seen.sent)
 
     @property
     def _testing(self) -> bool:

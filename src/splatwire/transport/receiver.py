@@ -6,12 +6,7 @@ from splatwire.errors import BitstreamError
 from splatwire.packets.view import BUDGET, Look
 from splatwire.transport.arrived import Arrived
 from splatwire.transport.asked import MOST_TRIES, Asked
-from splatwire.transport.collect import (
-    HeadCollector,
-    PacketCollector,
-    check_welcome,
-    read_head,
-)
+from splatwire.transport.collect import check_welcome, read_head
 from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, StreamLeft, Welcomed
 from splatwire.transport.frames import (
     NOT_YET,
@@ -157,8 +152,8 @@ class Receiver(Arrived):
             case Welcome() if self._token is not None:
                 if problem := check_welcome(frame, self.options.limits):
                     return self._finish(problem)
-                self._welcome, self._heard_at, self._feedback_at = frame, now, now + FEEDBACK_S
-                self._head, self._collector = HeadCollector(frame), PacketCollector(frame)
+                self._begin(frame, anew=True)
+                self._heard_at, self._feedback_at = now, now + FEEDBACK_S
                 return [self._feedback(now), *self._looking(now)], [Welcomed.of(frame)]
         self.num_rejected += 1
         return [], []
@@ -175,15 +170,11 @@ class Receiver(Arrived):
             return [], []
         if problem := check_welcome(frame, self.options.limits):
             return self._finish(problem)
-        assert self._collector is not None
         left = [StreamLeft(stream)] if follows and (stream := self.stream()) else []
-        self._welcome, self._head, self._ended_at = frame, HeadCollector(frame), None
+        self._begin(frame, anew=follows)
         if follows:
-            self._stream_before, self._manifest, self._side_info = before.stream_id, None, b""
-            self._collector, self._asked = PacketCollector(frame), Asked()
-        else:
-            self._collector.renew(frame)
-        self._asked.most = MOST_TRIES
+            self._stream_before, self._asked = before.stream_id, Asked()
+        self._asked.most, self._ended_at = MOST_TRIES, None
         return [self._feedback(now)], [*left, Welcomed.of(frame)]
 
     def _transferred(self, frame: Side | Data | Parity | End, now: float) -> tuple[list[bytes], list[Event]]:

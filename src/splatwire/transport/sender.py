@@ -143,13 +143,17 @@ class Server:
     def _requested(
         self, address: Hashable, frame: Request, now: float, reliable: bool, network: Network
     ) -> bytes | None:
-        if not reliable and not self._mint.valid(frame.token, address, frame.nonce, frame.name, now):
+        age = None if reliable else self._mint.age(frame.token, address, frame.nonce, frame.name, now)
+        if age is None and not reliable:
             self.num_rejected += 1
             return None
         key = (address, frame.nonce)
         if key not in self._transfers:
             refusal = self._begin(key, frame.name, now, reliable, network)
-            if refusal is not None:
+            if refusal is None:
+                self._transfers[key].greeted(age)
+                self._plan(key)
+            else:
                 return encode(Refuse(frame.nonce, refusal)) if refusal else None
         transfer = self._transfers[key]
         if not transfer.may_welcome(now):

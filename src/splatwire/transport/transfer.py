@@ -2,11 +2,13 @@
 
 from collections import deque
 
+from splatwire.transport.cubic import INITIAL
 from splatwire.transport.frames import End, Feedback, Have, View, Welcome
 from splatwire.transport.held import Held
 from splatwire.transport.order import Left, Order, Turns, look_of
 from splatwire.transport.pacing import Pacer, RateControl
 from splatwire.transport.program import Program
+from splatwire.transport.reports import Reports
 from splatwire.transport.server_limits import ServerLimits
 from splatwire.transport.wire import (
     DATA,
@@ -28,14 +30,14 @@ MOST_WELCOMES = 50
 """As often as a client asks before it gives up."""
 RESEND_S = 0.05
 """A packet is not sent again within this time, or within a round trip if that is longer."""
-RECENT = 8192
-"""Datagrams whose sending time is remembered."""
 HEAD_SAFETY = 1.3
 """Bytes kept free for symbols of the head object that a client lacks, over their own: some are lost again."""
 SPARE_BYTES = 100_000
 """Beyond the passes of its program that a client may have."""
 MOST_DATAGRAMS = (1 << 32) - 1
 """Their numbers have 32 bits: 23 days of a live clip at 20 Mbit/s."""
+FRESH_S = 1.0
+"""A client that shows its token after this time is sent nothing before it reports."""
 QUIET_S = 1.0
 """Receivers report 50 times a second; one that was not heard for so long is sent nothing until it is heard again."""
 
@@ -66,21 +68,19 @@ class ServerTransfer:
         self._reliable_head = reliable_head
         self._order = Order(program, reliable_head)
         self._pacer = Pacer(limits.fixed_rate or self.control.rate)
-        self._sequence = self._counted_bytes = 0
+        self._reports = Reports()
         self._left = Left(program.tiles is not None)
         self._view: View | None = None
         self._look_at: float | None = None
-        self._heard, self._reported = reliable_head, False
+        self._heard, self._reported, self._opening = reliable_head, False, False
         self._again: deque[tuple[int, int, int]] = deque()
         self._sent_again: dict[tuple[int, int, int], float] = {}
         self._waiting: set[tuple[int, int, int]] = set()
         self._held = Held()
         self._head_waiting = self._again_bytes = 0
-        self._sent_times: deque[tuple[int, float]] = deque(maxlen=RECENT)
-        self._last: Feedback | None = None
         self._head_cursor = program.head_reserve
         self._head_left_at: float | None = None
-        self._end_at, self._ends, self._clock = 0.0, 0, 0
+        self._end_at, self._ends = 0.0, 0
         self._welcomed_at, self._welcomes = -WELCOME_S, 0
         self._most_bytes = SPARE_BYTES
         self._allow(0)
@@ -128,10 +128,19 @@ class ServerTransfer:
                 return item
         return None
 
+    def greeted(self, round_trip: float | None) -> None:
+        """Takes how long the client took to show what was sent to it; None where nobody knows.
+
+        Where that was a moment ago somebody is there: an initial window need not wait for a report.
+        """
+        if round_trip is not None and round_trip <= FRESH_S:
+            self.control.greeted(round_trip)
+            self._pacer.rate, self._opening = self._limits.fixed_rate or self.control.rate, True
+
     @property
     def spent(self) -> bool:
         """Whether the client had its share."""
-        return self.bytes_sent > self._most_bytes or self._sequence >= MOST_DATAGRAMS
+        return self.bytes_sent > self._most_bytes or self._reports.sequence >= MOST_DATAGRAMS
 
     def may_welcome(self, now: float) -> bool:
         """Whether a request is answered: not while the last answer may be under way, nor after the client reported."""
@@ -143,10 +152,11 @@ class ServerTransfer:
     def next_at(self) -> float | None:
         """When `poll` has something to send next.
 
-        None before the first feedback (who has a session need not wait for it), while the client is quiet, and once it
-        had its share.
+        None before the first feedback, but for an initial window (over a session it need not wait), while the client
+        is quiet, and once it had its share.
         """
-        if self.spent or not self._heard:
+        opening = self._opening and not self._reported and self.bytes_sent < INITIAL
+        if self.spent or not (self._heard or opening):
             return None
         left = self._again or self._order
         sending = self._pacer.next_at() if left else max(self._pacer.next_at(), self._end_at)
@@ -172,9 +182,9 @@ class ServerTransfer:
         else:
             waits = self._order.viewed and self._ends > OFTEN
             self._end_at, self._ends = now + (WAITING_S if waits else END_INTERVAL_S), self._ends + 1
-            self._left.note(self._sequence, -1)
+            self._left.note(self._reports.sequence, -1)
             if self._ends % 2 or not self.program.open:
-                return self._leave(encode(End(self.session, self._sequence)), now)
+                return self._leave(encode(End(self.session, self._reports.sequence)), now)
             item = (WELCOME, 0, 0)
         if item[0] == WELCOME:
             return self._leave(self.welcome(), now, counted=False)
@@ -191,20 +201,20 @@ class ServerTransfer:
 
     def feedback(self, frame: Feedback, now: float) -> None:
         """Takes what the client says arrived; counts that cannot be true do not move the rate."""
-        last = self._last
-        believable = frame.received <= frame.largest + 1 and frame.largest < max(self._sequence, 1)
-        if last is not None:
-            believable = believable and frame.largest >= last.largest and frame.received >= last.received
         if not self._reported and self._welcomes:
             self.control.greeted(now - self._welcomed_at)
         self.heard_at, self._heard, self._reported = now, True, True
-        if believable:
-            self._measure(frame, now)
+        if self._reports.believable(frame):
+            measured = self._reports.take(frame, now)
+            if measured is not None:
+                self.control.on_feedback(now, *measured)
+            if self._limits.fixed_rate is None:
+                self._pacer.rate = self.control.rate
         self._ask_again(frame, now)
 
     def _slow_down(self, now: float) -> None:
         """Sends less and less while nothing is heard of what is under way, or nothing of it arrives."""
-        if self._limits.fixed_rate is None and self._sequence - 1 > (self._last.largest if self._last else -1):
+        if self._limits.fixed_rate is None and self._reports.awaited:
             self.control.silent(now)
             self._pacer.rate = self.control.rate
 
@@ -218,48 +228,20 @@ class ServerTransfer:
             self._sent_again[item] = now
 
     def _datagram(self, kind: int, group: int, symbol: int) -> bytes:
-        self._left.note(self._sequence, symbol if kind == DATA else -1)
+        self._left.note(self._reports.sequence, symbol if kind == DATA else -1)
         if kind == DATA:
-            return encode_data(self.session, self._sequence, symbol, self.program.packets[symbol])
+            return encode_data(self.session, self._reports.sequence, symbol, self.program.packets[symbol])
         source = self.program.head if kind == SIDE else self.program.parity
-        return encode_symbol(kind, self.session, self._sequence, group, symbol, source[group][symbol])
+        return encode_symbol(kind, self.session, self._reports.sequence, group, symbol, source[group][symbol])
 
     def _leave(self, data: bytes, now: float, *, counted: bool = True) -> bytes:
         if counted:
-            if self._sequence - 1 <= (self._last.largest if self._last else -1):
+            if not self._reports.awaited:
                 self.control.expect(now)
-            self._sent_times.append((self._sequence, now))
-            self._sequence += 1
-            self._counted_bytes += len(data)
+            self._reports.left(len(data), now)
         self.bytes_sent += len(data)
         self._pacer.sent(len(data), now)
         return data
-
-    def _measure(self, frame: Feedback, now: float) -> None:
-        """Feeds the rate control with what happened since the last feedback."""
-        times, last = self._sent_times, self._last
-        if last is not None and frame.largest == last.largest:
-            return
-        while times and times[0][0] < frame.largest:
-            times.popleft()
-        if not times or times[0][0] != frame.largest:
-            self._last = frame
-            return
-        round_trip = now - times[0][1]
-        if last is not None:
-            sent, arrived = frame.largest - last.largest, frame.received - last.received
-            seconds = ((frame.time_us - last.time_us) & 0xFFFFFFFF) / 1e6
-            mean = self._counted_bytes / max(self._sequence, 1)
-            transit = self._unwrapped(frame.time_us) - times[0][1]
-            self.control.on_feedback(now, round_trip, transit, sent, min(arrived, sent), arrived * mean, seconds)
-        self._last = frame
-        if self._limits.fixed_rate is None:
-            self._pacer.rate = self.control.rate
-
-    def _unwrapped(self, time_us: int) -> float:
-        """The receiver's clock in seconds, which does not begin again every 71 minutes."""
-        self._clock += ((time_us - self._clock + (1 << 31)) & 0xFFFFFFFF) - (1 << 31)
-        return self._clock / 1e6
 
     def _ask_again(self, frame: Feedback, now: float) -> None:
         """Queues what the client misses, unless it was sent again a moment ago, as far as the program's limit goes.
@@ -276,7 +258,7 @@ class ServerTransfer:
             self._again.extendleft(items)
         left = self.program.resend_bytes - self._again_bytes - HEAD_SAFETY * missing * symbol_bytes
         for number in frame.nacks:
-            index = self._left.place(number, self._sequence)
+            index = self._left.place(number, self._reports.sequence)
             item = (DATA, 0, index)
             if index < 0 or not self.program.resends(index):
                 continue
