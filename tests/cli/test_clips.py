@@ -76,6 +76,9 @@ def test_decode_writes_a_file_a_frame(run, clip, tmp_path, words, suffix):
 
 def test_one_frame_goes_to_one_file(run, clip, tmp_path):
     assert run("decode", clip, "-o", tmp_path / "one.ply", "--frame", 4).status == 0
+    assert run("decode", clip, "-o", tmp_path / "some", "--frame", 4).status == 0
+    (found,) = (tmp_path / "some").iterdir()
+    assert (found.name[-5:], found.read_bytes()) == ("4.ply", (tmp_path / "one.ply").read_bytes())
     run("decode", clip, "-o", tmp_path / "all")
     assert (tmp_path / "one.ply").read_bytes() == (tmp_path / "all" / "frame_4.ply").read_bytes()
 

@@ -127,7 +127,7 @@ def count_motions(stream: "SceneStream") -> dict[str, Any]:
 def write_frames(
     stream: "SceneStream", folder: Path, suffix: str, concealer: str, only: int | None, report: Report
 ) -> dict[str, Any]:
-    """Decodes a clip into a folder with a file a frame; or one frame into a file if `only` says which.
+    """Decodes a clip into a folder with a file a frame, or of one frame if `only` says which; that may go to a file.
 
     Raises:
         InvalidValueError: If the clip has no such frame.
@@ -145,7 +145,7 @@ def write_frames(
     shown = [decode_frame(clip, only, method)] if only is not None else decode_frames(clip, method)
     width, written, concealed = len(str(count - 1)), 0, 0
     for frame in shown:
-        name = folder if only is not None else folder / f"frame_{frame.number:0{width}}{suffix}"
+        name = folder / f"frame_{frame.number:0{width}}{suffix}" if folder.is_dir() else folder
         write_splats([frame.scene.drawn()], name, antialiased=clip.antialiased)
         written, concealed = written + 1, concealed + int(frame.concealed.sum())
         report("writing frames", written / (1 if only is not None else count))

@@ -28,7 +28,7 @@ class Decode:
     file, and render or evaluate conceal them; explicit Gaussians that were lost are left out. Of a clip drop, hold,
     extrapolate, neighbors or motion, which it is where absent."""
     frame: int | None = None
-    """Of a clip: the one frame to write, to a file."""
+    """Of a clip: the one frame to write, to a file, or into a folder if the output's name has no ending."""
     format: str | None = None
     """Of a clip: format of the files, ply (where absent), compressed.ply, spz, sog or splat."""
     json: JsonFlag = False
@@ -87,16 +87,13 @@ class Decode:
         from splatwire.clips.concealment import DEFAULT
         from splatwire.formats.kinds import writer_for
 
-        if self.frame is not None and self.format is not None:
+        folder = self.frame is None or not Path(self.output).suffix
+        if not folder and self.format is not None:
             raise InvalidValueError("with --frame the name of the file says its format")
-        suffix = f".{(self.format or 'ply').lstrip('.')}" if self.frame is None else Path(self.output).suffix
-        writer_for(f"x{suffix}" if self.frame is None else self.output)
+        suffix = f".{(self.format or 'ply').lstrip('.')}" if folder else Path(self.output).suffix
+        writer_for(f"x{suffix}" if folder else self.output)
         started, method = time.perf_counter(), self.conceal or DEFAULT
-        output = (
-            output_folder(self.output)
-            if self.frame is None
-            else output_path(self.output, suffix=suffix, json=self.json)
-        )
+        output = output_folder(self.output) if folder else output_path(self.output, suffix=suffix, json=self.json)
         with progress_bars() as show, output as path:
             facts = write_frames(stream, path, suffix, method, self.frame, show)
         seconds = time.perf_counter() - started

@@ -208,8 +208,7 @@ class ServerTransfer:
             measured = self._reports.take(frame, now)
             if measured is not None:
                 self.control.on_feedback(now, *measured)
-            if self._limits.fixed_rate is None:
-                self._pacer.rate = self.control.rate
+                self._pacer.rate = self._limits.fixed_rate or self.control.rate
         self._ask_again(frame, now)
 
     def _slow_down(self, now: float) -> None:
