@@ -141,7 +141,7 @@ class Receiver(Arrived):
                 self._retry_at = now + RETRY_S
                 return [self._greeting()], []
             case Refuse() if frame.reason == NOT_YET:
-                self._asking_since = now
+                self._asking_since, self._retry_at = now, now + RETRY_S
                 self._token = self._token if self._reliable else None  # one does not hold for long
                 return [], []
             case Refuse():
