@@ -14,6 +14,7 @@ from greedy import of_tracks
 from live_path import FRAME_RATE, STREAM_ID, LivePath
 from moving_clips import moving_frames
 from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
+from splatwire.clips.chapters import EndlessClip
 from splatwire.clips.live import LiveDecoder
 from splatwire.clips.worth import worth_of_stream
 from splatwire.codec import decode_stream
@@ -21,12 +22,12 @@ from splatwire.codec.memory import VARIABLE
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.packets import packet_from_bytes, read_stream
 from splatwire.packets.tiers import TierShape
-from splatwire.transport import Receiver
+from splatwire.transport import Receiver, ServerLimits
 from splatwire.transport.broadcast import PROTECTION, Broadcast
 from splatwire.transport.frames import MORE, TierHead, Welcome
 from splatwire.transport.layout import parity_groups
 from splatwire.transport.sender import Server
-from splatwire.transport.wire import PARITY, decode, encode
+from splatwire.transport.wire import DATA, PARITY, decode, encode, kind_of
 
 GROUP = 5
 
@@ -219,6 +220,39 @@ def test_a_receiver_believes_only_welcomes_that_grow():
     receiver.receive(encode(welcome(1, 20, b"c" * 32, more=False)), 0.5)
     assert receiver.receive(encode(welcome(1, 30)), 0.6) == ([], [])
     assert decode(encode(welcome(1, 3))).open
+
+
+def test_packets_that_overtake_the_welcome_that_tells_of_them_are_kept(frames):
+    ids, found = itertools.count(STREAM_ID), []
+    clip = EndlessClip(ClipOptions(group_frames=GROUP), lambda: next(ids), chapter_groups=2)
+    for splats in frames[: 3 * GROUP]:
+        found += [edition] if (edition := clip.push(splats)) else []
+    server = Server({"live": found[0]}, secret=bytes(16), random=bytes, limits=ServerLimits(fixed_rate=1e6))
+    receiver, left, now = Receiver(5, 0.0, reliable=True), [], 0.0
+
+    def deliver(some: list[bytes]) -> None:
+        for data in some:
+            for answer in receiver.receive(data, now)[0]:
+                server.receive("client", answer, now, reliable=True)
+
+    for edition in found:
+        server.renew("live", edition)
+        for _ in range(200):
+            now += 0.01
+            for data in receiver.poll(now)[0]:
+                answer = server.receive("client", data, now, reliable=True)
+                left += [answer] if answer else []
+            left += [data for _, data in server.poll(now)]
+            if receiver.welcome is None:
+                deliver(left)
+                left = []
+        deliver([data for data in left if kind_of(data) == DATA])
+        deliver([data for data in left if kind_of(data) != DATA])
+        left = []
+        stream = receiver.stream()
+        assert stream is not None
+        assert (stream.manifest.stream_id, receiver.num_rejected) == (edition.stream_id, 0)
+        assert len(stream.packets) == len(edition.packets)
 
 
 def test_parity_brings_motion_back_that_nobody_asks_for(frames):

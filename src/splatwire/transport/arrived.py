@@ -3,7 +3,10 @@
 from splatwire.packets import Manifest, ReadReport, SceneStream
 from splatwire.transport.collect import HeadCollector, PacketCollector
 from splatwire.transport.events import Finished
-from splatwire.transport.frames import Welcome
+from splatwire.transport.frames import Data, Welcome
+
+MOST_NEWER = 512
+"""Packets that wait for a welcome: over QUIC datagrams overtake the stream that it travels on."""
 
 
 class Arrived:
@@ -24,6 +27,7 @@ class Arrived:
         self._collector: PacketCollector | None = None
         self._manifest: Manifest | None = None
         self._side_info = b""
+        self._newer: list[Data] = []
 
     def _begin(self, welcome: Welcome, *, anew: bool) -> None:
         """Waits for what a checked welcome declares: all of it, or what is new of a stream that has grown."""
@@ -32,6 +36,19 @@ class Arrived:
             self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
         else:
             self._collector.renew(welcome)
+        newer, self._newer = self._newer, []
+        for frame in newer:
+            self._collector.add(frame)
+
+    def _ahead(self, frame: Data) -> bool:
+        """Whether a packet of a stream that grows is ahead of the welcome that tells of it, for which it waits."""
+        welcome = self._welcome
+        if welcome is None or not welcome.open:
+            return False
+        told = frame.place < welcome.num_packets and frame.packet[1:5] == welcome.stream_id.to_bytes(4, "little")
+        if not told and len(self._newer) < MOST_NEWER:
+            self._newer.append(frame)
+        return not told
 
     @property
     def welcome(self) -> Welcome | None:

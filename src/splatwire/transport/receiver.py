@@ -193,7 +193,7 @@ class Receiver(Arrived):
                 self._largest, self._largest_at = frame.sequence, now
         events: list[Event] = []
         match frame:
-            case Data():
+            case Data() if not self._ahead(frame):
                 repaired = self._collector.num_repaired
                 new = self._collector.add(frame)
                 back = self._collector.num_repaired - repaired
