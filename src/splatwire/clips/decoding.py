@@ -170,7 +170,7 @@ def moved(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
 def _arrays(splats: Splats) -> tuple[np.ndarray, ...]:
     """The attributes as the kernel takes them, in the memory of the Gaussians if that is contiguous."""
     means, quats, scales, opacities, sh = (values.contiguous().numpy() for values in vars(splats).values())
-    return means, quats, scales, opacities, sh.reshape(len(sh), -1)
+    return means, quats, scales, opacities, sh.reshape(len(sh), 3 * sh.shape[1])
 
 
 def grown(clip: ClipScene, there: np.ndarray, group: int) -> RenderHints | None:

@@ -108,10 +108,7 @@ class QuicServer:
         """Closes all connections and stops."""
         if self._timer:
             self._timer.cancel()
-        if self._endpoint is not None:
-            self._endpoint.close()
-        else:
-            self._socket.close()
+        (self._endpoint or self._socket).close()
 
     def sent(self, num_bytes: int) -> None:
         """Counts a UDP datagram."""

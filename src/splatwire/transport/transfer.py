@@ -133,7 +133,7 @@ class ServerTransfer:
 
         Where that was a moment ago somebody is there: an initial window need not wait for a report.
         """
-        if round_trip is not None and round_trip <= FRESH_S:
+        if round_trip is not None and round_trip <= FRESH_S and self.program.tiles is None:  # a view comes first
             self.control.greeted(round_trip)
             self._pacer.rate, self._opening = self._limits.fixed_rate or self.control.rate, True
 
