@@ -28,7 +28,7 @@ export class Bases {
   count = 0;
   readonly #steps: MotionSteps;
 
-  constructor(info: ClipInfo) {
+  constructor(public info: ClipInfo) {
     this.slots = slotsOf(info);
     this.splats = emptySplats(FIRST_ROOM, info.bases.degree);
     this.#steps = new MotionSteps(info.bases, info.coarser);
@@ -39,6 +39,7 @@ export class Bases {
     const slots = slotsOf(info);
     slots.set(this.slots);
     this.slots = slots;
+    this.info = info;
   }
 
   /** Takes Gaussians that follow each other from a track on: their integers, the corner of their block, and they. */
