@@ -11,6 +11,7 @@ from moving_clips import FRAMES, drawn, moving_frames, shuffled
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.clips import ClipDecoder, ClipEncoder, ClipOptions, decode_frame, decode_frames, encode_clip, frame_files
+from splatwire.clips.concealment import begun_share
 from splatwire.clips.evaluation import ClipRow, ClipScore
 from splatwire.codec import decode_stream, encode_scene, memory
 from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
@@ -256,3 +257,9 @@ def test_a_frame_that_is_missing_or_none_is_told(tmp_path, caplog):
     (tmp_path / "frame_02.ply").write_bytes(b"")
     with pytest.raises(DatasetError, match=r"frame_02.ply is no frame, .*an empty file"):
         frame_files(tmp_path)
+
+
+def test_what_may_not_be_born_yet_is_drawn_by_its_odds():
+    assert begun_share(np.array([0, 0, 2, 3]), 5).tolist() == [0.5, 0.5, 0.75, 1, 1]
+    assert begun_share(np.zeros(0, np.int64), 3).tolist() == [1, 1, 1]
+    assert begun_share(np.array([2]), 3)[0] > 0, "its logarithm is added to that of the opacity"

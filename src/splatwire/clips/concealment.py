@@ -5,10 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.clips.neighbors import PLACE, POSE, Neighbors
+from splatwire.clips.neighbors import OPACITY, PLACE, POSE, Neighbors
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.model.clip import ClipScene, GroupMotion
+
+UNLIKELY = 1e-3
+"""Least share of its opacity that is drawn of what may not be born yet."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ def conceal_group(
     lost[poses.tracks] = False
     who = np.flatnonzero(lost)
     if len(who):
-        guess = _standing(who) if motion.unchanged else _guess(clip, poses, who, before, frames, concealer)
+        guess = _standing(who) if motion.unchanged else _guess(clip, poses, who, before, group, concealer)
         poses = _joined(poses, who, frames, guess, concealed=not motion.unchanged)
     after = _remembered(poses, clip.num_gaussians, frames, before)
     if not concealer.shown:
@@ -163,10 +166,10 @@ def _standing(who: np.ndarray) -> _Guess:
 
 
 def _guess(
-    clip: ClipScene, arrived: GroupPoses, who: np.ndarray, before: Memory, frames: int, concealer: ClipConcealer,
+    clip: ClipScene, arrived: GroupPoses, who: np.ndarray, before: Memory, group: int, concealer: ClipConcealer,
 ) -> _Guess:  # fmt: skip
     """What tracks do whose motion was lost: what neighbours say, and how they differed from that before."""
-    start = before.offsets[who]
+    start, frames = before.offsets[who], len(clip.timeline.frames_of(group))
     whole = (arrived.begins == 0) & (arrived.ends == frames)
     if not (concealer.neighbors and whole.any()):
         speed = concealer.momentum * before.velocity[who]
@@ -186,13 +189,26 @@ def _guess(
     own = start[mine] - alike.said(before.offsets[arrived.tracks[peers]])
     own *= _trust(own, tracks.rounding[who[mine]], concealed[mine])
 
-    def at(_frame: int, offsets: np.ndarray) -> np.ndarray:
+    fresh = tracks.born == group
+    begun, unseen = begun_share(arrived.begins[fresh[arrived.tracks]], frames), fresh[who]
+
+    def at(frame: int, offsets: np.ndarray) -> np.ndarray:
         found = start.copy()
         found[mine] = alike.said(offsets[peers]) + own
         found[~mine] += others.said(offsets[told] - before.offsets[arrived.tracks[told]])
+        found[unseen, OPACITY] += np.log(begun[frame])
         return found
 
     return at
+
+
+def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:
+    """Share of tracks that are there in each frame, float64 (frames); all where there is none.
+
+    When a track is born is in its motion: while that is lost, it is drawn by the odds that it is there.
+    """
+    share = (begins[:, None] <= np.arange(frames)).mean(axis=0) if len(begins) else np.ones(frames)
+    return np.maximum(share, UNLIKELY)
 
 
 def _together(born: np.ndarray, told: np.ndarray) -> np.ndarray:

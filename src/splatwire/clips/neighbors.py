@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 
 PLACE, POSE, SHAPE, COLOUR = slice(0, 3), slice(0, 6), slice(6, 10), slice(10, None)
+OPACITY = 9
 """Channels: place; place and rotation; scales and opacity; colour."""
 NEAREST = 0.1
 """A neighbour counts no more than one at a third of the mean distance does."""

@@ -293,7 +293,7 @@ export class Clip implements Moving {
     const found = extended(poses, lost, frames, motions > 0);
     if (motions && lost.length) {
       const guesses = found.offsets.subarray(size * poses.slots.length);
-      this.#guess(poses, lost, before, frames, guesses, concealer === "motion");
+      this.#guess(poses, lost, before, group, guesses, concealer === "motion");
     }
     return {
       ...found,
@@ -310,11 +310,12 @@ export class Clip implements Moving {
     poses: Poses,
     lost: readonly number[],
     before: Memory | null,
-    frames: number,
+    group: number,
     out: Float32Array,
     moving: boolean,
   ): void {
     const { bases, info } = this,
+      frames = this.framesOf(group),
       room = bases.count * NUM_CHANNELS,
       whole = (n: number) => moving && poses.begins[n] === 0 && poses.ends[n] === frames,
       told = Int32Array.from(poses.slots.keys()).filter(whole),
@@ -324,6 +325,7 @@ export class Clip implements Moving {
         since: before ? widened(before.offsets, room) : new Float32Array(room),
         guessed: before?.guessed ?? null,
         together: this.#together(Int32Array.from(told, (n) => poses.slots[n])),
+        fresh: (slot: number) => bases.born[slot] === group,
         rounding: (slot: number) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
       };
     out.set(guessed(poses, told, Int32Array.from(lost), past, frames));

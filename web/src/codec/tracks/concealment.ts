@@ -8,7 +8,10 @@ import { NUM_CHANNELS } from "./layout.ts";
 const NEIGHBOURS = 40,
   /** Channels of scale and opacity begin here, and those of colour. */
   FIRST_SHAPE = 6,
+  OPACITY = 9,
   FIRST_COLOUR = 10,
+  /** Least share of its opacity that is drawn of what may not be born yet. */
+  UNLIKELY = 1e-3,
   NEAREST = 0.1,
   TERMS = 10,
   RIDGES = [1e-9, 1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2],
@@ -36,6 +39,8 @@ export interface Past {
   readonly guessed: Uint8Array | null;
   /** Whether a track was born in the group that most were: offsets of others are from another time on. */
   readonly together: Uint8Array;
+  /** Whether a track is born in the group. */
+  readonly fresh: (slot: number) => boolean;
   /** Step of a track's place. */
   readonly rounding: (slot: number) => number;
 }
@@ -64,7 +69,21 @@ export function guessed(arrived: Poses, told: Int32Array, who: Int32Array, past:
       else field.addChanges(who[n], own);
     }
   }
+  if (told.length) fade(arrived, who, past, frames, out);
   return out;
+}
+
+/** When a track is born is in its motion: while that is lost, it is drawn by the odds that it is there. */
+function fade(arrived: Poses, who: Int32Array, { fresh }: Past, frames: number, out: Float32Array): void {
+  const begins = arrived.begins.filter((_, n) => fresh(arrived.slots[n]));
+  if (!begins.length) return;
+  for (let frame = 0; frame < frames; frame++) {
+    const share = begins.filter((begin) => begin <= frame).length / begins.length,
+      log = Math.log(Math.max(share, UNLIKELY));
+    who.forEach((slot, n) => {
+      if (fresh(slot)) out[(n * frames + frame) * NUM_CHANNELS + OPACITY] += log;
+    });
+  }
 }
 
 /** What some tracks do, asked at the place of another. */
