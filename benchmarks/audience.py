@@ -31,6 +31,7 @@ from splatwire.packets import SceneStream, read_stream, stream_to_bytes
 from splatwire.packets.tiles import Tiles, read_tiles
 from splatwire.packets.view import Look, cut_of
 from splatwire.transport import Receiver, ReceiverOptions
+from splatwire.transport.address import Address
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import PageContent
 

@@ -81,7 +81,9 @@ def test_files_that_can_say_it_keep_it(name: str, tmp_path: Path) -> None:
     for wish in (False, True):
         save_scene(SplatScene(ball(), antialiased=wish), tmp_path / name)
         assert is_antialiased(tmp_path / name) is wish
-        assert open_scene(tmp_path / name).antialiased is wish  # type: ignore[union-attr]
+        opened = open_scene(tmp_path / name)
+        assert isinstance(opened, SplatScene)
+        assert opened.antialiased is wish
 
 
 def called(*words: str) -> None:
