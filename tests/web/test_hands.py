@@ -22,7 +22,8 @@ from web.test_page import ELEMENT, SMALL, STATUS, ball, run, status
 
 pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 ORBIT = f"{ELEMENT}.view.orbit"
-LOOK = f"[{ORBIT}.yaw, {ORBIT}.pitch, {ORBIT}.distance, ...{ORBIT}.target.toArray()]"
+TARGET = f"{ORBIT}.target"
+LOOK = f"[{ORBIT}.yaw, {ORBIT}.pitch, {ORBIT}.distance, {TARGET}.x, {TARGET}.y, {TARGET}.z]"
 
 
 @pytest.fixture(scope="module")

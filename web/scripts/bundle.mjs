@@ -5,9 +5,9 @@ import { readFileSync } from "node:fs";
 import { basename, dirname } from "node:path";
 import { fileURLToPath } from "node:url";
 
-import { build } from "esbuild";
+import { build, transform } from "esbuild";
 
-import { finer, LOWER, lower, smaller } from "./engine.mjs";
+import { finer, LOWER, lower, smaller, vectors } from "./engine.mjs";
 
 const root = fileURLToPath(new URL("..", import.meta.url));
 export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"));
@@ -51,6 +51,18 @@ const worker = (strict) => ({
   },
 });
 
+/** The element's style sheet without what only its readers need. */
+const looks = {
+  name: "looks",
+  setup(setup) {
+    setup.onLoad({ filter: /page\/style\.ts$/ }, async ({ path }) => {
+      const [, sheet] = readFileSync(path, "utf8").match(/`([^`]*)`/),
+        { code } = await transform(sheet, { loader: "css", minify: true });
+      return { contents: `export const STYLE = ${JSON.stringify(code)};`, loader: "js" };
+    });
+  },
+};
+
 const BLOB = /URL\.createObjectURL\(new Blob\(\[workerSource\], \{\s*type: "application\/javascript"\s*\}\)\)/;
 
 /** PlayCanvas makes a new address for each application and gives none back; here it is one for the page, or a file. */
@@ -65,10 +77,22 @@ function sorter(path, strict) {
 
 /** Text of each bundle of the page by its name, the same for the same sources and the packages of the lock file. */
 export async function bundles(strict = false) {
-  const entryPoints = { splatwire: "src/main.ts", "splatwire-view": "src/view.ts" };
-  const plugins = [worker(strict), smaller];
-  const made = await build({ ...common, entryPoints, outdir: ".", format: "esm", plugins, banner });
-  return made.outputFiles.map(({ path, text }) => [basename(path), text]);
+  const make = async (name, entry, less) => {
+    const plugins = [worker(strict), ...less];
+    const made = await build({
+      ...common,
+      entryPoints: { [name]: entry },
+      outdir: ".",
+      format: "esm",
+      plugins,
+      banner,
+    });
+    return [`${name}.js`, made.outputFiles[0].text];
+  };
+  return [
+    await make("splatwire", "src/main.ts", [vectors, looks]),
+    await make("splatwire-view", "src/view.ts", [smaller]),
+  ];
 }
 
 const SORTING = "node_modules/playcanvas/build/playcanvas/src/scene/gsplat-unified";
@@ -115,7 +139,7 @@ export async function modules() {
   const esm = { format: "esm" };
   await make({ decoder: "src/decoder.ts" }, esm);
   const element = async (name, view, engine, strict) => {
-    const plugins = [worker(strict), drawing(`./${engine}.js`, `./${view}.js`)];
+    const plugins = [worker(strict), vectors, looks, drawing(`./${engine}.js`, `./${view}.js`)];
     await make({ [name]: "src/index.ts" }, { ...esm, plugins });
     const parts = { ...esm, plugins: [worker(strict), smaller, lower], splitting: true, chunkNames: engine };
     await make({ [view]: "src/render/view.ts", [LOWER]: LOWER }, parts);

@@ -1,7 +1,7 @@
 // What of PlayCanvas the page has: a camera and Gaussians sorted in a worker, by WebGL. Lit surfaces, light and shadow,
 // skies, WebGPU, headsets, levels of detail of its own and files of its own are left out.
 
-import { readFileSync } from "node:fs";
+import { readdirSync, readFileSync } from "node:fs";
 import { fileURLToPath } from "node:url";
 
 /** Texts of shaders: of Gaussians, and what those include. */
@@ -100,5 +100,37 @@ export const lower = {
       contents: LOWER_HALF.map((name) => `export * from "${SCENE}${name}.js";`).join("\n"),
       resolveDir: fileURLToPath(new URL("..", import.meta.url)),
     }));
+  },
+};
+
+/** Sources of what draws: the first script waits for none of them. */
+const DRAWING = /render\/(view|tiled|container|precise)\.ts$/;
+const METHOD = /^\t(?:static )?(\w+)\([^\n]*\) \{\n(?:\t\t[^\n]*\n|\n)*\t\},?\n/gm;
+
+const MATH = fileURLToPath(new URL("../node_modules/playcanvas/build/playcanvas/src/core/math/", import.meta.url));
+
+/** Of PlayCanvas's vectors the first script has the methods whose names occur in its sources, and what those call. */
+export const vectors = {
+  name: "vectors",
+  setup(setup) {
+    const src = fileURLToPath(new URL("../src/", import.meta.url)),
+      ours = readdirSync(src, { recursive: true }).filter((name) => name.endsWith(".ts") && !DRAWING.test(name)),
+      files = ["math", "quat", "vec3"].map((name) => readFileSync(`${MATH}${name}.js`, "utf8")),
+      methods = files.flatMap((text) => [...text.matchAll(METHOD)]),
+      asked = new Set(["constructor"]);
+    const ask = (text) => {
+      for (const [, name] of text.matchAll(/\.(\w+)\(/g)) {
+        if (asked.has(name)) continue;
+        asked.add(name);
+        for (const [body, other] of methods) if (other === name) ask(body);
+      }
+    };
+    for (const name of ours) ask(readFileSync(src + name, "utf8"));
+    for (const text of files) ask(text.replace(METHOD, ""));
+    for (const [body, name] of methods) if (name === "constructor") ask(body);
+    setup.onLoad({ filter: /core\/math\/(math|quat|vec3)\.js$/ }, ({ path }) => {
+      const contents = readFileSync(path, "utf8").replace(METHOD, (body, name) => (asked.has(name) ? body : ""));
+      return { contents, loader: "js" };
+    });
   },
 };
