@@ -187,6 +187,15 @@ def test_the_starts_of_many_networks_take_bounded_memory():
     assert len(starts._networks) == MOST_NETWORKS
 
 
+def test_an_opening_that_nobody_answers_ends():
+    """A server that comes to it late does not turn around what it will not send."""
+    serving = server()
+    assert isinstance(begin(serving, ("192.0.2.1", 1), 1, 0.0), Welcome)
+    assert serving.next_at() is not None
+    assert serving.poll(5.0) == []
+    assert serving.next_at() is None
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_three_greedy_machines_leave_room_for_others(seed: int):
     """Greetings, replays, reports and farewells at random from 600 ports of three machines, for two minutes."""

@@ -171,7 +171,7 @@ class ServerTransfer:
         if at is None or at > now:
             return None
         if now > self.heard_at + QUIET_S:
-            self._heard = False
+            self._heard = self._opening = False
             return None
         self._slow_down(now)
         if self._again:
