@@ -11,6 +11,7 @@ import { ANCHOR_CONCEALERS, CONCEALERS, SPLAT_CONCEALERS } from "../src/conceal/
 import { grow } from "../src/conceal/grow.ts";
 import { KdTree } from "../src/conceal/kd_tree.ts";
 import { Received } from "../src/transport/received.ts";
+import { CAMERA } from "./hostile.ts";
 import { random, readStream, STREAMS } from "./vectors.ts";
 
 const next = random(3),
@@ -155,18 +156,6 @@ function numbersOf(part: Part): number[] {
   const far = offsets.map((offset, n) => offset * scales[Math.floor(n / 3 / numOffsets)] * masks[Math.floor(n / 3)]);
   return [positions, features!, sizes, far].flatMap((values) => [...values]);
 }
-
-const CAMERA = {
-  viewmat: [
-    [1, 0, 0, 0],
-    [0, 1, 0, 0],
-    [0, 0, 1, 5],
-  ],
-  focal: 100,
-  width: 200,
-  height: 200,
-  margin: 0,
-};
 
 for (const path of STREAMS) {
   test(`what was lost of ${path.split("/").pop()} takes its place when it comes after all`, async () => {

@@ -17,7 +17,7 @@ import { Intake, Plan } from "../src/packets/plan.ts";
 import { random } from "./vectors.ts";
 
 /** Sees most of what lies around the origin. */
-const CAMERA = {
+export const CAMERA = {
   viewmat: [
     [1, 0, 0, 0],
     [0, 1, 0, 0],

@@ -8,20 +8,10 @@ import { BitstreamError } from "../src/bytes.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 import { pack } from "../src/render/packed.ts";
 import { Received } from "../src/transport/received.ts";
+import { CAMERA } from "./hostile.ts";
 
 const MOST_MB = 400;
 const PATHS = (process.env["GREEDY"] ?? "").split(":").filter(Boolean);
-const ANYWHERE = {
-  viewmat: [
-    [1, 0, 0, 0],
-    [0, 1, 0, 0],
-    [0, 0, 1, 5],
-  ],
-  focal: 100,
-  width: 200,
-  height: 200,
-  margin: 0,
-};
 const pause = async (): Promise<boolean> => true;
 const peak = (): number => process.resourceUsage().maxRSS / 1024;
 
@@ -37,7 +27,7 @@ async function shown(path: string): Promise<void> {
     schema.moving.ahead(0, 1000);
     return;
   }
-  const seen = await received.seen(ANYWHERE, true, pause);
+  const seen = await received.seen(CAMERA, true, pause);
   pack(seen!.parts, schema.degree, schema.size);
   await received.prepare(choice, pause);
   await received.conceal(choice, pause);
