@@ -15,7 +15,6 @@ import numpy as np
 import torch
 
 from splatwire.formats import write_splats
-from splatwire.ops.quaternions import multiply
 from splatwire.scene.splats import Splats
 from splatwire.scene_io import open_scene
 
@@ -75,6 +74,17 @@ class Field:
         x, y, z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
         quats = np.stack([w, x / (4 * w), y / (4 * w), z / (4 * w)], axis=1)
         return quats / np.linalg.norm(quats, axis=1, keepdims=True)
+
+
+def multiply(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    """Hamilton products (N, 4): the rotation `second`, then `first`."""
+    a, b, c, d = first.unbind(dim=1)
+    w, x, y, z = second.unbind(dim=1)
+    rows = [
+        a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w,
+    ]  # fmt: skip
+    return torch.stack(rows, dim=1)
 
 
 def bent_frames(splats: Splats, frames: int, *, rate: float = 30.0, seed: int = 1) -> Iterator[Splats]:

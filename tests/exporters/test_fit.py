@@ -5,7 +5,7 @@ import torch
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.errors import InvalidValueError
-from splatwire.exporters.fit import FitCounts, fit_sh, fit_splats, quaternions, rotation_matrices
+from splatwire.exporters.fit import FitCounts, fit_sh, fit_splats, quaternions
 from splatwire.exporters.neural import slot_view, slots_of
 from splatwire.exporters.visibility import visible_areas
 from splatwire.metrics import psnr
@@ -14,6 +14,7 @@ from splatwire.model.gaussian_heads import spawn_gaussians
 from splatwire.ops.spherical_harmonics import sh_basis
 from splatwire.render import render_scene
 from splatwire.render.cpu import render_cpu
+from splatwire.render.reference import rotation_matrices
 from splatwire.scene.splats import Splats
 
 

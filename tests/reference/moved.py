@@ -3,7 +3,6 @@
 import torch
 from torch import Tensor
 
-from splatwire.ops.quaternions import multiply
 from splatwire.scene.splats import Splats
 
 
@@ -22,3 +21,14 @@ def moved(splats: Splats, offsets: Tensor) -> Splats:
         (splats.opacities * offsets[:, 9].exp()).clamp(max=1 - 1e-6),
         sh,
     )
+
+
+def multiply(first: Tensor, second: Tensor) -> Tensor:
+    """Hamilton products (N, 4): the rotation `second`, then `first`."""
+    a, b, c, d = first.unbind(dim=1)
+    w, x, y, z = second.unbind(dim=1)
+    rows = [
+        a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w,
+    ]  # fmt: skip
+    return torch.stack(rows, dim=1)

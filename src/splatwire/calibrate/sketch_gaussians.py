@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-import torch
 
 from splatwire.calibrate.views import Progress
 from splatwire.codec.schemas.gaussians.copies import MAX_COPIES, read_copies
@@ -22,7 +21,7 @@ from splatwire.conceal.sketch.concealer import grown_with_copies, with_copies
 from splatwire.errors import InvalidValueError
 from splatwire.model import Partial, SplatScene
 from splatwire.packets import SceneStream
-from splatwire.render.sensitivity import removal_sensitivity
+from splatwire.render.pruning import removal_errors
 from splatwire.scene import Cameras
 from splatwire.scene.splats import Splats
 
@@ -68,8 +67,8 @@ class GaussianSketch:
     ) -> "GaussianSketch":
         """Chooses the copies; see `AnchorSketch.fitted`."""
         scene, info = complete.scene, open_side_info(stream.manifest, stream.side_info)
-        removal = removal_sensitivity(
-            scene.splats, cameras, background=torch.tensor(scene.background), probes=config.probes, seed=config.seed,
+        removal = removal_errors(
+            scene, cameras, probes=config.probes, seed=config.seed,
             progress=lambda share: show("what each Gaussian is worth", share),
         )  # fmt: skip
         if not float(removal.sum()) > 0:

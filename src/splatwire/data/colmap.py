@@ -13,6 +13,7 @@ from splatwire.data._checks import pinhole
 from splatwire.data._colmap_types import RawCamera, RawImage
 from splatwire.data.lens import NO_LENS, Lens
 from splatwire.errors import DatasetError
+from splatwire.ops.quaternions import rotation_rows
 
 _MAX_SIDE = 1 << 20
 _MAX_POSE = 1e12
@@ -127,13 +128,8 @@ def _viewmat(folder: Path, image: RawImage) -> np.ndarray:
     largest = float(np.abs(quaternion).max())  # also where a quaternion is NaN: the comparison below is then false
     if not (1e-6 < largest < _MAX_POSE and np.isfinite(image.translation).all()):
         raise DatasetError(f"{folder}: the pose of image '{image.name}' is not finite")
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
     viewmat = np.eye(4)
-    viewmat[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    viewmat[:3, :3] = rotation_rows(*(quaternion / np.linalg.norm(quaternion)))
     viewmat[:3, 3] = image.translation
     return viewmat
 

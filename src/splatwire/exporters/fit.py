@@ -11,6 +11,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.exporters.neural import Slots, SlotView, slot_view, slots_of
 from splatwire.exporters.visibility import MIN_ALPHA, Draw, visible_areas
 from splatwire.model import AnchorScene, Scene
+from splatwire.ops.quaternions import rotation_rows
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_basis
 from splatwire.scene import Cameras
 from splatwire.scene.splats import Splats
@@ -153,23 +154,13 @@ def _mean_shape(
     """
     total = torch.zeros(len(kept), 3, 3, dtype=torch.float64)
     for view, now in enumerate(seen):
-        axes = rotation_matrices(now.quats[kept].double())
+        rows = rotation_rows(*now.quats[kept].double().unbind(dim=1))
+        axes = torch.stack([torch.stack(row, dim=1) for row in rows], dim=1)
         logs = now.scales[kept].double().clamp(min=_SMALLEST_SCALE).log()
         total += shares[:, view, None, None] * ((axes * logs[:, None, :]) @ axes.transpose(1, 2))
     logs, axes = torch.linalg.eigh(total)
     axes[:, :, 0] *= torch.linalg.det(axes).sign()[:, None]  # a rotation, not a mirror
     return quaternions(axes).float(), logs.exp().float()
-
-
-def rotation_matrices(quats: Float[Tensor, "S 4"]) -> Float[Tensor, "S 3 3"]:
-    """Turns unit quaternions (w, x, y, z) into matrices: (w^2 - v.v) I + 2 v v^T + 2 w [v]x."""
-    w, v = quats[:, :1, None], quats[:, 1:]
-    x, y, z = v.unbind(dim=1)
-    zero = torch.zeros_like(x)
-    cross = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=1).view(-1, 3, 3)
-    outer = v[:, :, None] * v[:, None, :]
-    eye = torch.eye(3, dtype=quats.dtype)
-    return (w * w - (v * v).sum(dim=1)[:, None, None]) * eye + 2 * outer + 2 * w * cross
 
 
 def quaternions(rotations: Float[Tensor, "S 3 3"]) -> Float[Tensor, "S 4"]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from splatwire.errors import InvalidValueError
 from splatwire.model.appearance import Scene, explicit_gaussians
+from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import DC, MAX_DEGREE, num_functions
 from splatwire.scene.splats import Splats
 
@@ -27,7 +28,7 @@ def viser_arguments(scene: Scene) -> dict[str, Any]:
         InvalidValueError: If the scene's Gaussians depend on the view.
     """
     splats = _explicit(scene)
-    axes = _rotations(splats) * splats.scales.numpy()[:, None, :]
+    axes = rotation_matrices(splats.quats.numpy()) * splats.scales.numpy()[:, None, :]
     return {
         "centers": splats.means.numpy(),
         "covariances": axes @ axes.transpose(0, 2, 1),
@@ -75,14 +76,3 @@ def _explicit(scene: Scene) -> Splats:
 
 def _colours(splats: Splats) -> np.ndarray:
     return (0.5 + DC * splats.sh[:, 0].numpy()).clip(0, 1)
-
-
-def _rotations(splats: Splats) -> np.ndarray:
-    """Rotation matrices (G, 3, 3) of the quaternions."""
-    w, x, y, z = splats.quats.numpy().T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

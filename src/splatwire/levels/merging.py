@@ -3,7 +3,9 @@
 import numpy as np
 import torch
 
+from splatwire.codec.schemas.gaussians.attributes import quaternions_of
 from splatwire.ops.kd_order import kd_order
+from splatwire.ops.quaternions import rotation_matrices
 from splatwire.scene.splats import Splats
 
 KEPT_SHARE = 0.25
@@ -89,30 +91,13 @@ def _merged(splats: Splats, mass: np.ndarray, starts: np.ndarray) -> tuple[Splat
 
 def _covariances(splats: Splats) -> np.ndarray:
     """Covariance of each Gaussian, float64 (N, 3, 3)."""
-    w, x, y, z = splats.quats.numpy().astype(np.float64).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    axes = np.moveaxis(np.array(rows), 2, 0) * splats.scales.numpy().astype(np.float64)[:, None, :]
+    axes = (
+        rotation_matrices(splats.quats.numpy().astype(np.float64))
+        * splats.scales.numpy().astype(np.float64)[:, None, :]
+    )
     return axes @ axes.transpose(0, 2, 1)
 
 
 def _quaternions(axes: np.ndarray) -> np.ndarray:
     """Unit quaternions of orthonormal columns, (N, 3, 3), mirrored where they are left-handed."""
-    axes = axes * np.where(np.linalg.det(axes) < 0, -1.0, 1.0)[:, None, None]
-    trace = np.einsum("nii->n", axes)
-    diagonal = np.einsum("nii->ni", axes)
-    # The largest component first: its square is at least a quarter, whatever the rotation.
-    squares = np.concatenate([1 + trace[:, None], 1 + 2 * diagonal - trace[:, None]], axis=1) / 4
-    m = axes
-    products = np.empty((len(axes), 4, 4))
-    products[:, range(4), range(4)] = squares
-    for i, j, value in (
-        (0, 1, m[:, 2, 1] - m[:, 1, 2]), (0, 2, m[:, 0, 2] - m[:, 2, 0]), (0, 3, m[:, 1, 0] - m[:, 0, 1]),
-        (1, 2, m[:, 0, 1] + m[:, 1, 0]), (1, 3, m[:, 0, 2] + m[:, 2, 0]), (2, 3, m[:, 1, 2] + m[:, 2, 1]),
-    ):  # fmt: skip
-        products[:, i, j] = products[:, j, i] = value / 4
-    best = products[np.arange(len(axes)), squares.argmax(axis=1)]
-    return best / np.linalg.norm(best, axis=1, keepdims=True)
+    return quaternions_of(axes * np.where(np.linalg.det(axes) < 0, -1.0, 1.0)[:, None, None])

@@ -1,20 +1,22 @@
-"""Quaternions (w, x, y, z)."""
+"""Unit quaternions (w, x, y, z)."""
 
-import torch
-from jaxtyping import Float
+from typing import TypeVar
+
+import numpy as np
 from torch import Tensor
 
+Number = TypeVar("Number", float, np.ndarray, Tensor)
 
-def multiply(first: Float[Tensor, "N 4"], second: Float[Tensor, "N 4"]) -> Float[Tensor, "N 4"]:
-    """Hamilton products: the rotation `second`, then `first`."""
-    a, b, c, d = first.unbind(dim=1)
-    w, x, y, z = second.unbind(dim=1)
-    return torch.stack(
-        [
-            a * w - b * x - c * y - d * z,
-            a * x + b * w + c * z - d * y,
-            a * y - b * z + c * w + d * x,
-            a * z + b * y - c * x + d * w,
-        ],
-        dim=1,
-    )
+
+def rotation_rows(w: Number, x: Number, y: Number, z: Number) -> list[list[Number]]:
+    """The rotation matrix of quaternions, row by row: of single numbers, or of as many as arrays hold."""
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+
+
+def rotation_matrices(quats: np.ndarray) -> np.ndarray:
+    """Rotation matrices (N, 3, 3) of quaternions (N, 4)."""
+    return np.moveaxis(np.array(rotation_rows(*quats.T)), 2, 0)

@@ -5,6 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.model.projection import TILE, Projected, project
+from splatwire.ops.quaternions import rotation_rows
 from splatwire.scene import Cameras, Gaussians
 
 MAX_ALPHA = 0.99
@@ -25,13 +26,7 @@ def render_reference(
 
 def rotation_matrices(quats: Float[Tensor, "N 4"]) -> Float[Tensor, "N 3 3"]:
     """Turns unit quaternions (w, x, y, z) into rotation matrices."""
-    w, x, y, z = quats.unbind(dim=1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], dim=1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], dim=1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], dim=1),
-    ]
-    return torch.stack(rows, dim=1)
+    return torch.stack([torch.stack(row, dim=1) for row in rotation_rows(*quats.unbind(dim=1))], dim=1)
 
 
 def _render_view(

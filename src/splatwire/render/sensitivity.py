@@ -15,7 +15,6 @@ from splatwire.model import AnchorScene
 from splatwire.model.gaussian_heads import spawn_gaussians, visible_anchors
 from splatwire.render.backends import create_renderer
 from splatwire.scene import Cameras
-from splatwire.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,33 +92,3 @@ def render_sensitivity(
             progress((view + 1) / cameras.num_views)
     scale = 1 / max(cameras.num_views * cameras.width * cameras.height * 3, 1)
     return Sensitivity(**{name: value * scale for name, value in vars(total).items()})
-
-
-def removal_sensitivity(
-    splats: Splats,
-    cameras: Cameras,
-    *,
-    background: Float[Tensor, "3"],
-    probes: int = 2,
-    seed: int = 0,
-    renderer: str = "cpu",
-    progress: Callable[[float], None] | None = None,
-) -> Float64[Tensor, "G"]:
-    """Mean squared error per pixel and channel of leaving out each explicit Gaussian alone, exact but for the signs.
-
-    Args: as of `render_sensitivity`.
-    """
-    draw, rng = create_renderer(renderer), torch.Generator().manual_seed(seed)
-    total = torch.zeros(splats.num_gaussians, dtype=torch.float64)
-    for view in range(cameras.num_views):
-        presence = torch.ones_like(splats.opacities, requires_grad=True)
-        seen = splats.seen_from(cameras.centers[view].to(splats.means))
-        seen = replace(seen, opacities=seen.opacities * presence)
-        picture = draw(seen, cameras.select([view]), background=background)[0]
-        for probe in range(probes):
-            signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
-            (gradient,) = torch.autograd.grad((picture * signs).sum(), [presence], retain_graph=probe < probes - 1)
-            total += gradient.double() ** 2
-        if progress:
-            progress((view + 1) / cameras.num_views)
-    return total / max(probes * cameras.num_views * cameras.width * cameras.height * 3, 1)

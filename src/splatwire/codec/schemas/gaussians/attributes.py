@@ -32,6 +32,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.tables import power_of_two, thinness_table
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
+from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
@@ -211,13 +212,7 @@ def _frames(rows: np.ndarray) -> np.ndarray:
 
 def matrices_of(quats: np.ndarray) -> np.ndarray:
     """Rotation matrices of quaternions (w, x, y, z) of any length."""
-    w, x, y, z = (quats / np.linalg.norm(quats, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return rotation_matrices(quats / np.linalg.norm(quats, axis=1, keepdims=True))
 
 
 def quaternions_of(m: np.ndarray) -> np.ndarray:
