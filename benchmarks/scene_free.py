@@ -16,9 +16,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import torch
+from gain_training import SceneFreeConfig, train_scene_free
 
 from splatwire.calibrate.pseudo_loss import CalibrationData, calibration_data
-from splatwire.calibrate.scene_free import SceneFreeConfig, train_scene_free
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import Concealer, conceal, create_concealer

@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from splatwire.calibrate.scene_free import SceneFreeConfig
-from splatwire.calibrate.scene_free_gaussians import LossyStream, train_for_gaussians
+from gain_training import LossyStream, SceneFreeConfig, train_for_gaussians
+
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import conceal, create_concealer

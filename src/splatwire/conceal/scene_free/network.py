@@ -65,11 +65,6 @@ class Perceptron(nn.Module):
         self.register_buffer("mean", torch.zeros(inputs))
         self.register_buffer("spread", torch.ones(inputs))
 
-    def standardise(self, signature: Float[Tensor, "M D"]) -> None:
-        """Fixes the constants that bring inputs to mean 0 and spread 1."""
-        self.mean.copy_(signature.mean(dim=0))
-        self.spread.copy_(signature.std(dim=0, correction=0).clamp(min=1e-3))
-
     def opinion(self, signature: Float[Tensor, "M D"]) -> Float[Tensor, "M 2"]:
         """What it makes of inputs; unusual ones are cut off."""
         x = ((signature - self.mean) / self.spread).clamp(-_MOST_UNUSUAL, _MOST_UNUSUAL)

@@ -1,4 +1,4 @@
-"""Trains the scene-free concealer on the pictures of some scenes, for use on all others."""
+"""Trains the networks of the scene-free concealer on the pictures of some scenes, for use on all others."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,16 +10,21 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.calibrate.checks import check_settings
-from splatwire.calibrate.pseudo_loss import CalibrationData
+from splatwire.calibrate.pseudo_loss import CalibrationData, pseudo_loss
+from splatwire.codec import decode_stream
+from splatwire.codec.tiers import arrange_stream
 from splatwire.conceal.scene_free import GainNetwork
-from splatwire.conceal.scene_free.elements import ElementInputs, ElementNetwork
+from splatwire.conceal.scene_free.elements import ElementInputs, ElementNetwork, element_inputs
 from splatwire.conceal.scene_free.network import HIDDEN, GainInputs, gain_inputs
 from splatwire.conceal.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
+from splatwire.model import Partial, SplatScene
 from splatwire.model.appearance import Scene, spawned_gaussians
 from splatwire.model.gaussian_heads import SpawnedGaussians
+from splatwire.packets import Packet, PacketGroups, SceneStream
 from splatwire.render.backends import create_renderer
 from splatwire.scene import Cameras, Gaussians
+from splatwire.scene.splats import Splats
 from splatwire.train.schedule import half_cosine
 
 Network = TypeVar("Network", GainNetwork, ElementNetwork)
@@ -91,7 +96,7 @@ def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.Se
 
 
 def train_on(
-    lessons: "Sequence[Lessons]",
+    lessons: Sequence["Lessons"],
     network: Network,
     config: SceneFreeConfig,
     progress: Callable[[int, float], None] | None = None,
@@ -104,7 +109,9 @@ def train_on(
     """
     if not lessons:
         raise InvalidValueError("a concealer cannot be trained on no scene")
-    network.standardise(torch.cat([inputs.signature for lesson in lessons for inputs in lesson.inputs]))
+    signature = torch.cat([inputs.signature for lesson in lessons for inputs in lesson.inputs])
+    network.mean.copy_(signature.mean(dim=0))
+    network.spread.copy_(signature.std(dim=0, correction=0).clamp(min=1e-3))
     optimiser = torch.optim.Adam(network.parameters(), lr=config.learning_rate, betas=(0.95, 0.99))
     rng = torch.Generator().manual_seed(config.seed)
     for step in range(config.steps):
@@ -172,3 +179,69 @@ def _rows(g: Gaussians, rows: Tensor) -> Gaussians:
 
 def _with_gains(g: Gaussians, size: Float[Tensor, "G"], opacity: Float[Tensor, "G"]) -> Gaussians:
     return replace(g, scales=g.scales * size[:, None], opacities=(g.opacities * opacity).clamp(max=1))
+
+
+@dataclass(frozen=True, eq=False)
+class LossyStream:
+    """What there is to learn from.
+
+    Attributes:
+        stream: A complete stream of explicit Gaussians.
+        cameras: Where pictures are compared.
+    """
+
+    stream: SceneStream
+    cameras: Cameras
+
+
+def train_for_gaussians(
+    streams: Sequence[LossyStream],
+    config: SceneFreeConfig,
+    *,
+    progress: Callable[[int, float], None] | None = None,
+) -> ElementNetwork:
+    """Trains a network by the error of lossy, concealed pictures against those of the complete streams.
+
+    Losses take whole packets out of the streams, which are then decoded: lost Gaussians are where a receiver expects
+    them.
+
+    Args:
+        streams: What to learn from.
+        config: The run.
+        progress: Called after each step with its number and its loss.
+
+    Raises:
+        InvalidValueError: If there is no stream, or one holds no explicit Gaussians.
+        DivergedError: If the loss is not finite.
+    """
+    seeds = np.random.SeedSequence(config.seed).spawn(len(streams))
+    lessons = [_lossy_lessons(lossy, config, seed) for lossy, seed in zip(streams, seeds, strict=True)]
+    return train_on(lessons, ElementNetwork(config.hidden, seed=config.seed), config, progress)
+
+
+def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> Lessons:
+    complete = _decoded(lossy.stream)
+    groups, packets = _groups(lossy.stream)
+    inputs = []
+    for rate, seed in zip(config.drop_rates, seeds.generate_state(len(config.drop_rates)).tolist(), strict=True):
+        known = pseudo_loss(groups, complete.scene.num_elements, rate, seed).numpy()
+        there = tuple(p for p, start in zip(packets, groups.starts[:-1], strict=True) if known[groups.ranks[start]])
+        partial = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
+        with torch.no_grad():
+            inputs.append(element_inputs(partial))
+    return Lessons(complete.scene, lossy.cameras, inputs)
+
+
+def _decoded(stream: SceneStream) -> Partial[SplatScene]:
+    partial = decode_stream(stream)
+    if Splats not in partial.offers:
+        raise InvalidValueError(f"this network is for explicit Gaussians, not for {partial.scene.ELEMENTS}")
+    return partial
+
+
+def _groups(stream: SceneStream) -> tuple[PacketGroups, list[Packet]]:
+    arrangement = arrange_stream(stream)
+    packets = [packet for packet in arrangement.packets if packet is not None]
+    if len(packets) != stream.manifest.num_packets:
+        raise InvalidValueError("a network is trained on complete streams")
+    return arrangement.groups, packets
