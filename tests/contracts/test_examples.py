@@ -1,12 +1,15 @@
 """Examples of the repository run as they stand."""
 
+import importlib
 import re
 import runpy
+import shlex
 from pathlib import Path
 
 import pytest
 
 from scenes import tiny_cameras, tiny_scene
+from splatwire.cli.main import VERBS, main
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.conceal import concealer_names
 from splatwire.data import save_cameras
@@ -19,6 +22,28 @@ SNIPPETS = [
     for document in (REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")))
     for number, found in enumerate(re.findall(r"```python\n(.*?)```", document.read_text(encoding="utf-8"), re.DOTALL))
 ]
+COMMANDS = [
+    pytest.param(shlex.split(line, comments=True)[1:], id=f"{document.name}-{number}")
+    for document in (REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")))
+    for block in re.findall(
+        r"```(?:bash|sh)\n(.*?)```", document.read_text(encoding="utf-8").replace("\\\n", ""), re.DOTALL
+    )
+    for number, line in enumerate(block.splitlines())
+    if line.startswith("splatwire ")
+]
+
+
+@pytest.mark.parametrize("words", COMMANDS)
+def test_commands_of_the_documents_are_understood(words, monkeypatch):
+    """Verbs and options are those that there are; what a verb then does with files is for its own tests."""
+    ran = []
+    file, name = VERBS[words[0]].split(".")
+    settings = getattr(importlib.import_module(f"splatwire.cli.{file}"), name)
+    monkeypatch.setattr(settings, "run", lambda verb: ran.append(verb))
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 0
+    assert isinstance(ran[0], settings)
 
 
 @pytest.mark.parametrize("snippet", SNIPPETS)

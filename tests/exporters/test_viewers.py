@@ -1,5 +1,7 @@
 """What viser and Rerun are given, by themselves where they are installed (`pip install --group viewers`)."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -10,6 +12,14 @@ from splatwire.exporters.viewers import rerun_arguments, viser_arguments
 from splatwire.model import SplatScene
 from splatwire.ops.spherical_harmonics import DC
 from web.test_page import ball
+
+INTERCHANGE = Path(__file__).resolve().parents[2] / "docs" / "interchange.md"
+
+
+def documented(word: str) -> str:
+    """The line of the document that begins so."""
+    [line] = [line for line in INTERCHANGE.read_text(encoding="utf-8").splitlines() if line.startswith(word)]
+    return line
 
 
 def scene(degree: int = 2) -> SplatScene:
@@ -38,7 +48,8 @@ def test_viser_takes_them() -> None:
     viser = pytest.importorskip("viser", reason="viser is not installed (--group viewers)")
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
-        handle = server.scene.add_gaussian_splats("/scene", **viser_arguments(scene()))
+        names = {"server": server, "scene": scene(), "viser_arguments": viser_arguments}
+        handle = eval(documented("server.scene."), names)
         rows = handle.buffer.view(np.float32)[:, :3]
         assert np.array_equal(rows, scene().splats.means.numpy())
         assert np.all(handle.buffer.view(np.uint8)[:, 31] > 0), "opacities"
@@ -47,7 +58,7 @@ def test_viser_takes_them() -> None:
 
 
 @pytest.mark.parametrize("degree", [0, 2, 3])
-def test_rerun_takes_them(degree: int) -> None:
+def test_rerun_takes_them(degree: int, tmp_path: Path) -> None:
     rerun = pytest.importorskip("rerun", reason="Rerun is not installed (--group viewers)")
     splats = scene(degree).splats
     logged = rerun.GaussianSplats3D(**rerun_arguments(scene(degree)))
@@ -69,3 +80,8 @@ def test_rerun_takes_them(degree: int) -> None:
         assert np.allclose(given[:, : splats.sh.shape[1] - 1], splats.sh[:, 1:].numpy(), atol=1e-3)
         assert not given[:, splats.sh.shape[1] - 1 :].any()
     assert torch.isfinite(splats.means).all()
+    rerun.init("splatwire")
+    rerun.save(tmp_path / "scene.rrd")
+    eval(documented("rerun.log"), {"rerun": rerun, "scene": scene(degree), "rerun_arguments": rerun_arguments})
+    rerun.disconnect()
+    assert (tmp_path / "scene.rrd").stat().st_size > splats.means.numpy().nbytes

@@ -237,11 +237,13 @@ def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream)
 def test_splat_transform_reads_a_stream(project: Path, stream: SceneStream, tmp_path: Path) -> None:
     (tmp_path / "scene.swz").write_bytes(stream_to_bytes(stream))
     tool, door = "node_modules/.bin/splat-transform", "node_modules/splatwire/splat-transform.mjs"
-    words = [tool, door, "-p", f"file={tmp_path / 'scene.swz'}"]
-    called([*words[:3], f"{words[3]},concealer=drop", str(tmp_path / "scene.ply")], project)
+    asked = f"file={tmp_path / 'scene.swz'},concealer=drop"
+    called([tool, door, "-p", asked, str(tmp_path / "scene.ply")], project)
     cameras = tiny_cameras(2, 240, 180)
     ours = render_scene(conceal(decode_stream(stream), "drop"), cameras)
     theirs = render_scene(open_scene(tmp_path / "scene.ply"), cameras, background=torch.tensor([0.2, 0.5, 0.8]))
     assert psnr(ours.numpy(), theirs.numpy()) > 60
-    called([*words, str(tmp_path / "scene.spz")], project)
-    assert (tmp_path / "scene.spz").stat().st_size > 10_000
+    [shown] = re.findall(r"```bash\nsplat-transform (.*)\n```", (WEB / "PACKAGE.md").read_text())
+    (project / "scene.swz").write_bytes(stream_to_bytes(stream))
+    called([tool, *shown.split()], project)
+    assert (project / "scene.spz").stat().st_size > 10_000

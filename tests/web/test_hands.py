@@ -1,6 +1,7 @@
 """What people do with the page: mouse, touch and keys, another site around it, a link that comes and goes."""
 
 import asyncio
+import re
 import time
 from contextlib import AsyncExitStack
 from typing import Any
@@ -18,6 +19,7 @@ from splatwire.transport.quic import WEBTRANSPORT_PATH
 from splatwire.transport.quic_server import QuicServer
 from transport.chromium import Browser, browser, executable
 from transport.relay import Relay
+from web.node import WEB
 from web.test_page import ELEMENT, SMALL, STATUS, ball, run, status
 
 pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
@@ -86,14 +88,19 @@ def check_hands(page: Browser) -> None:
     assert page.evaluate(f"{ELEMENT}.panel.element.hidden")
 
 
+def documented(name: str) -> str:
+    """The page of somebody else that a document shows."""
+    [found] = re.findall(r"```html\n(.*?)```", (WEB.parent / "docs" / name).read_text(), re.DOTALL)
+    return found
+
+
 def test_another_site_embeds_the_element(program: Program) -> None:
     async def work() -> None:
         async with AsyncExitStack() as stack:
             server = await stack.enter_async_context(PageServer(PageContent({"ball": program})))
-            page_of_theirs = (
-                f'<!doctype html><script type="module" src="{server.url}splatwire.js"></script><p>Their words.</p>'
-                f'<splat-wire src="{server.url}streams/ball.swz" style="height: 20rem"></splat-wire>'
-            ).encode()
+            example = documented("browser.md").replace("http://127.0.0.1:8080/", server.url)
+            body = example.replace("scene.swz", "ball.swz")
+            page_of_theirs = f"<!doctype html>{body}<p>Their words.</p>".encode()
 
             async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
                 await reader.readuntil(b"\r\n\r\n")
@@ -112,7 +119,7 @@ def test_another_site_embeds_the_element(program: Program) -> None:
                     assert status(page, "complete")
                     assert page.evaluate("location.origin") not in server.url
                     assert page.resolve(f"{ELEMENT}.verify()") is True
-                    assert 240 < page.evaluate(f"{ELEMENT}.view.canvas.height") < 320, "all of it, or under the bar"
+                    assert 400 < page.evaluate(f"{ELEMENT}.view.canvas.height") <= 480, "all of it, or under the bar"
                     assert "Their words." in page.evaluate("document.body.innerText")
 
             await asyncio.to_thread(drive)

@@ -19,6 +19,7 @@ const common = {
   absWorkingDir: root,
   write: false,
   legalComments: "none",
+  tsconfigRaw: { compilerOptions: { useDefineForClassFields: false } }, // no field is named twice
   logLevel: "error",
 };
 const banner = {

@@ -303,11 +303,12 @@ export class Reception implements Receiver {
       own = place?.number ?? number,
       { shown, count } = this.#shownMotion(moving.packets, choice),
       frame = this.#frameOf(() => moving.frame(own, shown, choice.concealer));
-    if (!frame) return;
-    const { splats, concealed } = frame,
-      packed = pack([splats], schema.degree, this.#size),
+    const packed = pack(frame ? [frame.splats] : [], schema.degree, this.#size),
       drawMs = performance.now() - began;
-    say({ kind: "frame", number, packed, concealed, shownPackets: count, drawMs }, buffersOf(packed));
+    say(
+      { kind: "frame", number, packed, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
+      buffersOf(packed),
+    );
     setTimeout(() => moving.ahead(own, AHEAD_MS));
   }
 

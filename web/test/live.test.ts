@@ -50,3 +50,16 @@ test("a pause of the path is waited for, and the clock catches up again", () => 
   assert.ok(buffer.seconds < 0.1);
   assert.ok(shown.get(21 * GROUP)! > (21 * GROUP) / RATE + 0.4);
 });
+
+test("nothing is held where nobody looked or nothing more will come", () => {
+  const buffer = new JitterBuffer(RATE);
+  buffer.add(0, GROUP, 0);
+  assert.equal(buffer.due(0.1), 2);
+  buffer.add(GROUP, 10 * GROUP, 5); // five seconds nobody asked
+  assert.equal(buffer.due(9.9), 10 * GROUP - 1);
+  assert.ok(buffer.held <= 5 * RATE);
+  const { held } = buffer;
+  buffer.over = true;
+  assert.equal(buffer.due(60), 10 * GROUP - 1);
+  assert.equal(buffer.held, held);
+});

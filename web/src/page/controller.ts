@@ -231,6 +231,7 @@ export class Controller {
     if (this.stage.view) this.#conceal();
     if (status.failed) return;
     if (this.#player instanceof LivePlayer) {
+      this.#player.end();
       panel.say(text === "complete" || text === "sent" ? "The live clip has ended." : `The live clip ended: ${text}.`);
       return this.tell("load", { complete, verified: false });
     }

@@ -1,7 +1,7 @@
 // The player of a live clip: a clock that runs behind what comes, by as much as its groups of late varied (a jitter
 // buffer). What is not there when it is due is waited for while the last frame stays; what is late is left out.
 
-type Asked = (number: number) => void;
+import { AnyPlayer, type Asked } from "./player.ts";
 
 /** Groups whose arrival the buffer goes by. */
 const LOOKED_AT = 24;
@@ -19,6 +19,8 @@ export class JitterBuffer {
   #at = 0;
   /** Frames that were due and not there. */
   held = 0;
+  /** Whether no more will come. */
+  over = false;
 
   constructor(readonly rate: number) {}
 
@@ -33,6 +35,11 @@ export class JitterBuffer {
       this.#zero = this.#wanted;
       this.#at = now;
     }
+  }
+
+  /** The last frame that can be shown. */
+  get last(): number {
+    return this.#end - 1;
   }
 
   get #wanted(): number {
@@ -54,41 +61,22 @@ export class JitterBuffer {
     else this.#zero = Math.max(wanted, this.#zero - CATCH_UP * passed);
     const due = Math.floor((now - this.#zero) * this.rate);
     if (due < this.#end) return due < 0 ? null : due;
-    this.held += passed * this.rate;
-    return this.#end - 1;
+    if (!this.over) this.held += Math.min(passed * this.rate, due + 1 - this.#end);
+    return this.last;
   }
 }
 
-export class LivePlayer {
-  readonly element = document.createElement("fieldset");
-  readonly #button = document.createElement("button");
-  readonly #told = document.createElement("output");
+export class LivePlayer extends AnyPlayer {
   readonly #buffer: JitterBuffer;
-  #playing = true;
-  #number = -1;
   #begin = 0;
-  #waiting = false;
-  #stale = false;
-  #ticking = 0;
-  /** Frames that were there, due, and not shown. */
-  skipped = 0;
+  /** Whether it played when it last looked: what passes while it is paused is not late. */
+  #goesOn = false;
 
-  constructor(
-    readonly rate: number,
-    readonly ask: Asked,
-  ) {
+  constructor(rate: number, ask: Asked) {
+    super(rate, ask);
+    this.number = -1;
     this.#buffer = new JitterBuffer(rate);
-    this.element.className = "player";
-    this.element.setAttribute("aria-label", "player");
-    this.#button.type = "button";
-    this.#button.addEventListener("click", () => this.play(!this.#playing));
-    this.element.append(this.#button, this.#told);
-    this.#told.textContent = "live";
-    this.play(true);
-  }
-
-  get playing(): boolean {
-    return this.#playing;
+    this.begin();
   }
 
   /** What the panel says of it. */
@@ -96,49 +84,46 @@ export class LivePlayer {
     return { late: this.skipped, held: Math.round(this.#buffer.held), buffer: this.#buffer.seconds };
   }
 
-  destroy(): void {
-    clearTimeout(this.#ticking);
-    this.element.remove();
+  override get over(): boolean {
+    return this.#buffer.over && this.number === this.#buffer.last;
   }
 
   /** Holds the picture, or goes on with what is live then. */
-  play(playing: boolean): void {
-    this.#playing = playing;
-    this.#button.textContent = playing ? "pause" : "play";
-    if (playing) this.#tick();
+  override play(playing: boolean): void {
+    super.play(playing);
+    this.#tell();
   }
 
   /** Frames that can be shown. */
   playable(begin: number, end: number): void {
     this.#begin = begin;
     this.#buffer.add(begin, end, performance.now() / 1000);
-    this.#tick();
+    this.tick();
   }
 
-  /** The frame looks different now: others are dropped. */
-  again(): void {
-    this.#stale = true;
-    this.#tick();
+  /** No more will come. */
+  end(): void {
+    this.#buffer.over = true;
+    this.tick();
+    this.#tell();
   }
 
-  /** A frame is on the screen. */
-  shown(number: number): void {
-    this.#waiting = false;
-    this.#told.textContent = `live, frame ${number + 1}`;
-    this.#tick();
+  override shown(number: number): void {
+    super.shown(number);
+    this.#tell();
   }
 
-  #tick(): void {
-    clearTimeout(this.#ticking);
-    if (this.#playing) this.#ticking = window.setTimeout(() => this.#tick(), 1000 / this.rate / 2);
-    if (this.#waiting) return;
-    const due = this.#playing ? this.#buffer.due(performance.now() / 1000) : this.#number;
-    if (due === null || due < this.#begin) return;
-    if (due > this.#number + 1 && this.#number >= 0 && this.#playing) this.skipped += due - this.#number - 1;
-    if (due === this.#number && !this.#stale) return;
-    this.#number = Math.max(due, this.#number); // the clock may go back a little
-    this.#stale = false;
-    this.#waiting = true;
-    this.ask(this.#number);
+  #tell(): void {
+    this.button.hidden = this.over;
+    const how = this.over ? "ended" : this.playing ? "live" : "paused";
+    this.told.textContent = how + (this.number < 0 ? "" : `, frame ${this.number + 1}`);
+  }
+
+  protected override next(): number | null {
+    const due = this.playing || this.number < 0 ? this.#buffer.due(performance.now() / 1000) : this.number;
+    if (due === null || due < this.#begin) return null;
+    if (this.#goesOn) this.skipped += Math.max(due - this.number - 1, 0);
+    this.#goesOn = this.playing;
+    return Math.max(due, this.number); // the clock may go back a little
   }
 }

@@ -1,7 +1,7 @@
-// The player of a clip: a clock that asks the worker for the frame that is due. What comes late is left out: nothing
+// Players of what moves: a clock that asks the worker for the frame that is due. What comes late is left out: nothing
 // is asked for before the frame before is on the screen.
 
-type Asked = (number: number) => void;
+export type Asked = (number: number) => void;
 
 /** When frames of a clip are shown. */
 export interface Times {
@@ -9,44 +9,41 @@ export interface Times {
   readonly numFrames: number;
 }
 
-export class Player {
+/** What every player has: a button, and a frame that is asked for. */
+export abstract class AnyPlayer {
   readonly element = document.createElement("fieldset");
-  readonly #button = document.createElement("button");
-  readonly #seek = document.createElement("input");
-  readonly #told = document.createElement("output");
-  #playing = true;
-  /** Time of the first frame, milliseconds. */
-  #began = performance.now();
-  #number = 0;
+  protected readonly button = document.createElement("button");
+  protected readonly told = document.createElement("output");
+  /** The frame that was asked for last. */
+  protected number = 0;
+  #playing = false;
   #waiting = false;
   #stale = true;
   #ticking = 0;
-  /** Frames that were due and not shown since it plays. */
+  /** Frames that were due while it played, and not shown. */
   skipped = 0;
 
   constructor(
-    readonly times: Times,
+    readonly rate: number,
     readonly ask: Asked,
   ) {
     this.element.className = "player";
     this.element.setAttribute("aria-label", "player");
-    this.#button.type = "button";
-    this.#button.addEventListener("click", () => this.play(!this.#playing));
-    this.#seek.type = "range";
-    this.#seek.setAttribute("aria-label", "frame");
-    this.#seek.max = String(times.numFrames - 1);
-    this.#seek.addEventListener("input", () => this.seek(Number(this.#seek.value)));
-    this.element.append(this.#button, this.#seek, this.#told);
-    this.play(!matchMedia("(prefers-reduced-motion: reduce)").matches);
-    this.#tick();
+    this.button.type = "button";
+    this.button.addEventListener("click", () => this.play(!this.#playing));
+    this.element.append(this.button, this.told);
   }
 
-  get number(): number {
-    return this.#number;
-  }
+  /** The frame that should be on the screen; null where there is none. */
+  protected abstract next(): number | null;
 
   get playing(): boolean {
     return this.#playing;
+  }
+
+  /** Whether nothing is due any more. */
+  get over(): boolean {
+    return false;
   }
 
   destroy(): void {
@@ -54,49 +51,84 @@ export class Player {
     this.element.remove();
   }
 
-  play(playing: boolean): void {
-    this.#playing = playing;
-    this.#button.textContent = playing ? "pause" : "play";
-    this.#began = performance.now() - (this.#number / this.times.rate) * 1000;
-    if (playing) this.#tick();
+  /** Begins as somebody wants who may not like motion. */
+  protected begin(): void {
+    this.play(!matchMedia("(prefers-reduced-motion: reduce)").matches);
   }
 
-  /** Goes to a frame; it pauses there. */
-  seek(number: number): void {
-    this.#number = Math.min(Math.max(Math.round(number), 0), this.times.numFrames - 1);
-    this.play(false);
-    this.again();
+  play(playing: boolean): void {
+    this.#playing = playing;
+    this.button.textContent = playing ? "pause" : "play";
+    this.tick();
   }
 
   /** The frame looks different now: packets came, or others are dropped. */
   again(): void {
     this.#stale = true;
-    this.#tick();
+    this.tick();
   }
 
   /** A frame is on the screen. */
-  shown(number: number): void {
+  shown(_: number): void {
     this.#waiting = false;
-    this.#seek.value = String(number);
-    this.#told.textContent = `frame ${number + 1} of ${this.times.numFrames}`;
-    this.#tick();
+    this.tick();
   }
 
-  #tick(): void {
+  protected tick(): void {
     clearTimeout(this.#ticking);
-    if (this.#playing) this.#ticking = window.setTimeout(() => this.#tick(), 1000 / this.times.rate / 2);
+    if (this.#playing && !this.over) this.#ticking = window.setTimeout(() => this.tick(), 1000 / this.rate / 2);
     if (this.#waiting) return;
-    const { rate, numFrames } = this.times;
-    if (this.#playing) {
-      const due = Math.floor(((performance.now() - this.#began) / 1000) * rate) % numFrames,
-        passed = (due - this.#number + numFrames) % numFrames;
-      if (passed > 1) this.skipped += passed - 1;
-      if (passed) this.#stale = true;
-      this.#number = due;
-    }
-    if (!this.#stale) return;
+    const before = this.number,
+      next = this.next();
+    if (next === null || (next === before && !this.#stale)) return;
+    this.number = next;
     this.#stale = false;
     this.#waiting = true;
-    this.ask(this.#number);
+    this.ask(next);
+  }
+}
+
+export class Player extends AnyPlayer {
+  readonly #seek = document.createElement("input");
+  /** Time of the first frame, milliseconds. */
+  #began = 0;
+
+  constructor(
+    readonly times: Times,
+    ask: Asked,
+  ) {
+    super(times.rate, ask);
+    this.#seek.type = "range";
+    this.#seek.setAttribute("aria-label", "frame");
+    this.#seek.max = String(times.numFrames - 1);
+    this.#seek.addEventListener("input", () => this.seek(Number(this.#seek.value)));
+    this.told.before(this.#seek);
+    this.begin();
+  }
+
+  override play(playing: boolean): void {
+    this.#began = performance.now() - (this.number / this.rate) * 1000;
+    super.play(playing);
+  }
+
+  /** Goes to a frame; it pauses there. */
+  seek(number: number): void {
+    this.number = Math.min(Math.max(Math.round(number), 0), this.times.numFrames - 1);
+    this.play(false);
+    this.again();
+  }
+
+  override shown(number: number): void {
+    this.#seek.value = String(number);
+    this.told.textContent = `frame ${number + 1} of ${this.times.numFrames}`;
+    super.shown(number);
+  }
+
+  protected override next(): number {
+    if (!this.playing) return this.number;
+    const { numFrames } = this.times,
+      due = Math.floor(((performance.now() - this.#began) / 1000) * this.rate) % numFrames;
+    this.skipped += Math.max(((due - this.number + numFrames) % numFrames) - 1, 0);
+    return due;
   }
 }
