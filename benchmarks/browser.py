@@ -170,7 +170,7 @@ def lossy(first: Browser, url: str, rounds: int = 7) -> dict[str, float]:
 
 def many(url: str, count: int) -> dict[str, Any]:
     with browser() as first:
-        pages = [first, *(first.another() for _ in range(count - 1))]
+        pages = [first, *(first.another(alone=True) for _ in range(count - 1))]
         for page in pages:
             page.open(url)
         for page in pages:

@@ -35,14 +35,15 @@ def executable() -> str | None:
 class Browser(Page):
     """One page of a browser."""
 
-    def __init__(self, to_browser: int, from_browser: int) -> None:
+    def __init__(self, to_browser: int, from_browser: int, *, alone: bool = False) -> None:
         self._out, self._in, self._rest, self._count = to_browser, from_browser, b"", 0
-        self._target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        whose = {"browserContextId": self._call("Target.createBrowserContext")["browserContextId"]} if alone else {}
+        self._target = self._call("Target.createTarget", url="about:blank", **whose)["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
 
-    def another(self) -> "Browser":
-        """One more page of the same browser."""
-        return Browser(self._out, self._in)
+    def another(self, *, alone: bool = False) -> "Browser":
+        """One more page of the same browser; `alone`: which knows nothing of what others kept."""
+        return Browser(self._out, self._in, alone=alone)
 
     def close(self) -> None:
         """Closes the page, not the browser."""

@@ -37,6 +37,7 @@ def test_a_clip_plays_and_its_losses_are_concealed(tmp_path: Path) -> None:
     with browser() as page:
         page.open(packed.as_uri())
         page.wait_for(f"{ELEMENT}?.status?.verified", 60)
+        assert "lossless" not in page.evaluate(f"{PANEL}.textContent"), "there is no comparison of what moves"
         first = page.wait_for(TOLD, 60)
         page.wait_for(f"{TOLD} !== {first!r}", 60)
         slide(page, ".player input", 4)

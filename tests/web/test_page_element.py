@@ -212,6 +212,7 @@ def test_a_link_that_drops_is_tried_again_and_a_page_that_is_loaded_again_goes_o
         page.open(f"{host.url}one")
         assert page.wait_for(f"window.events && {LOADED}")[1] == {"complete": True, "verified": True}
         assert host.sent - before <= 64, "what was there came again"
+        assert "kept by this browser" in page.evaluate(PANEL)
 
     hosted(stream, work)
 
@@ -251,9 +252,12 @@ def test_what_moves_and_what_has_levels_comes_moves_and_goes_as_well(kind: str, 
     def work(host: Host, page: Browser) -> None:
         page.open(f"{host.url}none")
         page.wait_for("customElements.get('splat-wire')")
-        for _ in range(3):
+        for n in range(3):
             made(page, "other.swz")
             assert page.wait_for(f"{ELEMENT}.view && {LOADED}")[1] == whole
+            way, packets, expected = (page.evaluate(f"{ELEMENT}.status.{x}") for x in ("way", "packets", "expected"))
+            assert ("kept" in way) == (n > 0), way
+            assert packets == expected == len(made_of.packets)
             page.evaluate(f"window.view = {ELEMENT}.view; document.querySelector('#b').append({ELEMENT})")
             page.resolve("new Promise((resolve) => setTimeout(resolve, 50))")
             assert page.evaluate(f"{ELEMENT}.view === view") is True

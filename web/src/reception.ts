@@ -21,7 +21,8 @@ const AHEAD_MS = 40;
 const SHOW_MS = 30,
   COUNT_MS = 200;
 
-const SEEN = "Everything that this view needs is there.";
+const KEPT = "kept by this browser",
+  SEEN = "Everything that this view needs is there.";
 /** For what looks the same to all cameras. */
 const ANYWHERE: Camera = { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
 
@@ -51,6 +52,8 @@ export class Reception implements Receiver {
   readonly #pieces = new Map<number, number>();
   #decodeMs = 0;
   #counts: Counts | null = null;
+  /** What was there from the beginning, all of it. */
+  #before: Received | null = null;
   #bytesBefore = 0;
   readonly #began = performance.now();
   #countedAt = 0;
@@ -160,6 +163,10 @@ export class Reception implements Receiver {
         this.held.begin(before.head);
         this.head(container.head, before.head, true);
         this.#take(this.held.add(before.packets));
+        const { count } = this.held,
+          expected = container.head.manifest.numPackets;
+        this.#counts = { way: KEPT, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
+        if (count === expected) this.#before = this.#received;
       }
     } catch {
       this.held.clear();
@@ -185,10 +192,11 @@ export class Reception implements Receiver {
       packets = Math.max(counts.packets, intake?.size ?? 0),
       bytes = this.#bytesBefore + counts.bytes,
       seconds = (performance.now() - this.#began) / 1000,
-      expected = this.#received?.decoder.head.manifest.numPackets ?? counts.expected;
+      expected = this.#received?.decoder.head.manifest.numPackets ?? counts.expected,
+      way = this.#before && this.#before === this.#received ? KEPT : counts.way;
     say({
       kind: "counts",
-      counts: { ...counts, packets, bytes, seconds, expected },
+      counts: { ...counts, packets, bytes, seconds, expected, way },
       decodeMs: this.#decodeMs,
       corrupt: intake?.counts.corrupt ?? 0,
     });

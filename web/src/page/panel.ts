@@ -34,6 +34,7 @@ export class Panel {
   readonly element = make("div", { class: "panel" });
   settings: Settings = { concealer: "grow", dropped: 0, burst: 1, seed: 0, sent: 1, show: "received" };
   readonly #state = make("p", { class: "state", role: "status" });
+  readonly #show = this.#shows();
   readonly #line = make("progress", { max: "1", value: "0", "aria-label": "what has arrived" });
   readonly #bar = make("div", { class: "bar" });
   readonly #laboratory = make("section", { class: "laboratory", id: "laboratory", "aria-label": "laboratory" });
@@ -74,7 +75,7 @@ export class Panel {
       again,
       this.#slider("sent", "Sent: ", 0, 1, 0.01),
       play,
-      this.#shows(),
+      this.#show,
     ];
     this.#laboratory.append(
       this.#facts,
@@ -139,8 +140,10 @@ export class Panel {
   }
 
   /** Puts the player of a clip into the bar. */
+  /** Has a player; frames that pass are not compared with those that nothing was dropped of. */
   add(player: HTMLElement): void {
     this.#bar.prepend(player);
+    this.#show.remove();
   }
 
   destroy(): void {
