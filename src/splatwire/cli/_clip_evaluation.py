@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatwire.cli._output import refuse_options
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -28,9 +29,7 @@ def check_clip_options(options: "Evaluate") -> None:
     from splatwire.clips import is_sequence
     from splatwire.clips.concealment import clip_concealer
 
-    for name in _STILL:
-        if getattr(options, name) != getattr(type(options), name):
-            raise InvalidValueError(f"--{name.replace('_', '-')} is for a still scene, not for a clip")
+    refuse_options(options, _STILL, "is for a still scene, not for a clip")
     if options.reference is None or not is_sequence(options.reference):
         raise InvalidValueError("a clip is compared with what it was made of: give --reference FOLDER of its frames")
     for concealer in options.conceal:

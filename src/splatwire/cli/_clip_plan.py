@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatwire.cli._output import refuse_options
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -36,9 +37,7 @@ def plan_clips(
     from splatwire.clips.planning import plan_clip
     from splatwire.codec.schemas.tracks.side_info import open_side_info
 
-    for name in _STILL:
-        if getattr(options, name) != getattr(type(options), name):
-            raise InvalidValueError(f"--{name.replace('_', '-')} is for a still scene, not for a clip")
+    refuse_options(options, _STILL, "is for a still scene, not for a clip")
     times = [open_side_info(stream.manifest, stream.side_info).timeline for stream in streams]
     if any(time != times[0] for time in times):
         raise InvalidValueError("clips that compete have the same frames, in the same groups")

@@ -1,13 +1,16 @@
 """What the verbs that serve share: a server on a port, over UDP or QUIC, and the page beside it."""
 
+import asyncio
 import contextlib
+import signal
 import socket
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from splatwire.cli._output import JsonFlag, print_json
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -17,29 +20,64 @@ if TYPE_CHECKING:
     from splatwire.transport.udp import UdpServer
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Listening:
-    """Where and how is served.
+    """The options of the verbs that serve: where and how."""
 
-    Attributes:
-        host: Address to listen on.
-        port: UDP port; 0 lets the system choose.
-        quic: Whether over QUIC.
-        page: With QUIC: TCP port of the page; None for none.
-        certificate: With QUIC: certificate and its chain (PEM); None for one that is made on the spot.
-        key: Its private key.
-        origins: Web pages that may open sessions; empty lets all.
-        limits: What is spent on clients.
-    """
+    port: int = 4840
+    """UDP port; 0 lets the system choose."""
+    host: str = "127.0.0.1"
+    """Address to listen on; 0.0.0.0 for all of this machine's."""
+    rate: float | None = None
+    """Megabits per second to each client, fixed; without it the rate adapts to the path."""
+    quic: bool = False
+    """Serve over QUIC: encrypted, side information on a reliable stream; browsers may come by WebTransport."""
+    page: int | None = None
+    """Serve a page that receives and draws in a browser, on this TCP port; 0 lets the system choose. Implies --quic."""
+    certificate: Path | None = None
+    """With --quic: certificate and its chain (PEM); without it one is made on the spot and its fingerprint told."""
+    key: Path | None = None
+    """Private key of the certificate (PEM, not encrypted)."""
+    json: JsonFlag = False
+    """Print one JSON object when ready."""
 
-    host: str
-    port: int
-    quic: bool
-    page: int | None
-    certificate: Path | None
-    key: Path | None
-    origins: tuple[str, ...]
-    limits: "ServerLimits"
+    @property
+    def over_quic(self) -> bool:
+        """Whether over QUIC."""
+        return self.quic or self.page is not None
+
+    @property
+    def fixed_rate(self) -> float | None:
+        """Bytes per second to each client; None adapts.
+
+        Raises:
+            InvalidValueError: If the rate is not above 0.
+        """
+        if self.rate is not None and not 0 < self.rate <= 100_000:
+            raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
+        return None if self.rate is None else self.rate * 1e6 / 8
+
+    def check_listening(self) -> None:
+        """Tells mistakes before any work.
+
+        Raises:
+            InvalidValueError: If a port or the rate is out of range, or a certificate was given for plain UDP.
+        """
+        check_port(self.port)
+        check_port(self.page or 0)
+        if not self.over_quic and (self.certificate or self.key):
+            raise InvalidValueError("--certificate and --key are for --quic")
+        assert self.fixed_rate is None or self.fixed_rate > 0
+
+    def tell_ready(self, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
+        """Prints where clients come to, and what they have to know."""
+        if self.json:
+            print_json({"host": self.host, "port": port, **more, **facts})
+        else:
+            print(f"{what} on {'quic' if self.over_quic else 'udp'}://{self.host}:{port}")
+            for name, value in facts.items():
+                print(f"{name}: {value}")
+        sys.stdout.flush()
 
     def identity(self) -> "Callable[[], Identity]":
         """What gives the certificate and key of a QUIC server; one that was made on the spot is renewed.
@@ -69,18 +107,21 @@ def check_port(port: int) -> None:
 
 
 async def open_server(
-    programs: "Mapping[str, Program]", listening: Listening, stack: contextlib.AsyncExitStack, live: str | None = None
-) -> "tuple[UdpServer | QuicServer, dict[str, str]]":
+    programs: "Mapping[str, Program]", listening: Listening, limits: "ServerLimits", stack: contextlib.AsyncExitStack,
+    *, origins: tuple[str, ...] = (), live: str | None = None,
+) -> "tuple[UdpServer | QuicServer, dict[str, str]]":  # fmt: skip
     """A server, and what its clients have to know of it.
 
     Args:
         programs: Streams by name.
         listening: Where and how.
+        limits: What is spent on clients.
         stack: Closes it.
+        origins: Web pages that may open sessions; empty lets all.
         live: Name of a stream that grows, which the page shows.
     """
-    host, port, limits = listening.host, listening.port, listening.limits
-    if not listening.quic:
+    host, port = listening.host, listening.port
+    if not listening.over_quic:
         from splatwire.transport.udp import UdpServer
 
         plain = UdpServer(programs, host, port, limits=limits)
@@ -94,7 +135,7 @@ async def open_server(
     from splatwire.transport.quic_server import QuicServer
 
     identity = listening.identity()
-    spent = QuicLimits(2 * limits.sessions, 2 * limits.per_network, listening.origins or None)
+    spent = QuicLimits(2 * limits.sessions, 2 * limits.per_network, origins or None)
     server = QuicServer(programs, host, port, identity=identity, limits=limits, quic_limits=spent)
     stack.callback(server.close)
     await server.start()
@@ -105,11 +146,19 @@ async def open_server(
             return Link(server.port, WEBTRANSPORT_PATH, None if listening.certificate else identity().fingerprint)
 
         shown = {live: None} if live is not None else programs
-        content = PageContent(shown, link, host, listening.origins or None)
+        content = PageContent(shown, link, host, origins or None)
         page_limits = PageLimits(limits.sessions, 2 * limits.per_network)
         page = await stack.enter_async_context(PageServer(content, listening.page, page_limits))
         facts["page"] = page.url
     return server, facts
+
+
+def stop_on_signals() -> asyncio.Event:
+    """Is set when somebody ends the program."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    return stop
 
 
 def _told_renewed(identity: "Identity") -> None:

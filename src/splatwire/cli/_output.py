@@ -4,7 +4,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -21,6 +21,17 @@ JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
 
 Reporter: TypeAlias = Callable[[str, float], None]
 """Called with what is being done and the share of it that is done, 0 to 1."""
+
+
+def refuse_options(options: Any, names: Sequence[str], why: str) -> None:
+    """Refuses options that have another value than where they are absent.
+
+    Raises:
+        InvalidValueError: If one has.
+    """
+    for name in names:
+        if getattr(options, name) != getattr(type(options), name):
+            raise InvalidValueError(f"--{name.replace('_', '-')} {why}")
 
 
 def print_json(content: Mapping[str, Any]) -> None:

@@ -4,6 +4,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatwire.cli._output import refuse_options
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -40,12 +41,9 @@ def check_path_options(options: "Evaluate") -> None:
         InvalidValueError: If they are not for a path.
     """
     if options.path is None:
-        if given := [name for name in ONLY_HERE if getattr(options, name) is not None]:
-            raise InvalidValueError(f"--{given[0]} is for a walk through a scene with levels: give --path CAMERAS")
+        refuse_options(options, ONLY_HERE, "is for a walk through a scene with levels: give --path CAMERAS")
         return
-    for name in _OTHERS:
-        if getattr(options, name) != getattr(type(options), name):
-            raise InvalidValueError(f"--{name.replace('_', '-')} means nothing together with --path")
+    refuse_options(options, _OTHERS, "means nothing together with --path")
     if options.reference is None:
         raise InvalidValueError("pictures along a path are compared with those of --reference SCENE")
     if len(options.seeds) > 1:

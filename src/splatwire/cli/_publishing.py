@@ -1,10 +1,9 @@
 """`splatwire serve --moq`: a stream goes to a relay, which sends it on."""
 
-import asyncio
-import signal
 import sys
 from pathlib import Path
 
+from splatwire.cli._listening import stop_on_signals
 from splatwire.cli._output import print_json
 from splatwire.cli._receiving import TrustOptions
 
@@ -32,9 +31,7 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
     address = parse_url(f"moq://{url.partition('://')[2]}")
     need_moq()
     stream, _ = read_stream(path)
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    stop = stop_on_signals()
 
     def ready() -> None:
         if json:

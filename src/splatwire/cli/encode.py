@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from splatwire.cli._files import input_path, output_path
-from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars
+from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars, refuse_options
 from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
@@ -171,8 +171,7 @@ class Encode:
         from splatwire.cli._clips import clip_options, describe_clip, encode_sequence
         from splatwire.packets import write_stream
 
-        if still := [name for name in _STILL if getattr(self, name) != getattr(type(self), name)]:
-            raise InvalidValueError(f"--{still[0].replace('_', '-')} is for a still scene, not for a clip")
+        refuse_options(self, _STILL, "is for a still scene, not for a clip")
         options = clip_options(self.fps, self.group, self.quality, chosen_background(self.background), self.up)
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
             stream, tracking, seconds = encode_sequence(Path(self.scene), self.frames, options, report)

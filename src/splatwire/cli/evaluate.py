@@ -3,7 +3,7 @@
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -13,6 +13,8 @@ from splatwire.cli._scenes import BackgroundOption, chosen_background
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from splatwire.evaluate.study import Row, SceneEntry, Study
     from splatwire.packets import SceneStream
 
@@ -79,12 +81,7 @@ class Evaluate:
 
         with progress_bars() as show:
             content = evaluate_path(self, stream, show)
-        if self.json:
-            print_json(content)
-            return
-        print_path_facts(content, Path(self.source).name)
-        if content["report"] is not None:
-            print(f"report: {content['report']}")
+        self._tell(content, lambda: print_path_facts(content, Path(self.source).name))
 
     def _evaluate_clip(self, stream: "SceneStream") -> None:
         from splatwire.cli._clip_evaluation import check_clip_options, evaluate_clip, print_clip_rows
@@ -92,10 +89,14 @@ class Evaluate:
         check_clip_options(self)
         with progress_bars() as show:
             content = evaluate_clip(self, stream, show)
+        self._tell(content, lambda: print_clip_rows(content, Path(self.source).name))
+
+    def _tell(self, content: "Mapping[str, Any]", show: "Callable[[], None]") -> None:
+        """Prints what was found, and where the report is."""
         if self.json:
             print_json(content)
             return
-        print_clip_rows(content, Path(self.source).name)
+        show()
         if content["report"] is not None:
             print(f"report: {content['report']}")
 
@@ -108,14 +109,11 @@ class Evaluate:
             result = run_study(self.study(path), store, InProcess(progress=show), show)
             content = plain_content(result)
             report = None if self.output is None else write_report(result, store, self.output, content)
-        if self.json:
-            print_json({**content, "report": None if report is None else str(report)})
-            return
         from splatwire.cli._table import print_rows
 
-        print_rows(content["rows"], result.study.title, lpips_note=result.lpips_note)
-        if report is not None:
-            print(f"report: {report}")
+        content["report"] = None if report is None else str(report)
+        title, note = result.study.title, result.lpips_note
+        self._tell(content, lambda: print_rows(content["rows"], title, lpips_note=note))
 
     def _check(self) -> None:
         """Tells what is wrong with the options before any work.

@@ -3,19 +3,17 @@
 import asyncio
 import contextlib
 import re
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import tyro
 
 from splatwire.cli import _bundled
 from splatwire.cli._datagrams import in_datagrams
-from splatwire.cli._listening import Listening, check_port, open_server
-from splatwire.cli._output import JsonFlag, print_json
+from splatwire.cli._listening import Listening, open_server, stop_on_signals
 from splatwire.cli._publishing import publish_stream
 from splatwire.cli._receiving import TrustOptions
 
@@ -25,27 +23,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Serve:
+class Serve(Listening):
     """Serve streams over UDP or QUIC to many clients at once; stop with Ctrl-C."""
 
     streams: tyro.conf.Positional[tuple[str, ...]] = ()
     """Streams, .swz files or folders; the bundled scene's Gaussians if absent. One of another preset than datagram is
     put into packets that fit datagrams first, which changes nothing of the scene. A client names one by its file name
     without the ending; one that names none gets the first."""
-    port: int = 4840
-    """UDP port; 0 lets the system choose."""
-    host: str = "127.0.0.1"
-    """Address to listen on; 0.0.0.0 for all of this machine's."""
-    rate: float | None = None
-    """Megabits per second to each client, fixed; without it the rate adapts to the path."""
-    quic: bool = False
-    """Serve over QUIC: encrypted, side information on a reliable stream; browsers may come by WebTransport."""
-    certificate: Path | None = None
-    """With --quic: certificate and its chain (PEM); without it one is made on the spot and its fingerprint told."""
-    key: Path | None = None
-    """Private key of the certificate (PEM, not encrypted)."""
-    page: int | None = None
-    """Serve a page that receives and draws in a browser, on this TCP port; 0 lets the system choose. Implies --quic."""
     origins: tuple[str, ...] = ()
     """With --quic: web pages that may open sessions, e.g. https://example.org; none named lets all."""
     idle: float = 5.0
@@ -65,19 +49,16 @@ class Serve:
     """Publish one stream to a relay of Media over QUIC, which sends it to whoever asks there, instead of listening:
     https://RELAY[:PORT]/NAME."""
     trust: TrustOptions = field(default_factory=TrustOptions)
-    json: JsonFlag = False
-    """Print one JSON object when ready."""
 
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.errors import InvalidValueError
 
-        check_port(self.port)
-        check_port(self.page or 0)
-        if not self._over_quic and (self.certificate or self.key or self.origins):
+        self.check_listening()
+        if not self.over_quic and self.origins:
             raise InvalidValueError("--certificate, --key and --origins are for --quic")
         if self.moq is not None:
-            if self._over_quic or self.plan or self.protect or len(self.streams) > 1:
+            if self.over_quic or self.plan or self.protect or len(self.streams) > 1:
                 raise InvalidValueError("--moq publishes one stream, which the relay sends: no --page, --quic, --plan")
             path = Path((self.streams or (str(_bundled.ASSETS / _bundled.SPLATS),))[0])
             asyncio.run(publish_stream(self.moq, path, self.trust, json=self.json))
@@ -86,10 +67,6 @@ class Serve:
             raise InvalidValueError("--fingerprint, --authority and --insecure are for --moq")
         (protection, planned), _ = self.protection(), self.limits()  # mistakes are told before streams are read
         asyncio.run(self._serve(self._programs(protection, planned)))
-
-    @property
-    def _over_quic(self) -> bool:
-        return self.quic or self.page is not None
 
     def _programs(self, protection: "Protection", planned: int | None = None) -> "dict[str, Program]":
         """What is served, by name.
@@ -123,7 +100,6 @@ class Serve:
             InvalidValueError: If a number is out of range, something is no plan, or both are given.
         """
         from splatwire.errors import InvalidValueError
-        from splatwire.plan.plan_file import MOST_BYTES, read_plan
         from splatwire.transport import Protection
 
         if self.plan is None:
@@ -131,56 +107,42 @@ class Serve:
             return protection_of(side_repair, self.protect), None
         if self.side_repair is not None or self.protect:
             raise InvalidValueError("--side-repair and --protect are what --plan decides: give one or the other")
-        with self.plan.open("rb") as file:
-            return read_plan(file.read(MOST_BYTES + 1), str(self.plan))
+        return plan_of_file(self.plan)
 
     def limits(self) -> "ServerLimits":
         """What is spent on clients.
 
         Raises:
-            InvalidValueError: If the rate is not above 0.
+            InvalidValueError: If the rate is not above 0, or another number is out of range.
         """
         from splatwire.errors import InvalidValueError
         from splatwire.transport import ServerLimits
 
-        if self.rate is not None and not 0 < self.rate <= 100_000:
-            raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
         if not 0.1 <= self.idle <= 3600:
             raise InvalidValueError(f"--idle is from 0.1 to 3600 seconds, {self.idle} is not")
         if min(self.clients, self.clients_per_address) < 1:
             raise InvalidValueError("--clients and --clients-per-address are at least 1")
-        rate = None if self.rate is None else self.rate * 1e6 / 8
-        return ServerLimits(self.clients, self.clients_per_address, silence_s=self.idle, fixed_rate=rate)
+        return ServerLimits(self.clients, self.clients_per_address, silence_s=self.idle, fixed_rate=self.fixed_rate)
 
     async def _serve(self, programs: "dict[str, Program]") -> None:
-        stop = asyncio.Event()
-        loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, stop.set)
+        stop = stop_on_signals()
         async with contextlib.AsyncExitStack() as stack:
-            server, facts = await self._open(programs, stack)
+            server, facts = await open_server(programs, self, self.limits(), stack, origins=self.origins)
             sizes = {name: program.sizes() for name, program in programs.items()}
-            if self.json:
-                print_json({"host": self.host, "port": server.port, "streams": sizes, **facts})
-            else:
-                for name, parts in sizes.items():
-                    print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
-                          f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
-                print(f"serving on {'quic' if self._over_quic else 'udp'}://{self.host}:{server.port}")
-                for name, value in facts.items():
-                    print(f"{name}: {value}")
-            sys.stdout.flush()
+            for name, parts in () if self.json else sizes.items():
+                print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
+                      f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
+            self.tell_ready(server.port, facts, "serving", streams=sizes)
             await stop.wait()
         print(f"served {server.core.num_served} clients, {server.bytes_sent:,} bytes", file=sys.stderr)
 
-    async def _open(
-        self, programs: "dict[str, Program]", stack: contextlib.AsyncExitStack
-    ) -> tuple[Any, dict[str, str]]:
-        """A server, and what its clients have to know of it."""
-        listening = Listening(
-            self.host, self.port, self._over_quic, self.page, self.certificate, self.key, self.origins, self.limits()
-        )
-        return await open_server(programs, listening, stack)
+
+def plan_of_file(path: Path) -> "tuple[Protection, int]":
+    """What `splatwire plan` wrote, see `splatwire.plan.plan_file.read_plan`."""
+    from splatwire.plan.plan_file import MOST_BYTES, read_plan
+
+    with path.open("rb") as file:
+        return read_plan(file.read(MOST_BYTES + 1), str(path))
 
 
 def protection_of(side_repair: float, texts: Sequence[str]) -> "Protection":

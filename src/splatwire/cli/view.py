@@ -1,7 +1,6 @@
 """`splatwire view`: a page on this machine that shows a stream, its losses and how they are hidden."""
 
 import asyncio
-import signal
 import webbrowser
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ import tyro
 
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, is_stream
+from splatwire.cli._listening import check_port, stop_on_signals
 from splatwire.cli._output import JsonFlag, print_json, print_summary
 from splatwire.cli._receiving import TrustOptions
 from splatwire.errors import BitstreamError, InvalidValueError
@@ -44,8 +44,7 @@ class View:
         """Runs the verb until Ctrl-C."""
         from splatwire.data import load_cameras
 
-        if not 0 <= self.port < 1 << 16:
-            raise InvalidValueError(f"a port is a number from 0 to 65535, {self.port} is not")
+        check_port(self.port)
         if self.trust.given and "://" not in self.stream:
             raise InvalidValueError("--fingerprint, --authority and --insecure are for quic://")
         cameras = None if self.cameras is None else load_cameras(self.cameras)
@@ -85,9 +84,7 @@ class View:
         """Serves the page until a signal, or until receiving fails."""
         from splatwire.transport.page import PageServer
 
-        stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, stop.set)
+        stop = stop_on_signals()
         if receiving is not None:
             receiving.add_done_callback(lambda task: None if _went_well(task) else stop.set())
         async with PageServer(content, self.port) as page:
