@@ -20,7 +20,8 @@ PROBE_SHARE = 0.5
 """Sent while a competing sender looks whether it is alone."""
 TEST_SHARE = 0.6
 """Sent while it is found out whether loss depends on the rate."""
-PROBE_EVERY_S, PROBE_EVERY_MOST_S = 10.0, 80.0
+PROBE_EVERY_S, PROBE_EVERY_MOST_S = 15.0, 80.0
+"""Not in step with the 10 s for which BBR believes an empty queue: each probe that it meets costs it its share."""
 ROUND_S = 0.02
 """Receivers report no more often."""
 SILENCE_S, SILENT_ROUNDS = 0.2, 4.0
@@ -257,12 +258,17 @@ class RateControl:
             self._pause = None
             if pause.kind == "drain":
                 self.window.reduce(1.0)
-                self.window.set(FULL_SHARE / DRAIN_SHARE * pause.rate * max(self.round_trip or 0.0, ROUND_S))
+                self._fill(pause.rate / DRAIN_SHARE, self.round_trip or 0.0)
             else:
                 self.competing, self._left = False, (now, pause.window)
+                self._fill(pause.rate / PROBE_SHARE, self._latest)  # the window of before would fill it at once
         elif now >= pause.until:
             self._pause = None
             self._compete(now, pause)
+
+    def _fill(self, capacity: float, round_trip: float) -> None:
+        """Goes on beside an empty queue with about what the path carries."""
+        self.window.set(FULL_SHARE * capacity * max(round_trip, ROUND_S))
 
     def _compete(self, now: float, pause: _Pause) -> None:
         """Somebody else fills the queue: from now on only loss counts."""
