@@ -1,7 +1,10 @@
 from dataclasses import replace
 
+import numpy as np
 import torch
 
+from reference.squared_gradients import squared
+from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.importance import cameras_around
 from splatwire.render.precision import SIZE, VIEWS_OF_PART, precision_classes
 from splatwire.scene.splats import Splats
@@ -40,3 +43,20 @@ def test_large_scenes_are_looked_at_part_by_part() -> None:
     alone = precision_classes(near, cameras_around(near.means, VIEWS_OF_PART, SIZE))
     assert (classes[:240] == alone).all()
     assert (precision_classes(near, part=240) == precision_classes(near)).all()
+
+
+def test_squared_gradients_are_those_of_the_plain_sum() -> None:
+    rng, num = torch.Generator().manual_seed(1), 1000
+    gradients = [torch.randn(num, *size, generator=rng) for size in ((3,), (4,), (3,), (), (3,))]
+    scales = torch.rand(num, 3, generator=rng)
+    known = [
+        scales,
+        torch.nn.functional.normalize(torch.randn(num, 4, generator=rng), dim=1),
+        torch.rand(num, generator=rng),
+        scales.argsort(dim=1, descending=True),
+        torch.randint(0, 2, (num,), generator=rng) * 2,
+    ]
+    sums = np.zeros((num, NUM_SUMS))
+    add_squared(*(t.numpy() for t in (*gradients, *known)), sums, 0, 400)
+    add_squared(*(t.numpy() for t in (*gradients, *known)), sums, 400, num)
+    np.testing.assert_allclose(sums, squared(*gradients, *known).numpy(), rtol=1e-12)

@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 import torch
 from jaxtyping import Float64
-from torch import Tensor
 
 from splatwire.model.appearance import Scene, explicit_gaussians
 from splatwire.ops.kd_order import kd_order
+from splatwire.ops.threads import share
+from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.backends import create_renderer
 from splatwire.render.importance import cameras_around
 from splatwire.scene import Cameras, Gaussians
@@ -24,12 +25,15 @@ PART = 1 << 18
 """So many Gaussians are looked at together: memory and time for each do not grow with the scene."""
 VIEWS, VIEWS_OF_PART, SIZE = 12, 6, 224
 """Views around a scene, or around one of its parts, and their width and height in pixels."""
+ROWS = 1 << 15
+"""So many Gaussians' gradients are summed by one thread at a time."""
 FINEST_SHARE = 0.98
 """Classes count down from this quantile."""
 BRIGHTEST = 4.0
 """Colours count as no brighter than this, which is the most that a view of five real files has: one absurd colour would
 else decide how precise all Gaussians are that it shines through."""
 _UNSEEN = 1e-30
+# In the order of the kernel's columns.
 _SLOPES = {
     "position": (-0.33, -0.2, 0.0, 0.0),
     "scale0": (0.25, 0.0, -0.25, 0.2),
@@ -100,30 +104,29 @@ def precision_classes(
 
 def _classes(splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str) -> np.ndarray:
     found = _sensitivities(splats, cameras, probes, seed, renderer)
-    logs = splats.scales.double().log2().sort(dim=1, descending=True).values
-    long, thin = logs[:, 0] - logs[:, 1], logs[:, 1] - logs[:, 2]
-    shape = torch.stack([logs[:, 0] + logs[:, 1], long, thin, splats.opacities.double().clamp(min=1 / 512).log2()], 1)
+    logs = np.log2(np.sort(splats.scales.numpy().astype(np.float64), axis=1))
+    area, long, thin = logs[:, 2] + logs[:, 1], logs[:, 2] - logs[:, 1], logs[:, 1] - logs[:, 0]
+    shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.numpy().astype(np.float64), 1 / 512))])
     weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
-    octaves = torch.zeros(splats.num_gaussians, dtype=torch.float64)
+    octaves = np.zeros(splats.num_gaussians)
     for name, weight in weights.items():
-        expected = _BASES[name] + shape @ torch.tensor(_SLOPES[name], dtype=torch.float64)
-        octaves += weight * ((found[name] + _UNSEEN).log2() / 2 - expected)
+        octaves += weight * (np.log2(found[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape)
     octaves /= sum(weights.values())
-    finest = np.quantile(octaves.numpy(), FINEST_SHARE)
-    return np.rint(octaves.numpy() - finest).clip(-100, 100).astype(np.int8)
+    finest = np.quantile(octaves, FINEST_SHARE)
+    return np.rint(octaves - finest).clip(-100, 100).astype(np.int8)
 
 
 def _sensitivities(
     splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str
-) -> dict[str, Float64[Tensor, "G"]]:
+) -> dict[str, Float64[np.ndarray, "G"]]:
     """Mean squared change of pictures for each attribute, per scalar: squared gradients of random signs."""
-    draw, rng = create_renderer(renderer), torch.Generator().manual_seed(seed)
-    order = splats.scales.argsort(dim=1, descending=True)
+    draw, rng, num = create_renderer(renderer), torch.Generator().manual_seed(seed), splats.num_gaussians
+    logs, order = splats.scales.log2().sort(dim=1, descending=True)
+    spun = torch.where(logs[:, 1] - logs[:, 2] >= logs[:, 0] - logs[:, 1], 2, 0)
     quats = torch.nn.functional.normalize(splats.quats, dim=1)
-    turns = [_half_product(quats, axis) for axis in range(3)]
-    total = {name: torch.zeros(splats.num_gaussians, dtype=torch.float64) for name in _SLOPES}
-    logs = splats.scales.log2().sort(dim=1, descending=True).values
-    primary = torch.where(logs[:, 1] - logs[:, 2] >= logs[:, 0] - logs[:, 1], 2, 0)[:, None]
+    known = tuple(t.contiguous().numpy() for t in (splats.scales, quats, splats.opacities, order, spun))
+    sums = np.zeros((num, NUM_SUMS))
+    rows = list(itertools.pairwise([*range(0, num, ROWS), num]))
     for view in range(cameras.num_views):
         seen = splats.seen_from(cameras.centers[view].to(splats.means))
         seen = replace(seen, colors=seen.colors.clamp(max=BRIGHTEST))
@@ -132,23 +135,7 @@ def _sensitivities(
         for probe in range(probes):
             signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
             gradients = torch.autograd.grad((picture * signs).sum(), inputs, retain_graph=probe < probes - 1)
-            means, rotations, scales, opacities, colors = (g.double() for g in gradients)
-            sizes = ((scales * splats.scales) ** 2).gather(1, order)
-            turned = torch.stack([(rotations * turn).sum(dim=1) ** 2 for turn in turns], dim=1).gather(1, order)
-            spin = turned.gather(1, primary)[:, 0]
-            total["position"] += (means**2).mean(dim=1)
-            for s in range(3):
-                total[f"scale{s}"] += sizes[:, s]
-            total["direction"] += (turned.sum(dim=1) - spin) / 2
-            total["spin"] += spin
-            total["opacity"] += (opacities * splats.opacities) ** 2
-            total["colour"] += (colors**2).sum(dim=1)
+            found = tuple(g.contiguous().numpy() for g in gradients)
+            share(lambda ends, found=found: add_squared(*found, *known, sums, *ends), rows)
     scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
-    return {name: value * scale for name, value in total.items()}
-
-
-def _half_product(quats: Tensor, axis: int) -> Tensor:
-    """Derivative of unit quaternions (w, x, y, z) by a turn about their own axis 0, 1 or 2."""
-    w, x, y, z = quats.unbind(dim=1)
-    columns = ([-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w])[axis]
-    return torch.stack(columns, dim=1) / 2
+    return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}
