@@ -87,7 +87,7 @@ def one(program: Program, plain_bytes: int, loss_name: str, seed: int) -> Outcom
     packets = np.zeros(len(program.packets), dtype=np.bool_)
     if collector is not None and stream is not None:
         packets[:] = True
-        packets[collector.missing(0, len(packets))] = False
+        packets[list(collector.missing(0, len(packets)))] = False
     return Outcome(stream is not None, packets, 1 - plain_bytes / max(result.bytes_down, plain_bytes))
 
 
@@ -137,7 +137,7 @@ def planned(variant: Variant, stream: SceneStream, sketch_bytes: int, loss_name:
     per_packets = lost / (1 - lost) * sizes["packets"] / plain  # spent where all packets may be sent again
     share, best = float(np.clip((options.limit - sizes["side"] / plain * lost) / per_packets, 0, 1)), None
     for _ in range(ROUNDS):
-        protection = Protection(side_repair=0.0, side_lead=options.side_lead, resend_until=share)
+        protection = Protection(side_repair=0.0, resend_until=share)
         program = make_program(stream, protection)
         seeds = range(FIRST_PLANNED, FIRST_PLANNED + options.planned)
         outcomes = [one(program, plain, loss_name, seed) for seed in seeds]
@@ -171,7 +171,6 @@ def row_of(found: list[tuple[Variant, SceneStream, int]], loss_name: str, option
 def main() -> None:
     parser = scene_parser(__doc__.splitlines()[0])
     parser.set_defaults(views=3, pictures=10, tiers=[0.03, 0.05, 0.1, 0.2], sketch=[0.015, 0.03])
-    parser.add_argument("--side-lead", type=float, default=0.3)
     parser.add_argument("--transfers", type=int, default=100)
     parser.add_argument("--planned", type=int, default=40, help="transfers that a choice is made by")
     arguments = parser.parse_args()

@@ -92,7 +92,7 @@ def test_what_is_no_plan_is_told_in_one_line():
 def test_with_a_way_back_the_plan_says_what_is_sent_again(run, datagrams):
     words = ("--loss", "bernoulli:0.2", "--views", 1, "--json", "--way-back")
     whole, part = (run("plan", datagrams, *words, "--budget", budget).json for budget in (2.0, 1.25))
-    assert whole["protection"] == {**vars(Protection(0.0, 0.3, resend=4.0)), "tier_repair": [], "motion": []}
+    assert whole["protection"] == {**vars(Protection(0.0, resend=4.0)), "tier_repair": [], "motion": []}
     assert whole["lost"] == [0.0, 0.0]
     assert 0 < part["protection"]["resend_until"] < 1
     assert part["lost"][0] < part["lost"][1]

@@ -251,7 +251,8 @@ def test_a_plain_way_wins_where_nothing_is_gained(load: StreamLoad) -> None:
 
 def test_tiers_may_be_spread_over_the_transfer(load: StreamLoad) -> None:
     plain, half, mixed = (
-        outline_transfer(load, Protection(tier_repair=(0.4,), tier_spread=spread)) for spread in (0.0, 0.5, 1.0)
+        outline_transfer(load, Protection(side_lead=0.4, tier_repair=(0.4,), tier_spread=spread))
+        for spread in (0.0, 0.5, 1.0)
     )
 
     def last_of_tier_0(outline: Outline) -> float:

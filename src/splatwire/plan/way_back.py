@@ -21,8 +21,6 @@ OVERHEAD = 1.1
 """What is sent again beyond the ideal: reports are late or lost, too. Simulated transfers of four scenes with 20 % of
 the reports lost spent 1.02 to 1.05 times the ideal where datagrams were lost at random, 1.10 to 1.18 times in bursts of
 20 (worked out from `benchmarks/results/resend.json` and the sizes of the streams)."""
-LEAD = 0.3
-"""The side information leaves early: what it lacks must have time to be sent again."""
 
 
 def plan_resending(
@@ -91,7 +89,7 @@ def _plan(
     total = sum(sizes.values()) + sum(spent.values()) + offer.preview_bytes
     # a limit, however wide, is what makes the sender keep repair symbols of the head that no client has seen
     limit = MOST_RESENT if count == len(ends) else None
-    protection = Protection(side_repair=0.0, side_lead=LEAD, resend=limit, resend_until=until)
+    protection = Protection(side_repair=0.0, resend=limit, resend_until=until)
     return Plan(protection, number, found.psnr, 1.0, found.lost, sizes | spent, total, extra)
 
 

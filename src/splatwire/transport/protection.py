@@ -20,8 +20,8 @@ class Protection:
     Attributes:
         side_repair: Repair symbols of manifest and side information for each symbol, 0 to 2. With a way back they are
             sent again on request anyway.
-        side_lead: Symbols of the head object are sent between this first share of the packets, 0 to 1: small shows
-            something soon, large survives longer bursts.
+        side_lead: Symbols of the head object are sent between this first share of the packets, 0 to 1: 0 sends them
+            first of all, which shows something soon; large survives longer bursts without a way back.
         side_symbol_bytes: Size of the symbols of the head object, a multiple of 8; None chooses. Many small ones need
             fewer repair bytes (the share of many that is lost varies less), yet each has its own headers.
         head_share: Share of the packets, the first in sending order, that travel in the head object, 0 to 1: they are
@@ -51,7 +51,7 @@ class Protection:
     """
 
     side_repair: float = 0.35
-    side_lead: float = 0.4
+    side_lead: float = 0.0
     side_symbol_bytes: int | None = None
     head_share: float = 0.0
     tier_repair: tuple[float, ...] = ()
