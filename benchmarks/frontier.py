@@ -200,7 +200,7 @@ def draw(rows: list[dict], ceiling: float, path: Path) -> None:
     import matplotlib.pyplot as plt
 
     names = list(dict.fromkeys(row["loss"] for row in rows))
-    columns = min(5, len(names))
+    columns = -(-len(names) // 2)
     figure, axes = plt.subplots(
         -(-len(names) // columns), columns, figsize=(3 * columns, 5), sharey=True, squeeze=False
     )
