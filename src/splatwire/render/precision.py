@@ -6,7 +6,9 @@ is taken into account; so each gets one class, an octave of step sizes.
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -136,6 +138,10 @@ def _sensitivities(
             signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
             gradients = torch.autograd.grad((picture * signs).sum(), inputs, retain_graph=probe < probes - 1)
             found = tuple(g.contiguous().numpy() for g in gradients)
-            share(lambda ends, found=found: add_squared(*found, *known, sums, *ends), rows)
+            share(partial(_add_rows, (*found, *known, sums)), rows)
     scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
     return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}
+
+
+def _add_rows(arrays: Sequence[np.ndarray], ends: tuple[int, int]) -> None:
+    add_squared(*arrays, *ends)
