@@ -20,12 +20,13 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "tests" / "transport"))
-from network import bernoulli, bursts  # noqa: E402
+from network import at_most, bernoulli, bursts  # noqa: E402
 from tunnels import ends  # noqa: E402
 
 SERVER = "10.78.0.1", "10.78.0.2"
 LEAST_QUEUE = 32 * 1500
-BURST = 20.0
+BURST, BURST_S = 20.0, 0.3
+"""Packets of a burst on average, and seconds after which it ends: a sender that waits does not make it longer."""
 
 
 class Link:
@@ -38,7 +39,10 @@ class Link:
         self._free = [0.0, 0.0]
         rngs = [random.Random(f"{job['seed']} {side}") for side in range(2)]
         rate = job["loss"]
-        self._lost = [bursts(rate, BURST, rng) if job["bursts"] and rate else bernoulli(rate, rng) for rng in rngs]
+        self._lost = [
+            at_most(bursts(rate, BURST, rng), BURST_S) if job["bursts"] and rate else bernoulli(rate, rng)
+            for rng in rngs
+        ]
         self._under_way: list[tuple[float, int, int, bytes]] = []
         self.counts = {"offered": 0, "lost": 0, "queue_full": 0, "bytes_to_client": 0}
 

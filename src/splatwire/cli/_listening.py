@@ -48,13 +48,7 @@ class Listening:
 
     @property
     def fixed_rate(self) -> float | None:
-        """Bytes per second to each client; None adapts.
-
-        Raises:
-            InvalidValueError: If the rate is not above 0.
-        """
-        if self.rate is not None and not 0 < self.rate <= 100_000:
-            raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
+        """Bytes per second to each client; None adapts."""
         return None if self.rate is None else self.rate * 1e6 / 8
 
     def check_listening(self) -> None:
@@ -67,7 +61,8 @@ class Listening:
         check_port(self.page or 0)
         if not self.over_quic and (self.certificate or self.key):
             raise InvalidValueError("--certificate and --key are for --quic")
-        assert self.fixed_rate is None or self.fixed_rate > 0
+        if self.rate is not None and not 0 < self.rate <= 100_000:
+            raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
 
     def tell_ready(self, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
         """Prints where clients come to, and what they have to know."""
