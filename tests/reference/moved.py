@@ -1,6 +1,7 @@
-"""Gaussians that move from their bases, in plain torch."""
+"""Gaussians that move from their bases, in plain torch and by SciPy's rotations."""
 
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from splatwire.scene.splats import Splats
@@ -16,19 +17,14 @@ def moved(splats: Splats, offsets: Tensor) -> Splats:
     sh[:, 0] += offsets[:, 10:]
     return Splats(
         splats.means + offsets[:, :3],
-        torch.nn.functional.normalize(multiply(rotation, splats.quats), dim=1),
+        turned(rotation, splats.quats),
         splats.scales * gains.exp(),
         (splats.opacities * offsets[:, 9].exp()).clamp(max=1 - 1e-6),
         sh,
     )
 
 
-def multiply(first: Tensor, second: Tensor) -> Tensor:
-    """Hamilton products (N, 4): the rotation `second`, then `first`."""
-    a, b, c, d = first.unbind(dim=1)
-    w, x, y, z = second.unbind(dim=1)
-    rows = [
-        a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w,
-    ]  # fmt: skip
-    return torch.stack(rows, dim=1)
+def turned(turns: Tensor, quats: Tensor) -> Tensor:
+    """Unit quaternions (N, 4), w first: `quats`, then turned."""
+    first, second = (Rotation.from_quat(some.double().roll(-1, dims=1).numpy()) for some in (turns, quats))
+    return torch.from_numpy((first * second).as_quat()).roll(1, dims=1).to(quats)

@@ -139,8 +139,7 @@ export class Panel {
     this.changed();
   }
 
-  /** Puts the player of a clip into the bar. */
-  /** Has a player; frames that pass are not compared with those that nothing was dropped of. */
+  /** Puts a player into the bar; frames that pass are not compared with those that nothing was dropped of. */
   add(player: HTMLElement): void {
     this.#bar.prepend(player);
     this.#show.remove();
