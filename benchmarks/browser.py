@@ -23,8 +23,9 @@ The second is a page that is left open over a link that is gone for 3 of every 1
 takes most of that time: packets that never came, and megabytes that the page's processes keep, every half minute.
 
 The third makes an element on somebody's page, waits until it draws everything, and removes it, so many times: megabytes
-that the processes of pages and of the GPU keep after each tenth of them, workers that are left, and whether the context
-of the page around it is still there.
+that the processes of pages and of the GPU keep after each tenth of them, and what is alive after the first and after
+the last: WebGL contexts (one is the page's own), workers, addresses of blobs, observers, by what the page counts, and
+nodes, listeners, workers and buffers by the browser's own count after a collection of garbage.
 
 The fourth is `pictures` alone, of packed pages, by name of the stream.
 
@@ -218,7 +219,8 @@ async def left_open(stream: SceneStream, minutes: float) -> dict[str, Any]:
 async def come_and_go(stream: SceneStream, count: int) -> dict[str, Any]:
     """Elements on somebody's page, one after another."""
     script = '<script type="module" src="splatwire.js"></script><canvas></canvas>'
-    gone: dict[str, list[int]] = {"after": [], "pages_mb": [], "gpu_mb": []}
+    gone: dict[str, list[float]] = {"after": [], "pages_mb": [], "gpu_mb": [], "heap_mb": []}
+    alive: dict[str, dict[str, int]] = {}
     make = "{const made = document.createElement('splat-wire'); made.src = 'scene.swz'; \
 made.style.height = '20rem'; document.body.append(made)}"
     async with hosting({"page": script}, {"scene.swz": stream_to_bytes(stream)}) as host:
@@ -232,18 +234,21 @@ made.style.height = '20rem'; document.body.append(made)}"
                     page.evaluate(make)
                     page.wait_for(f"{ELEMENT}.view && {ELEMENT}.status.verified !== null", 300)
                     page.resolve(f"{ELEMENT}.view.sorted()")
-                    page.evaluate(f"{ELEMENT}.remove()")
+                    page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
                     page.wait_for("workers === 0", 60)
+                    if n in (1, count):
+                        told = page.alive()
+                        del told["JSHeapUsedSize"]
+                        alive[f"alive_after_{n}"] = page.evaluate("alive()") | told
                     if n % max(count // 10, 1) == 0:
                         gone["after"].append(n)
                         gone["pages_mb"].append(round(page.memory() / 1e6))
                         gone["gpu_mb"].append(round(page.memory("GPU") / 1e6))
+                        gone["heap_mb"].append(round(page.alive()["JSHeapUsedSize"] / 1e6, 2))
                         print({name: values[-1] for name, values in gone.items()}, file=sys.stderr)
-                left = {
-                    "workers_left": page.evaluate("workers"),
-                    "host_context_lost": page.evaluate("theirs.isContextLost()"),
-                }
-            return {"elements": count, "gaussians": stream.manifest.num_elements, **gone, **left}
+                lost = page.evaluate("theirs.isContextLost()")
+            scene = {"elements": count, "gaussians": stream.manifest.num_elements}
+            return {**scene, **gone, **alive, "host_context_lost": lost}
 
         return await asyncio.to_thread(drive)
 

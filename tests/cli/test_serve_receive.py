@@ -198,7 +198,8 @@ def test_times():
 
 
 def test_a_folder_of_packets_is_served_under_its_name(stream_file: Path, tmp_path: Path):
-    from splatwire.cli.serve import Serve, stream_name
+    from splatwire.cli._files import stream_name
+    from splatwire.cli.serve import Serve
     from splatwire.transport import Protection
 
     folder = tmp_path / "scene"

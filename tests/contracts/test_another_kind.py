@@ -264,6 +264,6 @@ def test_who_needs_more_is_not_offered_and_says_so(stream: SceneStream) -> None:
 
 def test_a_page_refuses_it_politely(stream: SceneStream) -> None:
     with pytest.raises(InvalidValueError, match="a stream of points is not for browsers"):
-        page_of_stream(stream, None, "127.0.0.1")
+        page_of_stream("scene", stream, None, "127.0.0.1")
     with pytest.raises(InvalidValueError, match="a stream of points is not for browsers"):
         pack_stream(stream, "points")

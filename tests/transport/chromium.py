@@ -19,6 +19,11 @@ FLAGS = (
     "--hide-scrollbars", "--force-device-scale-factor=1", "--window-size=800,600",
 )  # fmt: skip
 
+COUNTED = (
+    "Nodes", "JSEventListeners", "WorkerGlobalScopes", "ContextLifecycleStateObservers", "ArrayBufferContents",
+    "JSHeapUsedSize",
+)  # fmt: skip
+
 LAUNCH = """
 import os, sys
 reads, writes = (os.dup(int(fd)) for fd in sys.argv[1:3])  # moved away first: they may be 3 or 4 already
@@ -73,6 +78,17 @@ class Browser(Page):
         return sum(
             int(line.split()[1]) << 10 for text in kept for line in text.splitlines() if line.startswith("Private")
         )
+
+    def alive(self) -> dict[str, int]:
+        """What the page's process has after a collection of garbage, by the browser's own count; bytes of the heap."""
+        for method in (
+            "HeapProfiler.enable",
+            "HeapProfiler.collectGarbage",
+            "Performance.enable",
+        ):
+            self._call(method, self._session)
+        counted = self._call("Performance.getMetrics", self._session)["metrics"]
+        return {one["name"]: one["value"] for one in counted if one["name"] in COUNTED}
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], button: str = "left") -> None:
         held = {"left": 1, "right": 2}[button]

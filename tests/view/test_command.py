@@ -32,7 +32,7 @@ def test_it_serves_a_page_until_it_is_told_to_stop(stream, how):
             told = json.loads(process.stdout.readline())
             with urllib.request.urlopen(told["url"], timeout=20) as answer:
                 assert "<splat-wire" in answer.read().decode()
-            with urllib.request.urlopen(told["url"] + "streams/scene.swz", timeout=20) as answer:
+            with urllib.request.urlopen(told["url"] + "streams/tiny.swz", timeout=20) as answer:
                 assert stream_from_bytes(answer.read())[0].manifest.codec == COLUMNS
             process.send_signal(how)
             rest, problems = process.communicate(timeout=30)
@@ -75,10 +75,10 @@ def test_a_port_that_is_taken_is_not_changed_silently(capsys, stream):
 
 def test_gaps_and_cameras_reach_the_page():
     stream = encode_scene(tiny_scene(num_anchors=200))
-    content = page_of_stream(stream.with_packets(stream.packets[1:]), tiny_cameras(), "127.0.0.1")
+    content = page_of_stream("tiny", stream.with_packets(stream.packets[1:]), tiny_cameras(), "127.0.0.1")
     page, file = (
         content.answer(f"GET {target} HTTP/1.1\r\nHost: localhost".encode()).body
-        for target in ("/", "/streams/scene.swz")
+        for target in ("/", "/streams/tiny.swz")
     )
     assert [packet.id for packet in stream_from_bytes(file)[0].packets] == [packet.id for packet in stream.packets[1:]]
     begin = page.decode().partition('viewpoint="')[2].partition('"')[0].split()

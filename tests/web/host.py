@@ -10,16 +10,35 @@ from splatwire.transport.page_content import web_file
 
 WATCH = """<script>
 window.workers = 0;
-const Plain = Worker, end = Worker.prototype.terminate;
+const Plain = Worker, end = Worker.prototype.terminate, contexts = [], urls = new Set(), watching = new Set();
 window.Worker = class extends Plain { constructor(...given) { super(...given); window.workers++; } };
 Worker.prototype.terminate = function () { window.workers--; end.call(this); };
+const around = (owner, name, after) => {
+  const plain = owner[name];
+  owner[name] = function (...given) { const made = plain.apply(this, given); after(this, made, given); return made; };
+};
+for (const canvas of [HTMLCanvasElement, OffscreenCanvas])
+  around(canvas.prototype, "getContext", (_, made, [kind]) => {
+    if (made && kind.startsWith("webgl") && !contexts.some((one) => one.deref() === made))
+      contexts.push(new WeakRef(made));
+  });
+around(URL, "createObjectURL", (_, made) => urls.add(made));
+around(URL, "revokeObjectURL", (_, __, [url]) => urls.delete(url));
+for (const observer of [ResizeObserver, IntersectionObserver, MutationObserver]) {
+  around(observer.prototype, "observe", (one) => watching.add(one));
+  around(observer.prototype, "disconnect", (one) => watching.delete(one));
+}
+window.alive = () => ({
+  contexts: contexts.filter((one) => one.deref()?.isContextLost() === false).length,
+  workers: window.workers, urls: urls.size, observers: watching.size,
+});
 window.events = [];
 for (const kind of ["progress", "firstpicture", "load", "error", "lost"])
   document.addEventListener(kind, ({target, detail}) => {
     if (target.localName === "splat-wire") events.push([kind, detail]);
   }, true);
 </script>"""
-"""Counts workers that were started and not ended, and notes what elements tell."""
+"""Counts what was begun and not ended: contexts of WebGL, workers, addresses of blobs, observers; notes events."""
 
 Deliver = Callable[[Request, bytes], int | None]
 """How many bytes of a stream's answer are sent before the connection is cut, 0 for no answer; None for all of them."""

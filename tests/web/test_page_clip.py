@@ -1,4 +1,4 @@
-"""A clip on a page: it plays, pauses, seeks, loops, and conceals packets that are dropped on purpose."""
+"""A clip on a page: it plays, pauses, seeks, loops, rests out of sight, conceals what is dropped on purpose."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +15,16 @@ PANEL = f"{ELEMENT}?.shadowRoot?.querySelector('.panel')"
 PLAYER = f"{PANEL}?.querySelector('.player')"
 TOLD = f"{PLAYER}?.querySelector('output').textContent"
 FRAMES = 9
+COUNT = """(() => {
+  window.asked = 0;
+  const post = Worker.prototype.postMessage;
+  Worker.prototype.postMessage = function (...given) {
+    if (given[0].kind === "frame") window.asked++;
+    post.apply(this, given);
+  };
+  return true;
+})()"""
+"""Counts frames that pages ask their workers for from here on."""
 
 
 def slide(page: Browser, which: str, value: float) -> None:
@@ -50,3 +60,30 @@ def test_a_clip_plays_and_its_losses_are_concealed(tmp_path: Path) -> None:
         page.wait_for(f"{cell('motion concealed')}?.endsWith('tracks')", 60)
         page.evaluate(f"{PLAYER}.querySelector('button').click()")
         page.wait_for(f"{TOLD} !== 'frame 1 of {FRAMES}'", 60)
+
+
+def rests(page: Browser) -> bool:
+    """Whether a second passes in which no frame is asked for, within half a minute."""
+    for _ in range(30):
+        page.evaluate("window.asked = 0")
+        page.resolve("new Promise((resolve) => setTimeout(resolve, 1000))")
+        if page.evaluate("window.asked") == 0:
+            return True
+    return False
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_a_clip_that_nobody_sees_decodes_no_frames(tmp_path: Path) -> None:
+    stream, _ = encode_clip(moving_frames(300, FRAMES), ClipOptions(Fraction(8), 3))
+    packed = tmp_path / "clip.html"
+    packed.write_bytes(pack_stream(stream, "a clip"))
+    with browser() as page:
+        page.open(packed.as_uri())
+        page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.view", 60)
+        page.evaluate(COUNT)
+        page.wait_for("window.asked > 2", 60)
+        page.evaluate(f"{ELEMENT}.style.cssText = 'position: absolute; inset: auto; top: 300vh; height: 50vh'")
+        assert rests(page)
+        assert page.evaluate(f"{PLAYER}.querySelector('button').textContent") == "pause", "it goes on where it is seen"
+        page.evaluate(f"{ELEMENT}.removeAttribute('style')")
+        page.wait_for("window.asked > 2", 60)

@@ -60,17 +60,24 @@ def made(page: Browser, src: str = "ball.swz", where: str = "#a") -> None:
 
 
 def test_elements_that_come_and_go_leave_nothing(stream: SceneStream) -> None:
-    """More of them than a browser has contexts; what the host page draws stays."""
+    """More of them than a browser has contexts; what the host page draws stays. Two scripts of workers are kept."""
 
     def work(host: Host, page: Browser) -> None:
         page.open(f"{host.url}none")
         page.wait_for("customElements.get('splat-wire')")
         page.evaluate("window.theirs = document.querySelector('#theirs').getContext('webgl2'); 0")
-        for _ in range(18):
+        left: list[dict[str, int]] = []
+        for n in range(18):
             made(page)
             page.wait_for(f"{ELEMENT}.view && {LOADED}")
+            if n == 0:
+                assert page.evaluate("alive()") == {"contexts": 2, "workers": 2, "urls": 2, "observers": 2}
             page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
             page.wait_for("window.workers === 0")
+            assert page.evaluate("alive()") == {"contexts": 1, "workers": 0, "urls": 2, "observers": 0}
+            left.append({name: count for name, count in page.alive().items() if name != "JSHeapUsedSize"})
+        assert left[0]["WorkerGlobalScopes"] == 0
+        assert all(left[-1][name] <= count for name, count in left[0].items()), (left[0], left[-1])
         assert page.evaluate("window.theirs.isContextLost()") is False
 
     hosted(stream, work)

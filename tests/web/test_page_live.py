@@ -1,4 +1,4 @@
-"""A live clip on a page: chapter follows chapter, losses are concealed, and it is told when it ends."""
+"""A live clip on a page: it waits for who wants no motion, conceals losses of each chapter, and says that it ends."""
 
 import asyncio
 import itertools
@@ -56,21 +56,26 @@ def test_a_live_clip_plays_conceals_and_ends() -> None:
                         await asyncio.sleep(GROUP / RATE)
                     at[0] = end
 
-                at = [0]
+                button, at = f"{PANEL}.querySelector('.player button')", [0]
                 await served_to(2)
+                await asyncio.to_thread(lambda: page.emulate(800, 600, prefers_reduced_motion="reduce"))
                 await asyncio.to_thread(page.open, pages.url)
+                assert await seen(f"{TOLD}?.startsWith('paused, frame') && {button}.textContent") == "play"
+                first = await asyncio.to_thread(page.evaluate, NUMBER)
                 await served_to(3)
-                assert GROUP < int(str(await seen(NUMBER))) <= 3 * GROUP
+                assert await asyncio.to_thread(page.evaluate, NUMBER) == first
+                await asyncio.to_thread(page.evaluate, f"{button}.click()")
+                assert GROUP < int(str(await seen(f"{TOLD}.startsWith('live') && {NUMBER}"))) <= 3 * GROUP
                 await served_to(CHAPTER + 2)
                 await seen(f"{NUMBER} > {(CHAPTER + 1) * GROUP}")
                 assert await asyncio.to_thread(page.evaluate, cell("motion concealed")) == "none"
                 await asyncio.to_thread(slide, page, "label input[type=range]", 0.6)
                 await seen(f"{cell('motion concealed')}?.endsWith('tracks')")
-                await asyncio.to_thread(page.evaluate, f"{PANEL}.querySelector('.player button').click()")
+                await asyncio.to_thread(page.evaluate, f"{button}.click()")
                 held = await asyncio.to_thread(page.evaluate, NUMBER)
                 await served_to(2 * CHAPTER + 2)
                 assert int(await asyncio.to_thread(page.evaluate, NUMBER)) <= int(str(held)) + 1
-                await asyncio.to_thread(page.evaluate, f"{PANEL}.querySelector('.player button').click()")
+                await asyncio.to_thread(page.evaluate, f"{button}.click()")
                 await served_to(len(served))
                 await seen(f"{NUMBER} === {GROUPS * GROUP}")
                 assert "held" in str(await seen(f"{PANEL}.querySelector('.laboratory').innerText"))

@@ -239,10 +239,11 @@ return new Set(data).size })()"
     run(work())
 
 
-def test_view_opens_the_laboratory() -> None:
+def test_view_opens_the_laboratory_and_says_what_it_shows() -> None:
     stream = encode_splats(ball(300), SMALL, quality=Quality(10.0))
-    head_and_body = page_of_stream(stream, None, "127.0.0.1").answer(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
-    assert b'panel="open"' in head_and_body[1]
+    page = page_of_stream("a ball", stream, None, "127.0.0.1").answer(b"GET / HTTP/1.1\r\nHost: 127.0.0.1").body
+    assert b'panel="open"' in page
+    assert b'src="/streams/a%20ball.swz' in page, "the title is what the file is called"
 
 
 def test_who_wants_no_motion_gets_a_clip_that_waits(clip: str) -> None:

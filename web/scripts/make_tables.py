@@ -1,41 +1,25 @@
-"""Writes the tables that the browser's decoder shares with Python: the normal distribution, and what a stream may be.
+"""Writes the limits that the browser's decoder shares with Python: what a stream and its networks may be.
 
 python web/scripts/make_tables.py
 
-The first is made with the decimal module (`splatwire.entropy.tables`), which JavaScript lacks. Tests compare both with
-what this writes.
+A test compares what is there with what this writes.
 """
 
-import base64
 import json
 from pathlib import Path
 
 from splatwire.codec import weight_bytes, weights
 from splatwire.entropy import integers
-from splatwire.entropy.tables import TOTAL_BITS, normal_table
 from splatwire.packets import limits
 
 SOURCES = Path(__file__).parents[1] / "src"
 MADE = "// Made by web/scripts/make_tables.py; do not edit.\n\n"
-NORMAL = """\
-/** Standard normal distribution function from 0 to 6 by 1/128, less 1/2, out of 2^24: three bytes each, low first. */
-export const UPPER_NORMAL =
-"""
 LIMITS = "// What a stream may be: the twin of `splatwire.packets.limits`.\n\n"
 NETWORKS = "// How large quantised networks may be: the twin of `splatwire.codec.weight_bytes`.\n\n"
 LINE = 120
 NETWORK_LIMITS = {
     weight_bytes: ("MAX_WIDTH", "MAX_WEIGHTS"), weights: ("MAX_SHIFT", "MAX_STEP"), integers: ("MAX_SYMBOL",),
 }  # fmt: skip
-
-
-def normal_module() -> str:
-    """The table of the normal distribution."""
-    values = normal_table()
-    upper = [int(v) - (1 << (TOTAL_BITS - 1)) for v in values[len(values) // 2 :]]
-    text = base64.b64encode(b"".join(v.to_bytes(3, "little") for v in upper)).decode()
-    lines = [f'  "{text[i : i + 100]}"' for i in range(0, len(text), 100)]
-    return MADE + NORMAL + " +\n".join(lines) + ";\n"
 
 
 def limits_module() -> str:
@@ -68,7 +52,6 @@ def network_module() -> str:
 
 
 FILES = {
-    "entropy/normal_table.ts": normal_module,
     "packets/limits.ts": limits_module,
     "codec/network_limits.ts": network_module,
 }

@@ -36,6 +36,11 @@ _FORMATS = {
 _HEAD_BYTES = 1 << 16
 
 
+def stream_name(path: str) -> str:
+    """What a stream is called: clients ask for it by this name, pages have it as their title."""
+    return "scene" if path == STANDARD else Path(path).resolve().name.removesuffix(STREAM_SUFFIX)
+
+
 @contextmanager
 def input_path(name: str) -> Iterator[Path]:
     """Gives the path to read from; standard input is first copied to a temporary file.

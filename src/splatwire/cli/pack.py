@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from splatwire.cli._files import input_path, output_path
+from splatwire.cli._files import input_path, output_path, stream_name
 from splatwire.cli._output import JsonFlag, print_json, print_summary
 from splatwire.errors import InvalidValueError
 
@@ -43,7 +43,7 @@ class Pack:
             raise InvalidValueError("a glTF file takes one stream" if self.sources else "name a stream to pack")
         streams, num_lost = dict[str, SceneStream](), 0
         for source in self.sources:
-            name = Path(source).stem
+            name = stream_name(source)
             if name in streams:
                 raise InvalidValueError(f"two streams are called {name}")
             with input_path(source) as path:

@@ -13,6 +13,7 @@ import tyro
 
 from splatwire.cli import _bundled
 from splatwire.cli._datagrams import in_datagrams
+from splatwire.cli._files import stream_name
 from splatwire.cli._listening import Listening, open_server, stop_on_signals
 from splatwire.cli._publishing import publish_stream
 from splatwire.cli._receiving import TrustOptions
@@ -175,13 +176,6 @@ def parse_tiers(texts: Sequence[str]) -> tuple[float, ...]:
             raise InvalidValueError(f"'{text}' is not parity for a tier such as tier0=0.4, or names one again")
         found[int(match[1])] = float(match[2])
     return tuple(found.get(tier, 0.0) for tier in range(max(found, default=-1) + 1))
-
-
-def stream_name(path: str) -> str:
-    """Name by which clients ask for a stream."""
-    from splatwire.packets.stream import FILE_SUFFIX
-
-    return Path(path).resolve().name.removesuffix(FILE_SUFFIX)
 
 
 def program_of(stream: "SceneStream", protection: "Protection") -> "Program":

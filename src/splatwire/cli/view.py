@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
-from splatwire.cli._files import input_path, is_stream
+from splatwire.cli._files import input_path, is_stream, stream_name
 from splatwire.cli._listening import check_port, stop_on_signals
 from splatwire.cli._output import JsonFlag, print_json, print_summary
 from splatwire.cli._receiving import TrustOptions
@@ -55,7 +55,8 @@ class View:
         else:
             from splatwire.view import page_of_stream
 
-            asyncio.run(self._serve(page_of_stream(self._read(), cameras, self.host)))
+            name = stream_name(self.stream or SCENE)
+            asyncio.run(self._serve(page_of_stream(name, self._read(), cameras, self.host)))
 
     def _read(self) -> "SceneStream":
         from splatwire.packets import read_stream
@@ -67,15 +68,17 @@ class View:
 
     async def _hand_on(self, cameras: "Cameras | None") -> None:
         """Serves what another server sends, while it sends it."""
+        from splatwire.transport.address import parse_url
         from splatwire.view import page_of_relay
 
+        name = parse_url(self.stream).name or "scene"
         relay = self._relay()
         receiving = asyncio.create_task(relay.run())
         try:
             await relay.begun()
             if receiving.done():
                 await receiving  # raises what went wrong
-            await self._serve(page_of_relay(relay, cameras, self.host), receiving)
+            await self._serve(page_of_relay(name, relay, cameras, self.host), receiving)
         finally:
             receiving.cancel()
             await asyncio.gather(receiving, return_exceptions=True)

@@ -11,10 +11,11 @@ from splatwire.view.columns import columns_of
 from splatwire.view.relay import Relay
 
 
-def page_of_stream(stream: SceneStream, cameras: Cameras | None, host: str) -> PageContent:
+def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host: str) -> PageContent:
     """The page of a stream.
 
     Args:
+        name: What the page calls it.
         stream: The stream; packets that it lacks are concealed by the page.
         cameras: Where the page begins; None where the stream says, or outside.
         host: The address that the page is served on.
@@ -24,19 +25,20 @@ def page_of_stream(stream: SceneStream, cameras: Cameras | None, host: str) -> P
     """
     shown = stream if stream.manifest.schema.page else columns_of(stream)
     ordered = stream_to_bytes(shown.with_packets(send_sequence(shown, "tiers")))
-    return PageContent({"scene": ordered}, host=host, attributes=_attributes(cameras))
+    return PageContent({name: ordered}, host=host, attributes=_attributes(cameras))
 
 
-def page_of_relay(relay: Relay, cameras: Cameras | None, host: str) -> PageContent:
+def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -> PageContent:
     """The page of a transfer that has begun.
 
     Args:
+        name: What the page calls it.
         relay: The transfer.
         cameras: Where the page begins; None where the stream says, or outside.
         host: The address that the page is served on.
     """
     preview = {"preview": base64.b64encode(relay.preview).decode()} if relay.preview else {}
-    return PageContent({"scene": relay}, host=host, attributes=preview | _attributes(cameras))
+    return PageContent({name: relay}, host=host, attributes=preview | _attributes(cameras))
 
 
 def _attributes(cameras: Cameras | None) -> dict[str, str]:

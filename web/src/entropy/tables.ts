@@ -1,7 +1,5 @@
 // Integer tables behind the range coder: the twin of `splatwire.entropy.tables`.
 
-import { UPPER_NORMAL } from "./normal_table.ts";
-
 export const TOTAL_BITS = 24,
   MEAN_BITS = 12,
   SCALE_STEPS = 16,
@@ -10,13 +8,31 @@ export const Z_CELL_BITS = 9,
   Z_LIMIT = 6 * 65536;
 const INVERSE_BITS = 20;
 
-/** Distribution function at multiples of 1/128 from -6 to 6, out of 2^24. */
+const ROOT_2_PI = 2.5066282746310002,
+  /** So many make the sums as exact as doubles are, up to 6. */
+  TERMS = 100;
+
+/**
+ * Normal distribution function at multiples of 1/128 from -6 to 6, out of 2^24: 1/2 + phi(z) (z + z^3/3 + z^5/15 ...),
+ * with phi(z) = 1 / (sqrt(2 pi) (1 + z^2/2 + z^4/8 + ...)). Doubles are added, multiplied and divided, which gives the
+ * same everywhere: within 2e-8 of the exact values, of which none is nearer than 4e-6 to where it rounds otherwise.
+ */
 export const NORMAL: Int32Array = (() => {
-  const bytes = Uint8Array.from(atob(UPPER_NORMAL), (c) => c.charCodeAt(0)),
-    half = bytes.length / 3 - 1;
-  const table = new Int32Array(2 * half + 1);
+  const half = Z_LIMIT >> Z_CELL_BITS,
+    table = new Int32Array(2 * half + 1);
   for (let i = 0; i <= half; i++) {
-    const value = bytes[3 * i] + bytes[3 * i + 1] * 256 + bytes[3 * i + 2] * 65536;
+    const z = (6 * i) / half;
+    let odd = z,
+      even = 1,
+      above = z,
+      inverse = 1;
+    for (let k = 1; k < TERMS; k++) {
+      even *= (z * z) / (2 * k);
+      odd *= (z * z) / (2 * k + 1);
+      inverse += even;
+      above += odd;
+    }
+    const value = i < half ? Math.round((2 ** TOTAL_BITS * above) / (inverse * ROOT_2_PI)) : 2 ** (TOTAL_BITS - 1);
     table[half + i] = 2 ** (TOTAL_BITS - 1) + value;
     table[half - i] = 2 ** (TOTAL_BITS - 1) - value;
   }

@@ -152,7 +152,10 @@ export class Controller {
         return { packed: pack([splats], 0, 1), background };
       });
     const sizes = new ResizeObserver(() => stage.resize()),
-      sight = new IntersectionObserver((entries) => stage.sight(entries[entries.length - 1].isIntersecting));
+      sight = new IntersectionObserver((entries) => {
+        stage.sight(entries[entries.length - 1].isIntersecting);
+        this.#player?.sight(stage.inSight);
+      });
     sizes.observe(stage.surface);
     sight.observe(host);
     signal.addEventListener("abort", () => {
@@ -274,6 +277,7 @@ export class Controller {
     const ask = (number: number): void => this.#askFrame(number);
     this.#player = moving && (moving.live ? new LivePlayer(moving.rate, ask) : new Player(moving, ask));
     if (this.#player) this.panel.add(this.#player.element);
+    this.#player?.sight(stage.inSight);
     this.panel.offer(concealers);
     this.#gaussians = gaussians;
     this.#size = size;

@@ -16,7 +16,8 @@ export abstract class AnyPlayer {
   protected readonly told = document.createElement("output");
   /** The frame that was asked for last. */
   protected number = 0;
-  #playing = false;
+  #wanted = false;
+  #seen = true;
   #waiting = false;
   #stale = true;
   #ticking = 0;
@@ -30,15 +31,23 @@ export abstract class AnyPlayer {
     this.element.className = "player";
     this.element.setAttribute("aria-label", "player");
     this.button.type = "button";
-    this.button.addEventListener("click", () => this.play(!this.#playing));
+    this.button.addEventListener("click", () => this.play(!this.#wanted));
     this.element.append(this.button, this.told);
   }
 
   /** The frame that should be on the screen; null where there is none. */
   protected abstract next(): number | null;
 
+  /** Whether time passes: what nobody sees waits. */
   get playing(): boolean {
-    return this.#playing;
+    return this.#wanted && this.#seen;
+  }
+
+  /** Whether somebody can see it. */
+  sight(seen: boolean): void {
+    if (seen === this.#seen) return;
+    this.#seen = seen;
+    this.play(this.#wanted);
   }
 
   /** Whether nothing is due any more. */
@@ -57,7 +66,7 @@ export abstract class AnyPlayer {
   }
 
   play(playing: boolean): void {
-    this.#playing = playing;
+    this.#wanted = playing;
     this.button.textContent = playing ? "pause" : "play";
     this.tick();
   }
@@ -76,7 +85,7 @@ export abstract class AnyPlayer {
 
   protected tick(): void {
     clearTimeout(this.#ticking);
-    if (this.#playing && !this.over) this.#ticking = window.setTimeout(() => this.tick(), 1000 / this.rate / 2);
+    if (this.playing && !this.over) this.#ticking = window.setTimeout(() => this.tick(), 1000 / this.rate / 2);
     if (this.#waiting) return;
     const before = this.number,
       next = this.next();
