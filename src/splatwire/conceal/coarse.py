@@ -11,16 +11,18 @@ from splatwire.conceal.registry import create_concealer, register_concealer
 from splatwire.model import Partial
 from splatwire.model.level_scene import Levels
 from splatwire.ops.knn import NeighborTree
+from splatwire.ops.quaternions import rotation_matrices
 from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
 
-_NEAREST = 4
-_APART, _ALIKE = 0.5, 0.25
-"""A Gaussian and its copy: how far apart at most, in sizes of the copy, and how different at most, in logarithms of
-what they cover."""
-_SLACK = 0.2
-"""What is missing of a merged Gaussian is known so badly: the finer ones nearest to it need not be those it stands
-for."""
+_COPIED, _SAME = (0.2, 0.1, 0.2, 0.1), 3.0
+"""How a Gaussian and its copy differ, whose steps are coarser: apart in second sizes of the copy, logarithms of the two
+larger sizes, colour, opacity; and how many times that they may."""
+_CANDIDATES, _COLOUR, _ROWS = 8, 1.0, 1 << 16
+"""Nearest ones that are looked at; what a difference in colour counts against a distance of one standard deviation,
+where it is asked what a Gaussian was merged into; and how many are asked about at a time."""
+_THINNEST = 1e-4
+"""Standard deviation along an axis, relative to the largest: flat groups are known no better."""
 
 
 @register_concealer("coarse", needs=(Levels,))
@@ -29,7 +31,8 @@ class Coarse:
     """Draws what the next coarser level has of lost Gaussians; those that arrived grow a little.
 
     A coarser Gaussian that is a copy is drawn if its original did not arrive. One that was merged from several is drawn
-    as opaque as the share that is missing of what it covers: finer Gaussians count for the merged one that is nearest.
+    as opaque as the share that is missing of what it covers: a finer Gaussian counts for the merged one whose ellipsoid
+    and colour fit it best.
 
     Attributes:
         exponent: Of the growth of what arrived, see `Grow`.
@@ -37,7 +40,7 @@ class Coarse:
     """
 
     exponent: float = 0.35
-    trust: float = 1.5
+    trust: float = 3.0
 
     def __post_init__(self) -> None:
         check_at_least("exponent of the gain", self.exponent, 0)
@@ -81,28 +84,52 @@ def _missing(
     shown = torch.ones(len(coarse))
     if not len(fine):
         return shown
-    original = _originals(splats, covers, fine, coarse[copied])
+    original = _originals(splats, fine, coarse[copied])
     shown[copied.nonzero()[:, 0][original >= 0]] = 0
     merged = (~copied).nonzero()[:, 0]
     rest = torch.ones(len(fine), dtype=torch.bool)
     rest[original[original >= 0]] = False
     if not len(merged):
         return shown
-    nearest, _ = NeighborTree(splats.means[coarse[merged]]).query(splats.means[fine[rest]], 1)
-    there = torch.zeros(len(merged), dtype=torch.float64).index_add_(0, nearest[:, 0], covers[fine[rest]])
+    part_of = _part_of(splats, fine[rest], coarse[merged])
+    there = torch.zeros(len(merged), dtype=torch.float64).index_add_(0, part_of, covers[fine[rest]])
     missing = 1 - there / covers[coarse[merged]].clamp(min=1e-300)
-    shown[merged] = (((missing - _SLACK) / (1 - _SLACK)).clamp(0, 1) * trust).float()
+    shown[merged] = (missing.clamp(0, 1) * trust).float()
     return shown
 
 
-def _originals(splats: Splats, covers: Float[Tensor, "N"], fine: Tensor, copies: Tensor) -> Tensor:
+def _part_of(splats: Splats, fine: Tensor, merged: Tensor) -> Tensor:
+    """Which merged Gaussian each finer one was most likely merged into, an index into `merged`.
+
+    A merged one has mean, covariance and colour of its group: distances are in its standard deviations.
+    """
+    centres, tree = splats.means[merged].double(), NeighborTree(splats.means[merged])
+    scales = splats.scales[merged].double()
+    scales = scales.clamp(min=1e-30).maximum(_THINNEST * scales.max(dim=1, keepdim=True).values)
+    axes = torch.from_numpy(rotation_matrices(splats.quats[merged].double().numpy()))
+    found = torch.empty(len(fine), dtype=torch.int64)
+    for begin in range(0, len(fine), _ROWS):
+        some = fine[begin : begin + _ROWS]
+        near, _ = tree.query(splats.means[some], min(_CANDIDATES, len(merged)))
+        apart = torch.einsum("nkij,nki->nkj", axes[near], splats.means[some].double()[:, None] - centres[near])
+        unlike = (splats.sh[some, None, 0] - splats.sh[merged[near], 0]).double()
+        far = ((apart / scales[near]) ** 2).sum(dim=2) + _COLOUR * (unlike**2).sum(dim=2)
+        found[begin : begin + len(some)] = near.gather(1, far.argmin(dim=1, keepdim=True))[:, 0]
+    return found
+
+
+def _originals(splats: Splats, fine: Tensor, copies: Tensor) -> Tensor:
     """Which of the finer Gaussians each copy is of, an index into `fine`; -1 where it did not arrive."""
-    near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], _NEAREST)
-    size = splats.scales[copies].sort(dim=1).values[:, 1:2]
-    unlike = (covers[fine][near] / covers[copies][:, None].clamp(min=1e-300)).clamp(min=1e-300).log().abs()
-    fits = (distance <= _APART * size) & (unlike <= _ALIKE)
-    best = torch.where(fits, unlike, torch.full_like(unlike, torch.inf)).min(dim=1).indices
-    return torch.where(fits.any(dim=1), near.gather(1, best[:, None])[:, 0], torch.full_like(best, -1))
+    near, distance = NeighborTree(splats.means[fine]).query(splats.means[copies], min(_CANDIDATES, len(fine)))
+    found, size = fine[near], splats.scales[copies].sort(dim=1).values[:, 1:].clamp(min=1e-30)
+    sizes = splats.scales[found].sort(dim=2).values[..., 1:].clamp(min=1e-30)
+    differ = (
+        distance / size[:, :1], (sizes / size[:, None]).log().abs().max(dim=2).values,
+        (splats.sh[found, 0] - splats.sh[copies, None, 0]).norm(dim=2),
+        splats.opacities[found] - splats.opacities[copies, None],
+    )  # fmt: skip
+    unlike, best = sum((d / step) ** 2 for d, step in zip(differ, _COPIED, strict=True)).sqrt().min(dim=1)
+    return torch.where(unlike < _SAME, near.gather(1, best[:, None])[:, 0], torch.full_like(best, -1))
 
 
 def _covers(splats: Splats) -> Float[Tensor, "N"]:

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from splatwire.levels.merging import reduced
+from splatwire.levels.merging import footprints, reduced
 from splatwire.levels.tiles import LevelShape, level_shapes
 from splatwire.model import SplatScene
 from splatwire.model.level_scene import LevelScene
 from splatwire.ops.kd_order import kd_order
 from splatwire.packets.tiles import parents_of
 from splatwire.scene.splats import ROWS, Splats
+
+EVEN = 0.25
+"""Share of a coarser tile's Gaussians that is shared out by how many each finer tile has, not by how large they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +57,7 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     for finer, shape in itertools.pairwise(shapes):
         below, end = whole.run(end - finer.count, end), end - finer.count
         level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
-        for parent, child, share in _shares(finer, shape):
+        for parent, child, share in _shares(below, finer, shape):
             some, kept, error = _reduced(below, finer, child, share)
             if share:
                 level.fill(at - end + shape.count, some)
@@ -80,15 +83,33 @@ def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
     return bounds[::-1]
 
 
-def _shares(finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int]]:
+def _shares(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int]]:
     """A tile, one of those that it stands for, and how many of its Gaussians are for that one."""
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
         children = np.flatnonzero(parents == parent)
-        first = finer.edges[children[0]]
-        ends = (finer.edges[children + 1] - first) * shape.size // (finer.edges[children[-1] + 1] - first)
-        for child, share in zip(children.tolist(), np.diff(ends, prepend=0).tolist(), strict=True):
-            yield parent, child, share
+        runs = [level.run(*finer.edges[child : child + 2].tolist()) for child in children]
+        extents = np.array([np.sqrt(footprints(run)).sum() for run in runs])
+        shares = shared_out(shape.size, extents, np.array([run.num_gaussians for run in runs]))
+        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist())
+
+
+def shared_out(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """How many coarser Gaussians each of some tiles gets: `EVEN` of them by their Gaussians, the others by their size.
+
+    Args:
+        size: Coarser Gaussians, at most as many as all tiles have.
+        extents: How large the Gaussians of each tile are, float64 (C).
+        counts: How many there are, int64 (C).
+
+    Returns:
+        As many as `size` together, and none more than it has, int64 (C).
+    """
+    weights = EVEN * counts / counts.sum() + (1 - EVEN) * extents / max(extents.sum(), 1e-300)
+    shares = np.minimum(np.diff(np.rint(np.cumsum(weights) / weights.sum() * size).astype(np.int64), prepend=0), counts)
+    for tile in np.argsort(-weights, kind="stable"):
+        shares[tile] += min(size - shares.sum(), counts[tile] - shares[tile])
+    return shares
 
 
 def _reduced(level: Splats, shape: LevelShape, tile: int, count: int) -> tuple[Splats, int, float]:

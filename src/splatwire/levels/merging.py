@@ -8,8 +8,6 @@ from splatwire.ops.kd_order import kd_order
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.scene.splats import Splats
 
-KEPT_SHARE = 0.25
-"""Share of the new Gaussians that are old ones, which cover the most."""
 COLOUR = 0.085
 """How far apart a difference in colour puts two Gaussians, harmonics of degree 0 against the radius of their region."""
 MOST_OPAQUE = 0.99
@@ -31,8 +29,8 @@ def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
 def reduced(splats: Splats, count: int) -> tuple[Splats, int, float]:
     """Stands in for Gaussians that are seen from far away.
 
-    A group of neighbours, the leaf of a k-d tree, becomes one Gaussian with their mean, covariance and colour, each
-    weighted by what it covers; it covers what they cover together.
+    What covers more than a group does stays as it is. A group of neighbours, the leaf of a k-d tree, becomes one
+    Gaussian with their mean, covariance and colour, each weighted by what it covers; together they cover as much.
 
     Args:
         splats: Gaussians of one region.
@@ -43,7 +41,7 @@ def reduced(splats: Splats, count: int) -> tuple[Splats, int, float]:
         Gaussian's centre and that of what stands for it, by what each covers, world units.
     """
     mass = footprints(splats)
-    kept = min(round(KEPT_SHARE * count), count - 1)
+    kept = _kept(mass, count)
     by_mass = np.argpartition(-mass, kept) if kept else np.arange(len(mass))
     large, rest = np.sort(by_mass[:kept]), np.sort(by_mass[kept:])
     edges = np.arange(count - kept + 1) * len(rest) // (count - kept)
@@ -53,6 +51,13 @@ def reduced(splats: Splats, count: int) -> tuple[Splats, int, float]:
     both = (splats.select(torch.from_numpy(large)), merged)
     joined = {name: torch.cat([getattr(part, name) for part in both]) for name in vars(splats)}
     return Splats(**joined), kept, float(np.sqrt(squares / max(mass.sum(), 1e-300)))
+
+
+def _kept(mass: np.ndarray, count: int) -> int:
+    """How many stay: those that cover more than a group of the rest would, at least one if there is to be a second."""
+    ordered = -np.sort(-mass)[:count]
+    left = np.maximum(mass.sum() - np.append(0, np.cumsum(ordered)[:-1]), 0)
+    return min(max(int((ordered > left / (count - np.arange(count))).sum()), 1), count - 1)
 
 
 def _relative(means: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from splatwire.packets.tiles import Tiles
 
 BUDGET = 1_000_000
 """Gaussians that a view shows at most."""
-FINE_ENOUGH = 0.5
+FINE_ENOUGH = 0.48
 """Pixels by which centres may be off: finer tiles are not worth their bytes."""
 BEHIND = 0.05
 """What the error of a tile counts for that is not in the picture: somebody may turn."""
@@ -53,45 +53,52 @@ def pixel_errors(tiles: Tiles, look: Look | None) -> np.ndarray:
     Tiles that are not in the picture count for `BEHIND` of it; without a look, errors are those in world units. Of the
     coarsest level infinite: nothing stands for it.
     """
+    return _worth(tiles, look)[0]
+
+
+def _worth(tiles: Tiles, look: Look | None) -> tuple[np.ndarray, np.ndarray]:
+    """`pixel_errors`, and what each tile brings for a byte: what it covers of the picture, infinite of the coarsest."""
     errors = np.where(tiles.parents < 0, np.inf, tiles.errors[tiles.parents])
     if look is None:
-        return errors
-    distance, counts, _ = _seen(tiles, look)
-    return errors * look.focal / distance * counts
+        return errors, errors.copy()
+    distance, seen, covered = _seen(tiles, look)
+    counts = np.where(seen, 1.0, BEHIND)
+    useful = np.where(tiles.parents < 0, np.inf, covered * counts / np.maximum(tiles.sizes, 1))
+    return errors * look.focal / distance * counts, useful
 
 
 def _seen(tiles: Tiles, look: Look) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distance of each box, what it counts for, and what it covers of the screen on average over all directions."""
+    """Distance of each box; whether it is in the picture; and what of the picture it covers, square pixels.
+
+    In the picture that is a rectangle, for which a box is as deep as it is far away or deeper; elsewhere the mean over
+    all directions from which the box could be seen.
+    """
     middle, half = (tiles.low + tiles.high) / 2, (tiles.high - tiles.low) / 2
-    radius = _length(half)
     eye = np.array([-sum(look.viewmat[row, axis] * look.viewmat[row, 3] for row in range(3)) for axis in range(3)])
     outside = np.maximum(np.abs(eye - middle) - half, 0)
-    distance = np.maximum(_length(outside), np.maximum(2 * NEAREST * radius, 1e-9))
-    x, y, z = (  # written out, so that every language adds in the same order
-        row[0] * middle[:, 0] + row[1] * middle[:, 1] + row[2] * middle[:, 2] + row[3] for row in look.viewmat[:3]
-    )
-    across, down = look.width / 2 / look.focal, look.height / 2 / look.focal
-    seen = z > -radius
-    for side, slope in ((np.abs(x), across), (np.abs(y), down)):
-        seen &= side - slope * z <= radius * np.sqrt(1 + slope * slope)
+    distance = np.maximum(_length(outside), np.maximum(2 * NEAREST * _length(half), 1e-9))
+    # Written out, so that every language adds in the same order.
+    place = [row[0] * middle[:, 0] + row[1] * middle[:, 1] + row[2] * middle[:, 2] + row[3] for row in look.viewmat[:3]]
+    reach = [abs(row[0]) * half[:, 0] + abs(row[1]) * half[:, 1] + abs(row[2]) * half[:, 2] for row in look.viewmat[:3]]
+    near = np.maximum(place[2] - reach[2], distance)
+    far = np.maximum(place[2] + reach[2], near)
+    seen, rectangle = place[2] + reach[2] > 0, np.ones(tiles.num_tiles)
+    for axis, edge in enumerate((look.width / 2 / look.focal, look.height / 2 / look.focal)):
+        low, high = place[axis] - reach[axis], place[axis] + reach[axis]
+        low, high = low / np.where(low < 0, near, far), high / np.where(high < 0, far, near)
+        extent = np.minimum(high, edge) - np.maximum(low, -edge)
+        seen &= extent > 0
+        rectangle = rectangle * extent * look.focal
     a, b, c = half.T
     scale = look.focal / distance
-    covered = np.minimum(2 * (a * b + b * c + c * a) * scale * scale, float(look.width * look.height))
-    return distance, np.where(seen, 1.0, BEHIND), covered
+    anywhere = np.minimum(2 * (a * b + b * c + c * a) * scale * scale, float(look.width * look.height))
+    return distance, seen, np.where(seen, rectangle, anywhere)
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
     """Of each row, (N, 3)."""
     x, y, z = vectors.T
     return np.sqrt(x * x + y * y + z * z)
-
-
-def _useful(tiles: Tiles, look: Look | None, errors: np.ndarray) -> np.ndarray:
-    """What each tile brings for a byte: the root of the error that it takes away, wherever it covers the screen."""
-    if look is None:
-        return errors
-    _, counts, covered = _seen(tiles, look)
-    return np.sqrt(errors) * covered * counts / np.maximum(tiles.sizes, 1)
 
 
 def cut_of(tiles: Tiles, there: np.ndarray, look: Look | None, budget: int = BUDGET) -> Cut:
@@ -114,8 +121,7 @@ def cut_of(tiles: Tiles, there: np.ndarray, look: Look | None, budget: int = BUD
 
 def _chosen(tiles: Tiles, look: Look | None, budget: int) -> np.ndarray:
     """Tiles that are shown or wanted, the most useful first: no tile before what stands for it."""
-    errors = pixel_errors(tiles, look)
-    useful = _useful(tiles, look, errors)
+    errors, useful = _worth(tiles, look)
     for level in range(int(tiles.levels.max(initial=0)) - 1, -1, -1):
         here = np.flatnonzero((tiles.levels == level) & (tiles.parents >= 0))
         for values in (errors, useful):

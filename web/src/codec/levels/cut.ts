@@ -7,7 +7,7 @@ import type { Tiles } from "./tiles.ts";
 /** Gaussians that a view shows at most. */
 export const BUDGET = 1_000_000;
 /** Pixels by which centres may be off: finer tiles are not worth their bytes. */
-const FINE_ENOUGH = 0.5;
+const FINE_ENOUGH = 0.48;
 /** What the error of a tile counts for that is not in the picture: somebody may turn. */
 const BEHIND = 0.05;
 /** Least distance of a tile, relative to its diagonal. */
@@ -26,9 +26,10 @@ export interface Cut {
 }
 
 /**
- * How far centres are off on the screen where a tile is not drawn, pixels, and what it brings for a byte: the root of
- * the error that it takes away, wherever it covers the screen. Without a look both are errors in world units; of the
- * coarsest level infinite, nothing stands for it.
+ * How far centres are off on the screen where a tile is not drawn, pixels, and what it brings for a byte: what it
+ * covers of the picture. In the picture that is a rectangle, for which a box is as deep as it is far away or deeper;
+ * elsewhere the mean over all directions. Without a look both are errors in world units; of the coarsest level
+ * infinite, nothing stands for it.
  */
 function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly number[]): [number, number] {
   const parent = tiles.parents[tile],
@@ -44,22 +45,28 @@ function worth(tiles: Tiles, tile: number, look: Look | null, eye: readonly numb
     half[a] = (high - low) / 2;
     outside[a] = Math.max(Math.abs(eye[a] - middle[a]) - half[a], 0);
   }
-  const radius = length(half),
-    distance = Math.max(length(outside), Math.max(2 * NEAREST * radius, 1e-9));
-  const [x, y, z] = look.viewmat.map((row) => row[0] * middle[0] + row[1] * middle[1] + row[2] * middle[2] + row[3]);
-  const across = look.width / 2 / look.focal,
-    down = look.height / 2 / look.focal;
-  const seen =
-      z > -radius &&
-      Math.abs(x) - across * z <= radius * Math.sqrt(1 + across * across) &&
-      Math.abs(y) - down * z <= radius * Math.sqrt(1 + down * down),
-    counts = seen ? 1 : BEHIND,
-    [a, b, c] = half,
+  const distance = Math.max(length(outside), Math.max(2 * NEAREST * length(half), 1e-9)),
+    place = look.viewmat.map((row) => row[0] * middle[0] + row[1] * middle[1] + row[2] * middle[2] + row[3]),
+    reach = look.viewmat.map(
+      (row) => Math.abs(row[0]) * half[0] + Math.abs(row[1]) * half[1] + Math.abs(row[2]) * half[2],
+    ),
+    near = Math.max(place[2] - reach[2], distance),
+    far = Math.max(place[2] + reach[2], near);
+  let seen = place[2] + reach[2] > 0,
+    covered = 1;
+  for (const [axis, edge] of [look.width / 2 / look.focal, look.height / 2 / look.focal].entries()) {
+    const low = place[axis] - reach[axis],
+      high = place[axis] + reach[axis],
+      extent = Math.min(high / (high < 0 ? far : near), edge) - Math.max(low / (low < 0 ? near : far), -edge);
+    seen &&= extent > 0;
+    covered = covered * extent * look.focal;
+  }
+  const [a, b, c] = half,
     scale = look.focal / distance,
-    covered = Math.min(2 * (a * b + b * c + c * a) * scale * scale, look.width * look.height),
-    pixels = ((error * look.focal) / distance) * counts,
-    size = Math.max(tiles.offsets[tile + 1] - tiles.offsets[tile], 1);
-  return [pixels, (Math.sqrt(pixels) * covered * counts) / size];
+    counts = seen ? 1 : BEHIND;
+  if (!seen) covered = Math.min(2 * (a * b + b * c + c * a) * scale * scale, look.width * look.height);
+  const size = Math.max(tiles.offsets[tile + 1] - tiles.offsets[tile], 1);
+  return [((error * look.focal) / distance) * counts, parent < 0 ? Infinity : (covered * counts) / size];
 }
 
 const length = ([x, y, z]: readonly number[]): number => Math.sqrt(x * x + y * y + z * z);
