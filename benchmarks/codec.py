@@ -6,7 +6,6 @@ Figures: total bytes against HAC++'s own total; what atomic packets cost over on
 anchor of encoding and decoding (second run of each, kernels compiled) and peak memory. HAC++'s times are of an H200.
 """
 
-import argparse
 import json
 import platform
 import resource
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from figures import publish
+from figures import of_official_models, publish
 
 from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.codec.schemas.hacpp.atomic import predict_packets
@@ -124,11 +123,7 @@ def measure(model_dir: Path) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--models", nargs="+", default=["snowmiku_small_2400", "snowmiku_15k", "bonsai_30k"])
-    parser.add_argument("--output", type=Path)
-    arguments = parser.parse_args()
+    arguments = of_official_models(__doc__)
     rows = [measure(arguments.data / "hacpp" / name) for name in arguments.models]
     result = {"machine": f"{platform.machine()}, {__import__('os').cpu_count()} cores", "goals": GOALS, "models": rows}
     publish(result, arguments.output)

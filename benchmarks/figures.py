@@ -1,5 +1,6 @@
-"""Where a benchmark's figures go."""
+"""Which models a benchmark looks at, and where its figures go."""
 
+import argparse
 import json
 from pathlib import Path
 
@@ -11,3 +12,12 @@ def publish(result: object, output: Path | None) -> None:
     if output:
         output.parent.mkdir(parents=True, exist_ok=True)
         output.write_text(text + "\n")
+
+
+def of_official_models(what: str | None) -> argparse.Namespace:
+    """Options of benchmarks that look at models of the official code: `data`, `models` and `output`."""
+    parser = argparse.ArgumentParser(description=what, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--models", nargs="+", default=["snowmiku_small_2400", "snowmiku_15k", "bonsai_30k"])
+    parser.add_argument("--output", type=Path)
+    return parser.parse_args()

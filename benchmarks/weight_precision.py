@@ -6,10 +6,7 @@
 changes, over the spread of the attribute.
 """
 
-import argparse
-from pathlib import Path
-
-from figures import publish
+from figures import of_official_models, publish
 
 from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
 from splatwire.importers.hacpp import import_hacpp
@@ -36,11 +33,7 @@ def measure(scene: AnchorScene, noise: float | None) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("--models", nargs="+", default=["snowmiku_small_2400", "snowmiku_15k", "bonsai_30k"])
-    parser.add_argument("--output", type=Path)
-    arguments = parser.parse_args()
+    arguments = of_official_models(__doc__)
     result = {}
     for name in arguments.models:
         scene = import_hacpp(arguments.data / "hacpp" / name)

@@ -19,11 +19,11 @@ READS_AND_WRITES = {"open", "read_bytes", "read_text", "write_bytes", "write_tex
 """Names of the calls that move a file's content in or out."""
 
 TOUCH_FILES = """
-    channel.trace cli clips.report data.photos evaluate.pixels evaluate.study.masks
-    evaluate.study.pictures evaluate.study.records evaluate.study.references evaluate.study.report
+    channel.trace cli data.photos evaluate.pixels evaluate.study.masks
+    evaluate.study.page evaluate.study.pictures evaluate.study.records evaluate.study.references
     evaluate.study.store evaluate.study.toml_file evaluate.study.work files.archive files.capped
     files.kinds files.whole formats.gltf_writer formats._sog_writer formats.compressed_ply
-    formats.ply formats.sog formats.splat formats.splatv formats.spz levels.walk_report model._scene_reader
+    formats.ply formats.sog formats.splat formats.splatv formats.spz model._scene_reader
     model.tensor_file
     packets.stream transport.page_content
 """

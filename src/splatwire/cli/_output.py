@@ -1,7 +1,5 @@
 """How verbs talk: results on standard output, everything else on standard error."""
 
-import json
-import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import tyro
 
 from splatwire.errors import InvalidValueError
+from splatwire.files.json_text import json_text
 
 if TYPE_CHECKING:
     from splatwire.model.appearance import Scene
@@ -42,7 +41,7 @@ def print_json(content: Mapping[str, Any]) -> None:
     """
     if sys.stdout is None:
         raise InvalidValueError("standard output is closed: --json has nowhere to go")
-    print(json.dumps(_plain(content), allow_nan=False))
+    print(json_text(content))
 
 
 def print_summary(text: str, output: str = "") -> None:
@@ -100,13 +99,3 @@ def _lines() -> Reporter:
             print(f"[{time.perf_counter() - started:6.1f} s] {task}", file=sys.stderr)
 
     return report
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

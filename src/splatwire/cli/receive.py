@@ -73,7 +73,7 @@ class Receive:
 
         address = parse_url(self.url)
         deadline = None if self.deadline is None else parse_seconds(self.deadline)
-        look = None if self.camera is None else look_of(self.camera)
+        look = None if self.camera is None else self._look(self.camera)
         options = ReceiverOptions(name=address.name, deadline_s=deadline, nack=not self.no_nack, look=look)
         if self.conceal is not None:
             check_concealer(self.conceal)
@@ -103,6 +103,13 @@ class Receive:
         self._tell(receiver, stream, reason, moments)
         if stopped:
             raise KeyboardInterrupt  # for the exit status; what arrived is written
+
+    def _look(self, camera: Path) -> "Look":
+        """Where the first camera of a file looks from."""
+        from splatwire.data import load_cameras
+        from splatwire.levels.walk import look_of
+
+        return look_of(load_cameras(camera))
 
     def _transfer(
         self, address: "Address", options: "ReceiverOptions", note: Callable[["Event"], None]
@@ -198,20 +205,6 @@ class Receive:
         else:
             text = f"{report.num_received} of {report.num_expected} packets in {moments.seconds():.2f} s ({reason})"
             print_summary(f"{text} -> {self.output}", self.output)
-
-
-def look_of(path: Path) -> "Look":
-    """Where the first camera of a file looks from.
-
-    Raises:
-        DatasetError: If it cannot be read.
-    """
-    from splatwire.data import load_cameras
-    from splatwire.packets.view import Look
-
-    cameras = load_cameras(path)
-    focal = float(cameras.Ks[0, 0, 0])
-    return Look(cameras.viewmats[0].double().numpy(), focal, cameras.width, cameras.height)
 
 
 class Moments:

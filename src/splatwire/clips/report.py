@@ -4,7 +4,6 @@ import base64
 import io
 import json
 from collections.abc import Sequence
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -12,9 +11,9 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image
 
-import splatwire
 from splatwire.clips.evaluation import ClipScore
 from splatwire.evaluate.study.charts import PALETTE, STYLE, svg
+from splatwire.evaluate.study.page import filled_page
 from splatwire.model.clip import Timeline
 
 HEADINGS = ("method", "loss", "PSNR dB", "below complete", "worst below", "first group dB", "flicker", "packets lost")
@@ -74,19 +73,14 @@ def render_clip_report(title: str, subtitle: str, timeline: Timeline, scores: Se
         scores: What became of the clip, the complete one first.
         film: Pictures of the reference and of each score.
     """
-    import jinja2
-
     rows = score_rows(scores)
     labels = ["reference", *(", ".join(filter(None, (row["method"], row["loss"]))) for row in rows)]
     players = [
         {"label": label, "pictures": pictures, "psnr": [] if number == 0 else rows[number - 1]["frames"]}
         for number, (label, pictures) in enumerate(zip(labels, film.pictures, strict=True))
     ]
-    source = resources.files("splatwire.clips").joinpath("report.html.jinja").read_text(encoding="utf-8")
-    style = resources.files("splatwire.evaluate.study").joinpath("report.css").read_text(encoding="utf-8")
-    page = jinja2.Environment(autoescape=True, trim_blocks=True).from_string(source)
-    return page.render(
-        title=title, subtitle=subtitle, version=splatwire.__version__, style=style, columns=HEADINGS,
+    return filled_page(
+        "splatwire.clips", "report.html.jinja", title=title, subtitle=subtitle, columns=HEADINGS,
         rows=[cells(row) for row in rows], chart=_chart(scores, labels[1:]), num_frames=timeline.num_frames,
         rate=float(timeline.rate), players=players, players_json=json.dumps(players).replace("<", "\\u003c"),
     )  # fmt: skip

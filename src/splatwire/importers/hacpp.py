@@ -1,30 +1,24 @@
 """Imports what the official HAC++ code writes."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.errors import DatasetError
 from splatwire.formats.ply_file import PlyElement, read_ply
 from splatwire.importers._hacpp_files import (
     anchor_ply,
-    infer_voxel_size,
     is_plain,
     load_background,
     load_bounds,
     load_torch_file,
-    load_voxel_size,
     newest_iteration,
 )
 from splatwire.importers._hacpp_networks import channel_networks, hash_grid, two_layer_network
-from splatwire.importers._rows import drawable_anchors
+from splatwire.importers._rows import anchors_on_grid, offsets_of
 from splatwire.model import AnchorScene, ContextModel, GaussianHeads, HacppCoding, Mlp, ModelConfig
-from splatwire.model.voxels import voxel_indices, voxel_positions
 from splatwire.packets import ANCHORS
 from splatwire.scene import AnchorLayout, Anchors
 
@@ -115,10 +109,7 @@ def _heads(checkpoint: Mapping[str, Any], layout: AnchorLayout) -> GaussianHeads
 def _anchors(vertices: PlyElement, layout: AnchorLayout, model_dir: Path) -> tuple[Anchors, float]:
     num_offsets = layout.num_offsets
     logits = vertices.columns("f_mask_", num_offsets + 1)[:, :num_offsets]  # the last channel is never read
-    features = vertices.columns("f_anchor_feat_", layout.feature_dim)
     scalings = vertices.columns("scale_", 6)
-    # stored coordinate-major: all x, all y, all z
-    offsets = vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
     plain = (logits == 0) | (logits == 1) | np.isnan(logits)
     decoded = bool(plain.all()) and bool(((scalings >= 0) | np.isnan(scalings)).all())
     if decoded:
@@ -127,24 +118,5 @@ def _anchors(vertices: PlyElement, layout: AnchorLayout, model_dir: Path) -> tup
         mask = logits > np.log(_MASK_THRESHOLD / (1 - _MASK_THRESHOLD))
         with np.errstate(over="ignore"):
             scalings = np.exp(scalings)
-    anchors = Anchors(
-        positions=torch.from_numpy(vertices.select(["x", "y", "z"])),
-        features=torch.from_numpy(features),
-        scalings=torch.from_numpy(scalings),
-        offsets=torch.from_numpy(np.where(mask[:, :, None], offsets, np.float32(0))),
-        mask=torch.from_numpy(mask),
-    )
-    anchors = drawable_anchors(anchors, vertices.path)
-    positions, voxel_size = _on_grid(anchors.positions, vertices.path, model_dir)
-    return replace(anchors, positions=positions), voxel_size
-
-
-def _on_grid(positions: Tensor, path: Path, model_dir: Path) -> tuple[Tensor, float]:
-    """Finds the voxel size and puts the positions on exact multiples of it."""
-    found = load_voxel_size(model_dir)
-    voxel_size, source = found or (infer_voxel_size(positions.numpy()), None)
-    try:
-        return voxel_positions(voxel_indices(positions, voxel_size), voxel_size), voxel_size
-    except InvalidValueError as error:
-        origin = f"the voxel size comes from {source}" if source else "the voxel size was inferred"
-        raise DatasetError(f"{path}: {error} ({origin})") from error
+    offsets = np.where(mask[:, :, None], offsets_of(vertices, num_offsets), np.float32(0))
+    return anchors_on_grid(vertices, layout.feature_dim, scalings, offsets, mask, model_dir)

@@ -1,7 +1,6 @@
 """Imports what the official Scaffold-GS code writes: anchors in a PLY, three networks beside it."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,22 +8,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.errors import DatasetError
 from splatwire.formats.ply_file import PlyElement, read_ply
 from splatwire.importers._hacpp_files import (
-    infer_voxel_size,
     is_plain,
     load_background,
     load_torch_file,
-    load_voxel_size,
     newest_iteration,
 )
 from splatwire.importers._hacpp_networks import two_layer_network
 from splatwire.importers._plain_context import plain_context
-from splatwire.importers._rows import drawable_anchors
+from splatwire.importers._rows import anchors_on_grid, offsets_of
 from splatwire.importers._torchscript import is_torchscript, read_torchscript_weights
 from splatwire.model import AnchorScene, GaussianHeads, HacppCoding, Linear, Mlp
-from splatwire.model.voxels import voxel_indices, voxel_positions
 from splatwire.scene import AnchorLayout, Anchors
 
 _FILES = {"opacity_mlp": 1, "cov_mlp": 7, "color_mlp": 3}
@@ -138,20 +134,5 @@ def _head(
 def _anchors(vertices: PlyElement, feature_dim: int, num_offsets: int, model_dir: Path) -> tuple[Anchors, float]:
     with np.errstate(over="ignore"):
         scalings = np.exp(vertices.columns("scale_", 6))
-    # stored coordinate-major: all x, all y, all z
-    offsets = vertices.columns("f_offset_", 3 * num_offsets).reshape(-1, 3, num_offsets).transpose(0, 2, 1)
-    anchors = Anchors(
-        positions=torch.from_numpy(vertices.select(["x", "y", "z"])),
-        features=torch.from_numpy(vertices.columns("f_anchor_feat_", feature_dim)),
-        scalings=torch.from_numpy(scalings),
-        offsets=torch.from_numpy(np.ascontiguousarray(offsets)),
-        mask=torch.ones(len(scalings), num_offsets, dtype=torch.bool),
-    )
-    anchors = drawable_anchors(anchors, vertices.path)
-    found = load_voxel_size(model_dir)
-    voxel_size, source = found or (infer_voxel_size(anchors.positions.numpy()), vertices.path)
-    try:
-        positions = voxel_positions(voxel_indices(anchors.positions, voxel_size), voxel_size)
-    except InvalidValueError as error:
-        raise DatasetError(f"{vertices.path}: {error} (the voxel size comes from {source})") from error
-    return replace(anchors, positions=positions), voxel_size
+    mask = np.ones((len(scalings), num_offsets), dtype=bool)
+    return anchors_on_grid(vertices, feature_dim, scalings, offsets_of(vertices, num_offsets), mask, model_dir)

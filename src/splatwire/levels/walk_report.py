@@ -1,16 +1,15 @@
 """The report of a walk: PSNR over time as a chart, and what was seen; one HTML file that fetches nothing."""
 
 from collections.abc import Sequence
-from importlib import resources
 from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-import splatwire
 from splatwire.evaluate.pixels import jpeg
 from splatwire.evaluate.study.charts import PALETTE, STYLE, svg
+from splatwire.evaluate.study.page import filled_page
 from splatwire.levels.journey import Moment
 
 MOST_PICTURES = 24
@@ -51,19 +50,14 @@ def render_walk_report(
         moments: What was seen when.
         pictures: Some of them.
     """
-    import jinja2
-
     psnr = {moment.seconds: decibels_text(moment.psnr) for moment in moments}
     shown: list[dict[str, Any]] = [
         {"seconds": f"{seconds:g}", "psnr": psnr[seconds], "picture": picture, "reference": reference}
         for seconds, picture, reference in pictures.taken
     ]
-    source = resources.files("splatwire.levels").joinpath("walk_report.html.jinja").read_text(encoding="utf-8")
-    style = resources.files("splatwire.evaluate.study").joinpath("report.css").read_text(encoding="utf-8")
-    page = jinja2.Environment(autoescape=True, trim_blocks=True).from_string(source)
-    return page.render(
-        title=title, subtitle=subtitle, version=splatwire.__version__, style=style, facts=facts,
-        chart=_chart(moments), pictures=shown,
+    return filled_page(
+        "splatwire.levels", "walk_report.html.jinja",
+        title=title, subtitle=subtitle, facts=facts, chart=_chart(moments), pictures=shown,
     )  # fmt: skip
 
 

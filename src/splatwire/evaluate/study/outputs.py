@@ -1,7 +1,5 @@
 """Files that a protocol leaves: records, tables, leaderboard, report."""
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from splatwire.evaluate.study.tables import (
     summary_csv,
     to_csv,
 )
+from splatwire.files.json_text import json_text
 from splatwire.files.names import distinct_names, safe_name
 from splatwire.files.whole import write_whole
 from splatwire.packets import read_stream
@@ -56,7 +55,7 @@ def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, 
         "summary": ("summary.csv", summary_csv(everything)),
         "markdown": ("tables.md", _markdown(result.study, notes, every)),
         "latex": ("tables.tex", "\n".join(table.latex() for table in every)),
-        "json": ("results.json", to_json(_content(result, everything))),
+        "json": ("results.json", json_text(_content(result, everything), 1) + "\n"),
     }
     files = {kind: write_whole(folder / name, text.encode()) for kind, (name, text) in texts.items()}
     files["parquet"] = write_whole(folder / "records.parquet", table_to_bytes(records, PLACE))
@@ -71,7 +70,7 @@ def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, 
 def write_report(result: StudyResult, store: Store, folder: Path, content: Mapping[str, Any]) -> Path:
     """Writes the report and its pictures, and something as `results.json`; returns the path of the report."""
     summaries = summarize(result)
-    write_whole(folder / "results.json", to_json(content).encode())
+    write_whole(folder / "results.json", (json_text(content, 1) + "\n").encode())
     return _write_page(result, store, summaries, _tables(result, store, summaries, summaries), folder)
 
 
@@ -130,7 +129,7 @@ def write_size_outputs(study: Study, found: Sequence[SceneSizes], folder: Path) 
         "summary": ("summary.csv", to_csv(lines)),
         "markdown": ("tables.md", _markdown(study, (), tables)),
         "latex": ("tables.tex", "\n".join(table.latex() for table in tables)),
-        "json": ("results.json", to_json(content)),
+        "json": ("results.json", json_text(content, 1) + "\n"),
         "report": ("report.html", render_sizes_report(study, tables)),
     }
     return {kind: write_whole(folder / name, text.encode()) for kind, (name, text) in texts.items()}
@@ -161,19 +160,6 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
         "num_units": len(result.records),
         "rows": [summary.to_json() for summary in summaries],
     }
-
-
-def to_json(content: Mapping[str, Any]) -> str:
-    """JSON text; numbers that JSON does not have become null."""
-    return json.dumps(_finite(content), indent=1, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _equivalences(result: StudyResult, store: Store, scene: str) -> dict[str, list[Equivalence]]:

@@ -1,6 +1,5 @@
 """A plain evaluation: a study of one scene, one loss, and a row for each concealer."""
 
-import math
 import statistics
 from collections.abc import Iterable
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 from splatwire.evaluate.study.definition import Row
 from splatwire.evaluate.study.run import StudyResult
 from splatwire.evaluate.study.summary import Summary, summarize
+from splatwire.files.json_text import json_ready
 from splatwire.packets import Packetization
 
 USUAL_ORDER = ("drop", "prior", "idw", "cari", "grow")
@@ -76,16 +76,11 @@ def _row(result: StudyResult, summary: Summary) -> dict[str, Any]:
         "num_lost_packets": statistics.fmean(run.num_lost_packets for run in runs),
         "num_bytes_received": statistics.fmean(run.num_bytes_received for run in runs),
         "seconds_by_phase": seconds,
-        "psnr_by_seed": _finite(summary.by_seed["psnr"]),
+        "psnr_by_seed": json_ready(summary.by_seed["psnr"]),
         "psnr_spread": psnr and psnr.spread,
-        "psnr_by_view": _finite(summary.by_view["psnr"]),
+        "psnr_by_view": json_ready(summary.by_view["psnr"]),
         "parts": dict(summary.parts),
     }
-
-
-def _finite(values: Iterable[float]) -> list[float | None]:
-    """The numbers themselves, or None where they are infinite."""
-    return [value if math.isfinite(value) else None for value in values]
 
 
 def _stream_name(row: Row) -> str:

@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from typing import Any
 
-import splatwire
 from splatwire.evaluate.pixels import ERROR_GAIN, error_map, jpeg
 from splatwire.evaluate.study.charts import bytes_chart, losses_chart, scale_chart, seeds_chart, views_chart
 from splatwire.evaluate.study.definition import Study, common_word
+from splatwire.evaluate.study.page import filled_page
 from splatwire.evaluate.study.pictures import Shot, ViewPictures
 from splatwire.evaluate.study.run import ABSENT, StudyResult
 from splatwire.evaluate.study.summary import INTERVALS, Summary, streams_of
@@ -52,15 +51,9 @@ def render_sizes_report(study: Study, tables: Sequence[Table]) -> str:
 
 
 def _render(study: Study, **values: Any) -> str:
-    """Fills the template; what a report does not have stays out of it."""
-    import jinja2
-
-    files = resources.files("splatwire.evaluate.study")
-    source = files.joinpath("report.html.jinja").read_text(encoding="utf-8")
-    style = files.joinpath("report.css").read_text(encoding="utf-8")
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True)
-    page = environment.from_string(source)
-    return page.render(title=study.title, version=splatwire.__version__, style=style, error_gain=ERROR_GAIN, **values)
+    return filled_page(
+        "splatwire.evaluate.study", "report.html.jinja", title=study.title, error_gain=ERROR_GAIN, **values
+    )
 
 
 def _subtitle(result: StudyResult) -> str:
