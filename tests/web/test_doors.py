@@ -96,6 +96,18 @@ window.draw = async (pose) => {
 };
 """
 
+WHOLE = """
+import {{ SparkRenderer, SplatMesh }} from "@sparkjsdev/spark";
+import {{ loadSplats }} from "splatwire/three";
+import * as THREE from "three";
+
+export const scene = new THREE.Scene();
+export async function load(renderer: THREE.WebGLRenderer): Promise<void> {{
+  const spark = new SparkRenderer({{ renderer, preBlurAmount: 0.3, blurAmount: 0 }});
+  scene.add(spark, {added});
+}}
+"""
+"""The example of three.js with the stream added whole, in the words of the package's README."""
 
 GLTF = """
 import * as pc from "playcanvas";
@@ -116,6 +128,12 @@ def example(word: str) -> str:
     blocks = re.findall(r"```ts\n(.*?)```", (WEB / "PACKAGE.md").read_text(), re.DOTALL)
     [found] = [block for block in blocks if word in block]
     return found.replace("/scene.swz", "./scene.swz")
+
+
+def added_whole() -> str:
+    """Code that adds all of a stream at once, of the line of the package's README that shows it."""
+    [added] = re.findall(r"`(new SplatMesh\(.*?loadSplats.*?)`", (WEB / "PACKAGE.md").read_text())
+    return WHOLE.format(added=added.replace("/scene.swz", "./scene.swz"))
 
 
 @pytest.fixture(scope="module")
@@ -221,13 +239,14 @@ def test_playcanvas_draws_the_fallback_of_a_gltf_file_with_a_stream(project: Pat
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream) -> None:
+@pytest.mark.parametrize("code", [example("splatwire/three"), added_whole()], ids=["as it arrives", "whole"])
+def test_spark_draws_a_stream_between_meshes(project: Path, stream: SceneStream, code: str) -> None:
     """A mesh in front hides Gaussians; one behind shines through them as a background of its colour does."""
     cameras = tiny_cameras(2, 240, 180)
     grown = conceal(decode_stream(stream), "grow")
     over = [p.numpy() for p in render_scene(grown, cameras)]
     green = [p.numpy() for p in render_scene(grown, cameras, background=torch.tensor([0.0, 1.0, 0.0]))]
-    code, scene = example("splatwire/three"), ("scene.swz", stream_to_bytes(stream))
+    scene = ("scene.swz", stream_to_bytes(stream))
     for picture, shining in zip(over, green, strict=True):
         picture[:, :90] = (1.0, 0.0, 0.0)
         picture[:, 150:] = shining[:, 150:]
