@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from splatwire.cli._output import progress_bars
+from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.cli._output import Reporter
@@ -30,12 +31,18 @@ def in_datagrams(stream: "SceneStream", path: str) -> "SceneStream":
         path: Where it was read, for the line.
 
     Raises:
-        InvalidValueError: If it has other packets and is incomplete.
+        InvalidValueError: If it has other packets and is incomplete, or nothing is installed that packs it anew.
     """
     if stream.manifest.packetization.hashed:
         return stream
-    with progress_bars() as report:
-        packed = into_datagrams(stream, report)
+    try:
+        with progress_bars() as report:
+            packed = into_datagrams(stream, report)
+    except ModuleNotFoundError as error:
+        raise InvalidValueError(
+            f"{path}: its packets do not fit datagrams: make it with `encode --preset datagram`, or install "
+            f"splatwire[scenes] here, which packs it anew ({error.name} is missing)"
+        ) from error
     growth = packed.num_bytes / stream.num_bytes - 1
     print(
         f"{path}: the same scene in {len(packed.packets):,} packets that fit datagrams, {growth:+.1%} bytes; "
