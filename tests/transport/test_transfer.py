@@ -455,3 +455,29 @@ def test_what_a_client_has_from_before_is_not_sent_and_costs_its_share():
         most = server._transfers[key]._most_bytes
         assert most < 0.6 * server._limits.passes * sum(program.sizes().values()) if left_out else most > 0
     server.receive("client 1", encode(Have(1, program.stream_id, 1, 8 << 25, b"\xff")), 1.0, reliable=True)
+
+
+LINE, DELAY_S = 2.5e6, 0.05
+"""20 Mbit/s, 50 ms each way."""
+
+
+def test_random_loss_hardly_slows_the_start():
+    """Slow start goes on as long as more and more arrives."""
+    stream = datagram_stream(num_anchors=18_000)
+
+    def seconds(loss: float, seed: int) -> float:
+        down, up = (Link(bernoulli(loss, random.Random(2 * seed + n)), DELAY_S, rate=LINE) for n in range(2))
+        return transfer(stream, down=down, up=up, seed=seed).ended_at
+
+    whole = seconds(0.0, 0)
+    assert max(seconds(0.05, seed) for seed in range(3)) < 2.0 * whole
+    assert max(seconds(0.1, seed) for seed in range(3)) < 2.0 * whole
+
+
+def test_a_lost_first_flight_does_not_end_slow_start():
+    stream, sent = datagram_stream(num_anchors=18_000), itertools.count()
+    whole = transfer(stream, down=Link(delay_s=DELAY_S, rate=LINE), up=Link(delay_s=DELAY_S))
+    dead = Link(lambda: 1 <= next(sent) < 15, DELAY_S, rate=LINE)  # the first is the answer to the greeting
+    late = transfer(stream, down=dead, up=Link(delay_s=DELAY_S))
+    assert late.receiver.report().complete
+    assert late.ended_at < 2.0 * whole.ended_at

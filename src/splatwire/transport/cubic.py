@@ -77,7 +77,11 @@ class CubicWindow:
         self.bytes = self.threshold = max(window, LEAST)
         self._since = None
 
-    def restart(self) -> None:
-        """Slow start up to half of what was, after a time without news."""
-        self.threshold = max(self.bytes / 2, LEAST)
-        self.bytes, self._since = min(INITIAL, self.threshold), None
+    def restart(self, threshold: float) -> None:
+        """Slow start after a time without news, from half of what was and at most an initial window.
+
+        Args:
+            threshold: Where slow start ends.
+        """
+        self.threshold = max(threshold, LEAST)
+        self.bytes, self._since = max(min(INITIAL, self.bytes / 2), LEAST), None

@@ -14,6 +14,8 @@ QUEUE_S, DRAINED_S = 0.025, 0.008
 """Standing queue that is tolerated where nobody else fills it, and what is left of it after draining, seconds."""
 START_QUEUE_S = 0.01
 """A queue at which slow start ends (RFC 9406)."""
+START_LOSS = 0.2
+"""Slow start goes on with losses of this share while nothing is known of the path: a full one soon loses more."""
 DRAIN_SHARE, FULL_SHARE = 0.75, 0.9
 """Of what the path carries: sent while its queue drains, and once it has."""
 PROBE_SHARE = 0.5
@@ -157,10 +159,12 @@ class RateControl:
             bytes_arrived: About how many bytes that was.
             seconds: Time between the arrivals.
         """
+        only_lost = self.round_trip is None and round_trip < SILENT_ROUNDS * ASSUMED_ROUND_TRIP_S
         self.round_trip = round_trip if self.round_trip is None else 0.8 * self.round_trip + 0.2 * round_trip
         self._latest = 0.5 * ((self._latest or round_trip) + round_trip)
         if self._quiet:
-            self.window.restart()
+            # a greeting or the first report was lost: of a full path the round trip itself would be long
+            self.window.restart(float("inf") if only_lost else self.window.bytes / 2)
             self._pause = self._round = None
         self._quiet_since, self._quiet = now, False
         queue = self.queue.add(now, transit)
@@ -217,8 +221,9 @@ class RateControl:
         return seen.sent * DATAGRAM > 0.5 * self.rate * length
 
     def _steady(self, seen: Tally) -> bool:
-        """Whether no more was lost than is usual: slow start goes on."""
-        return seen.lost <= SLACK * self.loss.usual * seen.sent + self.loss.chance(seen.sent)
+        """Whether no more was lost than is usual, or can be where nothing is known yet: slow start goes on."""
+        usual = self.loss.usual or START_LOSS
+        return seen.lost <= SLACK * usual * seen.sent + self.loss.chance(seen.sent)
 
     @property
     def _testing(self) -> bool:
