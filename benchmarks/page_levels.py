@@ -3,10 +3,10 @@
     python benchmarks/page_levels.py city.swz [--pictures FOLDER] > page_levels.json
 
 Headless Chromium, 320 x 240; the scene comes by ranges of bytes from the server of `serve --page`. The mouse turns and
-zooms the camera, step by step. `messages` is the time of the main thread in what the page does with what its worker
-hands over, by kind (decoding is the worker's); `longest_task` is whatever held up the main thread: the engine's drawing
-and, where there is no graphics card, waiting for its software rasteriser, too. Memory is what processes have of their
-own.
+zooms the camera, step by step. `tasks` are those of the main thread, from the browser's own trace: how long the
+longest took, how much processor time it used of that (the rest it waited: for its software rasteriser, where there is
+no graphics card, or for its turn on a busy machine), and the same of the one that used most. `messages` is the time in
+what the page does with what its worker hands over, by kind. Memory is what processes have of their own.
 """
 
 import argparse
@@ -28,9 +28,7 @@ from chromium import Browser, browser
 
 ELEMENT = "document.querySelector('splat-wire')"
 WATCH = """
-window.spent = {}; window.tasks = [];
-new PerformanceObserver((list) => { for (const e of list.getEntries()) tasks.push(e.duration); })
-  .observe({type: "longtask", buffered: true});
+window.spent = {};
 const set = Object.getOwnPropertyDescriptor(Worker.prototype, "onmessage");
 const timed = (work) => function (event) {
   const began = performance.now(), kind = event.data?.kind ?? "other";
@@ -48,19 +46,24 @@ Worker.prototype.addEventListener = function (kind, work, ...more) {
 STEPS = ["right"] * 2 + ["in"] * 6 + ["left"] * 2 + ["in"] * 5 + ["right"] * 2 + ["out"] * 8
 MIDDLE = (160.0, 120.0)
 STATUS = f"{ELEMENT}?.status"
+PARTS = {"FunctionCall", "FireAnimationFrame", "TimerFire", "HandlePostMessage", "EventDispatch", "MajorGC", "MinorGC",
+         "v8.compile", "EvaluateScript", "Layout", "Commit"}  # fmt: skip
 
 
 def walked(page: Browser, url: str, seconds: float, pictures: Path | None) -> dict[str, Any]:
     """Opens a page and walks."""
+    page.patience = 240.0  # a screenshot waits for what the rasteriser has queued
     page.emulate(320, 240)
     page._call("Page.enable", page._session)
     page._call("Page.addScriptToEvaluateOnNewDocument", page._session, source=WATCH)
+    trace(page)
     page.open(url)
     page.wait_for(f"{STATUS}?.gaussians > 1000", 120)
     time.sleep(5 * seconds)
     most = {"gaussians": 0, "page_mb": 0, "gpu_mb": 0}
-    begun = page.evaluate("Math.max(...tasks, 0)")
-    page.evaluate("tasks.length = 0; spent = {};")
+    opening = traced(page)
+    page.evaluate("spent = {};")
+    trace(page)
     for number, step in enumerate(STEPS):
         if step in ("in", "out"):
             page.wheel(*MIDDLE, -250 if step == "in" else 250)
@@ -75,10 +78,47 @@ def walked(page: Browser, url: str, seconds: float, pictures: Path | None) -> di
             pictures.mkdir(parents=True, exist_ok=True)
             (pictures / f"{number:02}.png").write_bytes(base64.b64decode(page.screenshot()))
     return {
-        **most, "packets": page.evaluate(f"{STATUS}.packets"), "longest_task_opening": begun,
-        "longest_task": page.evaluate("Math.max(...tasks, 0)"), "long_tasks": page.evaluate("tasks.length"),
+        **most, "packets": page.evaluate(f"{STATUS}.packets"), "tasks_opening": opening, "tasks": traced(page),
         "messages": page.evaluate("spent"), "failed": page.evaluate(f"{STATUS}.failed"), "load": os.getloadavg()[0],
     }  # fmt: skip
+
+
+def trace(page: Browser) -> None:
+    """Begins to write down what the threads of the browser do."""
+    wanted = {"includedCategories": ["toplevel", "devtools.timeline"], "recordMode": "recordAsMuchAsPossible"}
+    page._call("Tracing.start", transferMode="ReturnAsStream", traceConfig=wanted)
+
+
+def traced(page: Browser) -> dict[str, Any]:
+    """Ends that, and says what the page's main thread did."""
+    page._call("Tracing.end")
+    while (message := page._message()).get("method") != "Tracing.tracingComplete":
+        pass
+    handle, text = message["params"]["stream"], ""
+    while True:
+        part = page._call("IO.read", handle=handle)
+        text += part["data"]
+        if part["eof"]:
+            break
+    events = json.loads(text)["traceEvents"]
+    named = (e for e in events if e["name"] == "thread_name" and e["args"]["name"] == "CrRendererMain")
+    main = {(e["pid"], e["tid"]) for e in named}
+    mine = [e for e in events if e.get("ph") == "X" and (e["pid"], e["tid"]) in main and "dur" in e]
+    tasks = [e for e in mine if e["name"].endswith("RunTask") or e["name"] == "RunTask"]
+
+    def told(task: dict[str, Any]) -> dict[str, Any]:
+        inside = [e for e in mine if task["ts"] <= e["ts"] < task["ts"] + task["dur"] and e["name"] in PARTS]
+        parts: dict[str, float] = {}
+        for e in inside:
+            parts[e["name"]] = max(parts.get(e["name"], 0), e.get("tdur", e["dur"]) / 1e3)
+        return {"ms": task["dur"] / 1e3, "processor_ms": task.get("tdur", 0) / 1e3, "parts": parts}
+
+    if not tasks:
+        return {"count": 0}
+    longest, busiest = (max(tasks, key=lambda e, key=key: e.get(key, 0)) for key in ("dur", "tdur"))
+    over = {key: sum(e.get(key, 0) > 50_000 for e in tasks) for key in ("dur", "tdur")}
+    return {"count": len(tasks), "longest": told(longest), "busiest": told(busiest), "over_50_ms": over["dur"],
+            "processor_over_50_ms": over["tdur"]}  # fmt: skip
 
 
 async def served(path: Path, seconds: float, pictures: Path | None) -> dict[str, Any]:

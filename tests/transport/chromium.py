@@ -40,6 +40,9 @@ def executable() -> str | None:
 class Browser(Page):
     """One page of a browser."""
 
+    patience = 60.0
+    """Seconds within which it answers."""
+
     def __init__(self, to_browser: int, from_browser: int, *, alone: bool = False) -> None:
         self._out, self._in, self._rest, self._count = to_browser, from_browser, b"", 0
         whose = {"browserContextId": self._call("Target.createBrowserContext")["browserContextId"]} if alone else {}
@@ -152,7 +155,7 @@ class Browser(Page):
 
     def _message(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
-            if not select.select([self._in], [], [], 60.0)[0]:
+            if not select.select([self._in], [], [], self.patience)[0]:
                 raise TimeoutError("the browser says nothing")
             chunk = os.read(self._in, 1 << 16)
             if not chunk:
