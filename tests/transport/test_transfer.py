@@ -462,7 +462,7 @@ LINE, DELAY_S = 2.5e6, 0.05
 
 
 def test_random_loss_hardly_slows_the_start():
-    """Slow start goes on as long as more and more arrives."""
+    """A few losses do not stop slow start."""
     stream = datagram_stream(num_anchors=18_000)
 
     def seconds(loss: float, seed: int) -> float:

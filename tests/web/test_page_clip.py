@@ -1,5 +1,7 @@
 """A clip on a page: it plays, pauses, seeks, loops, rests out of sight, conceals what is dropped on purpose."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
@@ -39,14 +41,21 @@ def cell(name: str) -> str:
     return f"[...{PANEL}.querySelectorAll('dt')].find((dt) => dt.textContent === '{name}')?.nextSibling.textContent"
 
 
-@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
-def test_a_clip_plays_and_its_losses_are_concealed(tmp_path: Path) -> None:
-    stream, _ = encode_clip(moving_frames(900, FRAMES), ClipOptions(Fraction(8), 3))
-    packed = tmp_path / "clip.html"
+@contextmanager
+def clip_page(folder: Path, num_gaussians: int) -> Iterator[Browser]:
+    """A browser that has read a whole clip of so many Gaussians."""
+    stream, _ = encode_clip(moving_frames(num_gaussians, FRAMES), ClipOptions(Fraction(8), 3))
+    packed = folder / "clip.html"
     packed.write_bytes(pack_stream(stream, "a clip"))
     with browser() as page:
         page.open(packed.as_uri())
         page.wait_for(f"{ELEMENT}?.status?.verified", 60)
+        yield page
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_a_clip_plays_and_its_losses_are_concealed(tmp_path: Path) -> None:
+    with clip_page(tmp_path, 900) as page:
         assert "lossless" not in page.evaluate(f"{PANEL}.textContent"), "there is no comparison of what moves"
         first = page.wait_for(TOLD, 60)
         page.wait_for(f"{TOLD} !== {first!r}", 60)
@@ -74,12 +83,8 @@ def rests(page: Browser) -> bool:
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_a_clip_that_nobody_sees_decodes_no_frames(tmp_path: Path) -> None:
-    stream, _ = encode_clip(moving_frames(300, FRAMES), ClipOptions(Fraction(8), 3))
-    packed = tmp_path / "clip.html"
-    packed.write_bytes(pack_stream(stream, "a clip"))
-    with browser() as page:
-        page.open(packed.as_uri())
-        page.wait_for(f"{ELEMENT}?.status?.verified && {ELEMENT}.view", 60)
+    with clip_page(tmp_path, 300) as page:
+        page.wait_for(f"{ELEMENT}.view", 60)
         page.evaluate(COUNT)
         page.wait_for("window.asked > 2", 60)
         page.evaluate(f"{ELEMENT}.style.cssText = 'position: absolute; inset: auto; top: 300vh; height: 50vh'")

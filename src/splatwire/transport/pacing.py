@@ -15,7 +15,7 @@ QUEUE_S, DRAINED_S = 0.025, 0.008
 START_QUEUE_S = 0.01
 """A queue at which slow start ends (RFC 9406)."""
 START_LOSS = 0.2
-"""Slow start goes on with losses of this share while nothing is known of the path: a full one soon loses more."""
+"""Loss that is taken for usual while slow start knows nothing of the path: a full one soon loses more."""
 DRAIN_SHARE, FULL_SHARE = 0.75, 0.9
 """Of what the path carries: sent while its queue drains, and once it has."""
 PROBE_SHARE = 0.5
