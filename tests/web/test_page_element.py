@@ -77,7 +77,9 @@ def test_elements_that_come_and_go_leave_nothing(stream: SceneStream) -> None:
             assert page.evaluate("alive()") == {"contexts": 1, "workers": 0, "urls": 2, "observers": 0}
             left.append({name: count for name, count in page.alive().items() if name != "JSHeapUsedSize"})
         assert left[0]["WorkerGlobalScopes"] == 0
-        assert all(left[-1][name] <= count for name, count in left[0].items()), (left[0], left[-1])
+        for name in left[0]:  # a moment's own objects come and go; what each of the elements left would add up
+            counts = [one[name] for one in left]
+            assert min(counts[9:]) <= max(counts[:9]), (name, counts)
         assert page.evaluate("window.theirs.isContextLost()") is False
 
     hosted(stream, work)
