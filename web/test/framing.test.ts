@@ -5,9 +5,11 @@ import { Vec3 } from "playcanvas";
 
 import type { Splats } from "../src/codec/splats.ts";
 import { coreOf, frameScene } from "../src/render/framing.ts";
-import { cameraOf, Orbit, tangentOf } from "../src/render/orbit.ts";
+import { Hands } from "../src/render/hands.ts";
+import { cameraOf, tangentOf } from "../src/render/lens.ts";
+import { Orbit } from "../src/render/orbit.ts";
 import { type Packed, pack } from "../src/render/packed.ts";
-import { depthAt } from "../src/render/pick.ts";
+import { depthAt, pointAt } from "../src/render/pick.ts";
 import { Space } from "../src/render/space.ts";
 import { random } from "./vectors.ts";
 
@@ -54,24 +56,34 @@ function walls(count: number, half: number): number[][] {
   });
 }
 
-interface Hands {
+const WIDTH = 800,
+  HEIGHT = 600;
+
+interface Handled {
   orbit: Orbit;
   act(kind: string, event: object): void;
 }
 
-function hands(parts: readonly Packed[]): Hands {
+/** A camera in somebody's hands, in a window of 800 x 600. */
+function hands(parts: readonly Packed[]): Handled {
   const events = new Map<string, (event: unknown) => void>(),
     canvas = {
-      clientHeight: 600,
+      clientHeight: HEIGHT,
+      getBoundingClientRect: () => ({ left: 0, top: 0 }),
       addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take),
       setPointerCapture: () => undefined,
     },
     space = new Space(coreOf(parts), parts);
-  const orbit = new Orbit(
-    canvas as unknown as HTMLElement,
+  const orbit: Orbit = new Orbit(
     () => undefined,
     () => space,
+    (at) => {
+      const { x, y } = at ?? { x: WIDTH / 2, y: HEIGHT / 2 },
+        point = pointAt(parts, cameraOf(orbit.pose(), 1, WIDTH, HEIGHT), x, y);
+      return point && new Vec3(...point);
+    },
   );
+  new Hands(canvas as unknown as HTMLElement, orbit);
   return { orbit, act: (kind, event) => events.get(kind)!({ preventDefault: () => undefined, ...event }) };
 }
 
@@ -126,16 +138,16 @@ test("a camera stops before things, goes not far away, and finds its way home", 
   framed(orbit, parts, 800, 600);
   const began = JSON.stringify([orbit.pose(), orbit.distance]),
     eye = (): number => orbit.pose().position.length();
-  for (let n = 0; n < 60; n++) act("wheel", { deltaY: -200 });
+  for (let n = 0; n < 60; n++) act("wheel", { deltaY: -200, clientX: 400, clientY: 300 });
   assert.ok(eye() > 1, `${eye()} from the middle`);
-  for (let n = 0; n < 60; n++) act("wheel", { deltaY: 200 });
+  for (let n = 0; n < 60; n++) act("wheel", { deltaY: 200, clientX: 400, clientY: 300 });
   assert.ok(eye() < 20, `${eye()} from the middle`);
   act("pointerdown", { pointerId: 1, clientX: 0, clientY: 0 });
   for (let n = 1; n < 60; n++) act("pointermove", { pointerId: 1, clientX: 400 * n, clientY: 100 * n, buttons: 2 });
   assert.ok(orbit.target.length() < 1.5, `${orbit.target}`);
   for (let n = 1; n < 200; n++) {
     act("pointermove", { pointerId: 1, clientX: 37 * n, clientY: 11 * n, buttons: 1 });
-    act("wheel", { deltaY: -50 });
+    act("wheel", { deltaY: -50, clientX: 400, clientY: 300 });
     assert.ok(eye() > 0.95, `${eye()} from the middle`);
   }
   orbit.home();
@@ -151,6 +163,80 @@ test("what is pointed at is as far away as it looks", () => {
     depth = depthAt(parts, camera, width / 2, height / 2)!;
   assert.ok(Math.abs(depth - 3) < 0.15, `${depth}`);
   assert.equal(depthAt(parts, camera, 5, 5), null);
-  orbit.focus(new Vec3(0, 0, 0), depth);
-  assert.ok(orbit.distance < 4 && orbit.distance > 1);
+  orbit.focus({ x: width / 2, y: height / 2 });
+  assert.ok(Math.abs(orbit.target.length() - 1) < 0.15, `${orbit.target}`);
+  assert.ok(orbit.distance < depth && orbit.distance > 1);
+});
+
+/** Share of a window's picture in which something is. */
+function drawn(orbit: Orbit, parts: readonly Packed[]): number {
+  const camera = cameraOf(orbit.pose(), 1, WIDTH, HEIGHT),
+    [across, down] = [16, 12],
+    places = Array.from({ length: across * down }, (_, n) => [n % across, Math.floor(n / across)]);
+  const found = places.filter(
+    ([i, j]) => depthAt(parts, camera, ((i + 0.5) * WIDTH) / across, ((j + 0.5) * HEIGHT) / down) !== null,
+  );
+  return found.length / places.length;
+}
+
+/** A body and a thin slanted neck, beside which the middle of both lies. */
+function guitar(): Packed {
+  const neck = Array.from({ length: 1000 }, () => {
+    const along = draw();
+    return [0.6 + 2 * along + 0.03 * normal(), 0.4 + 1.5 * along + 0.03 * normal(), 0.03 * normal()];
+  });
+  return scene([...sphere(2500, 0.5), ...neck], 0.02);
+}
+
+test("coming nearer ends at things, wherever somebody points", () => {
+  const parts = [guitar()];
+  for (const [clientX, clientY] of [
+    [400, 300],
+    [100, 100],
+    [700, 500],
+  ]) {
+    const { orbit, act } = hands(parts);
+    framed(orbit, parts, WIDTH, HEIGHT);
+    const began = orbit.distance;
+    for (let n = 0; n < 36; n++) {
+      act("wheel", { deltaY: -200, clientX, clientY });
+      if (n % 6 === 5)
+        assert.ok(drawn(orbit, parts) > 0.03, `${drawn(orbit, parts)} after ${n} steps at ${clientX}, ${clientY}`);
+    }
+    assert.ok(orbit.distance < began / 2.5, `${orbit.distance} of ${began}`);
+    for (let n = 0; n < 12; n++) {
+      orbit.turn(0.5, 0.2);
+      if (n % 3 === 2)
+        assert.ok(drawn(orbit, parts) > 0.01, `${drawn(orbit, parts)} after ${n} turns at ${clientX}, ${clientY}`);
+    }
+  }
+});
+
+test("what is pointed at stays in the picture and comes to its middle", () => {
+  const parts = [scene(sphere(8000, 1), 0.05)],
+    { orbit, act } = hands(parts);
+  framed(orbit, parts, WIDTH, HEIGHT);
+  const [px, py] = [480, 220],
+    point = pointAt(parts, cameraOf(orbit.pose(), 1, WIDTH, HEIGHT), px, py)!;
+  let before = Math.hypot(px - WIDTH / 2, py - HEIGHT / 2);
+  for (let n = 0; n < 30; n++) {
+    act("wheel", { deltaY: -120, clientX: px, clientY: py });
+    const { viewmat, focal } = cameraOf(orbit.pose(), 1, WIDTH, HEIGHT),
+      [x, y, z] = viewmat.map((row) => row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3]),
+      away = (focal * Math.hypot(x, y)) / z;
+    assert.ok(away <= before + 0.5, `${away} pixels from the middle after ${before}`);
+    before = away;
+  }
+  assert.ok(before < 0.6 * Math.hypot(px - WIDTH / 2, py - HEIGHT / 2), `${before} pixels from the middle`);
+});
+
+test("a move across stops before nothing is in sight", () => {
+  const parts = [guitar()],
+    { orbit, act } = hands(parts);
+  framed(orbit, parts, WIDTH, HEIGHT);
+  for (let n = 0; n < 20; n++) act("wheel", { deltaY: -120, clientX: 400, clientY: 300 });
+  const began = orbit.target.clone();
+  for (let n = 0; n < 40; n++) orbit.pan(0.05, 0.03);
+  assert.ok(orbit.target.distance(began) > 0);
+  assert.ok(drawn(orbit, parts) > 0, "an empty picture");
 });

@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { Quat, Vec3 } from "playcanvas";
 
 import { emptySplats, type Splats } from "../src/codec/splats.ts";
-import type { Pose } from "../src/render/orbit.ts";
+import type { Pose } from "../src/render/lens.ts";
 import { pack } from "../src/render/packed.ts";
 import { pixels } from "../src/render/painter.ts";
 

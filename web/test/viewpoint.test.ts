@@ -4,6 +4,7 @@ import { test } from "node:test";
 import { Vec3 } from "playcanvas";
 
 import { StreamDecoder, type Viewpoint } from "../src/codec/decoder.ts";
+import { Hands } from "../src/render/hands.ts";
 import { Orbit } from "../src/render/orbit.ts";
 import { readStream, STREAMS } from "./vectors.ts";
 
@@ -16,14 +17,7 @@ function viewpointOf(bytes: Uint8Array | null): Viewpoint | null {
   return decoder.viewpoint;
 }
 
-/** An orbit without a page; `events` gets what it listens to. */
-function hands(events = new Map<string, (event: unknown) => void>()): Orbit {
-  const canvas = {
-    addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take),
-    setPointerCapture: () => undefined,
-  };
-  return new Orbit(canvas as unknown as HTMLElement, () => undefined);
-}
+const orbitOf = (): Orbit => new Orbit(() => undefined);
 
 test("a viewpoint is read as it was written, and believed only where it is possible", {
   skip: STREAMS.length === 0,
@@ -47,7 +41,7 @@ test("a viewpoint is read as it was written, and believed only where it is possi
 
 test("a scene that was turned upside down stays so when its stream says where to begin", () => {
   for (const first of ["turn", "place"]) {
-    const orbit = hands(),
+    const orbit = orbitOf(),
       up = new Vec3(0, -1, 0);
     if (first === "turn") orbit.flip();
     orbit.place(new Vec3(2, 0.5, -1), new Vec3(), up);
@@ -66,7 +60,12 @@ test("a scene that was turned upside down stays so when its stream says where to
 test("what is dragged to the right goes to the right, whatever is up", () => {
   for (const prepare of [() => undefined, (orbit: Orbit) => orbit.upIs("y"), (orbit: Orbit) => orbit.flip()]) {
     const events = new Map<string, (event: unknown) => void>(),
-      orbit = hands(events);
+      surface = {
+        clientHeight: 600,
+        addEventListener: (kind: string, take: (event: unknown) => void) => events.set(kind, take),
+        setPointerCapture: () => undefined,
+      },
+      { orbit } = new Hands(surface as unknown as HTMLElement, orbitOf());
     prepare(orbit);
     const { position, rotation } = orbit.pose(),
       near = position.clone().lerp(position, orbit.target, 0.9);
@@ -82,7 +81,7 @@ test("what is dragged to the right goes to the right, whatever is up", () => {
 });
 
 test("an orbit begins where it was placed, looks at the target and has up on its side", () => {
-  const orbit = hands();
+  const orbit = orbitOf();
   for (const up of [new Vec3(0, 1, 0), new Vec3(0, -1, 0), new Vec3(0.3, -0.9, 0.2).normalize(), new Vec3(1, 0, 0)]) {
     const eye = new Vec3(2, 0.5, -1),
       target = new Vec3(0.1, 0.2, 0.3);

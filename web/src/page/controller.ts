@@ -433,7 +433,7 @@ export class Controller {
     if (origin instanceof HTMLInputElement || origin instanceof HTMLSelectElement) return;
     if (event.key === "f") this.#flip();
     else if (event.key === "h") this.panel.element.hidden = !this.panel.element.hidden;
-    else if (!this.stage.orbit.key(event.key, event.shiftKey)) return;
+    else if (!this.stage.hands.key(event.key, event.shiftKey)) return;
     this.#comparison.moved();
     event.preventDefault();
   }

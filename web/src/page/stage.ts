@@ -6,11 +6,13 @@ import type { Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
 import { acquire, giveBack, type Holder, offer } from "../render/contexts.ts";
 import { coreOf, frameScene } from "../render/framing.ts";
+import { Hands } from "../render/hands.ts";
+import { cameraOf, tangentOf } from "../render/lens.ts";
 import { loadView } from "../render/load.ts";
-import { cameraOf, Orbit, tangentOf } from "../render/orbit.ts";
+import { Orbit, type Place } from "../render/orbit.ts";
 import type { Packed, Tile } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
-import { depthAt } from "../render/pick.ts";
+import { pointAt } from "../render/pick.ts";
 import { Space } from "../render/space.ts";
 import type { View } from "../render/view.ts";
 
@@ -37,10 +39,11 @@ export class Stage implements Holder {
   /** Where the first pictures are painted, above the other one until that has something to show. */
   readonly first = document.createElement("canvas");
   readonly orbit = new Orbit(
-    this.surface,
     () => this.touch(),
     () => this.#room(),
+    (at) => this.#seen(at),
   );
+  readonly hands = new Hands(this.surface, this.orbit);
   view: View | null = null;
   inSight = true;
   /** Told of the camera of each picture. */
@@ -80,7 +83,6 @@ export class Stage implements Holder {
     this.first.className = "first";
     describe(this.first, title);
     this.surface.append(this.first);
-    this.surface.addEventListener("dblclick", ({ offsetX, offsetY }) => this.#focus(offsetX, offsetY));
   }
 
   /** Where there is room for the camera; null as long as there is nothing else. */
@@ -92,15 +94,13 @@ export class Stage implements Holder {
     return this.#space;
   }
 
-  /** Turns around what is at a place of the surface from here on, and comes nearer. */
-  #focus(x: number, y: number): void {
+  /** What is at a place of the window, or next to it. */
+  #seen(at: Place | null): Vec3 | null {
     const { clientWidth: width, clientHeight: height } = this.surface,
-      pose = this.orbit.pose(),
-      camera = cameraOf(pose, 1, width, height),
-      depth = depthAt(this.#parts, camera, x, y);
-    if (depth === null) return;
-    const ahead = new Vec3(x - width / 2, height / 2 - y, -camera.focal).mulScalar(depth / camera.focal);
-    this.orbit.focus(pose.rotation.transformVector(ahead, ahead).add(pose.position), depth);
+      camera = cameraOf(this.orbit.pose(), 1, width, height),
+      { x, y } = at ?? { x: width / 2, y: height / 2 },
+      point = pointAt(this.#parts, camera, x, y);
+    return point && new Vec3(...point);
   }
 
   /** Loads what draws and begins to draw, if it may. */

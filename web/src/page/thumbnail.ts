@@ -4,7 +4,8 @@ import { Vec3 } from "playcanvas";
 
 import { readPreview } from "../codec/preview.ts";
 import { coreOf, frameScene } from "../render/framing.ts";
-import { Orbit, tangentOf } from "../render/orbit.ts";
+import { tangentOf } from "../render/lens.ts";
+import { Orbit } from "../render/orbit.ts";
 import { pack } from "../render/packed.ts";
 import { paint } from "../render/painter.ts";
 import { Space } from "../render/space.ts";
@@ -25,7 +26,7 @@ export class Thumbnail extends HTMLElement {
     const bytes = Uint8Array.from(atob(this.getAttribute("data") ?? ""), (c) => c.charCodeAt(0)),
       { splats, background } = readPreview(bytes),
       parts = [pack([splats], 0, 1)],
-      orbit = new Orbit(canvas, () => undefined),
+      orbit = new Orbit(() => undefined),
       viewpoint = viewpointOf(this.getAttribute("viewpoint"));
     orbit.upIs(this.getAttribute("up") ?? "");
     if (viewpoint) {

@@ -1,27 +1,14 @@
-// A camera that turns around a point: mouse, touch and keys.
+// A camera that turns around a point, and where it may go.
 
 import { Quat, Vec3 } from "playcanvas";
 
-import type { Camera } from "../model/camera.ts";
+import type { Pose } from "./lens.ts";
 import type { Space } from "./space.ts";
 
-const TURN = 0.005,
-  KEY_TURN = 0.08,
-  KEY_ZOOM = 0.9,
-  WHEEL = 0.0012,
-  STEEPEST = 1.55;
+const STEEPEST = 1.55,
+  /** Of the distance: what a window's height shows of what is there, about. */
+  HEIGHT = 1.2;
 const UPSIDE_DOWN = new Quat().setFromEulerAngles(0, 0, 180);
-
-/** Field of view, degrees: down, unless that is too narrow across. */
-const DOWN = 50,
-  ACROSS = 40,
-  MOST_DOWN = 90;
-
-/** Half of what a window shows at distance 1, downwards. */
-export function tangentOf(width: number, height: number): number {
-  const half = (degrees: number): number => Math.tan((degrees * Math.PI) / 360);
-  return Math.min(Math.max(half(DOWN), (half(ACROSS) * height) / Math.max(width, 1)), half(MOST_DOWN));
-}
 
 /** What is up, by the words of streams and pages. */
 const UPS: Record<string, [number, number, number]> = {
@@ -32,40 +19,25 @@ const UPS: Record<string, [number, number, number]> = {
   "-z": [0, 0, -1],
 };
 
-export interface Pose {
-  readonly position: Vec3;
-  readonly rotation: Quat;
-}
-
-/**
- * Share of the picture's side around it in which Gaussians of a view are asked for, too: the camera may turn before
- * others are there.
- */
-const MARGIN = 0.25;
-
-/** The camera of a pose that is in units of `size`, for a picture of this size. */
-export function cameraOf({ position, rotation }: Pose, size: number, width: number, height: number): Camera {
-  const row = (x: number, y: number, z: number): number[] => {
-    const axis = rotation.transformVector(new Vec3(x, y, z), new Vec3());
-    return [axis.x, axis.y, axis.z, -(axis.x * position.x + axis.y * position.y + axis.z * position.z) * size];
-  };
-  const focal = height / 2 / tangentOf(width, height);
-  return {
-    viewmat: [row(1, 0, 0), row(0, -1, 0), row(0, 0, -1)],
-    focal,
-    width,
-    height,
-    margin: MARGIN * Math.max(width, height),
-  };
-}
-
 /** Where it begins where nobody says it, radians. */
 const USUAL = { yaw: 0.5, pitch: -0.25 };
 /** Farthest from a scene, and nearest to the point around which it turns, over the scene's radius. */
 const FARTHEST = 8,
   NEAREST = 0.02;
+/**
+ * Nearest to what it comes nearer to: over the radius of the Gaussians around that, but over the scene's where there
+ * are only few.
+ */
+const NEAR = 5,
+  NEAR_FEW = 0.3;
 /** Nearer to what is pointed at. */
 const FOCUS = 0.6;
+
+/** A place of a window, CSS pixels from its upper left corner. */
+export interface Place {
+  readonly x: number;
+  readonly y: number;
+}
 
 interface State {
   readonly target: Vec3;
@@ -93,29 +65,18 @@ export class Orbit {
   touched = false;
   /** Where it began. */
   #home: State = this.#state();
-  readonly #pointers = new Map<number, { x: number; y: number }>();
+  /** What it comes nearer to, how near, and at which place of the window it was seen. */
+  #towards: { readonly point: Vec3; readonly near: number; readonly at: string } | null = null;
 
-  /** `changed` is called after every change by hand; `space` says where it may be, and null where all is free. */
+  /**
+   * `changed` is called after every change by hand; `space` says where it may be, and null where all is free; `seen`
+   * says what is at a place of the window (CSS pixels; null is its middle), or next to it.
+   */
   constructor(
-    readonly canvas: HTMLElement,
     readonly changed: () => void,
     readonly space: () => Space | null = () => null,
-  ) {
-    canvas.addEventListener("pointerdown", (event) => this.#down(event));
-    canvas.addEventListener("pointermove", (event) => this.#move(event));
-    for (const kind of ["pointerup", "pointercancel", "lostpointercapture"] as const) {
-      canvas.addEventListener(kind, (event) => this.#pointers.delete(event.pointerId));
-    }
-    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-    canvas.addEventListener(
-      "wheel",
-      (event) => {
-        event.preventDefault();
-        this.#zoom(Math.exp(Math.min(Math.max(event.deltaY, -200), 200) * WHEEL));
-      },
-      { passive: false },
-    );
-  }
+    readonly seen: (at: Place | null) => Vec3 | null = () => null,
+  ) {}
 
   /** Begins at a distance from a point. */
   begin(target: readonly number[], distance: number, yaw = this.yaw): void {
@@ -194,29 +155,14 @@ export class Orbit {
     return { position: back.add(this.target), rotation };
   }
 
-  /** Takes a key; whether it means something. */
-  key(key: string, shift: boolean): boolean {
-    const turns: Record<string, [number, number]> = {
-      ArrowLeft: [1, 0],
-      ArrowRight: [-1, 0],
-      ArrowUp: [0, 1],
-      ArrowDown: [0, -1],
-    };
-    const turn = turns[key];
-    if (turn && shift) this.#pan(30 * turn[0], 30 * turn[1]);
-    else if (turn) this.#turn(-turn[0] * KEY_TURN, turn[1] * KEY_TURN);
-    else if (key === "+" || key === "=") this.#zoom(KEY_ZOOM);
-    else if (key === "-") this.#zoom(1 / KEY_ZOOM);
-    else if (key === "Home") this.home();
-    else return false;
-    return true;
-  }
-
-  /** Turns around a point from here on, from nearer than its depth. */
-  focus(point: Vec3, depth: number): void {
+  /** Turns around what is at a place of the window from here on, from nearer. */
+  focus(at: Place): void {
+    const found = this.#found(at, "");
+    if (!found) return;
     this.#moves(() => {
-      this.target.copy(point);
-      this.distance = FOCUS * depth;
+      const away = this.pose().position.distance(found.point);
+      this.distance = Math.max(FOCUS * away, Math.min(found.near, away));
+      this.target.copy(found.point);
     });
   }
 
@@ -226,6 +172,7 @@ export class Orbit {
       before = this.#state(),
       began = this.#eye();
     this.touched = true;
+    this.#towards = null;
     move();
     if (space) {
       this.#hold(space);
@@ -278,41 +225,64 @@ export class Orbit {
     this.#set(last);
   }
 
-  #down(event: PointerEvent): void {
-    this.canvas.setPointerCapture(event.pointerId);
-    this.#pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
-  }
-
-  #move(event: PointerEvent): void {
-    const before = this.#pointers.get(event.pointerId);
-    if (!before) return;
-    const dx = event.clientX - before.x,
-      dy = event.clientY - before.y,
-      others = [...this.#pointers.entries()].filter(([id]) => id !== event.pointerId);
-    if (others.length) {
-      const other = others[0][1],
-        far = (x: number, y: number): number => Math.max(Math.hypot(x - other.x, y - other.y), 1);
-      this.#zoom(far(before.x, before.y) / far(event.clientX, event.clientY));
-      this.#pan(dx / 2, dy / 2);
-    } else if (event.buttons & 2 || event.shiftKey) this.#pan(dx, dy);
-    else this.#turn(-dx * TURN, -dy * TURN);
-    this.#pointers.set(event.pointerId, { x: event.clientX, y: event.clientY });
-  }
-
-  #turn(yaw: number, pitch: number): void {
+  /** Turns by angles, radians. */
+  turn(yaw: number, pitch: number): void {
     this.#moves(() => {
       this.yaw += yaw;
       this.pitch = Math.min(Math.max(this.pitch + pitch, -STEEPEST), STEEPEST);
     }, true);
   }
 
-  #zoom(factor: number): void {
-    this.#moves(() => (this.distance = Math.min(Math.max(this.distance * factor, 1e-3), 1e4)));
+  /** Moves across, by shares of the window's height; not to where nothing is in sight. */
+  pan(dx: number, dy: number): void {
+    const before = this.#state(),
+      step = this.distance * HEIGHT,
+      across = this.pose().rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3()),
+      something = this.#something();
+    this.#moves(() => this.target.add(across));
+    if (something && !this.#something()) this.#set(before);
   }
 
-  #pan(dx: number, dy: number): void {
-    const { rotation } = this.pose(),
-      step = (this.distance * 1.2) / Math.max(this.canvas.clientHeight, 1);
-    this.#moves(() => this.target.add(rotation.transformVector(new Vec3(-dx * step, dy * step, 0), new Vec3())));
+  /** Becomes so many times as far away; where that is nearer, from what is seen at a place of the window. */
+  zoom(factor: number, at: Place | null = null): void {
+    if (factor < 1) this.#approach(factor, at);
+    else this.#moves(() => (this.distance *= factor));
+  }
+
+  /**
+   * Goes towards what is seen, which comes to the middle of the window, until the window is as wide as some
+   * Gaussians.
+   */
+  #approach(factor: number, at: Place | null): void {
+    const key = String(at && [at.x, at.y]),
+      towards = this.#towards?.at === key ? this.#towards : this.#found(at, key);
+    if (!towards) return this.#moves(() => (this.distance *= factor));
+    const { position, rotation } = this.pose(),
+      back = rotation.transformVector(new Vec3(0, 0, 1), new Vec3()),
+      depth = new Vec3().sub2(position, towards.point).dot(back),
+      nearer = Math.max(factor, towards.near / depth);
+    if (nearer >= 1) return;
+    this.#moves(() => {
+      this.target.sub2(position, back.mulScalar(depth));
+      this.target.lerp(towards.point, this.target, nearer ** 2);
+      this.distance = depth * nearer;
+    });
+    this.#towards = towards;
+  }
+
+  #found(at: Place | null, key: string): { point: Vec3; near: number; at: string } | null {
+    const point = this.seen(at),
+      space = this.space();
+    if (!point) return null;
+    const grain = space?.grain([point.x, point.y, point.z]) ?? 0,
+      near = Math.min(NEAR * grain, NEAR_FEW * (space?.radius ?? 0));
+    return { point, near, at: key };
+  }
+
+  /** Whether something is in sight. */
+  #something(): boolean {
+    const { position, rotation } = this.pose(),
+      { x, y, z } = rotation.transformVector(Vec3.FORWARD, new Vec3());
+    return this.space()?.ahead([position.x, position.y, position.z], [x, y, z]) ?? true;
   }
 }

@@ -2,7 +2,7 @@
 
 import { Vec3 } from "playcanvas";
 
-import { type Pose, tangentOf } from "./orbit.ts";
+import { type Pose, tangentOf } from "./lens.ts";
 import { FLOATS, type Packed } from "./packed.ts";
 
 /** Pixels of a picture: Gaussians of a preview are few and large. */

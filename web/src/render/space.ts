@@ -13,6 +13,14 @@ const MOST = 60_000;
 const FULL = 1;
 /** Points that a large Gaussian is dealt to along an axis, on each side. */
 const MOST_POINTS = 6;
+/** Gaussians of which a thing can be told. */
+const SOME = 48;
+/**
+ * Of a cone around where a camera looks, which any window shows: its half width at distance 1, and the share of it
+ * that is covered where something is in sight.
+ */
+const CONE = 0.3,
+  COVERED = 0.01;
 
 export class Space {
   readonly middle: readonly number[];
@@ -20,13 +28,41 @@ export class Space {
   /** Length of a cell's side. */
   readonly cell: number;
   readonly #thick = new Float32Array(CELLS ** 3);
+  /** x, y, z and area of each of those that are looked at. */
+  readonly #samples: Float32Array;
+  /** How many of a scene each of them stands for. */
+  readonly #step: number;
 
   constructor({ middle, radius }: Core, parts: readonly Packed[]) {
     this.middle = middle;
     this.radius = radius;
     this.cell = (WIDTH * radius) / CELLS;
-    const step = Math.max(Math.floor(parts.reduce((sum, { count }) => sum + count, 0) / MOST), 1);
-    for (const part of parts) this.#add(part, step);
+    this.#step = Math.max(Math.floor(parts.reduce((sum, { count }) => sum + count, 0) / MOST), 1);
+    this.#samples = new Float32Array(4 * parts.reduce((sum, { count }) => sum + Math.ceil(count / this.#step), 0));
+    let filled = 0;
+    for (const part of parts) filled = this.#add(part, filled);
+  }
+
+  /** Radius of the ball around a point that holds so many Gaussians that a thing can be told. */
+  grain([x, y, z]: readonly number[]): number {
+    const samples = this.#samples,
+      squares = Float64Array.from(
+        { length: samples.length / 4 },
+        (_, i) => (samples[4 * i] - x) ** 2 + (samples[4 * i + 1] - y) ** 2 + (samples[4 * i + 2] - z) ** 2,
+      ).sort();
+    return Math.sqrt(squares[Math.min(Math.ceil(SOME / this.#step), squares.length) - 1] ?? 0);
+  }
+
+  /** Whether something is in sight of a camera that looks in a direction, a unit vector. */
+  ahead([x, y, z]: readonly number[], [dx, dy, dz]: readonly number[]): boolean {
+    const samples = this.#samples;
+    let covered = 0;
+    for (let i = 0; i < samples.length; i += 4) {
+      const [a, b, c] = [samples[i] - x, samples[i + 1] - y, samples[i + 2] - z],
+        depth = a * dx + b * dy + c * dz;
+      if (depth > 0 && a * a + b * b + c * c < (1 + CONE ** 2) * depth ** 2) covered += samples[i + 3] / depth ** 2;
+    }
+    return covered > COVERED * Math.PI * CONE ** 2;
   }
 
   /** Share of light that passes from a point to an eye, but for what is at the point itself. */
@@ -62,12 +98,15 @@ export class Space {
   }
 
   /** Deals each Gaussian's shadow to the cells that its two longer axes lie in. */
-  #add({ count, centers, scales, turns, opacities }: Packed, step: number): void {
-    for (let i = 0; i < count; i += step) {
+  #add({ count, centers, scales, turns, opacities }: Packed, filled: number): number {
+    const step = this.#step;
+    for (let i = 0; i < count; i += step, filled++) {
       const order = [0, 1, 2].sort((a, b) => FLOATS[scales[4 * i + b]] - FLOATS[scales[4 * i + a]]),
         [s, t] = order.map((axis) => FLOATS[scales[4 * i + axis]]),
-        thick = (step * opacities[i] * Math.PI * s * t) / this.cell ** 2,
+        area = step * opacities[i] * Math.PI * s * t,
+        thick = area / this.cell ** 2,
         [m, n] = [s, t].map((size) => Math.min(Math.round(size / this.cell), MOST_POINTS));
+      this.#samples.set([centers[4 * i], centers[4 * i + 1], centers[4 * i + 2], area], 4 * filled);
       const u = m ? axisOf(turns, i, order[0]) : ZERO,
         v = n ? axisOf(turns, i, order[1]) : ZERO,
         share = thick / ((2 * m + 1) * (2 * n + 1));
@@ -83,6 +122,7 @@ export class Space {
         }
       }
     }
+    return filled;
   }
 }
 

@@ -21,7 +21,8 @@ import {
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
 import { Gaussians } from "./container.ts";
-import { cameraOf, type Orbit, tangentOf } from "./orbit.ts";
+import { cameraOf, tangentOf } from "./lens.ts";
+import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
 import { Precise } from "./precise.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
