@@ -4,12 +4,10 @@
 import { KdTree } from "../../conceal/kd_tree.ts";
 import { DC, type Splats } from "../splats.ts";
 import { NUM_CHANNELS } from "./layout.ts";
+import { type Counts, changedKinds, FIRST_SHAPE, Sums } from "./neighbours.ts";
 
 const NEIGHBOURS = 40,
-  /** Channels of scale and opacity begin here, and those of colour. */
-  FIRST_SHAPE = 6,
   OPACITY = 9,
-  FIRST_COLOUR = 10,
   /** Least share of its opacity that is drawn of what may not be born yet. */
   UNLIKELY = 1e-3,
   NEAREST = 0.1,
@@ -89,15 +87,15 @@ function fade(arrived: Poses, who: Int32Array, { fresh }: Past, frames: number, 
 /** What some tracks do, asked at the place of another. */
 class Field {
   readonly #tree: KdTree;
-  readonly #count: number;
   readonly #here = new Float32Array(3);
-  readonly #near: Int32Array;
+  readonly #offsets: Float64Array;
   readonly #rows: Int32Array;
   readonly #slots: Int32Array;
-  readonly #weights: Float64Array;
-  readonly #closeness: Float64Array;
-  readonly #contrasts: Float64Array;
+  readonly #counts: Counts;
   readonly #contrast = new Float64Array(3);
+  readonly #kinds: Uint8Array;
+  readonly #before = new Sums(1);
+  readonly #now: Sums;
 
   constructor(
     readonly arrived: Poses,
@@ -109,13 +107,16 @@ class Field {
       count = Math.min(NEIGHBOURS, told.length);
     told.forEach((row, n) => this.#place(arrived.slots[row], points, 3 * n));
     this.#tree = new KdTree(points, count);
-    this.#count = count;
-    this.#near = new Int32Array(count);
+    this.#offsets = new Float64Array(3 * count);
     this.#rows = new Int32Array(count);
     this.#slots = new Int32Array(count);
-    this.#weights = new Float64Array(count);
-    this.#closeness = new Float64Array(count);
-    this.#contrasts = new Float64Array(3 * count);
+    this.#counts = {
+      weights: new Float64Array(count),
+      closeness: new Float64Array(count),
+      contrasts: new Float64Array(3 * count),
+    };
+    this.#kinds = changedKinds(arrived.offsets, told, arrived.slots.length, frames * NUM_CHANNELS);
+    this.#now = new Sums(frames);
   }
 
   /** What neighbours do, and how the track differed from that; of what is not large beside its steps the less. */
@@ -123,22 +124,34 @@ class Field {
     const { since, guessed, rounding } = this.past,
       own = new Float32Array(NUM_CHANNELS);
     this.#ask(slot);
-    this.#say(since, this.#slots, 1, null, own);
+    this.#before.of(since, this.#slots, null, this.#counts, this.#contrast, own);
     let apart = 0;
     for (let c = 0; c < NUM_CHANNELS; c++) own[c] = since[slot * NUM_CHANNELS + c] - own[c];
     for (let a = 0; a < 3; a++) apart += own[a] * own[a];
     const trust = guessed?.[slot] ? 0 : apart / (apart + rounding(slot) ** 2 + 1e-30);
-    this.#say(this.arrived.offsets, this.#rows, this.frames, null, out);
+    this.#now.of(this.arrived.offsets, this.#rows, this.#kinds, this.#counts, this.#contrast, out);
     for (let frame = 0; frame < this.frames; frame++)
       for (let c = 0; c < FIRST_SHAPE; c++) out[frame * NUM_CHANNELS + c] += trust * own[c];
   }
 
   /** Adds what neighbours changed. */
   addChanges(slot: number, out: Float32Array): void {
-    const changes = new Float32Array(out.length);
+    const changed = new Float32Array(out.length);
     this.#ask(slot);
-    this.#say(this.arrived.offsets, this.#rows, this.frames, this.past.since, changes);
-    for (let k = 0; k < out.length; k++) out[k] += changes[k];
+    this.#now.of(this.#changes(), Int32Array.from(this.#rows.keys()), null, this.#counts, this.#contrast, changed);
+    for (let k = 0; k < out.length; k++) out[k] += changed[k];
+  }
+
+  /** How neighbours differ from where they were before the group, row by row. */
+  #changes(): Float32Array {
+    const stride = this.frames * NUM_CHANNELS,
+      found = new Float32Array(this.#rows.length * stride);
+    this.#rows.forEach((row, i) => {
+      const since = this.#slots[i] * NUM_CHANNELS;
+      for (let k = 0; k < stride; k++)
+        found[i * stride + k] = this.arrived.offsets[row * stride + k] - this.past.since[since + (k % NUM_CHANNELS)];
+    });
+    return found;
   }
 
   #place(slot: number, out: Float32Array, at: number): void {
@@ -148,69 +161,43 @@ class Field {
 
   /** Finds the neighbours of a track, and what they count. */
   #ask(slot: number): void {
-    const count = this.#count,
+    const { weights, closeness, contrasts } = this.#counts,
       { points } = this.#tree,
-      { colours } = this.past.splats,
-      offsets = new Float64Array(3 * count),
-      mean = [0, 0, 0];
+      offsets = this.#offsets;
     this.#place(slot, this.#here, 0);
-    this.#near.set(this.#tree.nearest(this.#here[0], this.#here[1], this.#here[2]));
-    for (let i = 0; i < count; i++)
-      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * this.#near[i] + a] - this.#here[a];
-    const unit = closeness(offsets, this.#closeness);
-    this.#weights.set(smoothWeights(offsets, this.#closeness, unit));
-    const slots = this.#slots;
-    for (let i = 0; i < count; i++) {
-      this.#rows[i] = this.told[this.#near[i]];
-      slots[i] = this.arrived.slots[this.#rows[i]];
+    const near = this.#tree.nearest(this.#here[0], this.#here[1], this.#here[2]);
+    for (let i = 0; i < near.length; i++) {
+      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * near[i] + a] - this.#here[a];
+      this.#rows[i] = this.told[near[i]];
+      this.#slots[i] = this.arrived.slots[this.#rows[i]];
     }
-    slots.forEach((other, i) => {
-      for (let a = 0; a < 3; a++) mean[a] += this.#closeness[i] * colours[3 * other + a];
-    });
-    let square = COLOUR_RIDGE;
-    slots.forEach((other, i) => {
-      for (let a = 0; a < 3; a++) {
-        const apart = colours[3 * other + a] - mean[a];
-        square += this.#closeness[i] * apart * apart;
-        this.#contrasts[3 * i + a] = this.#closeness[i] * apart;
-      }
-    });
-    for (let k = 0; k < 3 * count; k++) this.#contrasts[k] /= square;
-    for (let a = 0; a < 3; a++) this.#contrast[a] = colours[3 * slot + a] - mean[a];
+    const unit = closenessOf(offsets, closeness);
+    smoothWeights(offsets, closeness, unit, weights);
+    this.#compare(slot, closeness, contrasts);
   }
 
-  /** What the neighbours' values (by rows of so many frames, less what is by slot) say of the track. */
-  #say(values: Float32Array, rows: Int32Array, frames: number, less: Float32Array | null, out: Float32Array): void {
-    const count = this.#count,
-      stride = frames * NUM_CHANNELS,
-      slots = this.#slots;
-    for (let frame = 0; frame < frames; frame++) {
-      let share = 0;
-      for (let c = 0; c < NUM_CHANNELS; c++) {
-        const k = frame * NUM_CHANNELS + c,
-          coloured = c >= FIRST_COLOUR,
-          weights = coloured ? this.#closeness : this.#weights;
-        let sum = 0,
-          low = Infinity,
-          high = -Infinity;
-        for (let i = 0; i < count; i++) {
-          const value = values[rows[i] * stride + k] - (less ? less[slots[i] * NUM_CHANNELS + c] : 0);
-          sum += weights[i] * value;
-          if (value < low) low = value;
-          if (value > high) high = value;
-          if (coloured) share += this.#contrasts[3 * i + c - FIRST_COLOUR] * value;
-        }
-        // none grows or shines more than all around it
-        out[k] = c >= FIRST_SHAPE && !coloured ? Math.min(Math.max(sum, low), high) : sum;
+  /** How colours of neighbours, and that of the track, differ from their mean. */
+  #compare(slot: number, closeness: Float64Array, contrasts: Float64Array): void {
+    const { colours } = this.past.splats,
+      slots = this.#slots,
+      mean = this.#contrast.fill(0);
+    for (let i = 0; i < slots.length; i++)
+      for (let a = 0; a < 3; a++) mean[a] += closeness[i] * colours[3 * slots[i] + a];
+    let square = COLOUR_RIDGE;
+    for (let i = 0; i < slots.length; i++) {
+      for (let a = 0; a < 3; a++) {
+        const apart = colours[3 * slots[i] + a] - mean[a];
+        square += closeness[i] * apart * apart;
+        contrasts[3 * i + a] = closeness[i] * apart;
       }
-      share = Math.min(Math.max(share, -1), 1);
-      for (let a = 0; a < 3; a++) out[frame * NUM_CHANNELS + FIRST_COLOUR + a] += share * this.#contrast[a];
     }
+    for (let k = 0; k < contrasts.length; k++) contrasts[k] /= square;
+    for (let a = 0; a < 3; a++) this.#contrast[a] = colours[3 * slot + a] - mean[a];
   }
 }
 
 /** How near neighbours at these offsets are, adds up to one; returns their mean distance. */
-export function closeness(offsets: Float64Array, out: Float64Array): number {
+function closenessOf(offsets: Float64Array, out: Float64Array): number {
   const count = out.length;
   let mean = 1e-30,
     total = 0;
@@ -223,31 +210,45 @@ export function closeness(offsets: Float64Array, out: Float64Array): number {
   return Math.sqrt(mean);
 }
 
+const POWERS = new Float64Array(TERMS * NEIGHBOURS),
+  MOMENTS = new Float64Array(TERMS * TERMS);
+
 /** Weights of neighbours at these offsets: of the quadratic that fits best, near ones counting more. */
-export function smoothWeights(offsets: Float64Array, near: Float64Array, unit: number): Float64Array {
-  const count = near.length,
-    terms = new Float64Array(TERMS * count),
-    moments = new Float64Array(TERMS * TERMS);
+function smoothWeights(offsets: Float64Array, near: Float64Array, unit: number, out: Float64Array): void {
+  const count = near.length;
+  MOMENTS.fill(0);
   for (let m = 0; m < count; m++) {
-    const x = offsets[3 * m] / unit,
-      y = offsets[3 * m + 1] / unit,
-      z = offsets[3 * m + 2] / unit;
-    terms.set([1, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], TERMS * m);
-    for (let a = 0; a < TERMS; a++)
-      for (let b = 0; b <= a; b++) moments[TERMS * a + b] += near[m] * terms[TERMS * m + a] * terms[TERMS * m + b];
+    powersOf(offsets[3 * m] / unit, offsets[3 * m + 1] / unit, offsets[3 * m + 2] / unit, POWERS, TERMS * m);
+    for (let a = 0; a < TERMS; a++) {
+      const own = near[m] * POWERS[TERMS * m + a];
+      for (let b = 0; b <= a; b++) MOMENTS[TERMS * a + b] += own * POWERS[TERMS * m + b];
+    }
   }
-  for (let a = 0; a < TERMS; a++) moments[(TERMS + 1) * a] += RIDGES[a];
-  const here = solvedForFirst(moments);
+  for (let a = 0; a < TERMS; a++) MOMENTS[(TERMS + 1) * a] += RIDGES[a];
+  const here = solvedForFirst(MOMENTS);
   let total = 0;
-  const weights = near.map((closeness, m) => {
+  for (let m = 0; m < count; m++) {
     let value = 0;
-    for (let a = 0; a < TERMS; a++) value += terms[TERMS * m + a] * here[a];
-    total += closeness * value;
-    return closeness * value;
-  });
+    for (let a = 0; a < TERMS; a++) value += POWERS[TERMS * m + a] * here[a];
+    total += out[m] = near[m] * value;
+  }
   let sum = 0;
-  for (let m = 0; m < count; m++) sum += Math.abs((weights[m] /= total));
-  return sum > WILD ? near : weights;
+  for (let m = 0; m < count; m++) sum += Math.abs((out[m] /= total));
+  if (sum > WILD) out.set(near);
+}
+
+/** What a quadratic adds up, at a place. */
+function powersOf(x: number, y: number, z: number, out: Float64Array, at: number): void {
+  out[at] = 1;
+  out[at + 1] = x;
+  out[at + 2] = y;
+  out[at + 3] = z;
+  out[at + 4] = x * x;
+  out[at + 5] = y * y;
+  out[at + 6] = z * z;
+  out[at + 7] = x * y;
+  out[at + 8] = x * z;
+  out[at + 9] = y * z;
 }
 
 /** The first column of the inverse of a symmetric positive matrix whose lower half is given (Cholesky). */
