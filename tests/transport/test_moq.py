@@ -123,7 +123,7 @@ def test_what_relays_say_is_not_believed():
     for _ in range(CASES // 6):
         told = {name: [mutated(frame, rng) for frame in frames] for name, frames in tracks.items()}
         if rng.random() < 0.7:
-            told[HEAD] = tracks[HEAD]
+            told[HEAD] = [*tracks[HEAD]]
         if rng.random() < 0.3:
             told[rng.choice(list(told))] *= rng.choice([0, 2, 5000])
         receiver = RelayReceiver(ReceiverOptions(limits=limits, look=far() if rng.random() < 0.5 else None), None)
