@@ -30,6 +30,9 @@ const FARTHEST = 8,
  */
 const NEAR = 5,
   NEAR_FEW = 0.3;
+/** Distances where nothing of a scene is known yet. */
+const LEAST = 1e-3,
+  MOST = 1e4;
 /** Nearer to what is pointed at. */
 const FOCUS = 0.6;
 
@@ -246,7 +249,11 @@ export class Orbit {
   /** Becomes so many times as far away; where that is nearer, from what is seen at a place of the window. */
   zoom(factor: number, at: Place | null = null): void {
     if (factor < 1) this.#approach(factor, at);
-    else this.#moves(() => (this.distance *= factor));
+    else this.#scale(factor);
+  }
+
+  #scale(factor: number): void {
+    this.#moves(() => (this.distance = Math.min(Math.max(this.distance * factor, LEAST), MOST)));
   }
 
   /**
@@ -256,7 +263,7 @@ export class Orbit {
   #approach(factor: number, at: Place | null): void {
     const key = String(at && [at.x, at.y]),
       towards = this.#towards?.at === key ? this.#towards : this.#found(at, key);
-    if (!towards) return this.#moves(() => (this.distance *= factor));
+    if (!towards) return this.#scale(factor);
     const { position, rotation } = this.pose(),
       back = rotation.transformVector(new Vec3(0, 0, 1), new Vec3()),
       depth = new Vec3().sub2(position, towards.point).dot(back),
