@@ -267,7 +267,7 @@ export class Reception implements Receiver {
       if (!shown) return;
       this.#looked = ask;
       const { parts, instead, fresh, elements } = shown,
-        gains = instead && !received.plain ? received.gains : null,
+        gains = instead ? received.gains : null,
         { degree, size } = received.decoder.schema;
       const packed = pack(parts, degree, size),
         hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
@@ -357,16 +357,10 @@ export class Reception implements Receiver {
       choice = { ...choice, concealer: "drop" };
     }
     await this.#draw();
-    const shownPackets = await received.conceal(choice, pause);
-    if (shownPackets === null) return;
-    const gains = received.plain ? null : this.#gainsOf(received);
-    say({ kind: "gains", gains, shownPackets, ask }, gains ? [gains.buffer as ArrayBuffer] : []);
-  }
-
-  /** Gains of what the page draws. */
-  #gainsOf(received: Received): Float32Array | null {
-    const pieces = [...this.#pieces.keys()].sort((a, b) => a - b);
-    return received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
+    const shownPackets = await received.conceal(choice, pause),
+      pieces = [...this.#pieces.keys()].sort((a, b) => a - b),
+      gains = received.decoder.schema.tiling ? received.gainsOfPieces(pieces) : received.gains;
+    if (shownPackets !== null && gains) say({ kind: "gains", gains, shownPackets, ask }, [gains.buffer as ArrayBuffer]);
   }
 
   /** Whether every packet is there and decoded. */

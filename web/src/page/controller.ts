@@ -302,7 +302,7 @@ export class Controller {
     this.#begun = true;
     stage.add(packed, instead);
     this.#watch?.answered(ask);
-    if (instead) this.#comparison.show(gains);
+    if (gains) this.#comparison.show(gains);
     this.status.gaussians = stage.count;
     this.panel.tell("Gaussians", stage.count.toLocaleString());
     this.#time("first");

@@ -9,7 +9,6 @@ const STILL_MS = 300;
 export class Comparison {
   /** Lies over the picture. */
   readonly canvas = document.createElement("canvas");
-  /** Null where everything is shown as it arrived. */
   #gains: Float32Array | null = null;
   #still = 0;
   #comparing = Promise.resolve();
@@ -22,11 +21,10 @@ export class Comparison {
     this.canvas.className = "over";
   }
 
-  show(gains: Float32Array | null): void {
+  show(gains: Float32Array): void {
     this.#gains = gains;
     this.#apply();
     this.moved();
-    if (!gains) this.tell(null);
   }
 
   /** Compares no more. */
@@ -62,6 +60,7 @@ export class Comparison {
     const gains = this.#gains,
       still = this.#still;
     if (!view) return;
+    if (gains?.every((gain) => gain === 1)) return this.tell(null);
     view.setGains(null);
     await view.frame();
     if (still !== this.#still) return this.#apply();

@@ -222,7 +222,6 @@ export class View {
    * are shown as they are.
    */
   setGains(gains: Float32Array | null): void {
-    if (!gains && !this.#gains) return;
     this.#gains = gains;
     this.#tiles?.setGains(gains);
     this.#gaussians?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));

@@ -42,8 +42,7 @@ export type FromWorker =
   | { kind: "preview"; packed: Packed; background: readonly [number, number, number] }
   | { kind: "facts"; facts: Facts }
   /**
-   * Gaussians in addition to those that are there or, with their gains, instead of them (null where all are 1, as those
-   * of `gains` are); whether some of packets that
+   * Gaussians in addition to those that are there or, with their gains, instead of them; whether some of packets that
    * were not shown are among them; of how many elements there are some now; `ask` is that of the look that they are
    * for.
    */
@@ -63,7 +62,7 @@ export type FromWorker =
   /** Which frames of a live clip can be shown by now, and how many packets came when their group had been shown. */
   | { kind: "playable"; begin: number; end: number; late: number }
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number }
-  | { kind: "gains"; gains: Float32Array | null; ask: number; shownPackets: number }
+  | { kind: "gains"; gains: Float32Array; ask: number; shownPackets: number }
   | { kind: "note"; text: string }
   | { kind: "finished"; text: string; complete: boolean }
   | { kind: "failed"; text: string }

@@ -135,11 +135,6 @@ export class Received {
     return all;
   }
 
-  /** Whether everything is drawn as it arrived: no gain is any other than 1. */
-  get plain(): boolean {
-    return this.#gains?.every((gain) => gain === 1) ?? true;
-  }
-
   /** Works out gains of elements, 0 for those of packets that are dropped; how many packets are left. */
   async conceal(choice: Choice, pause: Pause): Promise<number | null> {
     const gains = new Float32Array(2 * this.#count),
