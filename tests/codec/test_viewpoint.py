@@ -2,11 +2,13 @@
 
 import struct
 
+import pytest
 import torch
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.codec import add_concealment, decode_stream, encode_scene
-from splatwire.codec.viewpoint import SECTION, viewpoint_section
+from splatwire.codec.viewpoint import SECTION, UP_SECTION, up_axis, up_sections, viewpoint_section
+from splatwire.errors import BitstreamError
 from splatwire.packets.sections import sections_of
 
 
@@ -34,3 +36,9 @@ def test_concealers_do_not_see_it():
     stream = add_concealment(encode_scene(tiny_scene(seed=2)), SECTION, viewpoint_section(tiny_cameras()))
     assert SECTION in sections_of(stream)
     assert SECTION not in decode_stream(stream).sections
+
+
+def test_what_is_up_is_read_as_it_was_written():
+    assert [up_axis(up_sections(axis)) for axis in ("y", "-y", "z", "-z")] == ["y", "-y", "z", "-z"]
+    with pytest.raises(BitstreamError, match="no axis"):
+        up_axis({UP_SECTION: b"\xffside"})

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from scenes import tiny_cameras, tiny_scene
 from splatwire.model.gaussian_heads import spawn_gaussians
-from splatwire.render.importance import cameras_around, footprint_importance, surrounding_cameras
+from splatwire.render.importance import cameras_around, footprint_importance, orbiting_cameras, surrounding_cameras
 from splatwire.scene import Anchors, Cameras
 from splatwire.scene.importance import Importance
 
@@ -91,6 +91,23 @@ def test_surrounding_cameras_look_at_the_middle() -> None:
     torch.testing.assert_close(local[:, :2], torch.zeros(12, 2), rtol=0, atol=1e-4)
     assert bool((local[:, 2] > 0).all())
     assert bool((footprint_importance(scene, cameras).share > 0).float().mean() > 0.9)
+
+
+@pytest.mark.parametrize(("up", "axis"), [("y", [0, 1, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1]), ("-z", [0, 0, -1])])
+def test_a_walk_around_shows_all_of_a_scene_upright_from_above(up: str, axis: list[int]) -> None:
+    generator = torch.Generator().manual_seed(2)
+    points = torch.randn(500, 3, generator=generator) * torch.tensor([0.02, 0.05, 0.01]) + 7
+    cameras = orbiting_cameras(points, 7, up, size=100)
+    upwards = torch.tensor(axis, dtype=torch.float32)
+    middle = points.median(dim=0).values
+    assert bool(((cameras.centers - middle) @ upwards > 0).all())
+    assert bool((cameras.viewmats[:, 1, :3] @ upwards < 0).all())  # down in the picture
+    local = torch.einsum("vij,nj->vni", cameras.viewmats[:, :3, :3], points) + cameras.viewmats[:, None, :3, 3]
+    pixels = torch.einsum("vij,vnj->vni", cameras.Ks, local)
+    pixels = pixels[..., :2] / pixels[..., 2:]
+    inside = ((pixels > 0) & (pixels < 100)).all(dim=2).float().mean(dim=1)
+    assert bool((inside >= 0.998).all())
+    assert float((pixels - 50).abs().amax()) > 25  # and it is not far away
 
 
 def test_no_anchors_no_views() -> None:

@@ -167,15 +167,17 @@ def draw_clip(
     from splatwire.clips.concealment import DEFAULT, clip_concealer
     from splatwire.clips.decoding import decode_frames
     from splatwire.codec import decode_stream
+    from splatwire.codec.viewpoint import up_axis
     from splatwire.evaluate.pixels import to_pixels
     from splatwire.files.whole import written_whole
+    from splatwire.packets.sections import sections_of
     from splatwire.render import iterate_views
     from splatwire.render.importance import orbiting_cameras
 
     method = clip_concealer(concealer or DEFAULT)
     clip = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
     count = clip.timeline.num_frames
-    orbit = orbiting_cameras(clip.positions, count) if cameras is None else cameras
+    orbit = cameras or orbiting_cameras(clip.positions, count, up_axis(sections_of(stream)))
     orbit = orbit if scale == 1 else orbit.scaled(scale)
 
     def pictures() -> Iterator[Image.Image]:

@@ -1,6 +1,9 @@
 """Where a scene is looked at first: a named section of the side information of streams whose cameras are known."""
 
+from collections.abc import Mapping
+
 from splatwire.byte_io import ByteWriter
+from splatwire.errors import BitstreamError
 from splatwire.scene import Cameras
 
 SECTION = "viewpoint"
@@ -8,10 +11,27 @@ SECTION = "viewpoint"
 UP_SECTION = "up"
 """Name of the section that says only which axis is up: its name as text, `y`, `-z`, ...; `-y` where it is absent."""
 
+AXES = (b"y", b"-y", b"z", b"-z")
+
 
 def up_sections(axis: str) -> dict[str, bytes]:
     """The section that says which axis is up, by its name; none for `-y`."""
     return {} if axis == "-y" else {UP_SECTION: axis.encode()}
+
+
+def up_axis(sections: Mapping[str, bytes]) -> str:
+    """The name of the axis that is up.
+
+    Args:
+        sections: Named sections of a stream.
+
+    Raises:
+        BitstreamError: If they name no axis.
+    """
+    name = sections.get(UP_SECTION, b"-y")
+    if name not in AXES:
+        raise BitstreamError(f"section '{UP_SECTION}': {name[:8]!r} is no axis that can be up")
+    return name.decode()
 
 
 def viewpoint_section(cameras: Cameras) -> bytes:
