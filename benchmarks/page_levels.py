@@ -2,16 +2,17 @@
 
     python benchmarks/page_levels.py city.swz [--pictures FOLDER] > page_levels.json
 
-Headless Chromium, 320 x 240; the scene comes by ranges of bytes from the server of `serve --page`. The mouse turns and
-zooms the camera, step by step. `tasks` are those of the main thread, from the browser's own trace: how long the
-longest took, how much processor time it used of that (the rest it waited: for its software rasteriser, where there is
-no graphics card, or for its turn on a busy machine), and the same of the one that used most. `messages` is the time in
+Headless Chromium; the scene comes by ranges of bytes from the server of `serve --page`. The walk begins where all of
+the scene is in the window. It rises, turns around what is seen in the middle, goes in to it, turns there, and goes
+back, by mouse and keys. `--pictures` records what is on the screen, whenever that changes. `tasks` are those of the
+main thread, from the browser's own trace: how long the longest took, how much processor time it used of that (the rest
+it waited: for its software rasteriser, where there is no graphics card, or for its turn on a busy machine), and the
+same of the one that used most, with what they were made of. `messages` is the time in
 what the page does with what its worker hands over, by kind. Memory is what processes have of their own.
 """
 
 import argparse
 import asyncio
-import base64
 import json
 import os
 import sys
@@ -43,44 +44,61 @@ Worker.prototype.addEventListener = function (kind, work, ...more) {
   return add.call(this, kind, kind === "message" ? timed(work) : work, ...more);
 };
 """
-STEPS = ["right"] * 2 + ["in"] * 6 + ["left"] * 2 + ["in"] * 5 + ["right"] * 2 + ["out"] * 8
-MIDDLE = (160.0, 120.0)
+STEPS = ["up", "focus", "right", *["in"] * 6, "left", "focus", *["in"] * 5, *["right"] * 2, *["out"] * 8, "home"]
+DRAGS = {"left": (-25, 0), "right": (25, 0), "up": (0, 100)}
 STATUS = f"{ELEMENT}?.status"
 PARTS = {"FunctionCall", "FireAnimationFrame", "TimerFire", "HandlePostMessage", "EventDispatch", "MajorGC", "MinorGC",
          "v8.compile", "EvaluateScript", "Layout", "Commit"}  # fmt: skip
 
 
-def walked(page: Browser, url: str, seconds: float, pictures: Path | None) -> dict[str, Any]:
+def walked(page: Browser, url: str, given: argparse.Namespace) -> dict[str, Any]:
     """Opens a page and walks."""
     page.patience = 240.0  # a screenshot waits for what the rasteriser has queued
-    page.emulate(320, 240)
+    page.emulate(*given.size)
     page._call("Page.enable", page._session)
     page._call("Page.addScriptToEvaluateOnNewDocument", page._session, source=WATCH)
     trace(page)
     page.open(url)
     page.wait_for(f"{STATUS}?.gaussians > 1000", 120)
-    time.sleep(5 * seconds)
+    watched(page, 5 * given.seconds, given.pictures, "opening")
     most = {"gaussians": 0, "page_mb": 0, "gpu_mb": 0}
     opening = traced(page)
     page.evaluate("spent = {};")
     trace(page)
     for number, step in enumerate(STEPS):
-        if step in ("in", "out"):
-            page.wheel(*MIDDLE, -250 if step == "in" else 250)
-        else:
-            page.drag(MIDDLE, (MIDDLE[0] + (25 if step == "right" else -25), MIDDLE[1]))
-        time.sleep(seconds)
+        went(page, step, (given.size[0] / 2, given.size[1] / 2))
+        watched(page, given.seconds, given.pictures, f"{number:02}-{step}")
         print(f"{number}: {step}", file=sys.stderr)
         most["gaussians"] = max(most["gaussians"], page.evaluate(f"{STATUS}.gaussians"))
         most["page_mb"] = max(most["page_mb"], page.memory() // 1_000_000)
         most["gpu_mb"] = max(most["gpu_mb"], page.memory("GPU") // 1_000_000)
-        if pictures and number % 3 == 2:
-            pictures.mkdir(parents=True, exist_ok=True)
-            (pictures / f"{number:02}.png").write_bytes(base64.b64decode(page.screenshot()))
     return {
         **most, "packets": page.evaluate(f"{STATUS}.packets"), "tasks_opening": opening, "tasks": traced(page),
         "messages": page.evaluate("spent"), "failed": page.evaluate(f"{STATUS}.failed"), "load": os.getloadavg()[0],
     }  # fmt: skip
+
+
+def went(page: Browser, step: str, middle: tuple[float, float]) -> None:
+    """Has hands make a step."""
+    if step in ("in", "out"):
+        page.wheel(*middle, -250 if step == "in" else 250)
+    elif step in DRAGS:
+        page.drag(middle, (middle[0] + DRAGS[step][0], middle[1] + DRAGS[step][1]))
+    elif step == "focus":
+        page.double_click(*middle)
+    else:
+        page.evaluate(f"{ELEMENT}.shadowRoot.querySelector('.scene').focus()")
+        page.key("Home")
+
+
+def watched(page: Browser, seconds: float, pictures: Path | None, name: str) -> None:
+    """Waits, and saves what is on the screen whenever that changes."""
+    if pictures:
+        pictures.mkdir(parents=True, exist_ok=True)
+        for number, frame in enumerate(page.recorded(seconds)):
+            (pictures / f"{name}-{number:02}.png").write_bytes(frame)
+    else:
+        time.sleep(seconds)
 
 
 def trace(page: Browser) -> None:
@@ -110,7 +128,7 @@ def traced(page: Browser) -> dict[str, Any]:
         inside = [e for e in mine if task["ts"] <= e["ts"] < task["ts"] + task["dur"] and e["name"] in PARTS]
         parts: dict[str, float] = {}
         for e in inside:
-            parts[e["name"]] = max(parts.get(e["name"], 0), e.get("tdur", e["dur"]) / 1e3)
+            parts[e["name"]] = max(parts.get(e["name"], 0), e["dur"] / 1e3)
         return {"ms": task["dur"] / 1e3, "processor_ms": task.get("tdur", 0) / 1e3, "parts": parts}
 
     if not tasks:
@@ -121,13 +139,13 @@ def traced(page: Browser) -> dict[str, Any]:
             "processor_over_50_ms": over["tdur"]}  # fmt: skip
 
 
-async def served(path: Path, seconds: float, pictures: Path | None) -> dict[str, Any]:
+async def served(given: argparse.Namespace) -> dict[str, Any]:
     """The same of a file."""
-    async with PageServer(PageContent({"city": path.read_bytes()})) as server:
+    async with PageServer(PageContent({"city": given.stream.read_bytes()})) as server:
 
         def drive() -> dict[str, Any]:
             with browser() as page:
-                return walked(page, server.url, seconds, pictures)
+                return walked(page, server.url, given)
 
         return await asyncio.to_thread(drive)
 
@@ -137,9 +155,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("stream", type=Path, help="a stream with levels")
     parser.add_argument("--seconds", type=float, default=1.0, help="of a step")
+    parser.add_argument("--size", type=int, nargs=2, default=(320, 240), help="of the window, pixels")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of the walk")
     given = parser.parse_args()
-    print(json.dumps(asyncio.run(served(given.stream, given.seconds, given.pictures)), indent=1))
+    print(json.dumps(asyncio.run(served(given)), indent=1))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """A headless Chromium on a leash: the DevTools protocol over two pipes, no package needed."""
 
+import base64
 import contextlib
 import json
 import os
@@ -7,6 +8,7 @@ import select
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -140,12 +142,29 @@ class Browser(Page):
         """A PNG in base 64."""
         return str(self._call("Page.captureScreenshot", self._session, format="png")["data"])
 
-    def _call(self, method: str, session: str | None = None, **params: Any) -> dict[str, Any]:
+    def recorded(self, seconds: float) -> list[bytes]:
+        """What is on the screen for a while, whenever that changes: PNG files."""
+        frames, end = [], time.monotonic() + seconds
+        self._call("Page.startScreencast", self._session, format="png")
+        while (left := end - time.monotonic()) > 0:
+            if b"\0" not in self._rest and not select.select([self._in], [], [], left)[0]:
+                break
+            message = self._message()
+            if message.get("method") == "Page.screencastFrame":
+                frames.append(base64.b64decode(message["params"]["data"]))
+                self._send("Page.screencastFrameAck", self._session, sessionId=message["params"]["sessionId"])
+        self._call("Page.stopScreencast", self._session)
+        return frames
+
+    def _send(self, method: str, session: str | None = None, **params: Any) -> None:
         self._count += 1
         message = {"id": self._count, "method": method, "params": params}
         if session:
             message["sessionId"] = session
         os.write(self._out, json.dumps(message).encode() + b"\0")
+
+    def _call(self, method: str, session: str | None = None, **params: Any) -> dict[str, Any]:
+        self._send(method, session, **params)
         while True:
             answer = self._message()
             if answer.get("id") == self._count:

@@ -117,6 +117,7 @@ export class Controller {
     await view.frame();
     while (this.#gained !== this.#asked || this.#watch?.settled === false) await pause(50);
     return this.#comparison.alone(async () => {
+      await view.steady();
       await view.frame();
       await view.sorted();
       // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.

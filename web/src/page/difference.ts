@@ -51,7 +51,7 @@ export class Comparison {
   }
 
   #apply(): void {
-    this.stage.draw((view) => view.setGains(this.wanted() === "lossless" ? null : this.#gains));
+    this.stage.draw((view) => void view.setGains(this.wanted() === "lossless" ? null : this.#gains));
   }
 
   async #compare(): Promise<void> {
@@ -61,11 +61,11 @@ export class Comparison {
       still = this.#still;
     if (!view) return;
     if (gains?.every((gain) => gain === 1)) return this.tell(null);
-    view.setGains(null);
+    await view.setGains(null);
     await view.frame();
     if (still !== this.#still) return this.#apply();
     const lossless = pixelsOf(view.canvas);
-    view.setGains(gains);
+    await view.setGains(gains);
     await view.frame();
     if (still !== this.#still) return;
     const psnr = drawDifference(pixelsOf(view.canvas), lossless, this.canvas);

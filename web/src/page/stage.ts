@@ -147,7 +147,9 @@ export class Stage implements Holder {
         Array.from(this.#tiles, ([tile, packed]) => ({ tile, packed })),
       );
     else for (const part of this.#parts) view.add(part);
-    await view.sorted();
+    do
+      await view.sorted(); // not for ever: what is painted stays until there is something else to see
+    while (this.view === view && this.#count && !view.shows);
     if (this.view !== view) return;
     for (const work of this.#waiting.splice(0)) work(view);
     this.opened(view);

@@ -8,10 +8,10 @@ import {
   PIXELFORMAT_RGBA16F,
   PIXELFORMAT_RGBA32F,
   PIXELFORMAT_RGBA32U,
-  type Texture,
   Vec3,
 } from "playcanvas";
 
+import { upload } from "./card.ts";
 import { half, numShTextures, type Packed } from "./packed.ts";
 import { readCode } from "./shaders.ts";
 
@@ -19,6 +19,8 @@ import { readCode } from "./shaders.ts";
  * Centres farther away than so many sizes of the scene are sorted as if they lay there: depths are sorted in buckets.
  */
 const FARTHEST = 16;
+/** Bytes of a Gaussian's size and opacity, with what shares their texels. */
+const GAIN_BYTES = 24;
 
 interface Loose {
   defines: Map<string, unknown>;
@@ -39,7 +41,12 @@ export function formatOf(device: GraphicsDevice, degree: number): GSplatFormat {
 /** Room for Gaussians of one degree, in units of the scene's size around its middle. */
 export class Gaussians extends GSplatContainer {
   count = 0;
+  /** Bytes on the card. */
+  bytes = 0;
   readonly #opacities: Float32Array;
+  /** Texels that gains change, as they are on the card. */
+  readonly #places: Float32Array;
+  readonly #colours: Uint16Array;
 
   constructor(
     device: GraphicsDevice,
@@ -49,6 +56,8 @@ export class Gaussians extends GSplatContainer {
   ) {
     super(device, capacity, format);
     this.#opacities = new Float32Array(capacity);
+    this.#places = new Float32Array(4 * capacity);
+    this.#colours = new Uint16Array(4 * capacity);
     (this.gsplatData as unknown as { shBands: number }).shBands = degree;
     this.aabb = new BoundingBox(new Vec3(0, 0, 0), new Vec3(FARTHEST, FARTHEST, FARTHEST));
     this.centers!.fill(FARTHEST);
@@ -63,9 +72,11 @@ export class Gaussians extends GSplatContainer {
     const textures = { dataCenter: centers, dataColor: colours, dataScale: scales, dataRotation: turns };
     const all = [...Object.entries(textures), ...harmonics.map((texels, t) => [`dataSh${t}`, texels] as const)];
     for (const [name, texels] of all) {
-      this.#lock(name).set(texels, 4 * this.count);
-      this.#texture(name).unlock();
+      upload(this.getTexture(name)!, this.count, texels);
+      this.bytes += texels.byteLength;
     }
+    this.#places.set(centers, 4 * this.count);
+    this.#colours.set(colours, 4 * this.count);
     this.#opacities.set(opacities, this.count);
     for (let i = 0, n = 3 * this.count; i < centers.length; i += 4, n += 3) {
       for (let a = 0; a < 3; a++) this.centers![n + a] = Math.min(Math.max(centers[i + a], -FARTHEST), FARTHEST);
@@ -74,28 +85,31 @@ export class Gaussians extends GSplatContainer {
     this.update(this.count);
   }
 
-  /** Gains of size and opacity of each Gaussian in turn; size 0 hides one. Those behind are shown as they are. */
-  setGains(gains: Float32Array): void {
-    const center = this.#lock("dataCenter"),
-      color = this.#lock("dataColor"),
+  /**
+   * Gains of size and opacity of each Gaussian in turn; size 0 hides one. Those behind are shown as they are. Uploads
+   * from the first one that changes to the last one; so many bytes.
+   */
+  setGains(gains: Float32Array): number {
+    const places = this.#places,
+      colours = this.#colours,
       count = Math.min(gains.length / 2, this.count);
+    let first = count,
+      end = count;
     for (let n = 0; n < count; n++) {
-      center[4 * n + 3] = gains[2 * n];
-      color[4 * n + 3] = half(Math.min(this.#opacities[n] * gains[2 * n + 1], 1));
+      const opacity = half(Math.min(this.#opacities[n] * gains[2 * n + 1], 1));
+      if (places[4 * n + 3] === gains[2 * n] && colours[4 * n + 3] === opacity) continue;
+      places[4 * n + 3] = gains[2 * n];
+      colours[4 * n + 3] = opacity;
+      if (first === count) first = n;
+      end = n + 1;
     }
-    this.#texture("dataCenter").unlock();
-    this.#texture("dataColor").unlock();
+    if (first === count) return 0;
+    upload(this.getTexture("dataCenter")!, first, places.subarray(4 * first, 4 * end));
+    upload(this.getTexture("dataColor")!, first, colours.subarray(4 * first, 4 * end));
+    return GAIN_BYTES * (end - first);
   }
 
   override configureMaterialDefines(defines: Loose["defines"]): void {
     defines.set("SH_BANDS", this.degree);
-  }
-
-  #texture(name: string): Texture {
-    return this.getTexture(name)!;
-  }
-
-  #lock(name: string): Float32Array | Uint16Array | Uint32Array {
-    return this.#texture(name).lock() as Float32Array | Uint16Array | Uint32Array;
   }
 }

@@ -43,8 +43,8 @@ export function coreOf(parts: readonly Packed[]): Core {
   const far = Array.from({ length: n }, (_, i) =>
       Math.hypot(samples[4 * i] - middle[0], samples[4 * i + 1] - middle[1], samples[4 * i + 2] - middle[2]),
     ),
-    half = quantile([...far], 0.5),
-    radius = Math.max(Math.min(quantile([...far], MOST), REACH * half), 1e-6);
+    half = quantile(far, 0.5),
+    radius = Math.max(Math.min(quantile(far, MOST), REACH * half), 1e-6);
   const inside = far.flatMap((distance, i) => (distance <= radius ? [...samples.subarray(4 * i, 4 * i + 4)] : []));
   return { samples: Float32Array.from(inside), middle, half, radius };
 }
@@ -82,7 +82,7 @@ export function fit({ samples }: Core, { axes, across, down }: Lens): { target: 
       1 - OUT,
     );
   const [left, right, low, high] = [most(x, -1, across), most(x, 1, across), most(y, -1, down), most(y, 1, down)];
-  const middle = (quantile([...z], 1 - OUT) + quantile([...z], OUT)) / 2,
+  const middle = (quantile(z, 1 - OUT) + quantile(z, OUT)) / 2,
     eye = Math.max((left + right) / (2 * across), (low + high) / (2 * down)),
     place = [(right - left) / 2, (high - low) / 2, middle];
   const target = [0, 1, 2].map((a) => place.reduce((sum, value, k) => sum + value * axes[k][a], 0));
@@ -136,6 +136,6 @@ function axesOf({ x, y, z, w }: Quat): number[][] {
   ];
 }
 
-function quantile(values: number[], share: number): number {
-  return values.sort((a, b) => a - b)[Math.floor((values.length - 1) * share)] ?? 0;
+function quantile(values: readonly number[], share: number): number {
+  return Float64Array.from(values).sort()[Math.floor((values.length - 1) * share)] ?? 0;
 }

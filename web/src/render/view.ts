@@ -20,6 +20,7 @@ import {
 } from "playcanvas";
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
+import { Card } from "./card.ts";
 import { Gaussians } from "./container.ts";
 import { cameraOf, tangentOf } from "./lens.ts";
 import type { Orbit } from "./orbit.ts";
@@ -45,6 +46,9 @@ export class View {
   readonly #camera: Entity;
   readonly #scene: Entity;
   readonly #precise: Precise;
+  readonly #card: Card;
+  /** Whether a frame waits until the card has drawn the one before: it then shows what is there by then. */
+  #late = false;
   #gaussians: Gaussians | null = null;
   /** Of a scene with levels, in place of those. */
   #tiles: TiledGaussians | null = null;
@@ -63,6 +67,8 @@ export class View {
    * Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen.
    */
   #replaced = false;
+  /** Whether Gaussians are on the screen. */
+  shows = false;
   #destroyed = false;
   #drawnAt = 0;
   #asleep = false;
@@ -101,6 +107,7 @@ export class View {
       toneMapping: TONEMAP_NONE,
       gammaCorrection: GAMMA_SRGB,
     });
+    this.#card = new Card(device);
     this.#precise = new Precise(device, this.#camera.camera!);
     this.#app.root.addChild(this.#camera);
     this.#app.root.addChild(this.#scene);
@@ -151,6 +158,7 @@ export class View {
   /** Ends frames where nobody has asked for one in a while. */
   #rest(): void {
     const loop = this.#app as unknown as Loop;
+    this.#app.renderNextFrame ||= this.#late;
     if (performance.now() - this.#drawnAt < IDLE_MS || this.#app.renderNextFrame) return;
     cancelAnimationFrame(loop.frameRequestId);
     this.#asleep = true;
@@ -212,18 +220,21 @@ export class View {
 
   /** Has tiles of a scene with levels take the place of others, as soon as they are uploaded. */
   recut(gone: readonly number[], come: readonly Tile[]): void {
-    this.#tiles ??= new TiledGaussians(this.#app, () => this.touch());
+    this.#tiles ??= new TiledGaussians(this.#app, this.#card, () => this.touch());
     this.#replaced = true;
     this.#tiles.recut(gone, come);
   }
 
   /**
    * Gains of size and opacity in turn, by order of arrival or ascending tile; size 0 hides, and those that came later
-   * are shown as they are.
+   * are shown as they are. Resolves when they are on the card.
    */
-  setGains(gains: Float32Array | null): void {
+  async setGains(gains: Float32Array | null): Promise<void> {
     this.#gains = gains;
-    this.#tiles?.setGains(gains);
+    if (this.#tiles) {
+      this.#replaced = true;
+      return this.#tiles.setGains(gains);
+    }
     this.#gaussians?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
     this.#changed();
   }
@@ -305,6 +316,8 @@ export class View {
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
     this.#sortAtRest();
     this.watcher?.(this.camera);
+    this.#late = this.#app.renderNextFrame && !this.#card.idle;
+    if (this.#late) this.#app.renderNextFrame = false;
   }
 
   #sortAtRest(): void {
@@ -321,9 +334,11 @@ export class View {
   #afterFrame(): void {
     this.#drawnAt = performance.now();
     this.#precise.show();
+    this.#card.mark();
     for (const resolve of this.#frame.splice(0)) resolve();
     if (!this.#isSorted) return;
     this.#isSorted = false;
+    this.shows ||= this.count > 0;
     for (const resolve of this.#sorted.splice(0)) resolve();
   }
 }

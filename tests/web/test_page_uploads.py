@@ -1,0 +1,117 @@
+"""What a page hands to the graphics card: only what changes, a little at a time, and never an empty picture."""
+
+import asyncio
+import json
+from collections.abc import Callable
+
+import pytest
+
+from explicit import encode_splats
+from scenes import tiny_cameras
+from splatwire.codec.schemas.gaussians.quality import Quality
+from splatwire.levels import encode_levels
+from splatwire.model import SplatScene
+from splatwire.packets import Packetization, SceneStream, stream_to_bytes
+from transport.chromium import Browser, browser, executable
+from web.host import hosting
+from web.pictures import ELEMENT, concealers_of
+from web.test_page import SMALL, ball, run
+
+pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+SCENE = '<script type="module" src="splatwire.js"></script>\
+<splat-wire src="ball.swz" style="width: 240px; height: 180px"></splat-wire>'
+LATE = f"""<script>const listen = EventTarget.prototype.addEventListener;
+Worker.prototype.addEventListener = function (kind, handler) {{
+  listen.call(this, kind, (event) => {{
+    if (event.data?.sortTime === undefined) return handler.call(this, event);
+    setTimeout(() => {{ window.sorted = true; handler.call(this, event); }}, 8000);
+  }});
+}};</script>{SCENE}"""
+COUNTED = f"""<script>
+window.uploaded = {{all: 0, task: 0, most: 0}};
+const upload = WebGL2RenderingContext.prototype.texSubImage2D, {{port1, port2}} = new MessageChannel();
+port1.onmessage = () => (uploaded.task = 0);
+WebGL2RenderingContext.prototype.texSubImage2D = function (...given) {{
+  const bytes = given[8]?.byteLength ?? 0;
+  if (!uploaded.task) port2.postMessage(null);
+  uploaded.all += bytes;
+  uploaded.task += bytes;
+  uploaded.most = Math.max(uploaded.most, uploaded.task);
+  return upload.apply(this, given);
+}};</script>{SCENE}"""
+PAGES = {"scene": SCENE, "late": LATE, "counted": COUNTED}
+WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
+
+
+def on_page(name: str, stream: SceneStream, work: Callable[[Browser], None]) -> None:
+    """Does something with one of the pages."""
+
+    async def serve() -> None:
+        async with hosting(PAGES, {"ball.swz": stream_to_bytes(stream)}) as host:
+
+            def drive() -> None:
+                with browser() as page:
+                    page.open(f"{host.url}{name}")
+                    work(page)
+
+            await asyncio.to_thread(drive)
+
+    run(serve())
+
+
+def picture(page: Browser, **settings: object) -> str:
+    """What is drawn with these settings."""
+    cameras = tiny_cameras(1, 240, 180)
+    camera = {"viewmat": cameras.viewmats[0].tolist(), "focal": float(cameras.Ks[0, 1, 1]), "height": 180}
+    page.evaluate(f"{ELEMENT}.panel.set({json.dumps(settings)})")
+    return str(page.resolve(f"{ELEMENT}.picture({json.dumps(camera)})"))
+
+
+def test_what_is_painted_stays_until_there_is_something_else_to_see() -> None:
+    """However long depths are sorted."""
+
+    def work(page: Browser) -> None:
+        page.wait_for(f"{ELEMENT}?.view && !!{ELEMENT}.shadowRoot.querySelector('.first.shown')")
+        page.wait_for(f"!{ELEMENT}.shadowRoot.querySelector('.first.shown')")
+        assert page.evaluate("window.sorted") is True
+
+    on_page("late", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)
+
+
+def test_concealers_in_turn_show_each_its_own_picture() -> None:
+    stream = encode_splats(ball(), SMALL, quality=Quality(10.0))
+    names = ("drop", *concealers_of(stream))
+
+    def work(page: Browser) -> None:
+        page.wait_for(WHOLE)
+        first = {name: picture(page, dropped=0.4, concealer=name) for name in names}
+        first["whole"] = picture(page, dropped=0)
+        assert len(set(first.values())) == len(first), "two of them draw the same"
+        for name in (*names, *reversed(names)):
+            for other in names:  # asked for, and not any more
+                page.evaluate(f"{ELEMENT}.panel.set({{dropped: 0.4, concealer: '{other}'}})")
+            assert picture(page, concealer=name) == first[name], name
+            assert picture(page, dropped=0) == first["whole"]
+
+    on_page("scene", stream, work)
+
+
+def test_tiles_are_uploaded_a_little_at_a_time_and_gains_where_they_change() -> None:
+    stream = encode_levels(SplatScene(ball(40_000, degree=3)), Packetization(block_size=3000, lanes=4))
+
+    def work(page: Browser) -> None:
+        page.patience = 200.0  # a machine that draws with its processor, and has other work
+        page.wait_for(WHOLE, 120)
+        whole = picture(page)
+        opening = page.evaluate("uploaded")
+        assert opening["all"] > 5e6
+        assert opening["most"] < 4.7e6
+        page.evaluate("uploaded.all = uploaded.most = 0")
+        assert picture(page, concealer="drop") == whole
+        assert page.evaluate("uploaded.all") < 4e5, "what did not change was uploaded"
+        assert picture(page, dropped=0.4) != whole
+        assert page.evaluate("uploaded.all") > 4e5
+        assert page.evaluate("uploaded.most") < 4.7e6
+        assert picture(page, dropped=0) == whole
+
+    on_page("counted", stream, work)
