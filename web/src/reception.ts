@@ -131,6 +131,7 @@ export class Reception implements Receiver {
       middle: decoder.schema.middle,
       background: decoder.background,
       viewpoint: decoder.viewpoint,
+      extent: decoder.extent,
       antialiased: decoder.antialiased,
       up: decoder.up,
       sideInfoBytes: manifest.sideInfoBytes,

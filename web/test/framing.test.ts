@@ -120,6 +120,35 @@ test("a scene fits a window whatever its aspect, and fills it one way", () => {
   }
 });
 
+test("what moves fits wherever it goes", () => {
+  const parts = [scene([...sphere(1500, 1), ...sphere(1000, 0.7), ...sphere(500, 0.4)], 0.05)],
+    everywhere = scene(
+      sphere(3000, 4).map(([x, y, z]) => [x + 2, y, z]),
+      0.05,
+    );
+  for (const [width, height] of WINDOWS) {
+    const { orbit } = hands(parts),
+      core = coreOf(parts),
+      down = tangentOf(width, height),
+      across = (down * width) / height;
+    frameScene(orbit, core, new Space(core, parts), across, down, { middle: [2, 0, 0], radius: 4 });
+    const { viewmat, focal } = cameraOf(orbit.pose(), 1, width, height),
+      [x, y, z] = viewmat;
+    let most = 0;
+    for (let i = 0; i < 4 * 3000; i += 4) {
+      const at = (row: readonly number[]): number =>
+        [0, 1, 2].reduce((sum, a) => sum + row[a] * everywhere.centers[i + a], row[3]);
+      assert.ok(at(z) > 0);
+      most = Math.max(
+        most,
+        Math.abs((2 * focal * at(x)) / at(z) / width),
+        Math.abs((2 * focal * at(y)) / at(z) / height),
+      );
+    }
+    assert.ok(most < 1.02 && most > 0.75, `${most} in ${width} x ${height}`);
+  }
+});
+
 test("a room is looked at from inside", () => {
   const parts = [scene([...sphere(8000, 0.4), ...walls(12000, 1.5)], 0.08)],
     space = new Space(coreOf(parts), parts);

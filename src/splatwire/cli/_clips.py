@@ -166,8 +166,9 @@ def draw_clip(
 
     from splatwire.clips.concealment import DEFAULT, clip_concealer
     from splatwire.clips.decoding import decode_frames
+    from splatwire.clips.extent import ball_around
     from splatwire.codec import decode_stream
-    from splatwire.codec.viewpoint import up_axis
+    from splatwire.codec.viewpoint import read_extent, up_axis
     from splatwire.evaluate.pixels import to_pixels
     from splatwire.files.whole import written_whole
     from splatwire.packets.sections import sections_of
@@ -177,12 +178,15 @@ def draw_clip(
     method = clip_concealer(concealer or DEFAULT)
     clip = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
     count = clip.timeline.num_frames
-    orbit = cameras or orbiting_cameras(clip.positions, count, up_axis(sections_of(stream)))
-    orbit = orbit if scale == 1 else orbit.scaled(scale)
+    if cameras is None:
+        sections, born = sections_of(stream), ball_around(clip.positions)
+        middle, radius = read_extent(sections) or (born.middle, born.radius)
+        cameras = orbiting_cameras(middle, max(radius, 1e-6), count, up_axis(sections))
+    cameras = cameras if scale == 1 else cameras.scaled(scale)
 
     def pictures() -> Iterator[Image.Image]:
         for frame in decode_frames(clip, method):
-            view = orbit.select([frame.number * orbit.num_views // count])
+            view = cameras.select([frame.number * cameras.num_views // count])
             image = next(iter(iterate_views(frame.scene, view, renderer=renderer)))
             report("drawing", (frame.number + 1) / count)
             yield Image.fromarray(to_pixels(image.cpu()))
@@ -193,7 +197,7 @@ def draw_clip(
         next(drawn).save(
             target, "WEBP", save_all=True, append_images=drawn, duration=durations, loop=0, quality=85, method=2
         )
-    return {"num_frames": count, "width": orbit.width, "height": orbit.height}
+    return {"num_frames": count, "width": cameras.width, "height": cameras.height}
 
 
 @contextmanager

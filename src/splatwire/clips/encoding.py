@@ -8,13 +8,14 @@ from fractions import Fraction
 import numpy as np
 
 from splatwire.byte_io import ByteWriter
+from splatwire.clips.extent import Ball, ball_of
 from splatwire.clips.frames import Frame
 from splatwire.clips.grouping import NamedFrame, group_of
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.codec.schemas.tracks.encoder import ClipWriter, TrackGroup
-from splatwire.codec.viewpoint import up_sections
+from splatwire.codec.viewpoint import EXTENT_SECTION, extent_section, up_sections
 from splatwire.errors import InvalidValueError
 from splatwire.model import SplatScene
 from splatwire.packets import Manifest, Packet, SceneStream
@@ -85,6 +86,7 @@ class ClipEncoder:
         self._groups, self._told = 0, False
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame = 0
+        self._extent: Ball | None = None
         self._known: tuple[np.ndarray, np.ndarray] | None = None
         self._writer = ClipWriter(
             options.rate, options.group_frames, quality_of(options.quality), options.background, threads=options.threads
@@ -130,6 +132,8 @@ class ClipEncoder:
         if self._degree is None:
             self._sections |= antialiasing_sections(taken.antialiased)
         self._degree = taken.splats.degree
+        ball = ball_of(taken.splats)
+        self._extent = self._extent.with_(ball) if self._extent and ball else self._extent or ball
         self._frames.append(self._tracker.add(taken))
         self._num_frames += 1
         return self._flush() if len(self._frames) == self._options.group_frames else []
@@ -143,7 +147,9 @@ class ClipEncoder:
         self.flush()
         if not self._groups:
             raise InvalidValueError("a clip has one frame at least")
-        return self._writer.finish(self._stated)
+        extent = self._extent  # of a clip that goes on nobody knows it
+        where = {EXTENT_SECTION: extent_section(extent.middle, extent.radius)} if extent and extent.radius > 0 else {}
+        return self._writer.finish({**self._stated, **where})
 
     def so_far(self, stream_id: int) -> tuple[Manifest, bytes]:
         """Manifest and side information of the groups so far, of a stream whose id was chosen before its end."""

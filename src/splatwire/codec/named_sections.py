@@ -7,11 +7,12 @@ from splatwire.codec.background import SECTION as BACKGROUND
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tiers import SECTION as TIERS
+from splatwire.codec.viewpoint import EXTENT_SECTION as EXTENT
 from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.codec.viewpoint import UP_SECTION as UP
 from splatwire.packets.tile_index import SECTION as TILES
 
-_OTHERS = (ANTIALIASED, BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, UP, TILES)
+_OTHERS = (ANTIALIASED, BACKGROUND, TIERS, TIER_SIZES, PREVIEW, VIEWPOINT, UP, EXTENT, TILES)
 
 
 def concealer_sections(sections: Mapping[str, bytes], *own: str) -> dict[str, bytes]:

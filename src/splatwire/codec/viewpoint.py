@@ -1,8 +1,9 @@
 """Where a scene is looked at first: a named section of the side information of streams whose cameras are known."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 
-from splatwire.byte_io import ByteWriter
+from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.errors import BitstreamError
 from splatwire.scene import Cameras
 
@@ -11,7 +12,9 @@ SECTION = "viewpoint"
 UP_SECTION = "up"
 """Name of the section that says only which axis is up: its name as text, `y`, `-z`, ...; `-y` where it is absent."""
 
-AXES = (b"y", b"-y", b"z", b"-z")
+AXES = (b"x", b"-x", b"y", b"-y", b"z", b"-z")
+EXTENT_SECTION = "extent"
+"""Name of the section that says where a clip goes: a ball around each frame, middle and radius as `f32`."""
 
 
 def up_sections(axis: str) -> dict[str, bytes]:
@@ -32,6 +35,33 @@ def up_axis(sections: Mapping[str, bytes]) -> str:
     if name not in AXES:
         raise BitstreamError(f"section '{UP_SECTION}': {name[:8]!r} is no axis that can be up")
     return name.decode()
+
+
+def extent_section(middle: Iterable[float], radius: float) -> bytes:
+    """The section that says that a clip stays within a ball, world units."""
+    writer = ByteWriter()
+    for value in (*middle, radius):
+        writer.f32(float(value))
+    return writer.bytes()
+
+
+def read_extent(sections: Mapping[str, bytes]) -> tuple[tuple[float, float, float], float] | None:
+    """Middle and radius of the ball that a clip stays within; None where nobody says it.
+
+    Args:
+        sections: Named sections of a stream.
+
+    Raises:
+        BitstreamError: If there is no such ball.
+    """
+    if EXTENT_SECTION not in sections:
+        return None
+    reader = ByteReader(sections[EXTENT_SECTION], f"section '{EXTENT_SECTION}'")
+    x, y, z, radius = (reader.f32() for _ in range(4))
+    reader.finish()
+    if not (all(map(math.isfinite, (x, y, z, radius))) and radius > 0):
+        raise BitstreamError(f"section '{EXTENT_SECTION}': an impossible ball")
+    return (x, y, z), radius
 
 
 def viewpoint_section(cameras: Cameras) -> bytes:

@@ -1,6 +1,7 @@
 """Footprints of elements in a set of views, and views to look from where there are no cameras."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import torch
@@ -106,43 +107,47 @@ def cameras_around(positions: Float[Tensor, "N 3"], num_views: int = 16, size: i
         InvalidValueError: If there is no view, no pixel or no anchor.
     """
     _check(num_views, size, len(positions))
-    middle, away = _middle_of(positions.detach().cpu().double())
-    radius = max(2 * float(away.median()), 0.5)
+    places = positions.detach().cpu().double()
+    middle = places.median(dim=0).values
+    radius = max(2 * float((places - middle).norm(dim=1).median()), 0.5)
     place = torch.arange(num_views, dtype=torch.float64) + 0.5
     return _around(middle, radius, 1 - 2 * place / num_views, place * math.pi * (3 - math.sqrt(5)), size)
 
 
 _UPRIGHT = {
+    "x": ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    "-x": ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     "-y": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     "y": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)),
     "z": ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)),
     "-z": ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0)),
 }
 """Rotations after which y points down, by what is up before."""
-_NEARLY_ALL, _REACH, _ROOM = 0.998, 5.0, 1.04
-"""A scene ends where so many Gaussians lie nearer, at most at so many times their median distance; room around it."""
+_ROOM = 1.04
+"""Room that is left around what is looked at."""
 
 
-def orbiting_cameras(positions: Float[Tensor, "N 3"], num_views: int, up: str = "-y", size: int = 512) -> Cameras:
-    """Cameras of a walk around a scene, a little from above, from where all of it fits.
+def orbiting_cameras(
+    middle: Iterable[float], radius: float, num_views: int, up: str = "-y", size: int = 512
+) -> Cameras:
+    """Cameras of a walk around a ball, a little from above, from where all of it fits.
 
     Args:
-        positions: Centres of its Gaussians.
+        middle: Of the ball.
+        radius: Of the ball, world units, above 0.
         num_views: Number of cameras; the last one is next to the first.
-        up: What is up: `y`, `-y`, `z` or `-z`.
+        up: What is up: `y`, `-z`, ...
         size: Width and height of the images, pixels; the field of view is 60 degrees.
 
     Raises:
-        InvalidValueError: If there is no view, no pixel or no Gaussian.
+        InvalidValueError: If there is no view or no pixel.
     """
+    _check(num_views, size, 1)
     turn = torch.tensor(_UPRIGHT[up], dtype=torch.float64)
-    upright = positions.detach().cpu().double() @ turn.T
     place = torch.arange(num_views, dtype=torch.float64)
     height, angle = torch.full_like(place, -0.25), place * 2 * math.pi / max(num_views, 1)
-    _check(num_views, size, len(upright))
-    middle, away = _middle_of(upright)
-    extent = min(float(away.kthvalue(math.ceil(_NEARLY_ALL * len(away))).values), _REACH * float(away.median()))
-    around = _around(middle, max(_ROOM * extent / math.sin(math.pi / 6), 1e-6), height, angle, size)
+    upright = turn @ torch.tensor([*middle], dtype=torch.float64)
+    around = _around(upright, _ROOM * radius / math.sin(math.pi / 6), height, angle, size)
     turned = torch.eye(4, dtype=torch.float64)
     turned[:3, :3] = turn
     return replace(around, viewmats=(around.viewmats.double() @ turned).float())
@@ -152,12 +157,6 @@ def _check(num_views: int, size: int, count: int) -> None:
     """Raises an error if nothing can be looked at."""
     if num_views < 1 or size < 1 or count < 1:
         raise InvalidValueError(f"{num_views} views of {size} pixels of {count} anchors show nothing")
-
-
-def _middle_of(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "N"]]:
-    """The median of places, and how far each is from it."""
-    middle = positions.median(dim=0).values
-    return middle, (positions - middle).norm(dim=1)
 
 
 def _around(

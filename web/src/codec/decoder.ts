@@ -24,6 +24,12 @@ export interface Viewpoint {
   readonly up: readonly [number, number, number];
 }
 
+/** A ball, world units. */
+export interface Ball {
+  readonly middle: readonly number[];
+  readonly radius: number;
+}
+
 function schemaOf({ manifest, sideInfo }: Head, plan: Plan): Schema {
   const { order, packaging } = manifest.packetization;
   if (manifest.codec !== "hacpp" && packaging !== "atomic")
@@ -90,6 +96,18 @@ export class StreamDecoder {
       throw new BitstreamError("side information: an impossible viewpoint");
     }
     return found;
+  }
+
+  /** Where a clip goes: a ball around nearly all of each frame, world units; null where nobody said. */
+  get extent(): Ball | null {
+    const section = this.schema.sections.get("extent");
+    if (!section) return null;
+    const reader = new ByteReader(section, "section 'extent'"),
+      [x, y, z, radius] = [reader.f32(), reader.f32(), reader.f32(), reader.f32()];
+    reader.finish();
+    if (![x, y, z].every(Number.isFinite) || !(radius > 0 && radius < Infinity))
+      throw new BitstreamError("side information: an impossible extent");
+    return { middle: [x, y, z], radius };
   }
 
   /** Whether Gaussians lose opacity as they are widened to a pixel. */

@@ -272,7 +272,7 @@ export class Controller {
   }
 
   #learn(facts: Facts): void {
-    const { gaussians, size, middle, viewpoint, up, viewDependent, concealers, moving } = facts,
+    const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, moving } = facts,
       { stage } = this;
     this.#player?.destroy();
     const ask = (number: number): void => this.#askFrame(number);
@@ -288,6 +288,7 @@ export class Controller {
     if (up && !this.host.hasAttribute("up")) stage.upIs(up);
     if (viewpoint) stage.start(viewpoint);
     if (middle) stage.face(middle, size);
+    stage.extent = extent;
     this.#watch = null;
     stage.watcher = null;
     if (!viewDependent) return;

@@ -2,10 +2,10 @@
 
 import { Vec3 } from "playcanvas";
 
-import type { Viewpoint } from "../codec/decoder.ts";
+import type { Ball, Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
 import { acquire, giveBack, type Holder, offer } from "../render/contexts.ts";
-import { coreOf, frameScene } from "../render/framing.ts";
+import { type Core, coreOf, frameScene } from "../render/framing.ts";
 import { Hands } from "../render/hands.ts";
 import { cameraOf, tangentOf } from "../render/lens.ts";
 import { loadView } from "../render/load.ts";
@@ -46,6 +46,8 @@ export class Stage implements Holder {
   readonly hands = new Hands(this.surface, this.orbit);
   view: View | null = null;
   inSight = true;
+  /** Where a clip goes, world units, if the stream says it. */
+  extent: Ball | null = null;
   /** Told of the camera of each picture. */
   watcher: ((camera: Camera) => void) | null = null;
   #parts: Packed[] = [];
@@ -250,13 +252,20 @@ export class Stage implements Holder {
     return { across: (down * width) / Math.max(height, 1), down };
   }
 
+  /** Where it goes, in units of the view: around what is there now, unless the stream says it. */
+  #extent(core: Core): Ball {
+    if (!this.extent) return core;
+    const { middle, radius } = this.extent;
+    return { middle: middle.map((value) => value / this.#size), radius: radius / this.#size };
+  }
+
   /** Has what is there fit the window, unless somebody said where to look from, or moved. */
   #frame(): void {
     if (this.orbit.touched || this.orbit.placed || !this.#count) return;
     const { across, down } = this.#lens(),
       core = coreOf(this.#parts);
     if (!(across > 0)) return; // an element that takes no room yet
-    frameScene(this.orbit, core, new Space(core, this.#parts), across, down);
+    frameScene(this.orbit, core, new Space(core, this.#parts), across, down, this.#extent(core));
     this.#framed = this.#count;
   }
 

@@ -2,6 +2,7 @@
 
 import type { Quat } from "playcanvas";
 
+import type { Ball } from "../codec/decoder.ts";
 import type { Orbit } from "./orbit.ts";
 import { FLOATS, type Packed } from "./packed.ts";
 import type { Space } from "./space.ts";
@@ -91,9 +92,16 @@ export function fit({ samples }: Core, { axes, across, down }: Lens): { target: 
 
 /**
  * Has a scene fit the window; from the usual side, unless little of its inner half is seen from there: whoever looks at
- * a room from outside sees walls.
+ * a room from outside sees walls. What moves fits wherever it goes within a ball that is its extent.
  */
-export function frameScene(orbit: Orbit, core: Core, space: Space, across: number, down: number): void {
+export function frameScene(
+  orbit: Orbit,
+  core: Core,
+  space: Space,
+  across: number,
+  down: number,
+  extent: Ball = core,
+): void {
   const { yaw, pitch } = orbit.usual,
     inner = innerOf(core);
   const looks = NEARER.flatMap((nearer) =>
@@ -108,7 +116,11 @@ export function frameScene(orbit: Orbit, core: Core, space: Space, across: numbe
   );
   const most = Math.max(...looks.map(({ seen }) => seen)),
     { target, distance, yaw: found } = looks.find(({ seen }) => seen >= ENOUGH * most)!;
-  orbit.begin(target, distance, found);
+  orbit.begin(
+    target.map((value, a) => value + extent.middle[a] - core.middle[a]),
+    distance * Math.max(extent.radius / core.radius, 1),
+    found,
+  );
 }
 
 function inSight({ axes, across, down }: Lens, eye: readonly number[], point: readonly number[]): boolean {

@@ -1,6 +1,6 @@
 // What the page and its worker say to one another.
 
-import type { Viewpoint } from "../codec/decoder.ts";
+import type { Ball, Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Packed, Tile } from "../render/packed.ts";
 import type { Counts } from "./events.ts";
@@ -27,6 +27,8 @@ export interface Facts {
   readonly middle: readonly number[] | null;
   readonly background: readonly [number, number, number];
   readonly viewpoint: Viewpoint | null;
+  /** Where a clip goes; null where the stream does not say it. */
+  readonly extent: Ball | null;
   /** Whether Gaussians lose opacity as they are widened to a pixel. */
   readonly antialiased: boolean;
   /** Which axis is up; null where the stream does not say it. */

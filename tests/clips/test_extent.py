@@ -1,0 +1,62 @@
+"""Where a clip goes."""
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.clips import ClipEncoder
+from splatwire.clips.extent import Ball, ball_of
+from splatwire.codec.viewpoint import EXTENT_SECTION, extent_section, read_extent
+from splatwire.errors import BitstreamError
+from splatwire.packets.sections import sections_of
+from splatwire.scene.splats import Splats
+
+
+def cloud(count: int, shift: float, size: float) -> Splats:
+    means = torch.randn(count, 3, generator=torch.Generator().manual_seed(3)) * size
+    quats = torch.tensor([[1.0, 0.0, 0.0, 0.0]]).expand(count, 4).clone()
+    moved = means + torch.tensor([shift, 0.0, 0.0])
+    return Splats(moved, quats, torch.full((count, 3), 0.01), torch.full((count,), 0.9), torch.zeros(count, 1, 3))
+
+
+def test_a_ball_around_two_holds_both_and_is_no_larger_than_needed():
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        one, other = (Ball(rng.normal(size=3), float(rng.uniform(0.1, 2))) for _ in range(2))
+        both = one.with_(other)
+        apart = float(np.linalg.norm(one.middle - other.middle))
+        for ball in (one, other):
+            assert np.linalg.norm(both.middle - ball.middle) + ball.radius <= both.radius + 1e-9
+        assert both.radius <= max(one.radius, other.radius, (apart + one.radius + other.radius) / 2) + 1e-9
+
+
+def test_what_is_far_away_or_faint_is_no_part_of_a_ball():
+    splats = cloud(1000, 0.0, 1.0)
+    alone = ball_of(splats)
+    splats.means[0] = 1000.0
+    splats.means[1:300] += 50.0
+    splats.opacities[1:300] = 0.01
+    found = ball_of(splats)
+    assert alone is not None
+    assert found is not None
+    assert found.radius < 1.3 * alone.radius
+    assert ball_of(cloud(0, 0.0, 1.0)) is None
+
+
+def test_a_stream_says_where_its_clip_goes():
+    encoder = ClipEncoder()
+    frames = [cloud(200, shift, 0.2) for shift in (0.0, 1.0, 2.0, 3.0)]
+    for frame in frames:
+        encoder.push(frame)
+    said = read_extent(sections_of(encoder.finish()))
+    assert said is not None
+    middle, radius = torch.tensor(said[0]), said[1]
+    inside = torch.stack([((frame.means - middle).norm(dim=1) <= radius).float().mean() for frame in frames])
+    assert bool((inside > 0.95).all())
+    assert 1.5 < radius < 3.0
+
+
+@pytest.mark.parametrize("bad", [b"", bytes(16), extent_section((0, 0, 0), float("nan")), bytes(17)])
+def test_an_impossible_extent_is_refused(bad: bytes):
+    with pytest.raises(BitstreamError, match="extent"):
+        read_extent({EXTENT_SECTION: bad})
