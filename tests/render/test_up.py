@@ -1,5 +1,7 @@
 """What is up is where the light comes from, if there is any doubt at all."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -24,6 +26,19 @@ def lit_ball(up: float, strength: float) -> SplatScene:
 @pytest.mark.parametrize(("up", "strength", "found"), [(1, 0.6, "y"), (-1, 0.6, "-y"), (1, 0.02, "-y"), (1, 0, "-y")])
 def test_the_brighter_side_is_up_and_minus_y_where_neither_is(up: float, strength: float, found: str) -> None:
     assert up_of(lit_ball(up, strength)) == found
+
+
+@pytest.mark.parametrize("up", ["y", "-y"])
+@pytest.mark.parametrize("strength", [0.6, -0.6])
+def test_of_a_ground_what_stands_on_it_says_where_up_is(up: str, strength: float) -> None:
+    ball = lit_ball(1, strength).splats
+    ground = replace(
+        ball, means=ball.means * 0.01 + 20 * torch.rand(800, 3, generator=torch.Generator().manual_seed(4))
+    )
+    ground.means[:, 1] *= 0.001
+    sign = 1.0 if up == "y" else -1.0
+    ground.means[::8, 1] += sign * 2 * torch.rand(100, generator=torch.Generator().manual_seed(5))
+    assert up_of(SplatScene(ground)) == up
 
 
 def test_a_clip_is_told_as_a_scene_is_and_may_be_overridden() -> None:

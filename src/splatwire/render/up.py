@@ -17,14 +17,17 @@ AWAY = 8.0
 """Distance of the cameras, in radii of the scene."""
 CERTAIN = 1.25
 """How many times as bright the other side has to be before it is taken for the upper one."""
+FLAT = 0.25
+"""A scene whose spread along y is less than this share of that along x and z is a ground with things on it."""
 
 
 def up_of(scene: Scene) -> str:
     """Tells whether the y axis points up (`y`) or down (`-y`, as in files of Gaussians and in scenes of photos).
 
     Light falls from above, and photos are seldom taken from below: the upper side of a scene is the brighter one. Two
-    pictures along the axis, from far away, are compared where something is. Of what looks different from everywhere
-    (neural anchors) nothing is told.
+    pictures along the axis, from far away, are compared where something is. A ground was never seen from below: there
+    the side counts on which more stands out of it. Of what looks different from everywhere (neural anchors) nothing
+    is told.
 
     Args:
         scene: The scene.
@@ -40,6 +43,10 @@ def up_of(scene: Scene) -> str:
     radius = min(float(away.kthvalue(-(-len(away) * 98 // 100)).values), 4 * float(away.median()))
     if not radius > 0:
         return "-y"
+    across, height, along = splats.means.std(dim=0, correction=0).tolist()
+    if height < FLAT * min(across, along):
+        low, ground, high = splats.means[:, 1].quantile(splats.means.new_tensor([0.02, 0.5, 0.98])).tolist()
+        return "y" if high - ground > CERTAIN * (ground - low) else "-y"
     above, below = (_brightness(SplatScene(splats), middle, radius, down) for down in (1.0, -1.0))
     return "y" if below > CERTAIN * above > 0 else "-y"
 
