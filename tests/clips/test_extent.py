@@ -56,7 +56,7 @@ def test_a_stream_says_where_its_clip_goes():
     assert 1.5 < radius < 3.0
 
 
-@pytest.mark.parametrize("bad", [b"", bytes(16), extent_section((0, 0, 0), float("nan")), bytes(17)])
+@pytest.mark.parametrize("bad", [b"", bytes(16), extent_section((0.0, 0.0, 0.0), float("nan")), bytes(17)])
 def test_an_impossible_extent_is_refused(bad: bytes):
     with pytest.raises(BitstreamError, match="extent"):
         read_extent({EXTENT_SECTION: bad})
