@@ -1,4 +1,4 @@
-"""Where a scene is looked at first: a named section of the side information of streams whose cameras are known."""
+"""Where a scene is looked at first: named sections of side information, where cameras are known and where not."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -11,7 +11,6 @@ SECTION = "viewpoint"
 """Name of the section."""
 UP_SECTION = "up"
 """Name of the section that says only which axis is up: its name as text, `y`, `-z`, ...; `-y` where it is absent."""
-
 AXES = (b"x", b"-x", b"y", b"-y", b"z", b"-z")
 EXTENT_SECTION = "extent"
 """Name of the section that says where a clip goes: a ball around each frame, middle and radius as `f32`."""
