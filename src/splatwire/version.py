@@ -1,3 +1,3 @@
 """The version of the package, where every room can read it without importing the others."""
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
