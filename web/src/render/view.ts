@@ -41,6 +41,14 @@ interface Loop {
   requestAnimationFrame(): void;
 }
 
+/** Where PlayCanvas keeps who sorts, of each layer of each camera. */
+interface Sorting {
+  readonly gsplatDirector: { readonly camerasMap: Map<unknown, { readonly layersMap: Map<unknown, Layer> }> };
+}
+interface Layer {
+  readonly gsplatManager: { readonly cpuSorter: { jobsInFlight: number; pendingSorted: unknown } | null } | null;
+}
+
 export class View {
   readonly #app: AppBase;
   readonly #camera: Entity;
@@ -67,6 +75,8 @@ export class View {
    * Whether Gaussians took the place of others and are not sorted by depth yet: until then those stay on the screen.
    */
   #replaced = false;
+  /** Whether all that was added is sorted, as of the last frame. */
+  #ready = false;
   /** Whether Gaussians are on the screen. */
   shows = false;
   #destroyed = false;
@@ -262,7 +272,7 @@ export class View {
     return new Promise((resolve) => this.#frame.push(resolve));
   }
 
-  /** Resolves in the task of the next frame whose depths were sorted anew. */
+  /** Resolves in the task of the next frame whose depths were sorted anew, or do not have to be. */
   sorted(): Promise<void> {
     this.touch();
     return new Promise((resolve) => {
@@ -281,8 +291,20 @@ export class View {
     });
   }
 
+  /** Whether depths are sorted, or have to be. */
+  get #sorts(): boolean {
+    if (!this.#ready || this.#moved || this.#replaced) return true;
+    const { gsplatDirector } = this.#app.renderer as unknown as Sorting;
+    return [...gsplatDirector.camerasMap.values()].some(({ layersMap }) =>
+      [...layersMap.values()].some(
+        ({ gsplatManager: manager }) => manager?.cpuSorter?.jobsInFlight || manager?.cpuSorter?.pendingSorted,
+      ),
+    );
+  }
+
   /** Told in each frame whether all that was added is sorted. */
   #isReady(ready: boolean): void {
+    this.#ready = ready;
     if (!ready || !this.#replaced || this.#tiles?.settled === false) return;
     this.#replaced = false;
     this.#tiles?.sorted();
@@ -336,9 +358,9 @@ export class View {
     this.#precise.show();
     this.#card.mark();
     for (const resolve of this.#frame.splice(0)) resolve();
-    if (!this.#isSorted) return;
+    if (this.#isSorted) this.shows ||= this.count > 0;
+    else if (!this.shows || this.#sorts) return;
     this.#isSorted = false;
-    this.shows ||= this.count > 0;
     for (const resolve of this.#sorted.splice(0)) resolve();
   }
 }
