@@ -42,7 +42,12 @@ WebGL2RenderingContext.prototype.texSubImage2D = function (...given) {{
 PATIENT = f"""<script>const later = setTimeout;
 window.setTimeout = (work, ms, ...given) => ms >= 5000 ? 0 : later(work, ms, ...given);</script>{SCENE}"""
 """Where nothing ends because somebody has waited long enough."""
-PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED}
+BUSY = f"""<script>
+const ask = WebGL2RenderingContext.prototype.getSyncParameter;
+WebGL2RenderingContext.prototype.getSyncParameter = function (...given) {{
+  return window.busy ? this.UNSIGNALED : ask.apply(this, given);
+}};</script>{SCENE}"""
+PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY}
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
 
 
@@ -118,3 +123,23 @@ def test_tiles_are_uploaded_a_little_at_a_time_and_gains_where_they_change() -> 
         assert picture(page, dropped=0) == whole
 
     on_page("counted", stream, work)
+
+
+def test_a_canvas_gets_another_size_when_the_card_has_drawn() -> None:
+    """Which empties it, and waits for all that the card was handed."""
+
+    def work(page: Browser) -> None:
+        page.wait_for(WHOLE)
+        canvas, draw = f"{ELEMENT}.view.canvas", f"{ELEMENT}.view.touch()"
+        page.evaluate(f"{draw}; requestAnimationFrame(() => (window.busy = true))")
+        page.wait_for("window.busy")
+        page.evaluate(f"{ELEMENT}.style.height = '120px'")
+        page.wait_for(f"{canvas}.clientHeight < 130")
+        page.resolve(
+            "new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(go, 200))))"
+        )
+        assert page.evaluate(f"{canvas}.height > {canvas}.clientHeight")
+        page.evaluate("window.busy = false")
+        page.wait_for(f"{canvas}.height === {canvas}.clientHeight")
+
+    on_page("busy", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)

@@ -104,11 +104,13 @@ export function frameScene(
 ): void {
   const { yaw, pitch } = orbit.usual,
     inner = innerOf(core);
+  const fits = YAWS.map((turn) => {
+    const lens = { axes: axesOf(orbit.rotation(yaw + turn, pitch)), across, down };
+    return { turn, lens, ...fit(core, lens) };
+  });
   const looks = NEARER.flatMap((nearer) =>
-    YAWS.map((turn) => {
-      const lens = { axes: axesOf(orbit.rotation(yaw + turn, pitch)), across, down },
-        { target, distance } = fit(core, lens),
-        eye = target.map((value, a) => value + nearer * distance * lens.axes[2][a]),
+    fits.map(({ turn, lens, target, distance }) => {
+      const eye = target.map((value, a) => value + nearer * distance * lens.axes[2][a]),
         ahead = space.free(eye) ? inner.filter((point) => inSight(lens, eye, point)) : [],
         seen = ahead.reduce((sum, point) => sum + space.light(eye, point), 0);
       return { target, distance: nearer * distance, yaw: yaw + turn, seen };

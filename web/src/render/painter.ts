@@ -40,7 +40,10 @@ export function paint(canvas: HTMLCanvasElement, painted: Painted): void {
     height = Math.max(Math.round(canvas.clientHeight * shrink), 1);
   canvas.width = width;
   canvas.height = height;
-  canvas.getContext("2d")!.putImageData(new ImageData(pixels(painted, width, height), width, height), 0, 0);
+  // a card would have to be waited for, which is only being made ready
+  canvas
+    .getContext("2d", { willReadFrequently: true })!
+    .putImageData(new ImageData(pixels(painted, width, height), width, height), 0, 0);
 }
 
 /** The picture: red, green, blue and 255 of each pixel. */

@@ -15,6 +15,9 @@ const REACH = 1 / 8;
 
 type Point = [number, number, number];
 
+/** A ball around all middles of a part: x, y, z, radius; and the largest size of one. */
+const balls = new WeakMap<Packed, readonly number[]>();
+
 /**
  * Where half of the light of a pixel comes from; where next to nothing is there, the middle of the Gaussian next to it;
  * null where the picture is empty. Lengths of the camera and of the point are those of `parts`.
@@ -27,13 +30,17 @@ export function pointAt(parts: readonly Packed[], camera: Camera, px: number, py
 /** Depth at which half of the light of a pixel has come, null where next to nothing is there. */
 export function depthAt(parts: readonly Packed[], camera: Camera, px: number, py: number): number | null {
   const met: [number, number][] = [];
-  project(parts, camera, ({ scales, opacities }, i, u, v, depth) => {
-    const [a, b, c] = [FLOATS[scales[4 * i]], FLOATS[scales[4 * i + 1]], FLOATS[scales[4 * i + 2]]],
+  const some = parts.filter((part) => meets(part, camera, px, py));
+  project(some, camera, ({ scales, opacities }, i, u, v, depth) => {
+    const away = (u - px) ** 2 + (v - py) ** 2,
       scale = (camera.focal / depth) ** 2,
-      away = (u - px) ** 2 + (v - py) ** 2,
-      most = Math.max(a, b, c);
+      a = scales[4 * i],
+      b = scales[4 * i + 1],
+      c = scales[4 * i + 2],
+      largest = Math.max(a, b, c), // bits of halves are in their order
+      most = FLOATS[largest];
     if (away > END * (scale * most * most + BLUR)) return;
-    const middle = a + b + c - most - Math.min(a, b, c),
+    const middle = FLOATS[a + b + c - largest - Math.min(a, b, c)],
       alpha = opacities[i] * Math.exp((-0.5 * away) / (scale * middle * most + BLUR));
     if (alpha >= OPAQUE) met.push([depth, alpha]);
   });
@@ -44,6 +51,33 @@ export function depthAt(parts: readonly Packed[], camera: Camera, px: number, py
   let left = 1;
   for (const [depth, alpha] of met) if ((left *= 1 - alpha) <= half) return depth;
   return null;
+}
+
+/** Whether a pixel's ray can meet one of a part. */
+function meets(part: Packed, { viewmat, focal, width, height }: Camera, px: number, py: number): boolean {
+  const [x, y, z, radius, most] = balls.get(part) ?? ballOf(part),
+    seen = viewmat.slice(0, 3).map((row) => row[0] * x + row[1] * y + row[2] * z + row[3]),
+    ray = [(px - width / 2) / focal, (py - height / 2) / focal, 1],
+    dot = (one: readonly number[]): number => one.reduce((sum, value, a) => sum + value * ray[a], 0),
+    share = dot(seen) / dot(ray),
+    apart = Math.hypot(...seen.map((value, a) => value - share * ray[a])),
+    farthest = seen[2] + radius;
+  return farthest > NEAREST && apart <= radius + Math.sqrt(END) * (most + (Math.sqrt(BLUR) * farthest) / focal);
+}
+
+function ballOf(part: Packed): readonly number[] {
+  const { centers, scales, count } = part,
+    at = 4 * (count >> 1),
+    [x, y, z] = [centers[at], centers[at + 1], centers[at + 2]];
+  let squares = 0,
+    largest = 0;
+  for (let n = 0; n < 4 * count; n += 4) {
+    squares = Math.max(squares, (centers[n] - x) ** 2 + (centers[n + 1] - y) ** 2 + (centers[n + 2] - z) ** 2);
+    largest = Math.max(largest, scales[n], scales[n + 1], scales[n + 2]);
+  }
+  const ball = [x, y, z, Math.sqrt(squares), FLOATS[largest]];
+  balls.set(part, ball);
+  return ball;
 }
 
 /** The middle of the Gaussian of a picture that is nearest to a pixel, or more opaque and not much farther. */
@@ -65,17 +99,21 @@ function nextTo(parts: readonly Packed[], camera: Camera, px: number, py: number
 /** Tells where the middles of the Gaussians before a camera are in its picture, and how deep. */
 function project(
   parts: readonly Packed[],
-  { viewmat: [x, y, z], focal, width, height }: Camera,
+  { viewmat, focal, width, height }: Camera,
   take: (part: Packed, i: number, u: number, v: number, depth: number) => void,
 ): void {
+  const [[xx, xy, xz, xt], [yx, yy, yz, yt], [zx, zy, zz, zt]] = viewmat;
   for (const part of parts) {
-    for (let i = 0; i < part.count; i++) {
-      const [a, b, c] = [part.centers[4 * i], part.centers[4 * i + 1], part.centers[4 * i + 2]],
-        depth = z[0] * a + z[1] * b + z[2] * c + z[3];
+    const { centers, count } = part;
+    for (let i = 0; i < count; i++) {
+      const a = centers[4 * i],
+        b = centers[4 * i + 1],
+        c = centers[4 * i + 2],
+        depth = zx * a + zy * b + zz * c + zt;
       if (depth <= NEAREST) continue;
       const scale = focal / depth,
-        u = width / 2 + scale * (x[0] * a + x[1] * b + x[2] * c + x[3]);
-      take(part, i, u, height / 2 + scale * (y[0] * a + y[1] * b + y[2] * c + y[3]), depth);
+        u = width / 2 + scale * (xx * a + xy * b + xz * c + xt);
+      take(part, i, u, height / 2 + scale * (yx * a + yy * b + yz * c + yt), depth);
     }
   }
 }

@@ -101,14 +101,20 @@ export class Space {
   #add({ count, centers, scales, turns, opacities }: Packed, filled: number): number {
     const step = this.#step;
     for (let i = 0; i < count; i += step, filled++) {
-      const order = [0, 1, 2].sort((a, b) => FLOATS[scales[4 * i + b]] - FLOATS[scales[4 * i + a]]),
-        [s, t] = order.map((axis) => FLOATS[scales[4 * i + axis]]),
+      const x = scales[4 * i],
+        y = scales[4 * i + 1],
+        z = scales[4 * i + 2],
+        longest = y > x ? (z > y ? 2 : 1) : z > x ? 2 : 0, // bits of halves are in their order
+        second = 3 - longest - (z <= y ? (z <= x ? 2 : 0) : y <= x ? 1 : 0),
+        s = FLOATS[scales[4 * i + longest]],
+        t = FLOATS[scales[4 * i + second]],
         area = step * opacities[i] * Math.PI * s * t,
         thick = area / this.cell ** 2,
-        [m, n] = [s, t].map((size) => Math.min(Math.round(size / this.cell), MOST_POINTS));
+        m = Math.min(Math.round(s / this.cell), MOST_POINTS),
+        n = Math.min(Math.round(t / this.cell), MOST_POINTS);
       this.#samples.set([centers[4 * i], centers[4 * i + 1], centers[4 * i + 2], area], 4 * filled);
-      const u = m ? axisOf(turns, i, order[0]) : ZERO,
-        v = n ? axisOf(turns, i, order[1]) : ZERO,
+      const u = m ? axisOf(turns, i, longest) : ZERO,
+        v = n ? axisOf(turns, i, second) : ZERO,
         share = thick / ((2 * m + 1) * (2 * n + 1));
       for (let a = -m; a <= m; a++) {
         for (let b = -n; b <= n; b++) {

@@ -64,6 +64,8 @@ export class View {
   #size = 1;
   #gains: Float32Array | null = null;
   #fixed: FixedCamera | null = null;
+  /** The size of the next picture and half its height at distance 1, if it is another one than before. */
+  #wanted: { readonly width: number; readonly height: number; readonly tangent: number } | null = null;
   #frame: (() => void)[] = [];
   #sorted: (() => void)[] = [];
   #steady: (() => void)[] = [];
@@ -133,6 +135,7 @@ export class View {
     this.#app.on("postrender", () => this.#afterFrame());
     this.#app.on("frameend", () => this.#rest());
     this.resize();
+    this.#fit();
     this.#app.start();
   }
 
@@ -184,10 +187,21 @@ export class View {
       height = fixed ? fixed.height : Math.max(Math.round(down * ratio), 1),
       width = Math.max(Math.round(fixed ? (fixed.width ?? (height * across) / down) : across * ratio), 1),
       tangent = fixed ? height / 2 / fixed.focal : tangentOf(width, height);
+    this.#wanted = { width, height, tangent };
+    this.touch();
+  }
+
+  /**
+   * Gives the canvas its size, which empties it and waits for the card: right before a frame, and not while the one
+   * before is drawn, which until then is shown in another size.
+   */
+  #fit(): void {
+    if (!this.#wanted) return;
+    const { width, height, tangent } = this.#wanted;
+    this.#wanted = null;
     this.#camera.camera!.fov = (2 * Math.atan(tangent) * 180) / Math.PI;
     this.#app.setCanvasResolution(RESOLUTION_FIXED, width, height);
     this.#precise.resize(width, height);
-    this.touch();
   }
 
   background([red, green, blue]: readonly number[]): void {
@@ -337,9 +351,10 @@ export class View {
       this.#camera.setRotation(rotation.x, rotation.y, rotation.z, rotation.w);
     } else placeFixed(this.#camera, this.#fixed.viewmat, this.#size);
     this.#sortAtRest();
-    this.watcher?.(this.camera);
     this.#late = this.#app.renderNextFrame && !this.#card.idle;
     if (this.#late) this.#app.renderNextFrame = false;
+    else if (this.#app.renderNextFrame) this.#fit();
+    this.watcher?.(this.camera);
   }
 
   #sortAtRest(): void {
