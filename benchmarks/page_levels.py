@@ -45,6 +45,8 @@ Worker.prototype.addEventListener = function (kind, work, ...more) {
 };
 """
 STEPS = ["up", "focus", "right", *["in"] * 6, "left", "focus", *["in"] * 5, *["right"] * 2, *["out"] * 8, "home"]
+LONGEST = 20.0
+"""Seconds for which a step is recorded until there is a picture: rasterisers draw large scenes for seconds."""
 DRAGS = {"left": (-25, 0), "right": (25, 0), "up": (0, 100)}
 STATUS = f"{ELEMENT}?.status"
 PARTS = {"FunctionCall", "FireAnimationFrame", "TimerFire", "HandlePostMessage", "EventDispatch", "MajorGC", "MinorGC",
@@ -59,8 +61,8 @@ def walked(page: Browser, url: str, given: argparse.Namespace) -> dict[str, Any]
     page._call("Page.addScriptToEvaluateOnNewDocument", page._session, source=WATCH)
     trace(page)
     page.open(url)
+    watched(page, 5 * given.seconds, given.pictures, "opening")  # from the first picture on
     page.wait_for(f"{STATUS}?.gaussians > 1000", 120)
-    watched(page, 5 * given.seconds, given.pictures, "opening")
     most = {"gaussians": 0, "page_mb": 0, "gpu_mb": 0}
     opening = traced(page)
     page.evaluate("spent = {};")
@@ -95,7 +97,7 @@ def watched(page: Browser, seconds: float, pictures: Path | None, name: str) -> 
     """Waits, and saves what is on the screen whenever that changes."""
     if pictures:
         pictures.mkdir(parents=True, exist_ok=True)
-        for number, frame in enumerate(page.recorded(seconds)):
+        for number, frame in enumerate(page.recorded(seconds, LONGEST)):
             (pictures / f"{name}-{number:02}.png").write_bytes(frame)
     else:
         time.sleep(seconds)
@@ -119,8 +121,9 @@ def traced(page: Browser) -> dict[str, Any]:
         if part["eof"]:
             break
     events = json.loads(text)["traceEvents"]
+    pages = {e["pid"] for e in events if e["name"] == "process_name" and e["args"]["name"] == "Renderer"}
     named = (e for e in events if e["name"] == "thread_name" and e["args"]["name"] == "CrRendererMain")
-    main = {(e["pid"], e["tid"]) for e in named}
+    main = {(e["pid"], e["tid"]) for e in named if e["pid"] in pages}  # the browser's own surroundings are pages, too
     mine = [e for e in events if e.get("ph") == "X" and (e["pid"], e["tid"]) in main and "dur" in e]
     tasks = [e for e in mine if e["name"].endswith("RunTask") or e["name"] == "RunTask"]
 

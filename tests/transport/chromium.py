@@ -142,11 +142,12 @@ class Browser(Page):
         """A PNG in base 64."""
         return str(self._call("Page.captureScreenshot", self._session, format="png")["data"])
 
-    def recorded(self, seconds: float) -> list[bytes]:
-        """What is on the screen for a while, whenever that changes: PNG files."""
-        frames, end = [], time.monotonic() + seconds
+    def recorded(self, seconds: float, longest: float = 0.0) -> list[bytes]:
+        """What is on the screen for a while, whenever that changes: PNG files; for longer while there is nothing."""
+        frames: list[bytes] = []
+        began = time.monotonic()
         self._call("Page.startScreencast", self._session, format="png")
-        while (left := end - time.monotonic()) > 0:
+        while (left := began + (seconds if frames else max(seconds, longest)) - time.monotonic()) > 0:
             if b"\0" not in self._rest and not select.select([self._in], [], [], left)[0]:
                 break
             message = self._message()
