@@ -14,7 +14,7 @@ from splatwire.model import AnchorScene
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
 
-QUICK = PreviewConfig(num_bytes=400, steps=250, rounds=4, width=48, views=8)
+QUICK = PreviewConfig(num_bytes=400, steps=160, rounds=4, width=48, views=8)
 
 
 @pytest.fixture(scope="module")

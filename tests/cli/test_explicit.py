@@ -2,11 +2,13 @@
 
 import zipfile
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
 
 from formats.handmade import some_splats
+from splatwire.calibrate import preview
 from splatwire.codec import add_concealment
 from splatwire.formats import read_splats, write_splats
 from splatwire.packets import read_stream, write_stream
@@ -229,7 +231,8 @@ def test_datagrams_come_with_a_sketch(run, journey, ply, stream, tmp_path):
         (("calibrate", "preview"), ("-o", "{out}/b.swz", "--cameras", "{journey}/cameras.json")),
     ],
 )
-def test_a_folder_of_sog_goes_into_every_verb(run, journey, tmp_path, words, more):
+def test_a_folder_of_sog_goes_into_every_verb(run, journey, tmp_path, monkeypatch, words, more):
+    monkeypatch.setattr(preview, "PreviewConfig", partial(preview.PreviewConfig, steps=20, rounds=1))
     write_splats([some_splats(40, 1)], tmp_path / "a.sog")
     with zipfile.ZipFile(tmp_path / "a.sog") as bundle:
         bundle.extractall(tmp_path / "sog")
