@@ -1,6 +1,6 @@
 """A page that walks through a scene with levels: Gaussians, memory and the longest tasks of its main thread.
 
-    python benchmarks/page_levels.py city.swz [--pictures FOLDER] > page_levels.json
+    python benchmarks/page_levels.py city.swz taebak.swz [--pictures FOLDER] > page_levels.json
 
 Headless Chromium; the scene comes by ranges of bytes from the server of `serve --page`. The walk begins where all of
 the scene is in the window. It rises, turns around what is seen in the middle, goes in to it, turns there, and goes
@@ -53,7 +53,7 @@ PARTS = {"FunctionCall", "FireAnimationFrame", "TimerFire", "HandlePostMessage",
          "v8.compile", "EvaluateScript", "Layout", "Commit"}  # fmt: skip
 
 
-def walked(page: Browser, url: str, given: argparse.Namespace) -> dict[str, Any]:
+def walked(page: Browser, url: str, given: argparse.Namespace, pictures: Path | None) -> dict[str, Any]:
     """Opens a page and walks."""
     page.patience = 240.0  # a screenshot waits for what the rasteriser has queued
     page.emulate(*given.size)
@@ -61,7 +61,8 @@ def walked(page: Browser, url: str, given: argparse.Namespace) -> dict[str, Any]
     page._call("Page.addScriptToEvaluateOnNewDocument", page._session, source=WATCH)
     trace(page)
     page.open(url)
-    watched(page, 5 * given.seconds, given.pictures, "opening")  # from the first picture on
+    page.wait_for(STATUS, 120)
+    watched(page, 5 * given.seconds, pictures, "opening")
     page.wait_for(f"{STATUS}?.gaussians > 1000", 120)
     most = {"gaussians": 0, "page_mb": 0, "gpu_mb": 0}
     opening = traced(page)
@@ -69,7 +70,7 @@ def walked(page: Browser, url: str, given: argparse.Namespace) -> dict[str, Any]
     trace(page)
     for number, step in enumerate(STEPS):
         went(page, step, (given.size[0] / 2, given.size[1] / 2))
-        watched(page, given.seconds, given.pictures, f"{number:02}-{step}")
+        watched(page, (5 if step == "home" else 1) * given.seconds, pictures, f"{number:02}-{step}")
         print(f"{number}: {step}", file=sys.stderr)
         most["gaussians"] = max(most["gaussians"], page.evaluate(f"{STATUS}.gaussians"))
         most["page_mb"] = max(most["page_mb"], page.memory() // 1_000_000)
@@ -142,13 +143,13 @@ def traced(page: Browser) -> dict[str, Any]:
             "processor_over_50_ms": over["tdur"]}  # fmt: skip
 
 
-async def served(given: argparse.Namespace) -> dict[str, Any]:
+async def served(stream: Path, given: argparse.Namespace) -> dict[str, Any]:
     """The same of a file."""
-    async with PageServer(PageContent({"city": given.stream.read_bytes()})) as server:
+    async with PageServer(PageContent({"city": stream.read_bytes()})) as server:
 
         def drive() -> dict[str, Any]:
             with browser() as page:
-                return walked(page, server.url, given)
+                return walked(page, server.url, given, given.pictures and given.pictures / stream.stem)
 
         return await asyncio.to_thread(drive)
 
@@ -156,12 +157,12 @@ async def served(given: argparse.Namespace) -> dict[str, Any]:
 def main() -> None:
     """Prints one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("stream", type=Path, help="a stream with levels")
+    parser.add_argument("streams", type=Path, nargs="+", help="streams with levels")
     parser.add_argument("--seconds", type=float, default=1.0, help="of a step")
     parser.add_argument("--size", type=int, nargs=2, default=(320, 240), help="of the window, pixels")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of the walk")
     given = parser.parse_args()
-    print(json.dumps(asyncio.run(served(given)), indent=1))
+    print(json.dumps({stream.stem: asyncio.run(served(stream, given)) for stream in given.streams}, indent=1))
 
 
 if __name__ == "__main__":
