@@ -76,7 +76,9 @@ class Splats:
 
     def select(self, index: Tensor) -> "Splats":
         """Returns the Gaussians at `index` (integers or a boolean mask over G), in that order."""
-        return Splats(**{f.name: getattr(self, f.name)[index] for f in dataclasses.fields(self)})
+        places = index.nonzero()[:, 0] if index.dtype == torch.bool else index
+        # brackets take up to twenty times as long
+        return Splats(**{f.name: getattr(self, f.name).index_select(0, places) for f in dataclasses.fields(self)})
 
     def at_most_degree(self, degree: int) -> "Splats":
         """Returns the Gaussians without the spherical harmonics above a degree.
