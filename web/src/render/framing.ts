@@ -150,6 +150,21 @@ function axesOf({ x, y, z, w }: Quat): number[][] {
   ];
 }
 
+/** Sorts only where the value lies. */
 function quantile(values: readonly number[], share: number): number {
-  return Float64Array.from(values).sort()[Math.floor((values.length - 1) * share)] ?? 0;
+  const found = Float64Array.from(values),
+    place = Math.floor((values.length - 1) * share);
+  for (let low = 0, high = values.length - 1; low < high; ) {
+    const middle = found[place];
+    let i = low,
+      j = high;
+    while (i <= j) {
+      while (found[i] < middle) i++;
+      while (found[j] > middle) j--;
+      if (i <= j) [found[i++], found[j--]] = [found[j], found[i]];
+    }
+    if (j < place) low = i;
+    if (place < i) high = j;
+  }
+  return found[place] ?? 0;
 }

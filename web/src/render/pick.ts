@@ -8,6 +8,8 @@ const OPAQUE = 1 / 255,
   NEAREST = 0.01;
 /** Radii squared beyond which a Gaussian stops no light. */
 const END = 2 * Math.log(1 / OPAQUE);
+/** About where that is, and not nearer. */
+const RADII = 4;
 /** So much of the light has to stop before something is there. */
 const SOMETHING = 0.2;
 /** How far apart two things are of which the more opaque one is pointed at, over the picture's height. */
@@ -15,7 +17,7 @@ const REACH = 1 / 8;
 
 type Point = [number, number, number];
 
-/** A ball around all middles of a part: x, y, z, radius; and the largest size of one. */
+/** A ball around a part: x, y, z, radius. */
 const balls = new WeakMap<Packed, readonly number[]>();
 
 /**
@@ -53,29 +55,26 @@ export function depthAt(parts: readonly Packed[], camera: Camera, px: number, py
   return null;
 }
 
-/** Whether a pixel's ray can meet one of a part. */
+/** Whether a pixel's ray can meet one of a part; less than a pixel wider, by which each is blurred. */
 function meets(part: Packed, { viewmat, focal, width, height }: Camera, px: number, py: number): boolean {
-  const [x, y, z, radius, most] = balls.get(part) ?? ballOf(part),
-    seen = viewmat.slice(0, 3).map((row) => row[0] * x + row[1] * y + row[2] * z + row[3]),
-    ray = [(px - width / 2) / focal, (py - height / 2) / focal, 1],
-    dot = (one: readonly number[]): number => one.reduce((sum, value, a) => sum + value * ray[a], 0),
-    share = dot(seen) / dot(ray),
-    apart = Math.hypot(...seen.map((value, a) => value - share * ray[a])),
-    farthest = seen[2] + radius;
-  return farthest > NEAREST && apart <= radius + Math.sqrt(END) * (most + (Math.sqrt(BLUR) * farthest) / focal);
+  const [x, y, z, radius] = balls.get(part) ?? ballOf(part),
+    [u, v, depth] = viewmat.map((row) => row[0] * x + row[1] * y + row[2] * z + row[3]),
+    across = (px - width / 2) / focal,
+    down = (py - height / 2) / focal,
+    reach = radius * (1 + Math.hypot(across, down)) + (RADII * (depth + radius)) / focal;
+  return Math.hypot(u - across * depth, v - down * depth) <= reach;
 }
 
 function ballOf(part: Packed): readonly number[] {
   const { centers, scales, count } = part,
-    at = 4 * (count >> 1),
-    [x, y, z] = [centers[at], centers[at + 1], centers[at + 2]];
-  let squares = 0,
-    largest = 0;
+    middle = 4 * (count >> 1),
+    [x, y, z] = centers.subarray(middle, middle + 3);
+  let radius = 0;
   for (let n = 0; n < 4 * count; n += 4) {
-    squares = Math.max(squares, (centers[n] - x) ** 2 + (centers[n + 1] - y) ** 2 + (centers[n + 2] - z) ** 2);
-    largest = Math.max(largest, scales[n], scales[n + 1], scales[n + 2]);
+    const size = FLOATS[Math.max(scales[n], scales[n + 1], scales[n + 2])];
+    radius = Math.max(radius, Math.hypot(centers[n] - x, centers[n + 1] - y, centers[n + 2] - z) + RADII * size);
   }
-  const ball = [x, y, z, Math.sqrt(squares), FLOATS[largest]];
+  const ball = [x, y, z, radius];
   balls.set(part, ball);
   return ball;
 }

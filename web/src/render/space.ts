@@ -101,13 +101,11 @@ export class Space {
   #add({ count, centers, scales, turns, opacities }: Packed, filled: number): number {
     const step = this.#step;
     for (let i = 0; i < count; i += step, filled++) {
-      const x = scales[4 * i],
-        y = scales[4 * i + 1],
-        z = scales[4 * i + 2],
-        longest = y > x ? (z > y ? 2 : 1) : z > x ? 2 : 0, // bits of halves are in their order
-        second = 3 - longest - (z <= y ? (z <= x ? 2 : 0) : y <= x ? 1 : 0),
-        s = FLOATS[scales[4 * i + longest]],
-        t = FLOATS[scales[4 * i + second]],
+      const sizes = [scales[4 * i], scales[4 * i + 1], scales[4 * i + 2]], // bits of halves are in their order
+        longest = sizes.indexOf(Math.max(...sizes)),
+        second = 3 - longest - sizes.lastIndexOf(Math.min(...sizes)),
+        s = FLOATS[sizes[longest]],
+        t = FLOATS[sizes[second]],
         area = step * opacities[i] * Math.PI * s * t,
         thick = area / this.cell ** 2,
         m = Math.min(Math.round(s / this.cell), MOST_POINTS),
