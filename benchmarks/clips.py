@@ -1,6 +1,7 @@
 """Clips: bytes against frame by frame at equal PSNR, and what losses cost, concealed or not.
 
     python benchmarks/clips.py monkey=FRAMES/ guitar=FRAMES/ [--losses bernoulli:0.2] [--seeds 1 2] [--views 2]
+    python benchmarks/clips.py guitar=FRAMES/ --quality 7.25 --losses
     python benchmarks/clips.py guitar=FRAMES/ --picture docs/images/clip.webp
 
 `bent_clip.py` makes clips whose truth is known. Frame by frame: every tenth frame as a still scene, in two qualities;
@@ -18,10 +19,11 @@ import torch
 from PIL import Image
 
 from splatwire.channel import parse_loss
-from splatwire.clips import Frame, encode_clip, frame_files, read_frames
+from splatwire.clips import ClipOptions, Frame, encode_clip, frame_files, read_frames
 from splatwire.clips.evaluation import ClipRow, score_clip
 from splatwire.clips.report import score_rows
 from splatwire.codec import decode_stream, encode_scene
+from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
 from splatwire.evaluate.pixels import to_pixels
 from splatwire.metrics import psnr
 from splatwire.model import SplatScene
@@ -72,7 +74,7 @@ def bytes_at(points: list[tuple[float, float]], decibels: float) -> float:
 def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     """All figures of one clip."""
     files, began = frame_files(folder), time.perf_counter()
-    stream, tracking = encode_clip(read_frames(files))
+    stream, tracking = encode_clip(read_frames(files), ClipOptions(quality=arguments.quality))
     seconds = time.perf_counter() - began
     cameras = surrounding_cameras(drawn(next(read_frames(files[:1]))), arguments.views, 320)
     rows = [ClipRow("motion")] + [
@@ -86,10 +88,16 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     return {
         "name": name, "frames": len(files), "tracks": tracks, "matched": tracking.matched, "share": tracking.share,
         "bytes": stream.num_bytes, "bytes_per_gaussian_and_frame": stream.num_bytes / gaussians, "psnr": decibels,
-        "frame_by_frame": still, "ratio": stream.num_bytes / (len(files) * bytes_at(still, decibels)),
+        "quality": arguments.quality.level, "frame_by_frame": still,
+        "ratio": stream.num_bytes / (len(files) * bytes_at(still, decibels)),
         "encoding_seconds": seconds,
         "rows": [{k: v for k, v in row.items() if k != "frames"} for row in score_rows(scores)],
     }  # fmt: skip
+
+
+def quality(word: str) -> Quality:
+    """What is meant by a word."""
+    return quality_of(word) if word in QUALITIES else Quality(float(word))
 
 
 def draw(folder: Path, target: Path) -> None:
@@ -113,6 +121,7 @@ def main() -> None:
     parser.add_argument("--losses", nargs="*", default=["bernoulli:0.05", "bernoulli:0.2", "gilbert:0.1,20"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--views", type=int, default=2)
+    parser.add_argument("--quality", type=quality, default="default", help="name, or level of a `Quality`")
     parser.add_argument("--picture", type=Path)
     arguments = parser.parse_args()
     named = [clip.partition("=")[::2] for clip in arguments.clips]

@@ -13,8 +13,10 @@ from splatwire.clips.chapters import EndlessClip
 from splatwire.transport.page import PageServer
 from splatwire.transport.page_content import Link, PageContent
 from transport.chromium import browser, executable
+from web.node import lacking
 from web.test_page import STATUS, run
 from web.test_page_clip import PANEL, TOLD, cell, slide
+from web.test_page_visitors import found_by_axe
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from splatwire.transport.certificate import self_signed
@@ -73,6 +75,7 @@ def test_a_live_clip_plays_conceals_and_ends() -> None:
                 await seen(f"{cell('motion concealed')}?.endsWith('tracks')")
                 await asyncio.to_thread(page.evaluate, f"{button}.click()")
                 held = await asyncio.to_thread(page.evaluate, NUMBER)
+                assert lacking() or await asyncio.to_thread(found_by_axe, page) == []
                 await served_to(2 * CHAPTER + 2)
                 assert int(await asyncio.to_thread(page.evaluate, NUMBER)) <= int(str(held)) + 1
                 await asyncio.to_thread(page.evaluate, f"{button}.click()")
