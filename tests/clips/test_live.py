@@ -139,7 +139,7 @@ def test_where_the_path_is_slower_than_the_clip_motion_goes_first_and_bases_neve
 
 def test_of_what_leaves_the_most_seen_is_first():
     encoder = ClipEncoder(ClipOptions(group_frames=2), lambda splats: np.zeros(splats.num_gaussians, np.int64))
-    for splats in moving_frames(8000, 2):
+    for splats in moving_frames(24000, 2):
         packets = encoder.push(splats)
     manifest, _ = encoder.so_far(STREAM_ID)
     stream = encoder.finish()

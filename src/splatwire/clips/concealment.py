@@ -175,31 +175,59 @@ def _guess(
         speed = concealer.momentum * before.velocity[who]
         speed[:, PLACE.stop :] = 0
         return lambda frame, _arrived: start + (frame + 1) * speed if concealer.momentum else start
-    tracks, concealed = clip.tracks, before.concealed[who]
-    places, colours = tracks.splats.means.numpy() + before.offsets[:, PLACE], tracks.splats.sh[:, 0].numpy()
-    told, same = np.flatnonzero(whole), _together(tracks.born, arrived.tracks[whole])
+    told, same, fresh = (
+        np.flatnonzero(whole),
+        _together(clip.tracks.born, arrived.tracks[whole]),
+        clip.tracks.born == group,
+    )
     peers, mine = told[same[arrived.tracks[told]]], same[who]
     if len(peers) < concealer.neighbors:
         peers, mine = told, np.zeros(len(who), bool)
-
-    def ask(some: np.ndarray, who: np.ndarray) -> Neighbors:
-        return Neighbors.of(places, colours, arrived.tracks, some, who, concealer.neighbors, smooth=concealer.smooth)
-
-    alike, others = ask(peers, who[mine]), ask(told, who[~mine])
+    ways = [
+        (index, _ask(clip, arrived.tracks, told, origins, who[index], before, concealer), origins)
+        for index, origins in (
+            (fresh[who] & ~mine, arrived.at(0)[told]),  # a base is where its track is in its first group's first frame
+            (~(fresh[who] | mine), before.offsets[arrived.tracks[told]]),
+        )
+    ]
+    alike = _ask(clip, arrived.tracks, peers, None, who[mine], before, concealer)
     own = start[mine] - alike.said(before.offsets[arrived.tracks[peers]])
-    own *= _trust(own, tracks.rounding[who[mine]], concealed[mine])
-
-    fresh = tracks.born == group
-    begun, unseen = begun_share(arrived.begins[fresh[arrived.tracks]], frames), fresh[who]
+    own *= _trust(own, clip.tracks.rounding[who[mine]], before.concealed[who[mine]])
+    begun = np.log(begun_share(arrived.begins[fresh[arrived.tracks]], frames))
 
     def at(frame: int, offsets: np.ndarray) -> np.ndarray:
         found = start.copy()
         found[mine] = alike.said(offsets[peers]) + own
-        found[~mine] += others.said(offsets[told] - before.offsets[arrived.tracks[told]])
-        found[unseen, OPACITY] += np.log(begun[frame])
+        for index, neighbors, origins in ways:
+            found[index] += neighbors.said(offsets[told] - origins)
+        found[fresh[who], OPACITY] += begun[frame]
         return found
 
     return at
+
+
+def _ask(
+    clip: ClipScene, tracks: np.ndarray, told: np.ndarray, origins: np.ndarray | None, who: np.ndarray,
+    before: Memory, concealer: ClipConcealer,
+) -> Neighbors:  # fmt: skip
+    """Neighbours of some tracks.
+
+    Args:
+        clip: The clip.
+        tracks: Of the poses that arrived.
+        told: Rows of those that may be asked.
+        origins: How they differ from their bases where they are looked for, float32 (m, C); None for not at all: those
+            that were born together are neighbours for good, however near others come that bend another way.
+        who: Tracks whose neighbours are looked for, where they were when the group before ended.
+        before: What was known then.
+        concealer: How many neighbours, and how they are weighed.
+    """
+    places = clip.tracks.splats.means.numpy()
+    if origins is not None:
+        places = places + before.offsets[:, PLACE]
+        places[tracks[told]] = clip.tracks.splats.means.numpy()[tracks[told]] + origins[:, PLACE]
+    colours = clip.tracks.splats.sh[:, 0].numpy()
+    return Neighbors.of(places, colours, tracks, told, who, concealer.neighbors, smooth=concealer.smooth)
 
 
 def begun_share(begins: np.ndarray, frames: int) -> np.ndarray:

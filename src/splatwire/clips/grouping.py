@@ -1,15 +1,20 @@
 """Frames whose Gaussians have names, gathered into groups of tracks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
+from splatwire.clips.neighbors import smooth_weights
 from splatwire.codec.schemas.tracks.encoder import TrackGroup
 from splatwire.codec.schemas.tracks.trajectories import Trajectories
 from splatwire.scene.splats import Splats
+
+NUM_AROUND = 40
+"""Tracks that say where another goes while it is not there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +33,7 @@ class NamedFrame:
 def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
     """Gathers the tracks of consecutive frames; a name is in frames that follow each other.
 
-    Before and after a track is there it is held as it is at that end.
+    Before and after a track is there it is held as it is at that end, and goes where those around it go.
     """
     keys, where = _rows_of([frame.keys for frame in frames])
     begins, ends = np.full(len(keys), len(frames), np.int64), np.zeros(len(keys), np.int64)
@@ -41,7 +46,13 @@ def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
             for name in ("means", "quats", "scales", "opacities", "colours")
         }
     )
-    return TrackGroup(keys, begins, ends, moves, lambda some: _first(frames, keys[some], begins[some]))
+    _go_along(moves.means, begins, ends)
+
+    def first(some: np.ndarray) -> Splats:
+        own = _first(frames, keys[some], begins[some])
+        return replace(own, means=torch.from_numpy(moves.means[some, 0]))
+
+    return TrackGroup(keys, begins, ends, moves, first)
 
 
 def _rows_of(names: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -75,6 +86,37 @@ def _stacked(
         unborn = late[begins[late] > frame]
         stacked[unborn, frame] = stacked[unborn, frame + 1]
     return stacked
+
+
+def _go_along(means: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
+    """Moves tracks, while they are not there, as those around them move that are there in all frames.
+
+    A decoder that lost the motion of a track does so, too (`splatwire.clips.concealment`), knowing nothing of when it
+    begins: so it finds where the track was born.
+
+    Args:
+        means: Places of all tracks over the frames, float32 (n, F, 3); changed in place.
+        begins: First frame of each, int64 (n).
+        ends: First frame after each, int64 (n).
+    """
+    frames = means.shape[1]
+    whole = np.flatnonzero((begins == 0) & (ends == frames))
+    if len(whole) < NUM_AROUND:
+        return
+    for frame in range(frames):
+        late, gone = (
+            np.flatnonzero((begins == frame) & (begins > 0)),
+            np.flatnonzero((ends == frame + 1) & (ends < frames)),
+        )
+        who = np.concatenate([late, gone])
+        if not len(who):
+            continue
+        here = means[whole, frame]
+        near = whole[cKDTree(here).query(means[who, frame], k=NUM_AROUND, workers=-1)[1]]
+        weights = smooth_weights(means[near, frame] - means[who, frame][:, None])
+        moved = np.einsum("nk,nkfa->nfa", weights, means[near] - means[near, frame][:, :, None])
+        means[late, :frame] += moved[: len(late), :frame]
+        means[gone, frame + 1 :] += moved[len(late) :, frame + 1 :]
 
 
 def _first(frames: Sequence[NamedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:

@@ -48,27 +48,43 @@ export interface Past {
  * there in the whole group.
  */
 export function guessed(arrived: Poses, told: Int32Array, who: Int32Array, past: Past, frames: number): Float32Array {
-  const { together } = past,
+  const { together, fresh } = past,
     out = new Float32Array(frames * NUM_CHANNELS * who.length);
   who.forEach((slot, n) => {
     const start = past.since.subarray(slot * NUM_CHANNELS, (slot + 1) * NUM_CHANNELS);
     for (let frame = 0; frame < frames; frame++) out.set(start, (n * frames + frame) * NUM_CHANNELS);
   });
   const peers = told.filter((row) => together[arrived.slots[row]]),
-    enough = peers.length >= NEIGHBOURS;
-  for (const alike of [true, false]) {
-    const asked = alike ? peers : told,
-      at = Int32Array.from(who.keys()).filter((n) => (enough && together[who[n]] === 1) === alike);
+    enough = peers.length >= NEIGHBOURS,
+    wayOf = (slot: number) => (enough && together[slot] === 1 ? "alike" : fresh(slot) ? "fresh" : "old");
+  for (const way of ["alike", "fresh", "old"]) {
+    const asked = way === "alike" ? peers : told,
+      at = Int32Array.from(who.keys()).filter((n) => wayOf(who[n]) === way);
     if (!at.length || !asked.length) continue;
-    const field = new Field(arrived, asked, past, frames);
+    const field = new Field(arrived, asked, originsOf(way, arrived, asked, past, frames), past, frames);
     for (const n of at) {
       const own = out.subarray(n * frames * NUM_CHANNELS, (n + 1) * frames * NUM_CHANNELS);
-      if (alike) field.follow(who[n], own);
+      if (way === "alike") field.follow(who[n], own);
       else field.addChanges(who[n], own);
     }
   }
   if (told.length) fade(arrived, who, past, frames, out);
   return out;
+}
+
+/**
+ * How neighbours differ from their bases where it is looked for them, and from where on their changes are told:
+ * at their bases for tracks that were born with them, in the group's first frame for those that are born then, else
+ * when the group before ended.
+ */
+function originsOf(way: string, arrived: Poses, told: Int32Array, past: Past, frames: number): Float32Array {
+  const found = new Float32Array(told.length * NUM_CHANNELS);
+  if (way === "alike") return found;
+  told.forEach((row, n) => {
+    const [values, at] = way === "fresh" ? [arrived.offsets, row * frames] : [past.since, arrived.slots[row]];
+    found.set(values.subarray(at * NUM_CHANNELS, (at + 1) * NUM_CHANNELS), n * NUM_CHANNELS);
+  });
+  return found;
 }
 
 /** When a track is born is in its motion: while that is lost, it is drawn by the odds that it is there. */
@@ -89,6 +105,8 @@ class Field {
   readonly #tree: KdTree;
   readonly #here = new Float32Array(3);
   readonly #offsets: Float64Array;
+  /** Of the neighbours of the last track: which of those told, their rows, their slots. */
+  readonly #near: Int32Array;
   readonly #rows: Int32Array;
   readonly #slots: Int32Array;
   readonly #counts: Counts;
@@ -100,14 +118,19 @@ class Field {
   constructor(
     readonly arrived: Poses,
     readonly told: Int32Array,
+    readonly origins: Float32Array,
     readonly past: Past,
     readonly frames: number,
   ) {
     const points = new Float32Array(3 * told.length),
       count = Math.min(NEIGHBOURS, told.length);
-    told.forEach((row, n) => this.#place(arrived.slots[row], points, 3 * n));
+    told.forEach((row, n) => {
+      for (let a = 0; a < 3; a++)
+        points[3 * n + a] = past.splats.means[3 * arrived.slots[row] + a] + origins[n * NUM_CHANNELS + a];
+    });
     this.#tree = new KdTree(points, count);
     this.#offsets = new Float64Array(3 * count);
+    this.#near = new Int32Array(count);
     this.#rows = new Int32Array(count);
     this.#slots = new Int32Array(count);
     this.#counts = {
@@ -123,7 +146,7 @@ class Field {
   follow(slot: number, out: Float32Array): void {
     const { since, guessed, rounding } = this.past,
       own = new Float32Array(NUM_CHANNELS);
-    this.#ask(slot);
+    this.#ask(slot, 0);
     this.#before.of(since, this.#slots, null, this.#counts, this.#contrast, own);
     let apart = 0;
     for (let c = 0; c < NUM_CHANNELS; c++) own[c] = since[slot * NUM_CHANNELS + c] - own[c];
@@ -137,37 +160,35 @@ class Field {
   /** Adds what neighbours changed. */
   addChanges(slot: number, out: Float32Array): void {
     const changed = new Float32Array(out.length);
-    this.#ask(slot);
+    this.#ask(slot, 1);
     this.#now.of(this.#changes(), Int32Array.from(this.#rows.keys()), null, this.#counts, this.#contrast, changed);
     for (let k = 0; k < out.length; k++) out[k] += changed[k];
   }
 
-  /** How neighbours differ from where they were before the group, row by row. */
+  /** How neighbours differ from their origins, row by row. */
   #changes(): Float32Array {
     const stride = this.frames * NUM_CHANNELS,
       found = new Float32Array(this.#rows.length * stride);
     this.#rows.forEach((row, i) => {
-      const since = this.#slots[i] * NUM_CHANNELS;
+      const origin = this.#near[i] * NUM_CHANNELS;
       for (let k = 0; k < stride; k++)
-        found[i * stride + k] = this.arrived.offsets[row * stride + k] - this.past.since[since + (k % NUM_CHANNELS)];
+        found[i * stride + k] = this.arrived.offsets[row * stride + k] - this.origins[origin + (k % NUM_CHANNELS)];
     });
     return found;
   }
 
-  #place(slot: number, out: Float32Array, at: number): void {
-    const { splats, since } = this.past;
-    for (let a = 0; a < 3; a++) out[at + a] = splats.means[3 * slot + a] + since[slot * NUM_CHANNELS + a];
-  }
-
-  /** Finds the neighbours of a track, and what they count. */
-  #ask(slot: number): void {
+  /** Finds the neighbours of a track, and what they count; it is where it was last times `moved`. */
+  #ask(slot: number, moved: number): void {
     const { weights, closeness, contrasts } = this.#counts,
       { points } = this.#tree,
-      offsets = this.#offsets;
-    this.#place(slot, this.#here, 0);
-    const near = this.#tree.nearest(this.#here[0], this.#here[1], this.#here[2]);
+      { splats, since } = this.past,
+      offsets = this.#offsets,
+      here = this.#here;
+    for (let a = 0; a < 3; a++) here[a] = splats.means[3 * slot + a] + moved * since[slot * NUM_CHANNELS + a];
+    const near = this.#tree.nearest(here[0], here[1], here[2]);
     for (let i = 0; i < near.length; i++) {
-      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * near[i] + a] - this.#here[a];
+      for (let a = 0; a < 3; a++) offsets[3 * i + a] = points[3 * near[i] + a] - here[a];
+      this.#near[i] = near[i];
       this.#rows[i] = this.told[near[i]];
       this.#slots[i] = this.arrived.slots[this.#rows[i]];
     }

@@ -69,7 +69,7 @@ class TrackGroup:
         begins: First frame of each, counted from the group's, int64 (n).
         ends: First frame after each, int64 (n).
         moves: What they do.
-        first: Of some of them, by their index: each as it is at its first frame of the group, with all harmonics.
+        first: Of some of them, by their index: each as `moves` has it in the first frame, with all harmonics.
     """
 
     keys: np.ndarray
@@ -191,7 +191,7 @@ class ClipWriter:
             return []
         coded = self._bases.encode(group.first(where), None if classes is None else classes[where], {})
         born = where[coded.order]
-        bases = group.moves.at(born, group.begins[born])
+        bases = group.moves.at(born, np.zeros_like(born))
         self._known = self._known.with_births(bases, group.keys[born], coded.rows)
         for rows in coded.digested:
             digest_bases(self._digest, rows)

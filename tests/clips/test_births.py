@@ -1,0 +1,116 @@
+"""What is lost of a track's motion is found around it: tracks that are born late, and two bodies in one place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.clips import ClipOptions, Frame, encode_clip
+from splatwire.clips.concealment import Memory, clip_concealer, conceal_group
+from splatwire.clips.grouping import NamedFrame, group_of
+from splatwire.codec import decode_stream
+from splatwire.model.clip import ClipScene, GroupMotion
+from splatwire.scene.splats import Splats
+
+COUNT, FRAMES, LATE, GONE = 1200, 12, 5, 8
+LOST = np.arange(COUNT) % 4 == 0
+"""By row: whose motion is lost; a quarter of those that are born late and of the others."""
+
+
+def places(body: np.ndarray, frame: int, turns: float) -> np.ndarray:
+    """A cloud that turns about an axis and drifts."""
+    angle = turns * frame
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    return body @ turn.T + np.array([0.05, 0.02, -0.01]) * frame
+
+
+def splats_at(means: np.ndarray, there: np.ndarray) -> Splats:
+    rng = torch.Generator().manual_seed(3)
+    count = len(means)
+    quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1)
+    scales = torch.rand(count, 3, generator=rng) * 0.02 + 0.01
+    colours = torch.rand(count, 1, 3, generator=rng)
+    return Splats(torch.from_numpy(means).float(), quats, scales, 0.8 * torch.from_numpy(there).float(), colours)
+
+
+@pytest.fixture(scope="module")
+def body() -> np.ndarray:
+    return np.random.default_rng(1).uniform(-1, 1, (COUNT, 3))
+
+
+def there_at(frame: int) -> np.ndarray:
+    """A fifth comes late, another fifth goes early."""
+    fifth = np.arange(COUNT) % 5
+    return ((fifth != 1) | (frame >= LATE)) & ((fifth != 2) | (frame < GONE))
+
+
+def test_tracks_go_along_with_those_around_them_while_they_are_not_there(body):
+    frames = []
+    for frame in range(FRAMES):
+        here = np.flatnonzero(there_at(frame))
+        splats = splats_at(places(body, frame, 0.1), there_at(frame))
+        frames.append(NamedFrame(splats.select(torch.from_numpy(here)), here))
+    group = group_of(frames)
+    wanted = np.stack([places(body, frame, 0.1) for frame in range(FRAMES)], axis=1)
+    assert np.abs(group.moves.means - wanted).max() < 0.02  # held, they would be 1.5 away
+    assert (group.begins[group.keys % 5 == 1] == LATE).all()
+    assert torch.equal(group.first(np.arange(COUNT)).means, torch.from_numpy(group.moves.means[:, 0]))
+
+
+def decoded(frames: list[Splats], group_frames: int) -> tuple[ClipScene, np.ndarray]:
+    """The clip, and which of its tracks are to lose their motion."""
+    options = ClipOptions(group_frames=group_frames, order="tracked")
+    clip = decode_stream(encode_clip(map(Frame.of, frames), options)[0]).scene
+    colours = np.concatenate([frame.sh[frame.opacities > 0, 0].numpy() for frame in frames])
+    rows = np.concatenate([np.flatnonzero(frame.opacities.numpy() > 0) for frame in frames])
+    near = ((clip.tracks.splats.sh[:, None, 0].numpy() - colours[None, :COUNT]) ** 2).sum(axis=2).argmin(axis=1)
+    return clip, LOST[rows[near]]
+
+
+def without(motion: GroupMotion, lost: np.ndarray) -> GroupMotion:
+    """A group's motion where nothing is said of some tracks."""
+    keep = ~lost[motion.tracks]
+    return replace(
+        motion, tracks=motion.tracks[keep], moving=motion.moving[keep], begins=motion.begins[keep],
+        ends=motion.ends[keep], at=lambda frame: motion.at(frame)[keep], spoken=motion.spoken & ~lost, complete=False,
+    )  # fmt: skip
+
+
+def errors(clip: ClipScene, lost: np.ndarray) -> list[float]:
+    """How far tracks whose motion is lost in all groups are from where they are, at most, by group."""
+    memory: Memory | None = None
+    there, found = np.ones(clip.num_gaussians, bool), []
+    for group in range(clip.timeline.num_groups):
+        motion = clip.motion(group, there)
+        poses, memory = conceal_group(clip, without(motion, lost), group, there, memory, clip_concealer("motion"))
+        row = np.full(clip.num_gaussians, -1)
+        row[motion.tracks] = np.arange(len(motion.tracks))
+        own = np.flatnonzero(poses.concealed & (row[poses.tracks] >= 0))
+        assert len(own) > COUNT // 8
+        truth = row[poses.tracks[own]]
+        worst = 0.0
+        for frame in range(len(clip.timeline.frames_of(group))):
+            here = (motion.begins[truth] <= frame) & (frame < motion.ends[truth])
+            apart = np.linalg.norm(poses.at(frame)[own, :3] - motion.at(frame)[truth, :3], axis=1)
+            worst = max(worst, float(apart[here].max()))
+        found.append(worst)
+    return found
+
+
+@pytest.mark.parametrize("late", [LATE, FRAMES // 2 + LATE])
+def test_a_track_that_is_born_late_is_where_those_around_it_bring_it(body, late):
+    """In the first group, and in the second one, whose other tracks were born long before."""
+    fifth = np.arange(COUNT) % 5
+    frames = [splats_at(places(body, f, 0.1), (fifth != 1) | (f >= late)) for f in range(FRAMES)]
+    assert max(errors(*decoded(frames, FRAMES // 2))) < 0.05  # where it stays, it is 0.7 away
+
+
+def test_two_bodies_that_meet_move_each_as_its_own(body):
+    """One turns, the other comes from the left and goes through it."""
+    frames = []
+    for frame in range(FRAMES):
+        means = places(body, frame, 0.1)
+        means[::2] = body[::2] + np.array([0.4 * frame - 4, 0, 0])
+        frames.append(splats_at(means, np.ones(COUNT, bool)))
+    assert max(errors(*decoded(frames, FRAMES // 2))) < 0.05
