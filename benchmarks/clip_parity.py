@@ -22,7 +22,7 @@ import numpy as np
 from splatwire.channel import LossModel, parse_loss
 from splatwire.cli._clip_plan import frames_of
 from splatwire.clips import frame_files, read_frames
-from splatwire.clips.concealment import CLIP_CONCEALERS
+from splatwire.clips.concealers import CLIP_CONCEALERS
 from splatwire.clips.damage import draw, measure_clip_damage, pooled
 from splatwire.clips.delivery import ClipLoad, delivered, passage
 from splatwire.clips.grouping import group_of

@@ -11,8 +11,8 @@ from moving_clips import FRAMES, drawn, moving_frames, shuffled
 from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.clips import ClipDecoder, ClipEncoder, ClipOptions, decode_frame, decode_frames, encode_clip, frame_files
-from splatwire.clips.concealment import begun_share
 from splatwire.clips.evaluation import ClipRow, ClipScore
+from splatwire.clips.guessing import begun_share
 from splatwire.codec import decode_stream, encode_scene, memory
 from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
 from splatwire.formats import write_splats

@@ -26,7 +26,7 @@ import torch
 from attacks import HOSTILE, mutated_bytes, mutated_json
 from codec.gaussians.test_gaussians import some_splats
 from splatwire.byte_io import ByteReader
-from splatwire.clips.concealment import clip_concealer
+from splatwire.clips.concealers import clip_concealer
 from splatwire.clips.decoding import decode_frames
 from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run

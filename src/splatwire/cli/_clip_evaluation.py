@@ -27,7 +27,7 @@ def check_clip_options(options: "Evaluate") -> None:
         UnknownNameError: If there is no such concealer.
     """
     from splatwire.clips import is_sequence
-    from splatwire.clips.concealment import clip_concealer
+    from splatwire.clips.concealers import clip_concealer
 
     refuse_options(options, _STILL, "is for a still scene, not for a clip")
     if options.reference is None or not is_sequence(options.reference):
@@ -96,7 +96,7 @@ def print_clip_rows(content: dict[str, Any], title: str) -> None:
 def _rows(options: "Evaluate", *, complete: bool) -> "list[ClipRow]":
     """How the clip is shown: as it is, then under every loss with every concealer."""
     from splatwire.channel import parse_loss
-    from splatwire.clips.concealment import CLIP_CONCEALERS, DEFAULT
+    from splatwire.clips.concealers import CLIP_CONCEALERS, DEFAULT
     from splatwire.clips.evaluation import ClipRow
 
     names = options.conceal or tuple(CLIP_CONCEALERS)

@@ -73,7 +73,7 @@ def _of_groups(options: "PlanCommand", timeline: "Timeline") -> list[float] | No
 
 def _offers(options: "PlanCommand", streams: "Sequence[SceneStream]", report: Report) -> "list[ClipOffer]":
     from splatwire.clips import frame_files
-    from splatwire.clips.concealment import DEFAULT, clip_concealer
+    from splatwire.clips.concealers import DEFAULT, clip_concealer
     from splatwire.clips.damage import draw, measure_clip_damage, pooled
     from splatwire.clips.delivery import ClipLoad
     from splatwire.clips.planning import ClipOffer

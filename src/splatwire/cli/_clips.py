@@ -29,7 +29,7 @@ def check_concealer(name: str) -> None:
     Raises:
         UnknownNameError: If there is no such concealer.
     """
-    from splatwire.clips.concealment import CLIP_CONCEALERS
+    from splatwire.clips.concealers import CLIP_CONCEALERS
     from splatwire.conceal import create_concealer
 
     if name not in CLIP_CONCEALERS:
@@ -133,7 +133,7 @@ def write_frames(
         InvalidValueError: If the clip has no such frame.
         UnknownNameError: If there is no such concealer or format.
     """
-    from splatwire.clips.concealment import clip_concealer
+    from splatwire.clips.concealers import clip_concealer
     from splatwire.clips.decoding import decode_frame, decode_frames
     from splatwire.codec import decode_stream
     from splatwire.formats import write_splats, writer_for
@@ -164,7 +164,7 @@ def draw_clip(
     """
     from PIL import Image
 
-    from splatwire.clips.concealment import DEFAULT, clip_concealer
+    from splatwire.clips.concealers import DEFAULT, clip_concealer
     from splatwire.clips.decoding import decode_frames
     from splatwire.clips.extent import ball_around
     from splatwire.codec import decode_stream

@@ -77,7 +77,7 @@ class LiveFrames:
         self._waiting.put(None)
 
     def _work(self) -> None:
-        from splatwire.clips.concealment import DEFAULT
+        from splatwire.clips.concealers import DEFAULT
         from splatwire.clips.live import LiveDecoder
 
         try:

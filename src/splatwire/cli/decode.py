@@ -84,7 +84,7 @@ class Decode:
     def _decode_clip(self, stream: "SceneStream", report: "ReadReport") -> None:
         """Decodes a clip, to a file a frame or to one file."""
         from splatwire.cli._clips import output_folder, write_frames
-        from splatwire.clips.concealment import DEFAULT
+        from splatwire.clips.concealers import DEFAULT
         from splatwire.formats.kinds import writer_for
 
         folder = self.frame is None or not Path(self.output).suffix

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from splatwire.clips.concealment import ClipConcealer, conceal_group
+from splatwire.clips.concealers import ClipConcealer
+from splatwire.clips.concealment import conceal_group
 from splatwire.clips.decoding import posed
 from splatwire.clips.delivery import ClipLoad
 from splatwire.codec import decode_stream

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from splatwire.clips.concealment import DEFAULT, ClipConcealer, GroupPoses, Memory, clip_concealer, conceal_group
+from splatwire.clips.concealers import DEFAULT, ClipConcealer, clip_concealer
+from splatwire.clips.concealment import conceal_group
+from splatwire.clips.poses import GroupPoses, Memory
 from splatwire.codec import ProgressiveDecoder
 from splatwire.codec.memory import check_memory
 from splatwire.conceal import conceal

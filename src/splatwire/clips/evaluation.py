@@ -10,7 +10,7 @@ from torch import Tensor
 
 from splatwire.channel import LossModel
 from splatwire.channel.transmit import arrival_groups, draw_mask
-from splatwire.clips.concealment import clip_concealer
+from splatwire.clips.concealers import clip_concealer
 from splatwire.clips.decoding import ClipFrame, decode_frames
 from splatwire.clips.frames import Frame
 from splatwire.codec import decode_stream

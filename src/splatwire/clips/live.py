@@ -5,9 +5,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from splatwire.byte_io import ByteReader
-from splatwire.clips.concealment import DEFAULT, Memory, clip_concealer
+from splatwire.clips.concealers import DEFAULT, clip_concealer
 from splatwire.clips.decoding import ClipFrame, decode_group
 from splatwire.clips.encoding import FIRST_FRAME
+from splatwire.clips.poses import Memory
 from splatwire.codec.decoding import runs_of
 from splatwire.codec.memory import allocating, check_memory
 from splatwire.codec.schemas.tracks.decoder import TracksDecoder

@@ -90,6 +90,10 @@ class Tracks:
         received: Whether each arrived, bool (T).
         blocks: Block of the stream that each base is in, int64 (T).
         rounding: Step of each one's place when it moves, world units, float32 (T); 0 where the base did not arrive.
+        begins: First frame of each, counted from that of the group that it is born in, as side information tells: 0
+            where it does not, int64 (T).
+        ends: First frame of the clip after each, as side information tells: that after the last where it does not,
+            int64 (T).
     """
 
     splats: Splats
@@ -97,6 +101,8 @@ class Tracks:
     received: np.ndarray
     blocks: np.ndarray
     rounding: np.ndarray
+    begins: np.ndarray
+    ends: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,7 @@ from splatwire.codec.schemas.tracks.layout import (
     STATE,
     TRACK,
 )
+from splatwire.codec.schemas.tracks.lifetimes import read_lifetimes
 from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, empty_rows
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
@@ -68,7 +69,7 @@ class TracksDecoder:
         self._spans = _Spans(info, manifest)
         self._num_tracks = sum(group.births for group in info.groups)
         self._num_bytes, side = num_bytes, 3 * (info.bases.degree + 1) ** 2
-        self.scene_bytes = self._num_tracks * (4 * (12 + side) + 8 * int(COLUMNS) + 8 + SHOWN_BYTES) + self._num
+        self.scene_bytes = self._num_tracks * (4 * (12 + side) + 8 * int(COLUMNS) + 24 + SHOWN_BYTES) + self._num
         frames = info.timeline.group_frames
         self.row_bytes = max(8 * int(COLUMNS) + 4 * info.bases.num_harmonics, 8 * HEAD + 4 * NUM_CHANNELS * frames)
 
@@ -79,6 +80,7 @@ class TracksDecoder:
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """See `Decoder.expect`."""
+        self._lives = read_lifetimes(self.sections, self._spans.born, self.info.timeline)
         self._splats = blank_splats(self._num_tracks, self.info.bases.degree)
         self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
         self._rounding = np.zeros(self._num_tracks, np.float32)
@@ -136,7 +138,7 @@ class TracksDecoder:
     def scene(self) -> Partial[ClipScene]:
         """See `Decoder.scene`."""
         blocks = self._spans.blocks_of_tracks()
-        tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), blocks, self._rounding)
+        tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), blocks, self._rounding, *self._lives)
         background, antialiased = read_background(self.sections), ANTIALIASED in self.sections
         clip = ClipScene(self.info.timeline, tracks, self._motion, self._num, background, antialiased)
         return Partial(clip, self._erasures, concealer_sections(self.sections))
