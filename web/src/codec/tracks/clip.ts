@@ -283,14 +283,23 @@ export class Clip implements Moving {
     const { bases, info } = this,
       { firstNew, births, motions } = info.groups[group],
       frames = this.framesOf(group),
+      first = group * info.timeline.groupFrames,
       size = frames * NUM_CHANNELS,
       lost: number[] = [];
     for (let slot = 0; slot < bases.count; slot++) {
       const track = bases.tracks[slot],
         isNew = track >= firstNew && track < firstNew + births;
-      if (!spoken[slot] && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
+      const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
+      if (!spoken[slot] && !ended && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
     }
     const found = extended(poses, lost, frames, motions > 0);
+    lost.forEach((slot, n) => {
+      const track = bases.tracks[slot],
+        begin = track < firstNew ? 0 : (info.lifetimes.begins.get(track) ?? 0),
+        row = poses.slots.length + n;
+      found.begins[row] = Math.min(begin, frames - 1);
+      found.ends[row] = Math.min((info.lifetimes.ends.get(track) ?? Infinity) - first, frames);
+    });
     if (motions && lost.length) {
       const guesses = found.offsets.subarray(size * poses.slots.length);
       this.#guess(poses, lost, before, group, guesses, concealer === "motion");
@@ -326,6 +335,7 @@ export class Clip implements Moving {
         guessed: before?.guessed ?? null,
         together: this.#together(Int32Array.from(told, (n) => poses.slots[n])),
         fresh: (slot: number) => bases.born[slot] === group,
+        untold: (slot: number) => bases.born[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
         rounding: (slot: number) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
       };
     out.set(guessed(poses, told, Int32Array.from(lost), past, frames));

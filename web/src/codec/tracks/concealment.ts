@@ -39,6 +39,8 @@ export interface Past {
   readonly together: Uint8Array;
   /** Whether a track is born in the group. */
   readonly fresh: (slot: number) => boolean;
+  /** Whether side information, too, does not tell when it is born in it. */
+  readonly untold: (slot: number) => boolean;
   /** Step of a track's place. */
   readonly rounding: (slot: number) => number;
 }
@@ -87,15 +89,15 @@ function originsOf(way: string, arrived: Poses, told: Int32Array, past: Past, fr
   return found;
 }
 
-/** When a track is born is in its motion: while that is lost, it is drawn by the odds that it is there. */
-function fade(arrived: Poses, who: Int32Array, { fresh }: Past, frames: number, out: Float32Array): void {
-  const begins = arrived.begins.filter((_, n) => fresh(arrived.slots[n]));
+/** When a track is born is in its motion: while nobody tells, it is drawn by the odds that it is there. */
+function fade(arrived: Poses, who: Int32Array, { untold }: Past, frames: number, out: Float32Array): void {
+  const begins = arrived.begins.filter((_, n) => untold(arrived.slots[n]));
   if (!begins.length) return;
   for (let frame = 0; frame < frames; frame++) {
     const share = begins.filter((begin) => begin <= frame).length / begins.length,
       log = Math.log(Math.max(share, UNLIKELY));
     who.forEach((slot, n) => {
-      if (fresh(slot)) out[(n * frames + frame) * NUM_CHANNELS + OPACITY] += log;
+      if (untold(slot)) out[(n * frames + frame) * NUM_CHANNELS + OPACITY] += log;
     });
   }
 }

@@ -6,6 +6,7 @@ import type { Manifest } from "../../packets/manifest.ts";
 import { readSections } from "../../packets/sections.ts";
 import { readSideInfo, type SideInfo } from "../gaussians/side_info.ts";
 import { NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
+import { type Lifetimes, readLifetimes } from "./lifetimes.ts";
 
 const VERSION = 1,
   MAX_OFFSET = 16;
@@ -37,6 +38,7 @@ export interface ClipInfo {
   /** Initial adaptive models of every packet of motion, two each. */
   readonly models: Int32Array;
   readonly sections: Map<string, Uint8Array>;
+  readonly lifetimes: Lifetimes;
 }
 
 export function readClipInfo(bytes: Uint8Array, manifest: Manifest): ClipInfo {
@@ -54,12 +56,15 @@ export function readClipInfo(bytes: Uint8Array, manifest: Manifest): ClipInfo {
   const size = manifest.packetization.blockSize,
     blocks = groups.reduce((sum, group) => sum + Math.ceil(group.births / size), 0),
     numTracks = groups.reduce((sum, group) => sum + group.births, 0);
+  const steps = readMotion(motion),
+    sections = readSections(reader.rest());
   return {
     timeline,
     groups,
     numTracks,
-    ...readMotion(motion),
-    sections: readSections(reader.rest()),
+    ...steps,
+    sections,
+    lifetimes: readLifetimes(sections, groups, timeline),
     bases: readSideInfo(bases, blocks),
   };
 }
