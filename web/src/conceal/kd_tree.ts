@@ -5,8 +5,11 @@ const LEAF = 12;
 /** A balanced k-d tree over points, x y z of each. */
 export class KdTree {
   readonly #order: Int32Array;
+  /** Points in that order: those that are near each other are read together. */
+  readonly #sorted: Float32Array;
   readonly #far: Float64Array;
   readonly #who: Int32Array;
+  readonly #here = new Float64Array(3);
   #count = 0;
   #self = -1;
 
@@ -20,6 +23,9 @@ export class KdTree {
     this.#far = new Float64Array(k);
     this.#who = new Int32Array(k);
     this.#build(0, this.#order.length, 0);
+    this.#sorted = new Float32Array(points.length);
+    for (let n = 0; n < this.#order.length; n++)
+      for (let a = 0; a < 3; a++) this.#sorted[3 * n + a] = points[3 * this.#order[n] + a];
   }
 
   /** The nearest k others of a point, in no order; valid until the next call. */
@@ -31,7 +37,8 @@ export class KdTree {
   nearest(x: number, y: number, z: number, self = -1): Int32Array {
     this.#count = 0;
     this.#self = self;
-    this.#search(0, this.#order.length, 0, x, y, z);
+    this.#here.set([x, y, z]);
+    this.#search(0, this.#order.length, 0, 0, 0, 0);
     return this.#who.subarray(0, this.#count);
   }
 
@@ -90,52 +97,73 @@ export class KdTree {
     }
   }
 
-  #search(begin: number, end: number, depth: number, x: number, y: number, z: number): void {
+  /** Looks where points are; what is searched is as far away along each axis as these say. */
+  #search(begin: number, end: number, axis: number, dx: number, dy: number, dz: number): void {
     if (end - begin <= LEAF) {
-      for (let n = begin; n < end; n++) this.#offer(this.#order[n], x, y, z);
+      this.#look(begin, end);
       return;
     }
     const middle = (begin + end) >> 1,
-      axis = depth % 3,
-      i = this.#order[middle];
-    const away = (axis === 0 ? x : axis === 1 ? y : z) - this.points[3 * i + axis];
-    this.#offer(i, x, y, z);
-    if (away < 0) this.#search(begin, middle, depth + 1, x, y, z);
-    else this.#search(middle + 1, end, depth + 1, x, y, z);
-    if (this.#count === this.k && away * away > this.#far[0]) return;
-    if (away < 0) this.#search(middle + 1, end, depth + 1, x, y, z);
-    else this.#search(begin, middle, depth + 1, x, y, z);
+      next = axis === 2 ? 0 : axis + 1,
+      away = this.#here[axis] - this.#sorted[3 * middle + axis];
+    if (away < 0) this.#search(begin, middle, next, dx, dy, dz);
+    else this.#search(middle + 1, end, next, dx, dy, dz);
+    this.#look(middle, middle + 1);
+    if (axis === 0) dx = away;
+    else if (axis === 1) dy = away;
+    else dz = away;
+    if (this.#count === this.k && dx * dx + dy * dy + dz * dz > this.#far[0]) return;
+    if (away < 0) this.#search(middle + 1, end, next, dx, dy, dz);
+    else this.#search(begin, middle, next, dx, dy, dz);
   }
 
-  /** Keeps the k nearest in a heap, the farthest at its top. */
-  #offer(i: number, x: number, y: number, z: number): void {
+  /** Keeps the nearest of these. */
+  #look(begin: number, end: number): void {
+    const x = this.#here[0],
+      y = this.#here[1],
+      z = this.#here[2],
+      sorted = this.#sorted,
+      order = this.#order,
+      far = this.#far;
+    for (let n = begin, at = 3 * begin; n < end; n++, at += 3) {
+      const dx = sorted[at] - x,
+        dy = sorted[at + 1] - y,
+        dz = sorted[at + 2] - z,
+        d = dx * dx + dy * dy + dz * dz;
+      if (this.#count < this.k) this.#add(d, order[n]);
+      else if (d <= far[0]) this.#replace(d, order[n]);
+    }
+  }
+
+  /** Adds one to a heap that has the farthest at its top. */
+  #add(d: number, i: number): void {
     if (i === this.#self) return;
     const far = this.#far,
-      who = this.#who,
-      points = this.points;
-    const dx = points[3 * i] - x,
-      dy = points[3 * i + 1] - y,
-      dz = points[3 * i + 2] - z,
-      d = dx * dx + dy * dy + dz * dz;
-    let at: number;
-    if (this.#count < this.k) {
-      for (at = this.#count++; at > 0; at = (at - 1) >> 1) {
-        const parent = (at - 1) >> 1;
-        if (!this.#isNearer(far[parent], who[parent], d, i)) break;
-        far[at] = far[parent];
-        who[at] = who[parent];
-      }
-    } else {
-      if (!this.#isNearer(d, i, far[0], who[0])) return;
-      for (at = 0; ; ) {
-        let child = 2 * at + 1;
-        if (child >= this.k) break;
-        if (child + 1 < this.k && this.#isNearer(far[child], who[child], far[child + 1], who[child + 1])) child++;
-        if (!this.#isNearer(d, i, far[child], who[child])) break;
-        far[at] = far[child];
-        who[at] = who[child];
-        at = child;
-      }
+      who = this.#who;
+    let at = this.#count++;
+    while (at > 0) {
+      const parent = (at - 1) >> 1;
+      if (!this.#isNearer(far[parent], who[parent], d, i)) break;
+      far[at] = far[parent];
+      who[at] = who[parent];
+      at = parent;
+    }
+    far[at] = d;
+    who[at] = i;
+  }
+
+  /** Puts one in the place of the farthest, if that is farther. */
+  #replace(d: number, i: number): void {
+    const far = this.#far,
+      who = this.#who;
+    if (i === this.#self || !this.#isNearer(d, i, far[0], who[0])) return;
+    let at = 0;
+    for (let child = 1; child < this.k; child = 2 * at + 1) {
+      if (child + 1 < this.k && this.#isNearer(far[child], who[child], far[child + 1], who[child + 1])) child++;
+      if (!this.#isNearer(d, i, far[child], who[child])) break;
+      far[at] = far[child];
+      who[at] = who[child];
+      at = child;
     }
     far[at] = d;
     who[at] = i;

@@ -287,10 +287,11 @@ export class Clip implements Moving {
       size = frames * NUM_CHANNELS,
       lost: number[] = [];
     for (let slot = 0; slot < bases.count; slot++) {
+      if (spoken[slot]) continue;
       const track = bases.tracks[slot],
         isNew = track >= firstNew && track < firstNew + births;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
-      if (!spoken[slot] && !ended && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
+      if (!ended && (isNew || (before ? before.alive[slot] : track < firstNew))) lost.push(slot);
     }
     const found = extended(poses, lost, frames, motions > 0);
     lost.forEach((slot, n) => {
@@ -327,13 +328,13 @@ export class Clip implements Moving {
       frames = this.framesOf(group),
       room = bases.count * NUM_CHANNELS,
       whole = (n: number) => moving && poses.begins[n] === 0 && poses.ends[n] === frames,
-      told = Int32Array.from(poses.slots.keys()).filter(whole),
+      told = rowsWhere(poses.slots.length, whole),
       unit = 2 ** (info.bases.sizeLog - info.bases.unit - 1),
       past = {
         splats: bases.splats,
         since: before ? widened(before.offsets, room) : new Float32Array(room),
         guessed: before?.guessed ?? null,
-        together: this.#together(Int32Array.from(told, (n) => poses.slots[n])),
+        together: this.#together(told.map((n) => poses.slots[n])),
         fresh: (slot: number) => bases.born[slot] === group,
         untold: (slot: number) => bases.born[slot] === group && !info.lifetimes.begins.get(bases.tracks[slot]),
         rounding: (slot: number) => unit * 2 ** bases.shifts[NUM_CHANNELS * slot],
@@ -343,11 +344,13 @@ export class Clip implements Moving {
 
   /** Slots of tracks that were born in the group that most of some were. */
   #together(slots: Int32Array): Uint8Array {
-    const born = this.bases.born.subarray(0, this.bases.count),
-      counts = new Int32Array(this.info.groups.length);
+    const { born, count } = this.bases,
+      counts = new Int32Array(this.info.groups.length),
+      found = new Uint8Array(count);
     for (const slot of slots) counts[born[slot]]++;
     const most = counts.indexOf(counts.reduce((a, b) => Math.max(a, b), 0));
-    return Uint8Array.from(born, (group) => Number(group === most));
+    for (let slot = 0; slot < count; slot++) found[slot] = Number(born[slot] === most);
+    return found;
   }
 
   #remember(

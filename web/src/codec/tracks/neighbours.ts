@@ -1,4 +1,4 @@
-// What neighbours do, weighed: one neighbour after another, of each what changes at all.
+// What neighbours do, weighed: four neighbours at a time, of each what changes at all.
 
 import { NUM_CHANNELS } from "./layout.ts";
 
@@ -7,22 +7,25 @@ export const FIRST_SHAPE = 6,
   FIRST_COLOUR = 10;
 
 /** Kinds of channels in which a row changes, as bits. */
-const POSE = 1,
+export const POSE = 1,
   SHAPE = 2,
-  COLOUR = 4,
-  ALL = POSE | SHAPE | COLOUR;
+  COLOUR = 4;
+const ALL = POSE | SHAPE | COLOUR,
+  /** Neighbours that are added at once: a sum is read and written once for all of them. */
+  ABREAST = 4;
 
-/** In which kinds of channels some rows of so many values change: others add nothing. */
-export function changedKinds(values: Float32Array, rows: Int32Array, count: number, stride: number): Uint8Array {
-  const kinds = new Uint8Array(count);
-  for (const row of rows) {
+/** In which kinds of channels rows `from` of so many values change: others add nothing. */
+export function changedKinds(values: Float32Array, from: Int32Array, stride: number): Uint8Array {
+  const kinds = new Uint8Array(from.length);
+  for (let n = 0; n < from.length; n++) {
+    const begin = from[n] * stride;
     let found = 0;
-    for (let at = row * stride; at < (row + 1) * stride && found < ALL; at += NUM_CHANNELS) {
-      if (changes(values, at, at + FIRST_SHAPE)) found |= POSE;
-      if (changes(values, at + FIRST_SHAPE, at + FIRST_COLOUR)) found |= SHAPE;
-      if (changes(values, at + FIRST_COLOUR, at + NUM_CHANNELS)) found |= COLOUR;
+    for (let at = begin; at < begin + stride && found < ALL; at += NUM_CHANNELS) {
+      if (!(found & POSE) && changes(values, at, at + FIRST_SHAPE)) found |= POSE;
+      if (!(found & SHAPE) && changes(values, at + FIRST_SHAPE, at + FIRST_COLOUR)) found |= SHAPE;
+      if (!(found & COLOUR) && changes(values, at + FIRST_COLOUR, at + NUM_CHANNELS)) found |= COLOUR;
     }
-    kinds[row] = found;
+    kinds[n] = found;
   }
   return kinds;
 }
@@ -32,8 +35,15 @@ function changes(values: Float32Array, begin: number, end: number): boolean {
   return false;
 }
 
-/** How much a neighbour counts: for place, turn and shape, for colour, and by how its colour differs. */
-export interface Counts {
+/** Some neighbours. */
+export interface Near {
+  /** Row of each among values. */
+  readonly rows: Int32Array;
+  /** The same among their origins. */
+  readonly origins: Int32Array;
+  /** In what they change. */
+  readonly kinds: Uint8Array;
+  /** How much they count: for place, turn and shape, for colour, and by how their colour differs. */
   readonly weights: Float64Array;
   readonly closeness: Float64Array;
   readonly contrasts: Float64Array;
@@ -45,87 +55,133 @@ export class Sums {
   readonly #lows: Float64Array;
   readonly #highs: Float64Array;
   readonly #shares: Float64Array;
+  /** Where values begin of those that change, and how much they count; rounded up by such as count 0. */
+  readonly #at: Int32Array;
+  readonly #counts: Float64Array;
 
-  constructor(readonly frames: number) {
+  /** Of values frames times channels each, counted from origins of channels each; null where these are 0. */
+  constructor(
+    readonly frames: number,
+    most: number,
+    readonly values: Float32Array,
+    readonly origins: Float32Array | null,
+  ) {
     this.#sums = new Float64Array(frames * NUM_CHANNELS);
     this.#lows = new Float64Array(frames * NUM_CHANNELS);
     this.#highs = new Float64Array(frames * NUM_CHANNELS);
     this.#shares = new Float64Array(frames);
+    this.#at = new Int32Array(most + ABREAST);
+    this.#counts = new Float64Array(most + ABREAST);
   }
 
-  /**
-   * What neighbours say of a track whose colour differs by `contrast` from theirs.
-   *
-   * @param values Frames times channels of each row.
-   * @param rows Of the neighbours.
-   * @param kinds See `changedKinds`; null where all may change.
-   */
-  of(
-    values: Float32Array,
-    rows: Int32Array,
-    kinds: Uint8Array | null,
-    { weights, closeness, contrasts }: Counts,
-    contrast: Float64Array,
-    out: Float32Array,
-  ): void {
-    const stride = this.frames * NUM_CHANNELS,
-      bounded = kinds && rows.some((row) => !(kinds[row] & SHAPE)) ? 0 : Infinity;
-    this.#sums.fill(0);
-    this.#lows.fill(bounded);
-    this.#highs.fill(-bounded);
-    this.#shares.fill(0);
+  /** What neighbours, which change in `kinds`, say of a track whose colour differs by `contrast` from theirs. */
+  of(near: Near, kinds: number, contrast: Float64Array, out: Float32Array): void {
+    const sums = this.#sums.fill(0);
+    if (kinds & POSE) this.#add(near, POSE, near.weights, 0, FIRST_SHAPE);
+    if (kinds & SHAPE) {
+      this.#add(near, SHAPE, near.weights, FIRST_SHAPE, FIRST_COLOUR);
+      this.#bound(near);
+    }
+    if (kinds & COLOUR) {
+      this.#add(near, COLOUR, near.closeness, FIRST_COLOUR, NUM_CHANNELS);
+      this.#share(near, contrast);
+    }
+    out.set(sums);
+  }
+
+  #add(near: Near, kind: number, counts: Float64Array, begin: number, end: number): void {
+    const { values } = this,
+      sums = this.#sums,
+      some = this.#pick(near, kind, counts),
+      width = end - begin;
+    for (let i = 0; i < some; i += ABREAST) {
+      const p = this.#counts[i],
+        q = this.#counts[i + 1],
+        r = this.#counts[i + 2],
+        s = this.#counts[i + 3];
+      let a = this.#at[i] + begin,
+        b = this.#at[i + 1] + begin,
+        c = this.#at[i + 2] + begin,
+        d = this.#at[i + 3] + begin;
+      for (let k = begin; k < sums.length; k += NUM_CHANNELS) {
+        for (let n = 0; n < width; n++)
+          sums[k + n] += p * values[a + n] + q * values[b + n] + (r * values[c + n] + s * values[d + n]);
+        a += NUM_CHANNELS;
+        b += NUM_CHANNELS;
+        c += NUM_CHANNELS;
+        d += NUM_CHANNELS;
+      }
+    }
+    if (this.origins) this.#subtract(near, this.origins, counts, begin, end);
+  }
+
+  /** Lists those that change in a kind of channel; returns how many, rounded up. */
+  #pick({ rows, kinds }: Near, kind: number, counts: Float64Array): number {
+    const stride = this.frames * NUM_CHANNELS;
+    let some = 0;
     for (let i = 0; i < rows.length; i++) {
-      const at = rows[i] * stride,
-        changed = kinds ? kinds[rows[i]] : ALL;
-      if (changed & POSE) this.#addPose(values, at, weights[i]);
-      if (changed & SHAPE) this.#addShape(values, at, weights[i]);
-      if (changed & COLOUR) this.#addColour(values, at, closeness[i], contrasts, 3 * i);
+      if (!(kinds[i] & kind)) continue;
+      this.#at[some] = rows[i] * stride;
+      this.#counts[some++] = counts[i];
     }
-    this.#tell(contrast, out);
+    for (; some % ABREAST; some++) {
+      this.#at[some] = this.#at[some - 1];
+      this.#counts[some] = 0;
+    }
+    return some;
   }
 
-  #addPose(values: Float32Array, from: number, weight: number): void {
+  #subtract(near: Near, from: Float32Array, counts: Float64Array, begin: number, end: number): void {
     const sums = this.#sums;
+    for (let c = begin; c < end; c++) {
+      let sum = 0;
+      for (let i = 0; i < counts.length; i++) sum += counts[i] * from[near.origins[i] * NUM_CHANNELS + c];
+      for (let k = c; k < sums.length; k += NUM_CHANNELS) sums[k] -= sum;
+    }
+  }
+
+  /** None grows or shines more than all around it. */
+  #bound({ rows, origins, kinds }: Near): void {
+    const { values, frames } = this,
+      sums = this.#sums,
+      lows = this.#lows.fill(Infinity),
+      highs = this.#highs.fill(-Infinity);
+    for (let i = 0; i < rows.length; i++) {
+      const at = rows[i] * frames * NUM_CHANNELS,
+        changed = kinds[i] & SHAPE;
+      for (let c = FIRST_SHAPE; c < FIRST_COLOUR; c++) {
+        const origin = this.origins ? this.origins[origins[i] * NUM_CHANNELS + c] : 0;
+        for (let k = c; k < sums.length; k += NUM_CHANNELS) {
+          const value = changed ? values[at + k] - origin : 0;
+          if (value < lows[k]) lows[k] = value;
+          if (value > highs[k]) highs[k] = value;
+        }
+      }
+    }
     for (let k = 0; k < sums.length; k += NUM_CHANNELS)
-      for (let c = k; c < k + FIRST_SHAPE; c++) sums[c] += weight * values[from + c];
+      for (let c = k + FIRST_SHAPE; c < k + FIRST_COLOUR; c++) sums[c] = Math.min(Math.max(sums[c], lows[c]), highs[c]);
   }
 
-  #addShape(values: Float32Array, from: number, weight: number): void {
-    const sums = this.#sums,
-      lows = this.#lows,
-      highs = this.#highs;
-    for (let k = 0; k < sums.length; k += NUM_CHANNELS) {
-      for (let c = k + FIRST_SHAPE; c < k + FIRST_COLOUR; c++) {
-        const value = values[from + c];
-        sums[c] += weight * value;
-        if (value < lows[c]) lows[c] = value;
-        if (value > highs[c]) highs[c] = value;
+  /** Adds what grows with colour. */
+  #share({ rows, origins, kinds, contrasts }: Near, contrast: Float64Array): void {
+    const { values, frames } = this,
+      sums = this.#sums,
+      shares = this.#shares.fill(0);
+    for (let i = 0; i < rows.length; i++) {
+      if (!(kinds[i] & COLOUR)) continue;
+      const x = contrasts[3 * i],
+        y = contrasts[3 * i + 1],
+        z = contrasts[3 * i + 2],
+        from = origins[i] * NUM_CHANNELS + FIRST_COLOUR,
+        origin = this.origins ? x * this.origins[from] + y * this.origins[from + 1] + z * this.origins[from + 2] : 0;
+      for (let frame = 0, at = rows[i] * frames * NUM_CHANNELS + FIRST_COLOUR; frame < frames; frame++) {
+        shares[frame] += x * values[at] + y * values[at + 1] + z * values[at + 2] - origin;
+        at += NUM_CHANNELS;
       }
     }
-  }
-
-  #addColour(values: Float32Array, from: number, near: number, contrasts: Float64Array, own: number): void {
-    const sums = this.#sums,
-      shares = this.#shares;
-    for (let k = FIRST_COLOUR, frame = 0; k < sums.length; k += NUM_CHANNELS, frame++) {
-      for (let a = 0; a < 3; a++) {
-        const value = values[from + k + a];
-        sums[k + a] += near * value;
-        shares[frame] += contrasts[own + a] * value;
-      }
-    }
-  }
-
-  #tell(contrast: Float64Array, out: Float32Array): void {
-    const sums = this.#sums;
-    for (let frame = 0, k = 0; frame < this.frames; frame++) {
-      const share = Math.min(Math.max(this.#shares[frame], -1), 1);
-      for (let c = 0; c < NUM_CHANNELS; c++, k++) {
-        if (c < FIRST_SHAPE) out[k] = sums[k];
-        // none grows or shines more than all around it
-        else if (c < FIRST_COLOUR) out[k] = Math.min(Math.max(sums[k], this.#lows[k]), this.#highs[k]);
-        else out[k] = sums[k] + share * contrast[c - FIRST_COLOUR];
-      }
+    for (let frame = 0, k = FIRST_COLOUR; frame < frames; frame++, k += NUM_CHANNELS) {
+      const share = Math.min(Math.max(shares[frame], -1), 1);
+      for (let a = 0; a < 3; a++) sums[k + a] += share * contrast[a];
     }
   }
 }
