@@ -57,7 +57,7 @@ class Neighbors:
             told: Rows that may be asked.
             who: Tracks whose neighbours are looked for.
             count: Neighbours of each, at most.
-            smooth: See `splatwire.clips.concealment.ClipConcealer`.
+            smooth: See `splatwire.clips.concealers.ClipConcealer`.
         """
         mine, count = tracks[told], min(count, len(told))
         near, contrast = np.zeros((len(who), count), np.int32), np.zeros((len(who), 3), np.float32)
