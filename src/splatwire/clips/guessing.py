@@ -25,18 +25,24 @@ def standing(who: np.ndarray) -> Guess:
 def guess(
     clip: ClipScene, arrived: GroupPoses, who: np.ndarray, before: Memory, group: int, concealer: ClipConcealer,
 ) -> Guess:  # fmt: skip
-    """What tracks do whose motion was lost: what neighbours say, and how they differed from that before."""
+    """What tracks do whose motion was lost: what neighbours say, and how they differed from that before.
+
+    Args:
+        clip: The clip.
+        arrived: Tracks whose motion arrived.
+        who: The others, int64 (n).
+        before: What was known when the group before ended.
+        group: The group.
+        concealer: How many neighbours tell, and how.
+    """
     start, frames = before.offsets[who], len(clip.timeline.frames_of(group))
     whole = (arrived.begins == 0) & (arrived.ends == frames)
     if not (concealer.neighbors and whole.any()):
         speed = concealer.momentum * before.velocity[who]
         speed[:, PLACE.stop :] = 0
         return lambda frame, _arrived: start + (frame + 1) * speed if concealer.momentum else start
-    told, same, fresh = (
-        np.flatnonzero(whole),
-        _together(clip.tracks.born, arrived.tracks[whole]),
-        clip.tracks.born == group,
-    )
+    told, fresh = np.flatnonzero(whole), clip.tracks.born == group
+    same = _together(clip.tracks.born, arrived.tracks[told])
     peers, mine = told[same[arrived.tracks[told]]], same[who]
     if len(peers) < concealer.neighbors:
         peers, mine = told, np.zeros(len(who), bool)
