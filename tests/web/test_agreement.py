@@ -25,11 +25,14 @@ import torch
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
 from codec.gaussians.test_gaussians import some_splats
-from splatwire.byte_io import ByteReader
+from moving_clips import moving_frames
+from splatwire.byte_io import ByteReader, ByteWriter
+from splatwire.clips import ClipOptions, Frame, encode_clip
 from splatwire.clips.concealers import clip_concealer
 from splatwire.clips.decoding import decode_frames
 from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
+from splatwire.codec.schemas.tracks.lifetimes import SECTION as LIFETIMES
 from splatwire.codec.weight_bytes import framed
 from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.levels import Look, cut_of, encode_levels, tiles_of
@@ -217,6 +220,28 @@ def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[t
     return found
 
 
+def hostile_lifetimes(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
+    """Side information with another section that tells when tracks come and go, and whether it is taken."""
+    found = []
+    for _ in range(cases):
+        writer = ByteWriter()
+        for _ in range(2):
+            count = rng.randrange(4)
+            writer.unsigned(count)
+            for _ in range(count):
+                writer.unsigned(rng.choice([0, 1, rng.randrange(100), rng.choice(EDGES[:-1])]))
+                writer.unsigned(rng.choice([rng.randrange(1, 12), rng.choice(EDGES[:-1])]))
+        data = writer.bytes() if rng.random() < 0.8 else mutated_bytes(writer.bytes(), rng)
+        changed = add_concealment(stream, LIFETIMES, data)
+        try:
+            open_decoder(changed.manifest, changed.side_info)
+        except SplatwireError:
+            found.append((base64.b64encode(changed.side_info).decode(), False))
+        else:
+            found.append((base64.b64encode(changed.side_info).decode(), True))
+    return found
+
+
 def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, dict[str, Any] | None]]:
     """Side information with another index of tiles, and what it says; None where it is refused."""
     section, found = sections_of(stream)[SECTION], []
@@ -236,12 +261,12 @@ def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list
 
 
 def lossy_clips(stream: SceneStream, folder: Path) -> Iterator[tuple[Path, list[list[list[float]]]]]:
-    """Clips of which packets are missing, and rows of every frame by track: track, place, turn, sizes, looks."""
+    """A clip of which packets are missing, and rows of every frame by track: track, place, turn, sizes, looks."""
     plan, rng = stream.manifest.plan, random.Random(3)
     for share in (1.0, 0.6):
         kept = [p for p in stream.packets if plan.lasting(p.id.block) or rng.random() < share]
         assert (len(kept) == len(stream.packets)) == (share == 1.0)
-        path = folder / f"clip_{share}.swz"
+        path = folder.with_name(f"{folder.name}_{share}.swz")
         write_stream(stream.with_packets(kept), path)
         shown = []
         method = replace(clip_concealer("motion"), grow=False)
@@ -281,12 +306,18 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
             write_stream(stream, tmp_path / f"{name}.swz")
             packets[str(tmp_path / f"{name}.swz")] = hostile_packets(stream, cases // 5, rng)
             heads[str(tmp_path / f"{name}.swz")] = hostile_heads(stream, cases // 5, rng)
+    lives = hostile_lifetimes(streams["tiny_clip"], cases, rng)
+    assert cases / 20 < sum(fine for _, fine in lives) < cases * 0.95, "too few lifetimes of one kind"
+    heads[str(tmp_path / "tiny_clip.swz")] += lives
     manifests = [mutated_manifest(rng.choice(bases()), rng) for _ in range(cases)]
     said = [accepted(data) for data in manifests]
     assert cases / 10 < sum(said) < cases * 0.9, "too few cases of one kind"
     answers = tmp_path / "answers.json"
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
-    frames = {str(path): shown for path, shown in lossy_clips(streams["tiny_clip"], tmp_path)}
+    births = encode_clip(map(Frame.of, moving_frames(3000)), ClipOptions(group_frames=4))[0]
+    assert LIFETIMES in sections_of(births)
+    clips = {"tiny": streams["tiny_clip"], "births": births}
+    frames = {str(p): shown for name, clip in clips.items() for p, shown in lossy_clips(clip, tmp_path / name)}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
     indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}
     taken = sum(said is not None for _, said in indexes[str(tmp_path / "tiny_levels.swz")])

@@ -25,7 +25,7 @@ from splatwire.packets import SceneStream
 
 GROUP = 4
 TIME = Timeline(Fraction(30), 11, GROUP)
-BORN = np.repeat(np.arange(3), [7, 2, 4])
+BIRTHS = [7, 2, 4]
 
 
 def some(*tracks: int) -> np.ndarray:
@@ -37,12 +37,12 @@ def test_what_is_written_is_read():
         Lifetimes(some(3), some(2), some(1, 4), some(1, 4)), Lifetimes(some(8), some(1), some(3, 6), some(5, 8)),
         Lifetimes(some(9, 12), some(1, 2), some(10), some(9)),
     ]  # fmt: skip
-    begins, ends = read_lifetimes(lifetimes_sections(Lifetimes.joined(parts)), BORN, TIME)
+    begins, ends = read_lifetimes(lifetimes_sections(Lifetimes.joined(parts)), BIRTHS, TIME).by_track(13, 11)
     assert begins.tolist() == [0, 0, 0, 2, 0, 0, 0, 0, 1, 1, 0, 0, 2]
     assert ends.tolist() == [11, 1, 11, 5, 4, 11, 8, 11, 11, 11, 9, 11, 11]
     none = Lifetimes.joined([])
     assert lifetimes_sections(none) == {}
-    assert [values.tolist() for values in read_lifetimes({}, BORN, TIME)] == [[0] * 13, [11] * 13]
+    assert [values.tolist() for values in read_lifetimes({}, BIRTHS, TIME).by_track(13, 11)] == [[0] * 13, [11] * 13]
 
 
 def test_the_most_seen_are_told_about():
@@ -77,7 +77,7 @@ def section(*lists: list[tuple[int, int]]) -> bytes:
 )
 def test_what_is_impossible_is_refused(content, words):
     with pytest.raises(BitstreamError, match=words):
-        read_lifetimes({SECTION: content}, BORN, TIME)
+        read_lifetimes({SECTION: content}, BIRTHS, TIME)
 
 
 def clip() -> SceneStream:

@@ -28,7 +28,6 @@ from splatwire.codec.schemas.tracks.layout import (
     STATE,
     TRACK,
 )
-from splatwire.codec.schemas.tracks.lifetimes import read_lifetimes
 from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, empty_rows
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
@@ -80,7 +79,7 @@ class TracksDecoder:
 
     def expect(self, threads: int | None, progress: Callable[[float], None] | None = None) -> None:
         """See `Decoder.expect`."""
-        self._lives = read_lifetimes(self.sections, self._spans.born, self.info.timeline)
+        self._lives = self.info.lifetimes.by_track(self._num_tracks, self.info.timeline.num_frames)
         self._splats = blank_splats(self._num_tracks, self.info.bases.degree)
         self._rows = np.zeros((self._num_tracks, int(COLUMNS)), np.int64)
         self._rounding = np.zeros(self._num_tracks, np.float32)

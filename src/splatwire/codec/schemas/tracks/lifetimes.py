@@ -38,6 +38,15 @@ class Lifetimes:
         late, early = np.argsort(values["late"]), np.argsort(values["early"])
         return Lifetimes(values["late"][late], values["begins"][late], values["early"][early], values["ends"][early])
 
+    def by_track(self, num_tracks: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
+        """First frame of each track in the group that it is born in, the clip's first frame after it, int64 (T) each.
+
+        Those that are not told about come with their group, and stay.
+        """
+        begins, ends = np.zeros(num_tracks, np.int64), np.full(num_tracks, num_frames)
+        begins[self.late], ends[self.early] = self.begins, self.ends
+        return begins, ends
+
     def most_seen(self, seen: np.ndarray, count: int) -> "Lifetimes":
         """What is told of the tracks that are seen most.
 
@@ -64,33 +73,35 @@ def lifetimes_sections(lifetimes: Lifetimes) -> dict[str, bytes]:
     return {SECTION: writer.bytes()}
 
 
-def read_lifetimes(
-    sections: Mapping[str, bytes], born: np.ndarray, timeline: Timeline
-) -> tuple[np.ndarray, np.ndarray]:
-    """First frame of each track in the group that it is born in, and the clip's first frame after it, int64 (T) each.
+def read_lifetimes(sections: Mapping[str, bytes], births: Sequence[int], timeline: Timeline) -> Lifetimes:
+    """Reads the named section; nothing is told where there is none.
 
     Args:
         sections: Named sections of the stream.
-        born: Group that each track is born in, int64 (T).
+        births: Tracks that are born in each group.
         timeline: When the frames are.
 
     Raises:
         BitstreamError: If the section is damaged.
     """
-    begins, ends = np.zeros(len(born), np.int64), np.full(len(born), timeline.num_frames)
     if SECTION not in sections:
-        return begins, ends
-    reader = ByteReader(sections[SECTION], f"section '{SECTION}'")
-    for values in (begins, ends):
-        track = -1
+        return Lifetimes.joined([])
+    reader, count = ByteReader(sections[SECTION], f"section '{SECTION}'"), sum(births)
+    values = []
+    for _ in range(2):
+        track, pairs = -1, []
         for _ in range(reader.unsigned()):
             track += reader.unsigned() + 1
-            frame = reader.unsigned()
-            if track >= len(born) or frame > timeline.num_frames:
-                raise BitstreamError(f"section '{SECTION}': track {track} and frame {frame} are not in the clip")
-            values[track] = frame
+            pairs.append((track, reader.unsigned()))
+            if track >= count or pairs[-1][1] > timeline.num_frames:
+                raise BitstreamError(f"section '{SECTION}': track {track}, frame {pairs[-1][1]} are not in the clip")
+        values += list(np.array(pairs, np.int64).reshape(-1, 2).T)
     reader.finish()
-    first = born * timeline.group_frames
+    found = Lifetimes(*values)
+    some = np.union1d(found.late, found.early)
+    own = Lifetimes(np.searchsorted(some, found.late), found.begins, np.searchsorted(some, found.early), found.ends)
+    begins, ends = own.by_track(len(some), timeline.num_frames)
+    first = np.searchsorted(np.cumsum(births), some, side="right") * timeline.group_frames
     if (begins >= timeline.group_frames).any() or (first + begins >= ends).any():
         raise BitstreamError(f"section '{SECTION}': a track ends before it begins")
-    return begins, ends
+    return found

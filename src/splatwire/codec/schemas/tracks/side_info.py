@@ -12,6 +12,7 @@ from splatwire.codec.schemas.gaussians.side_info import SideInfo as BaseInfo
 from splatwire.codec.schemas.gaussians.side_info import read_side_info as read_bases
 from splatwire.codec.schemas.gaussians.side_info import write_side_info as write_bases
 from splatwire.codec.schemas.tracks.layout import NUM_CONTEXTS, NUM_KINDS
+from splatwire.codec.schemas.tracks.lifetimes import Lifetimes, read_lifetimes
 from splatwire.errors import BitstreamError, MissingSideInfoError, UnsupportedVersionError
 from splatwire.model.clip import Timeline
 from splatwire.packets import Manifest
@@ -52,6 +53,7 @@ class ClipInfo:
         coarser: Octaves by which steps of motion are larger than those of the base, by kind of channel, int64 (kinds).
         bit_zero: Initial P(0) of the adaptive models of motion out of 2**8, int64 (contexts).
         sections: Named sections, content by name.
+        lifetimes: When tracks come and go, as one of the sections tells.
     """
 
     timeline: Timeline
@@ -60,6 +62,7 @@ class ClipInfo:
     coarser: np.ndarray
     bit_zero: np.ndarray
     sections: Mapping[str, bytes] = field(default_factory=dict)
+    lifetimes: Lifetimes = field(default_factory=lambda: Lifetimes.joined([]))
 
     def models(self) -> np.ndarray:
         """Initial adaptive models of every packet of motion, int64 (contexts, 2)."""
@@ -107,7 +110,8 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> ClipInfo:
     sections = read_sections(reader.rest())
     size = manifest.packetization.block_size
     base = read_bases(bases, sum(-(-group.births // size) for group in groups))
-    return ClipInfo(timeline, groups, base, coarser, bit_zero, sections)
+    lifetimes = read_lifetimes(sections, [group.births for group in groups], timeline)
+    return ClipInfo(timeline, groups, base, coarser, bit_zero, sections, lifetimes)
 
 
 def _groups(manifest: Manifest) -> tuple[Group, ...]:
