@@ -50,7 +50,8 @@ def encoded(files: list[Path], levels: list[float]) -> dict[float, SceneStream]:
     tracker = Tracker("auto")
     named = [tracker.add(frame) for frame in read_frames(files)]
     groups = [group_of(named[begin : begin + GROUP]) for begin in range(0, len(named), GROUP)]
-    classes, found = precision_classes(groups[0].first), {}
+    everyone = np.arange(len(groups[0].keys))
+    classes, found = precision_classes(groups[0].first(everyone)), {}
     for level in levels:
         writer = ClipWriter(RATE, GROUP, Quality(level=level))
         for number, group in enumerate(groups):
