@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
@@ -62,7 +63,8 @@ class Neighbors:
         mine, count = tracks[told], min(count, len(told))
         near, contrast = np.zeros((len(who), count), np.int32), np.zeros((len(who), 3), np.float32)
         weights, closeness = np.zeros((2, len(who), count), np.float32)
-        contrasts, tree = np.zeros((len(who), count, 3), np.float32), cKDTree(places[mine])
+        contrasts = np.zeros((len(who), count, 3), np.float32)
+        tree = cKDTree(places[mine if len(who) else mine[:0]])
         for begin in range(0, len(who), AT_ONCE):
             some = slice(begin, begin + AT_ONCE)
             _, found = tree.query(places[who[some]], k=count, workers=-1)
@@ -75,17 +77,25 @@ class Neighbors:
 
     def said(self, values: np.ndarray) -> np.ndarray:
         """What the tracks do, float32 (n, C), given what those that are asked do, float32 (m, C)."""
-        said, share = np.zeros((len(self.near), NUM_CHANNELS), np.float32), np.zeros(len(self.near), np.float32)
-        low = high = values[self.near[:, 0]][:, SHAPE]
-        for column in range(self.near.shape[1]):
-            value = values[self.near[:, column]]
-            said[:, : COLOUR.start] += self.weights[:, column, None] * value[:, : COLOUR.start]
-            said[:, COLOUR] += self.closeness[:, column, None] * value[:, COLOUR]
-            share += (self.contrasts[:, column] * value[:, COLOUR]).sum(axis=1)
-            low, high = np.minimum(low, value[:, SHAPE]), np.maximum(high, value[:, SHAPE])
-        said[:, SHAPE] = said[:, SHAPE].clip(low, high)  # none grows or shines more than all around it
-        said[:, COLOUR] += share.clip(-1, 1)[:, None] * self.contrast
+        said = np.zeros((len(self.near), NUM_CHANNELS), np.float32)
+        said[:, : COLOUR.start] = self._summed(self.weights, values[:, : COLOUR.start])
+        if (shapes := values[:, SHAPE]).any():
+            low = high = shapes[self.near[:, 0]]
+            for column in self.near[:, 1:].T:
+                value = shapes[column]
+                low, high = np.minimum(low, value), np.maximum(high, value)
+            said[:, SHAPE] = said[:, SHAPE].clip(low, high)  # none grows or shines more than all around it
+        if (colours := values[:, COLOUR]).any():
+            said[:, COLOUR] = self._summed(self.closeness, colours)
+            share = sum(self._summed(self.contrasts[:, :, a], colours[:, a]) for a in range(3))
+            said[:, COLOUR] += np.clip(share, -1, 1)[:, None] * self.contrast
         return said
+
+    def _summed(self, weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Of what those asked have, (m, ...), the neighbours', weighed (n, k) and added up, (n, ...)."""
+        rows = np.arange(len(self.near) + 1) * self.near.shape[1]
+        table = csr_array((weights.ravel(), self.near.ravel(), rows), shape=(len(self.near), len(values)))
+        return np.asarray(table @ values)
 
 
 def _contrasts(colours: np.ndarray, own: np.ndarray, closeness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

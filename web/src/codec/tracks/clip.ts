@@ -203,7 +203,7 @@ export class Clip implements Moving {
       for (let track = Math.max(heads[TRACK] - heads[BEFORE], 0); track < end; track++)
         if (bases.slots[track] >= 0) spoken[bases.slots[track]] = 1;
     }
-    return { poses: joined(found, bases.slots, frames), spoken };
+    return { poses: joined(found, bases.slots, bases.count, frames), spoken };
   }
 
   /** Throws where poses of so many tracks take too much for what arrived: twice, before and after concealment. */
@@ -375,10 +375,9 @@ export class Clip implements Moving {
   }
 }
 
-/** Tracks of all packets; of one that is there twice the first counts. */
-function joined(found: readonly Decoded[], slotOf: Int32Array, frames: number): Poses {
+/** Tracks of all packets, of one that is there twice the first counts; with room for all of `most` behind them. */
+function joined(found: readonly Decoded[], slotOf: Int32Array, most: number, frames: number): Poses {
   const size = frames * NUM_CHANNELS,
-    most = found.reduce((sum, { offsets }) => sum + offsets.length / size, 0),
     seen = new Uint8Array(slotOf.length),
     slots = new Int32Array(most),
     begins = new Int32Array(most),
@@ -408,17 +407,12 @@ function joined(found: readonly Decoded[], slotOf: Int32Array, frames: number): 
 function extended(poses: Poses, others: readonly number[], frames: number, lost: boolean): Poses & Concealed {
   const known = poses.slots.length,
     count = known + others.length,
-    concealed = new Uint8Array(count).fill(Number(lost), known);
-  if (!others.length) return { ...poses, concealed };
-  const slots = new Int32Array(count),
-    begins = new Int32Array(count),
-    ends = new Int32Array(count).fill(frames, known),
-    offsets = new Float32Array(count * frames * NUM_CHANNELS);
-  slots.set(poses.slots);
+    concealed = new Uint8Array(count).fill(Number(lost), known),
+    slots = new Int32Array(poses.slots.buffer, 0, count),
+    begins = new Int32Array(poses.begins.buffer, 0, count),
+    ends = new Int32Array(poses.ends.buffer, 0, count).fill(frames, known),
+    offsets = new Float32Array(poses.offsets.buffer, 0, count * frames * NUM_CHANNELS);
   slots.set(others, known);
-  begins.set(poses.begins);
-  ends.set(poses.ends);
-  offsets.set(poses.offsets);
   return { slots, begins, ends, offsets, concealed };
 }
 

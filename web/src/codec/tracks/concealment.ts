@@ -43,12 +43,12 @@ export interface Past {
 export function guessed(arrived: Poses, told: Int32Array, who: Int32Array, past: Past, frames: number): Float32Array {
   const { together, fresh } = past,
     out = new Float32Array(frames * NUM_CHANNELS * who.length);
-  for (let n = 0, to = 0; n < who.length; n++)
-    for (let frame = 0; frame < frames; frame++)
-      for (let c = 0, at = who[n] * NUM_CHANNELS; c < NUM_CHANNELS; c++) out[to++] = past.since[at++];
   const peers = told.filter((row) => together[arrived.slots[row]]),
     enough = peers.length >= NEIGHBOURS,
     wayOf = (slot: number) => (enough && together[slot] === 1 ? "alike" : fresh(slot) ? "fresh" : "old");
+  who.forEach((slot, n) => {
+    if (!told.length || wayOf(slot) !== "alike") stay(past.since, slot, out, n * frames, frames);
+  });
   for (const way of ["alike", "fresh", "old"]) {
     const asked = way === "alike" ? peers : told,
       at = Int32Array.from(who.keys()).filter((n) => wayOf(who[n]) === way);
@@ -62,6 +62,12 @@ export function guessed(arrived: Poses, told: Int32Array, who: Int32Array, past:
   }
   if (told.length) fade(arrived, who, past, frames, out);
   return out;
+}
+
+/** A track differs from its base in all frames, from `to` on, as it did. */
+function stay(since: Float32Array, slot: number, out: Float32Array, to: number, frames: number): void {
+  for (let k = to * NUM_CHANNELS; k < (to + frames) * NUM_CHANNELS; k++)
+    out[k] = since[slot * NUM_CHANNELS + (k % NUM_CHANNELS)];
 }
 
 /**

@@ -52,14 +52,8 @@ export function coefficients(
   for (let i = 0; i < count; i++) if (!moving[i]) known[found++] = i;
   for (const i of coarseToFine(small, moving, shifts)) {
     plane.fit(known, found, i);
-    const { count: near, weights, who } = plane,
-      own = i * size;
-    means.fill(0);
-    for (let m = 0; m < near; m++) {
-      if (!moving[who[m]]) continue;
-      const weight = weights[m];
-      for (let u = 0, from = who[m] * size; u < size; u++, from++) means[u] += weight * out[from];
-    }
+    const own = i * size;
+    addUp(plane, moving, out, means);
     for (let c = 0, u = 0; c < NUM_CHANNELS; c++) {
       const end = orders[KIND_OF[c]],
         step = end ? 2 ** shifts[i * NUM_CHANNELS + c] : 0;
@@ -71,6 +65,24 @@ export function coefficients(
     known[found++] = i;
   }
   return out;
+}
+
+/** What the neighbours do, weighed: four at a time, so that a sum is read and written once for them. */
+function addUp({ count, weights, who }: Plane, moving: Uint8Array, rows: Float64Array, means: Float64Array): void {
+  const size = means.fill(0).length,
+    weightOf = (m: number): number => (m < count && moving[who[m]] ? weights[m] : 0);
+  for (let m = 0; m < count; m += 4) {
+    const p = weightOf(m),
+      q = weightOf(m + 1),
+      r = weightOf(m + 2),
+      s = weightOf(m + 3);
+    if (!p && !q && !r && !s) continue;
+    let a = who[m] * size,
+      b = who[m + 1] * size,
+      c = who[m + 2] * size,
+      d = who[m + 3] * size;
+    for (let u = 0; u < size; u++) means[u] += p * rows[a++] + q * rows[b++] + r * rows[c++] + s * rows[d++];
+  }
 }
 
 /** Places from the lowest corner on, in units so large that `PLACE_BITS` suffice. */
