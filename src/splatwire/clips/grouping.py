@@ -15,6 +15,10 @@ from splatwire.scene.splats import Splats
 
 NUM_AROUND = 40
 """Tracks that say where another goes while it is not there."""
+ALIKE = 0.25
+"""Part of its squared motion by which a track may differ from those around it, and yet goes where they go."""
+SAMPLE = 512
+"""Tracks that say whether most move as those around them."""
 AT_ONCE = 1 << 12
 """Tracks that are asked for together."""
 
@@ -93,6 +97,8 @@ def _stacked(
 def _go_along(means: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
     """Moves tracks, while they are not there, as those around them move that are there in all frames.
 
+    Only where most of a group move so, and the track itself did while it was there; else it is held.
+
     A decoder that lost the motion of a track does so, too (`splatwire.clips.guessing`), knowing nothing of when it
     begins: so it finds where the track was born.
 
@@ -103,8 +109,9 @@ def _go_along(means: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
     """
     frames = means.shape[1]
     whole = np.flatnonzero((begins == 0) & (ends == frames))
-    if len(whole) < NUM_AROUND:
+    if len(whole) <= NUM_AROUND or not _smooth(means[whole]):
         return
+    numbers = np.arange(frames)
     for frame in range(frames):
         late, gone = (begins == frame) & (begins > 0), (ends == frame + 1) & (ends < frames)
         who = np.flatnonzero(late | gone)
@@ -112,12 +119,35 @@ def _go_along(means: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
             continue
         tree = cKDTree(means[whole, frame], balanced_tree=False, compact_nodes=False)  # built faster than it is asked
         for some in np.array_split(who, -(-len(who) // AT_ONCE)):
-            here = means[some, frame]
-            near = means[whole[tree.query(here, k=NUM_AROUND)[1]]]
-            weights = smooth_weights(near[:, :, frame] - here[:, None])
-            moved = here[:, None] + np.einsum("nk,nkfa->nfa", weights, near - near[:, :, frame, None])
-            means[some, :frame] = np.where(late[some, None, None], moved, means[some])[:, :frame]
-            means[some, frame + 1 :] = np.where(gone[some, None, None], moved, means[some])[:, frame + 1 :]
+            own, near = means[some], means[whole[tree.query(means[some, frame], k=NUM_AROUND)[1]]]
+            moved = _around(own, near, frame)
+            there = (begins[some, None] <= numbers) & (numbers < ends[some, None])
+            away = late[some, None] & (numbers < frame) | gone[some, None] & (numbers > frame)
+            along = away & _alike(own - own[:, None, frame], moved - own[:, None, frame], there)[:, None]
+            means[some] = np.where(along[:, :, None], moved, own)
+
+
+def _around(own: np.ndarray, near: np.ndarray, frame: int) -> np.ndarray:
+    """Where those around them, (n, k, F, 3), bring tracks from where they are in a frame, (n, F, 3)."""
+    weights = smooth_weights(near[:, :, frame] - own[:, None, frame])
+    moved: np.ndarray = own[:, None, frame] + np.einsum("nk,nkfa->nfa", weights, near - near[:, :, frame, None])
+    return moved
+
+
+def _smooth(means: np.ndarray) -> bool:
+    """Whether most tracks move as those around them: some are asked."""
+    some = np.linspace(0, len(means) - 1, min(len(means), SAMPLE)).astype(np.int64)
+    tree = cKDTree(means[:, 0], balanced_tree=False, compact_nodes=False)
+    own, near = means[some], means[tree.query(means[some, 0], k=NUM_AROUND + 1)[1][:, 1:]]
+    moved = _around(own, near, 0)
+    return bool(_alike(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool)).mean() > 0.5)
+
+
+def _alike(own: np.ndarray, others: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Whether tracks moved as those around them say, (n, F, 3) both, in frames in which they were there, bool (n)."""
+    moved, apart = ((np.square(v).sum(axis=2) * there).sum(axis=1) for v in (own, own - others))
+    alike: np.ndarray = apart <= ALIKE * moved
+    return alike
 
 
 def _first(frames: Sequence[NamedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
