@@ -1,4 +1,4 @@
-"""What is lost of a track's motion is found around it: tracks that are born late, and two bodies in one place."""
+"""What is lost of a track's motion is found around it, if it is: tracks that are born late, two bodies in one place."""
 
 from dataclasses import replace
 
@@ -116,3 +116,16 @@ def test_two_bodies_that_meet_move_each_as_its_own(body):
         means[::2] = body[::2] + np.array([0.4 * frame - 4, 0, 0])
         frames.append(splats_at(means, np.ones(COUNT, bool)))
     assert max(errors(*decoded(frames, FRAMES // 2))) < 0.05
+
+
+def test_where_nobody_moves_as_those_around_them_who_is_lost_is_left_out(body):
+    """A guess would be worse than nothing; where they do, all are drawn."""
+    rng = np.random.default_rng(2)
+    wild = np.cumsum(rng.normal(0, 0.1, (FRAMES, COUNT, 3)), axis=0)
+    for moves, shown in ((wild, False), (np.zeros_like(wild) + np.arange(FRAMES)[:, None, None] / 10, True)):
+        clip, lost = decoded([splats_at(body + move, np.ones(COUNT, bool)) for move in moves], FRAMES)
+        there = np.ones(clip.num_gaussians, bool)
+        motion = without(clip.motion(0, there), lost)
+        poses, _ = conceal_group(clip, motion, 0, there, None, clip_concealer("motion"))
+        assert poses.concealed.any() == shown
+        assert len(poses.tracks) == (COUNT if shown else COUNT - lost.sum())

@@ -316,7 +316,12 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
     pairs = [(base64.b64encode(data).decode(), fine) for data, fine in zip(manifests, said, strict=True)]
     births = encode_clip(map(Frame.of, moving_frames(3000)), ClipOptions(group_frames=4))[0]
     assert LIFETIMES in sections_of(births)
-    clips = {"tiny": streams["tiny_clip"], "births": births}
+    scattered = torch.Generator().manual_seed(part)
+    wild = [
+        replace(s, means=s.means + 0.1 * torch.randn(s.means.shape, generator=scattered)) for s in moving_frames(1000)
+    ]
+    confused = encode_clip(map(Frame.of, wild), ClipOptions(group_frames=4, order="tracked"))[0]
+    clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused}
     frames = {str(p): shown for name, clip in clips.items() for p, shown in lossy_clips(clip, tmp_path / name)}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
     indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatwire.clips.concealers import ClipConcealer
-from splatwire.clips.guessing import Guess, guess, standing
+from splatwire.clips.guessing import Guess, believed, guess, standing
 from splatwire.clips.poses import GroupPoses, Memory
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 from splatwire.model.clip import ClipScene, GroupMotion
@@ -33,7 +33,7 @@ def conceal_group(
         others = GroupPoses(who, *_lives(clip, group, who), np.full(len(who), not motion.unchanged), poses.at)
         poses = _joined(poses, others, does)
     after = _remembered(poses, clip.num_gaussians, frames, before)
-    if not concealer.shown:
+    if not concealer.shown or (concealer.neighbors and len(who) and not believed(clip, _arrived(motion), frames)):
         poses = _some(poses, ~poses.concealed)
     return _some(poses, there[poses.tracks]), after
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from splatwire.clips.concealers import ClipConcealer
 from splatwire.clips.neighbors import OPACITY, PLACE, POSE, Neighbors
@@ -12,6 +13,10 @@ from splatwire.model.clip import ClipScene
 
 UNLIKELY = 1e-3
 """Least share of its opacity that is drawn of what may not be born yet."""
+NUM_AROUND, MOST_AROUND, ASKED = 8, 4096, 8
+"""Neighbours that say whether tracks move as those around them; of so many tracks; every so manieth is asked."""
+ALIKE = 0.25
+"""Part of its squared motion by which a track may differ from them."""
 
 Guess = Callable[[int, np.ndarray], np.ndarray]
 """Of a frame, and of how those that arrived differ from their bases then: how the others do, float32 (n, C)."""
@@ -68,6 +73,27 @@ def guess(
         return found
 
     return at
+
+
+def believed(clip: ClipScene, arrived: GroupPoses, frames: int) -> bool:
+    """Whether most tracks move as those around them: of those that arrived some are asked.
+
+    Where they do not, as where frames were matched that have little in common, a guess is worse than nothing.
+    """
+    told = np.flatnonzero((arrived.begins == 0) & (arrived.ends == frames))
+    if len(told) <= 2 * NUM_AROUND:
+        return True
+    told = told[:: -(-len(told) // MOST_AROUND)]
+    first = arrived.at(0)[told, PLACE]
+    places = clip.tracks.splats.means.numpy()[arrived.tracks[told]] + first
+    asked = np.arange(0, len(told), ASKED)
+    near = cKDTree(places).query(places[asked], k=NUM_AROUND + 1)[1][:, 1:]
+    moved, apart = np.zeros((2, len(asked)))
+    for frame in range(1, frames):
+        change = (arrived.at(frame)[told, PLACE] - first).astype(np.float64)
+        moved += (change[asked] ** 2).sum(axis=1)
+        apart += ((change[asked] - change[near].mean(axis=1)) ** 2).sum(axis=1)
+    return bool((apart <= ALIKE * moved).mean() > 0.5)
 
 
 def _ask(

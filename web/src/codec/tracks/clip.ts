@@ -6,7 +6,7 @@ import { checkMemory } from "../memory.ts";
 import type { Moving, MovingFrame } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { Bases } from "./bases.ts";
-import { guessed, type Poses } from "./concealment.ts";
+import { believed, guessed, type Poses } from "./concealment.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
 import { coefficients, coefficientsOf } from "./predict.ts";
@@ -46,6 +46,8 @@ interface Concealed {
 interface Played extends Poses, Concealed {
   readonly group: number;
   readonly numBases: number;
+  /** Whether tracks whose motion was lost are left out. */
+  readonly left: boolean;
   readonly shown: (packet: Packet) => boolean;
   readonly concealer: string;
   readonly memory: Memory;
@@ -145,10 +147,9 @@ export class Clip implements Moving {
   /** A frame; motion of packets that are not shown is concealed, as that of those that are not there. */
   frame(number: number, shown: (packet: Packet) => boolean, concealer = "motion"): ClipFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { slots, begins, ends, offsets, concealed } = this.#play(group, shown, concealer),
+      { slots, begins, ends, offsets, concealed, left } = this.#play(group, shown, concealer),
       frames = this.framesOf(group),
       at = number - group * this.info.timeline.groupFrames,
-      left = concealer === "drop",
       here = rowsWhere(slots.length, (n) => begins[n] <= at && at < ends[n] && !(left && concealed[n])),
       splats = emptySplats(here.length, this.info.bases.degree),
       tracks = new Int32Array(here.length);
@@ -305,14 +306,20 @@ export class Clip implements Moving {
       const guesses = found.offsets.subarray(size * poses.slots.length);
       this.#guess(poses, lost, before, group, guesses, concealer === "motion");
     }
+    const left = concealer === "drop" || (concealer === "motion" && lost.length > 0 && !this.#believed(poses, frames));
     return {
       ...found,
+      left,
       group,
       shown,
       concealer,
       numBases: bases.count,
       memory: this.#remember(group, found, before, frames),
     };
+  }
+
+  #believed(poses: Poses, frames: number): boolean {
+    return believed(poses, wholeOf(poses, frames), this.bases.splats.means, frames);
   }
 
   /** What tracks do whose motion was lost: as neighbours say, or what they did last. */
@@ -327,8 +334,7 @@ export class Clip implements Moving {
     const { bases, info } = this,
       frames = this.framesOf(group),
       room = bases.count * NUM_CHANNELS,
-      whole = (n: number) => moving && poses.begins[n] === 0 && poses.ends[n] === frames,
-      told = rowsWhere(poses.slots.length, whole),
+      told = moving ? wholeOf(poses, frames) : new Int32Array(),
       unit = 2 ** (info.bases.sizeLog - info.bases.unit - 1),
       past = {
         splats: bases.splats,
@@ -428,4 +434,9 @@ function widened(old: Float32Array, length: number): Float32Array {
   const wider = new Float32Array(length);
   wider.set(old);
   return wider;
+}
+
+/** Rows of tracks that are there in the whole group. */
+function wholeOf({ slots, begins, ends }: Poses, frames: number): Int32Array {
+  return rowsWhere(slots.length, (n) => begins[n] === 0 && ends[n] === frames);
 }

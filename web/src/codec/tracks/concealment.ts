@@ -1,13 +1,20 @@
 // What tracks do whose motion was lost: what a quadratic through the motions of their neighbours says. The twin of
-// `splatwire.clips.concealment`.
+// `splatwire.clips.guessing`.
 
+import { KdTree } from "../../conceal/kd_tree.ts";
 import type { Splats } from "../splats.ts";
 import { Field, NEIGHBOURS } from "./field.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 
 const OPACITY = 9,
   /** Least share of its opacity that is drawn of what may not be born yet. */
-  UNLIKELY = 1e-3;
+  UNLIKELY = 1e-3,
+  /** Neighbours that say whether tracks move as those around them; of so many tracks; every so manieth is asked. */
+  AROUND = 8,
+  MOST_AROUND = 4096,
+  ASKED = 8,
+  /** Part of its squared motion by which a track may differ from them. */
+  ALIKE = 0.25;
 
 /** How tracks of a group differ from their bases; n tracks, frames times channels each. */
 export interface Poses {
@@ -62,6 +69,39 @@ export function guessed(arrived: Poses, told: Int32Array, who: Int32Array, past:
   }
   if (told.length) fade(arrived, who, past, frames, out);
   return out;
+}
+
+/**
+ * Whether most tracks move as those around them: of those that arrived, rows `told`, some are asked. Where they do not,
+ * a guess is worse than nothing.
+ */
+export function believed(arrived: Poses, told: Int32Array, means: Float32Array, frames: number): boolean {
+  if (told.length <= 2 * AROUND) return true;
+  const each = Math.ceil(told.length / MOST_AROUND),
+    rows = told.filter((_, n) => n % each === 0),
+    value = (n: number, frame: number, a: number) =>
+      arrived.offsets[(rows[n] * frames + frame) * NUM_CHANNELS + a] -
+      arrived.offsets[rows[n] * frames * NUM_CHANNELS + a],
+    points = Float32Array.from({ length: 3 * rows.length }, (_, k) => {
+      const row = rows[Math.floor(k / 3)];
+      return means[3 * arrived.slots[row] + (k % 3)] + arrived.offsets[row * frames * NUM_CHANNELS + (k % 3)];
+    }),
+    tree = new KdTree(points, AROUND);
+  let alike = 0;
+  for (let n = 0; n < rows.length; n += ASKED) {
+    const near = tree.nearestOthers(n);
+    let moved = 0,
+      apart = 0;
+    for (let k = 3; k < 3 * frames; k++) {
+      const own = value(n, Math.floor(k / 3), k % 3);
+      let said = 0;
+      for (const other of near) said += value(other, Math.floor(k / 3), k % 3) / near.length;
+      moved += own * own;
+      apart += (own - said) ** 2;
+    }
+    alike += apart <= ALIKE * moved ? 1 : -1;
+  }
+  return alike > 0;
 }
 
 /** A track differs from its base in all frames, from `to` on, as it did. */
