@@ -55,7 +55,7 @@ def test_tracks_go_along_with_those_around_them_while_they_are_not_there(body):
         frames.append(NamedFrame(splats.select(torch.from_numpy(here)), here))
     group = group_of(frames)
     wanted = np.stack([places(body, frame, 0.1) for frame in range(FRAMES)], axis=1)
-    assert np.abs(group.moves.means - wanted).max() < 0.02  # held, they would be 1.5 away
+    assert np.abs(group.moves.means - wanted).max() < 0.02
     assert (group.begins[group.keys % 5 == 1] == LATE).all()
     assert torch.equal(group.first(np.arange(COUNT)).means, torch.from_numpy(group.moves.means[:, 0]))
 
@@ -105,7 +105,7 @@ def test_a_track_that_is_born_late_is_where_those_around_it_bring_it(body, late)
     """In the first group, and in the second one, whose other tracks were born long before."""
     fifth = np.arange(COUNT) % 5
     frames = [splats_at(places(body, f, 0.1), (fifth != 1) | (f >= late)) for f in range(FRAMES)]
-    assert max(errors(*decoded(frames, FRAMES // 2))) < 0.05  # where it stays, it is 0.7 away
+    assert max(errors(*decoded(frames, FRAMES // 2))) < 0.05
 
 
 def test_two_bodies_that_meet_move_each_as_its_own(body):

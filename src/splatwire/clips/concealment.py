@@ -25,15 +25,16 @@ def conceal_group(
     Returns:
         The poses, and what is known when the group ends.
     """
-    frames, poses = len(clip.timeline.frames_of(group)), _arrived(motion)
+    frames, arrived = len(clip.timeline.frames_of(group)), _arrived(motion)
+    poses = arrived
     before = _first_memory(clip) if memory is None else memory.grown(clip.num_gaussians)
     who = np.flatnonzero(_lost(clip, motion, group, there, None if memory is None else before.alive))
     if len(who):
-        does = standing(who) if motion.unchanged else guess(clip, poses, who, before, group, concealer)
-        others = GroupPoses(who, *_lives(clip, group, who), np.full(len(who), not motion.unchanged), poses.at)
-        poses = _joined(poses, others, does)
+        does = standing(who) if motion.unchanged else guess(clip, arrived, who, before, group, concealer)
+        others = GroupPoses(who, *_lives(clip, group, who), np.full(len(who), not motion.unchanged), arrived.at)
+        poses = _joined(arrived, others, does)
     after = _remembered(poses, clip.num_gaussians, frames, before)
-    if not concealer.shown or (concealer.neighbors and len(who) and not believed(clip, _arrived(motion), frames)):
+    if not concealer.shown or (concealer.neighbors and len(who) and not believed(clip, arrived, frames)):
         poses = _some(poses, ~poses.concealed)
     return _some(poses, there[poses.tracks]), after
 

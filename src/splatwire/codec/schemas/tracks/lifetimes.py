@@ -11,7 +11,7 @@ from splatwire.model.clip import Timeline
 
 SECTION = "lifetimes"
 BYTES_OF_ONE = 512
-"""Of a group's packets, for each track that is told about: two or three bytes each, at most one in 200."""
+"""Of a group's packets, for each track that is told about: two or three bytes each, about one in 200."""
 
 
 @dataclass(frozen=True, eq=False)
