@@ -9,7 +9,7 @@ import pytest
 from moving_clips import moving_frames
 from splatwire.channel import parse_loss
 from splatwire.clips import ClipOptions, encode_clip
-from splatwire.clips.damage import ClipDamage, pooled
+from splatwire.clips.damage import SHARES, ClipDamage, pooled
 from splatwire.clips.delivery import ClipLoad, delivered, passage
 from splatwire.clips.planning import ClipOffer, plan_clip
 from splatwire.clips.worth import worth_of, worth_of_stream
@@ -128,11 +128,11 @@ def test_a_deadline_is_kept_and_one_that_is_too_short_is_told(load):
         plan_clip([offer_of(load)], RANDOM, budget_bytes=float("inf"), group_bytes=[0.9 * size for size in motion])
 
 
-def test_qualities_share_what_losses_add():
-    shares = np.array([[0.0, 0.5, 1.0]])
-    one = ClipDamage(shares, np.array([[[1e-4], [4e-4], [9e-4]]]), (GROUP,))
-    other = ClipDamage(shares, np.array([[[2e-4], [3e-4], [8e-4]]]), (GROUP,))
-    first, second = pooled([one, other])
-    assert 10 ** (-first.psnr(0, np.array([0.0, 1.0])) / 10) == pytest.approx([1e-4, 8e-4])
-    assert 10 ** (-second.psnr(0, np.array([0.0, 1.0])) / 10) == pytest.approx([2e-4, 9e-4])
-    assert np.allclose(first.mse - first.mse[:, :1], second.mse - second.mse[:, :1])
+def test_qualities_share_how_errors_grow_and_a_draw_out_of_the_common_is_not_believed():
+    shares, added = np.array([SHARES]), np.array([[0.0, 1.0, 3.0, 6.0, 20.0, 500.0]])[:, :, None] * 1e-5
+    true = [ClipDamage(shares, 1e-4 / factor + factor * added, (GROUP,)) for factor in (0.5, 1.0, 2.0)]
+    drawn = [dataclasses.replace(damage, mse=damage.mse.copy()) for damage in true]
+    drawn[0].mse[0, 3] *= 100
+    for found, damage in zip(pooled(drawn), true, strict=True):
+        assert np.allclose(found.mse, damage.mse)
+    assert np.allclose(pooled(true[:1])[0].mse, true[0].mse)

@@ -17,7 +17,10 @@ from splatwire.packets import SceneStream
 from splatwire.render import iterate_views
 from splatwire.scene import Cameras
 
-SHARES = (0.0, 0.05, 0.15, 0.35, 0.7, 1.0)
+SHARES = (0.0, 0.1, 0.3, 0.6, 0.9, 1.0)
+"""Of a group's motion that are lost to measure: most is bearable, all is not, and between 0.9 and 1 it turns."""
+LEAST_FACTOR = 0.01
+"""How much less than usual losses may seem to cost one quality: nothing at all is a lucky draw."""
 FRAMES = 3
 """Frames of a group whose pictures are drawn."""
 
@@ -111,10 +114,10 @@ def _curves(shares: np.ndarray, mse: np.ndarray, frames: list[list[int]], timeli
 
 
 def pooled(damages: Sequence[ClipDamage]) -> list[ClipDamage]:
-    """The same where qualities of one clip share what losses add to their errors: the mean over all of them.
+    """The same where qualities of one clip share how errors grow with what is lost, and differ by one factor each.
 
-    What neighbours do not tell of a motion does not hang on its steps, and one draw of losses for each share is little:
-    without this a quality seems better because its draw was lucky.
+    One draw of losses for each share is little: a quality would seem better because its draw was lucky. Medians, for
+    in some draws what neighbours tell is not believed any more, and errors are a hundred times the usual.
     """
     grid = np.array(SHARES)
 
@@ -122,9 +125,15 @@ def pooled(damages: Sequence[ClipDamage]) -> list[ClipDamage]:
         pairs = zip(damage.shares, damage.mse, strict=True)
         return np.array([[np.interp(grid, shares, curve) for curve in mse.T] for shares, mse in pairs]).swapaxes(1, 2)
 
-    errors = [on_grid(damage) for damage in damages]
-    added = np.maximum.accumulate(np.mean([some - some[:, :1] for some in errors], axis=0), axis=1)
-    shares = np.tile(grid, (len(added), 1))
+    errors = np.array([on_grid(damage) for damage in damages])
+    added, factors = errors - errors[:, :, :1], np.ones(len(damages))
+    for _ in range(2):  # what is usual of them as they are, and then of what they are without their factors
+        usual = np.median([some / factor for some, factor in zip(added, factors, strict=True)], axis=0)
+        told = usual > 0
+        if told.any():
+            factors = np.array([max(float(np.median(some[told] / usual[told])), LEAST_FACTOR) for some in added])
+    usual, shares = np.maximum.accumulate(usual, axis=1), np.tile(grid, (len(usual), 1))
     return [
-        ClipDamage(shares, some[:, :1] + added, damage.frames) for some, damage in zip(errors, damages, strict=True)
+        ClipDamage(shares, some[:, :1] + factor * usual, damage.frames)
+        for some, factor, damage in zip(errors, factors, damages, strict=True)
     ]

@@ -168,16 +168,20 @@ def _partners(
     look = max(_typical(np.sqrt(differ[here, best])), ALIKE * unlike) ** 2
     score = (distance / unit) ** 2 * weight + differ / look
     partner = _one_to_one(score, near, len(expected))
-    found = partner >= 0
-    own = np.full(len(now), np.inf)
-    own[found] = np.where(near[found] == partner[found, None], score[found], np.inf).min(axis=1)
+    found, mine = partner >= 0, near == partner[:, None]
+
+    def own(values: np.ndarray) -> np.ndarray:
+        return np.where(found, np.where(mine, values, np.inf).min(axis=1), np.inf)
+
+    alike, chosen = own(differ), own(score)
     if final:
-        unit, look, far = max(unit, NEARLY * far_off), max(look, (NEARLY * unlike) ** 2), np.full(len(now), np.inf)
+        unit, look = max(unit, NEARLY * far_off), max(look, (NEARLY * unlike) ** 2)
         score = (distance / unit) ** 2 * weight + differ / look
-        far[found] = np.where(near[found] == partner[found, None], score[found], np.inf).min(axis=1)
-        partner[far > FARTHEST * 2] = -1
+        partner[own(score) > FARTHEST * 2] = -1
     second = np.partition(score, 1, axis=1)[:, 1] if count > 1 else np.full(len(now), np.inf)
-    return partner, found & (own <= np.quantile(own[found], 0.8) if found.any() else found) & (own < 0.7 * second)
+    # Looks alone say who is most alike: what moves most is farthest from where it is expected, and tells most.
+    sure = found & (chosen < 0.7 * second)
+    return partner, sure & (alike <= np.quantile(alike[found], 0.8)) if found.any() else sure
 
 
 def _typical(values: np.ndarray) -> float:
