@@ -4,6 +4,7 @@ import asyncio
 import json
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from explicit import encode_splats
@@ -47,6 +48,24 @@ const ask = WebGL2RenderingContext.prototype.getSyncParameter;
 WebGL2RenderingContext.prototype.getSyncParameter = function (...given) {{
   return window.busy ? this.UNSIGNALED : ask.apply(this, given);
 }};</script>{SCENE}"""
+TURNS = f"""(async () => {{
+  const {{ view }} = {ELEMENT}, given = GIVEN, kinds = {{ centers: Float32Array, opacities: Float32Array }};
+  const orders = given.map((order) => ({{ count: COUNT, degree: 0, harmonics: [], ...Object.fromEntries(
+    Object.entries(order).map(([name, texels]) => [name, new (kinds[name] ?? Uint16Array)(texels)])) }}));
+  const found = [];
+  for (let n = 0; n < 30; n++) {{
+    view.add(orders[n % 2], true);
+    let shown = false;
+    const steady = view.steady().then(() => (shown = true));
+    while (!shown) await Promise.race([n ? picture().then((drawn) => found.push(drawn)) : view.frame(), steady]);
+  }}
+  async function picture() {{
+    await view.frame();
+    return view.canvas.toDataURL();
+  }}
+  return found;
+}})()"""
+"""Pictures while Gaussians take the place of the same ones in another order, again and again."""
 PAGES = {"patient": PATIENT, "late": LATE, "counted": COUNTED, "busy": BUSY}
 WHOLE = f"{ELEMENT}?.status?.verified && {ELEMENT}.view?.shows"
 
@@ -143,3 +162,35 @@ def test_a_canvas_gets_another_size_when_the_card_has_drawn() -> None:
         page.wait_for(f"{canvas}.height === {canvas}.clientHeight")
 
     on_page("busy", encode_splats(ball(), SMALL, quality=Quality(10.0)), work)
+
+
+def test_what_takes_the_place_of_others_is_never_drawn_in_their_order() -> None:
+    """As rows of a clip do: pictures of the same Gaussians are the same, whatever their order, at all times."""
+    count = 40
+
+    def halves(columns: np.ndarray) -> list[int]:
+        return columns.astype(np.float16).view(np.uint16).ravel().tolist()
+
+    def orders(viewmat: np.ndarray) -> list[dict[str, list]]:
+        """Gaussians one behind the other, in two orders that say nothing."""
+        rng, ones = np.random.default_rng(2), np.ones((count, 1))
+        seen = np.hstack([rng.uniform(-0.1, 0.1, (count, 2)), np.linspace(-0.3, 0.3, count)[:, None]])
+        centers = np.hstack([seen @ viewmat[:3, :3], ones])
+        colours = np.hstack([rng.uniform(0, 1, (count, 3)), ones * 0.9])
+        return [
+            {
+                "centers": centers[row].ravel().tolist(), "colours": halves(colours[row]),
+                "scales": halves(np.full((count, 4), 0.1)), "turns": halves(np.eye(4)[np.zeros(count, int)]),
+                "opacities": [0.9] * count,
+            }
+            for row in (rng.permutation(count), rng.permutation(count))
+        ]  # fmt: skip
+
+    def work(page: Browser) -> None:
+        page.wait_for(WHOLE)
+        given = json.dumps(orders(np.array(page.evaluate(f"{ELEMENT}.view.camera.viewmat"))))
+        pictures = page.resolve(TURNS.replace("GIVEN", given).replace("COUNT", str(count)))
+        assert len(pictures) > 15
+        assert len(set(pictures)) == 1
+
+    on_page("patient", encode_splats(ball(degree=0), SMALL, quality=Quality(10.0)), work)

@@ -58,6 +58,8 @@ export class View {
   /** Whether a frame waits until the card has drawn the one before: it then shows what is there by then. */
   #late = false;
   #gaussians: Gaussians | null = null;
+  /** What those took the place of, on the screen until they are sorted; the next ones are written over it. */
+  #before: Gaussians | null = null;
   /** Of a scene with levels, in place of those. */
   #tiles: TiledGaussians | null = null;
   #all: Packed[] = [];
@@ -149,7 +151,7 @@ export class View {
     this.#destroyed = true;
     const { gl } = this.#app.graphicsDevice as WebglGraphicsDevice;
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
-    this.#gaussians?.destroy();
+    this.#drop();
     this.#tiles?.destroy();
     this.#precise.destroy();
     this.#app.destroy();
@@ -175,6 +177,9 @@ export class View {
     if (performance.now() - this.#drawnAt < IDLE_MS || this.#app.renderNextFrame) return;
     cancelAnimationFrame(loop.frameRequestId);
     this.#asleep = true;
+    if (this.#replaced) return;
+    this.#before?.destroy();
+    this.#before = null;
   }
 
   /** Takes the size of the element on the page. */
@@ -223,8 +228,27 @@ export class View {
     this.#tiles = null;
     this.#size = size;
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
-    this.#gaussians?.destroy();
-    this.#gaussians = null;
+    this.#drop();
+  }
+
+  #drop(): void {
+    for (const gaussians of [this.#gaussians, this.#before]) gaussians?.destroy();
+    this.#gaussians = this.#before = null;
+  }
+
+  /**
+   * What is on the screen is not written over: drawn in an order of depths that is not its own, what comes would be
+   * torn wherever rows are other Gaussians than they were.
+   */
+  #takeTurns(): void {
+    const last = this.#gaussians;
+    if (!last) return;
+    const free = this.#replaced ? null : this.#before;
+    this.#gaussians = free ?? new Gaussians(this.#app.graphicsDevice, last.capacity, last.degree);
+    this.#gaussians.clear();
+    this.#scene.gsplat!.resource = this.#gaussians;
+    if (this.#replaced) last.destroy();
+    else this.#before = last;
   }
 
   /** Takes Gaussians in addition to those that are there, or instead of them. */
@@ -232,7 +256,7 @@ export class View {
     if (instead) {
       this.#all = [];
       this.#gains = null;
-      this.#gaussians?.clear();
+      this.#takeTurns();
       this.#replaced = this.#gaussians !== null;
     }
     this.#all.push(packed);
@@ -322,7 +346,8 @@ export class View {
     if (!ready || !this.#replaced || this.#tiles?.settled === false) return;
     this.#replaced = false;
     this.#tiles?.sorted();
-    this.#changed();
+    if (this.#tiles) this.#changed();
+    else this.touch();
     for (const resolve of this.#steady.splice(0)) resolve();
   }
 
@@ -340,7 +365,7 @@ export class View {
     if (this.#gains) larger.setGains(this.#gains);
     if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
     this.#scene.addComponent("gsplat", { resource: larger });
-    this.#gaussians?.destroy();
+    this.#drop();
     this.#gaussians = larger;
   }
 
