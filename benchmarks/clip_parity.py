@@ -25,7 +25,7 @@ from splatwire.clips import frame_files, read_frames
 from splatwire.clips.concealers import CLIP_CONCEALERS
 from splatwire.clips.damage import draw, measure_clip_damage, pooled
 from splatwire.clips.delivery import ClipLoad, delivered, passage
-from splatwire.clips.grouping import group_of
+from splatwire.clips.gathering import group_of
 from splatwire.clips.planning import ClipOffer, plan_clip
 from splatwire.clips.tracking import SECTION, Tracker
 from splatwire.clips.worth import worth_of_stream

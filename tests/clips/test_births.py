@@ -9,7 +9,8 @@ import torch
 from splatwire.clips import ClipOptions, Frame, encode_clip
 from splatwire.clips.concealers import clip_concealer
 from splatwire.clips.concealment import conceal_group
-from splatwire.clips.grouping import NamedFrame, group_of
+from splatwire.clips.gathering import group_of
+from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.poses import Memory
 from splatwire.codec import decode_stream
 from splatwire.model.clip import ClipScene, GroupMotion

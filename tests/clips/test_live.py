@@ -137,7 +137,7 @@ def test_where_the_path_is_slower_than_the_clip_motion_goes_first_and_bases_neve
         assert motion == sorted(motion, reverse=True)
 
 
-def test_of_what_leaves_the_most_seen_is_first():
+def test_of_what_leaves_the_most_seen_of_each_block_is_first():
     encoder = ClipEncoder(ClipOptions(group_frames=2), lambda splats: np.zeros(splats.num_gaussians, np.int64))
     for splats in moving_frames(24000, 2):
         packets = encoder.push(splats)
@@ -148,7 +148,15 @@ def test_of_what_leaves_the_most_seen_is_first():
     told, found = worth_of_stream(stream), encoder.worth(packets)
     motion = [worth for worth, lasts in zip(found, lasting, strict=True) if not lasts]
     assert len(motion) > 3
-    assert motion == sorted(motion, reverse=True)
+    blocks = [packet.id.block for packet, lasts in zip(packets, lasting, strict=True) if not lasts]
+    turns = [blocks[:place].count(block) for place, block in enumerate(blocks)]
+    assert turns == sorted(turns)
+    for _, some in itertools.groupby(zip(turns, motion, strict=True), lambda pair: pair[0]):
+        worth = [own for _, own in some]
+        assert worth == sorted(worth, reverse=True)
+    for block in set(blocks):
+        worth = [own for own, other in zip(motion, blocks, strict=True) if other == block]
+        assert worth == sorted(worth, reverse=True)
     wanted = [told[packet.id] for packet, lasts in zip(packets, lasting, strict=True) if not lasts]
     assert motion == pytest.approx(wanted, rel=0.2)
     bases = found[: len(found) - len(motion)]

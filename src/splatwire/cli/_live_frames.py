@@ -11,7 +11,6 @@ from splatwire.cli._files import STREAM_SUFFIX
 
 if TYPE_CHECKING:
     from splatwire.clips import ClipFrame
-    from splatwire.clips.live import LiveDecoder
     from splatwire.transport import Event
 
 DIGITS = 6
@@ -78,23 +77,12 @@ class LiveFrames:
 
     def _work(self) -> None:
         from splatwire.clips.concealers import DEFAULT
-        from splatwire.clips.live import LiveDecoder
+        from splatwire.clips.live import LiveDecoder, frames_in_turn
 
         try:
-            decoder = LiveDecoder(self._concealer or DEFAULT)
-            while (event := self._waiting.get()) is not None:
-                self._take(decoder, event)
-            self._write(decoder.finish())
+            self._write(frames_in_turn(LiveDecoder(self._concealer or DEFAULT), self._waiting))
         except Exception as error:  # raised where the stream is received
             self._error = error
-
-    def _take(self, decoder: "LiveDecoder", event: "Event") -> None:
-        from splatwire.transport import PacketArrived, SideInfoArrived
-
-        if isinstance(event, SideInfoArrived):
-            self._write(decoder.grow(event.manifest, event.side_info))
-        elif isinstance(event, PacketArrived):
-            self._write(decoder.add([event.packet]))
 
     def _write(self, frames: "Iterable[ClipFrame]") -> None:
         from splatwire.formats import write_splats

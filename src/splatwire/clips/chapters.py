@@ -1,9 +1,11 @@
 """A clip without end: chapters, each a clip of its own, so that what is held does not grow."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 
 from splatwire.clips.encoding import ClipEncoder, ClipOptions
 from splatwire.clips.frames import Frame
+from splatwire.ops.threads import one_torch_thread
 from splatwire.packets import Packet
 from splatwire.scene.splats import Splats
 from splatwire.transport.broadcast import PROTECTION, Broadcast, Edition
@@ -44,9 +46,10 @@ class EndlessClip:
         begins = not self.num_frames % self._options.group_frames
         if begins and self._full and taken.drawn.any():  # a clip begins with something that draws
             self._begin(self.encoder.next_chapter())
-        packets = self.encoder.push(taken)
-        self.num_frames += 1
-        return None if self.num_frames % self._options.group_frames else self._add(packets)
+        with one_torch_thread() if self.num_frames > self._options.group_frames else nullcontext():
+            packets = self.encoder.push(taken)
+            self.num_frames += 1
+            return None if self.num_frames % self._options.group_frames else self._add(packets)
 
     def end(self) -> list[Edition]:
         """What is served at the end, one after the other: the frames since the last group, and that nothing follows."""

@@ -10,7 +10,8 @@ import numpy as np
 from splatwire.byte_io import ByteWriter
 from splatwire.clips.extent import Ball, ball_of
 from splatwire.clips.frames import Frame
-from splatwire.clips.grouping import NamedFrame, group_of
+from splatwire.clips.gathering import Gathering
+from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
@@ -18,6 +19,7 @@ from splatwire.codec.schemas.tracks.encoder import ClipWriter, TrackGroup
 from splatwire.codec.viewpoint import EXTENT_SECTION, extent_section, up_sections
 from splatwire.errors import InvalidValueError
 from splatwire.model import SplatScene
+from splatwire.ops.threads import allowed_threads
 from splatwire.packets import Manifest, Packet, SceneStream
 from splatwire.packets.limits import MAX_FRAME_RATE, MAX_GROUP_FRAMES
 from splatwire.render.precision import precision_classes
@@ -81,7 +83,9 @@ class ClipEncoder:
         self, options: ClipOptions = ClipOptions(), classes: Callable[[Splats], np.ndarray] | None = None
     ) -> None:
         self._options, self._classes = options, classes or precision_classes
-        self._tracker, self._frames = Tracker(options.order), list[NamedFrame]()
+        self._tracker, self._frames = Tracker(options.order), Gathering(options.group_frames)
+        self._ended: tuple[NamedFrame, NamedFrame] | None = None
+        self._last: Splats | None = None
         self._degree: int | None = None
         self._groups, self._told = 0, False
         self._sections: dict[str, bytes] = {}
@@ -89,8 +93,9 @@ class ClipEncoder:
         self._extent: Ball | None = None
         self._known: tuple[np.ndarray, np.ndarray] | None = None
         self._writer = ClipWriter(
-            options.rate, options.group_frames, quality_of(options.quality), options.background, threads=options.threads
-        )
+            options.rate, options.group_frames, quality_of(options.quality), options.background,
+            threads=options.threads or allowed_threads(),
+        )  # fmt: skip
 
     @property
     def tracking(self) -> TrackingReport:
@@ -103,6 +108,7 @@ class ClipEncoder:
         What this one holds is not held by it.
         """
         assert not self._frames
+        self._catch_up()
         other = ClipEncoder(self._options, self._classes)
         other._tracker, other._degree, other._told = self._tracker, self._degree, self._told
         other._first_frame = other._num_frames = self._num_frames
@@ -124,6 +130,7 @@ class ClipEncoder:
         Raises:
             InvalidValueError: If its harmonics have another degree than those before, or it does not fit the order.
         """
+        self._catch_up()
         taken = frame if isinstance(frame, Frame) else Frame.of(frame)
         if self._degree not in (None, taken.splats.degree):
             raise InvalidValueError(
@@ -132,9 +139,8 @@ class ClipEncoder:
         if self._degree is None:
             self._sections |= antialiasing_sections(taken.antialiased)
         self._degree = taken.splats.degree
-        ball = ball_of(taken.splats)
-        self._extent = self._extent.with_(ball) if self._extent and ball else self._extent or ball
-        self._frames.append(self._tracker.add(taken))
+        self._last = taken.splats
+        self._frames.add(self._tracker.add(taken))
         self._num_frames += 1
         return self._flush() if len(self._frames) == self._options.group_frames else []
 
@@ -145,6 +151,7 @@ class ClipEncoder:
             InvalidValueError: If nothing was.
         """
         self.flush()
+        self._catch_up()
         if not self._groups:
             raise InvalidValueError("a clip has one frame at least")
         extent = self._extent  # of a clip that goes on nobody knows it
@@ -168,10 +175,11 @@ class ClipEncoder:
         return self._flush() if self._frames else []
 
     def _flush(self) -> list[Packet]:
-        group = group_of(self._frames)
-        self._tell_harmonics()
+        group = self._frames.group()
+        self._ended = self._frames.frames[0], self._frames.frames[-1]
         classes = self._precision(group) if not self._groups and len(group.keys) else None
-        self._frames, self._groups = [], self._groups + 1
+        self._frames = Gathering(self._options.group_frames, smooth=self._frames.smooth)
+        self._groups += 1
         return self._writer.add(group, classes)
 
     def _precision(self, group: TrackGroup) -> np.ndarray:
@@ -190,11 +198,17 @@ class ClipEncoder:
             self._sections |= up_sections(up_of(SplatScene(first)) if up == "auto" else up)
         return classes
 
+    def _catch_up(self) -> None:
+        """Looks at the frame before, and at the group that ended with it: no packet waits for that."""
+        ball = None if self._last is None else ball_of(self._last)
+        self._extent, self._last = self._extent.with_(ball) if self._extent and ball else self._extent or ball, None
+        self._tell_harmonics()
+
     def _tell_harmonics(self) -> None:
         """Warns, once, where colours change with the direction that they are seen from: tracks keep those of birth."""
-        if self._told or not self._degree:
+        (first, last), self._ended = self._ended or (None, None), None
+        if first is None or last is None or self._told or not self._degree:
             return
-        first, last = self._frames[0], self._frames[-1]
         _, here, there = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)
         before, after = first.splats.sh[here, 1:], last.splats.sh[there, 1:]
         changed = int(((before - after).abs() > SEEN).flatten(1).any(dim=1).sum())

@@ -1,16 +1,13 @@
-"""Frames whose Gaussians have names, gathered into groups of tracks."""
+"""Where tracks go in a group of frames while they are not there: with those around them."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from splatwire.clips.neighbors import smooth_weights
-from splatwire.codec.schemas.tracks.encoder import TrackGroup
-from splatwire.codec.schemas.tracks.trajectories import Trajectories
 from splatwire.scene.splats import Splats
 
 NUM_AROUND = 40
@@ -19,6 +16,8 @@ ALIKE = 0.25
 """Part of its squared motion by which a track may differ from those around it, and yet goes where they go."""
 SAMPLE = 512
 """Tracks that say whether most move as those around them."""
+MORE_AROUND = 16
+"""As many more are looked for while nobody knows who of them will go."""
 AT_ONCE = 1 << 12
 """Tracks that are asked for together."""
 
@@ -36,65 +35,72 @@ class NamedFrame:
     keys: np.ndarray
 
 
-def group_of(frames: Sequence[NamedFrame]) -> TrackGroup:
-    """Gathers the tracks of consecutive frames; a name is in frames that follow each other.
+@dataclass(frozen=True, eq=False)
+class Around:
+    """Tracks and who is near to them in a frame.
 
-    Before and after a track is there it is held as it is at that end, and goes where those around it go.
+    Attributes:
+        who: They, int64 (n).
+        near: Rows of the nearest of others, nearest first, int64 (n, k).
+        weights: How much each of the nearest `NUM_AROUND` of these counts, float32 (n, `NUM_AROUND` or fewer).
     """
-    keys, where = _rows_of([frame.keys for frame in frames])
-    begins, ends = np.full(len(keys), len(frames), np.int64), np.zeros(len(keys), np.int64)
-    for number, rows in enumerate(where):
-        begins[rows] = np.minimum(begins[rows], number)
-        ends[rows] = number + 1
-    moves = Trajectories(
-        **{
-            name: _stacked([_moving(frame.splats, name).numpy() for frame in frames], where, begins, ends)
-            for name in ("means", "quats", "scales", "opacities", "colours")
-        }
-    )
-    _go_along(moves.means, begins, ends)
 
-    def first(some: np.ndarray) -> Splats:
-        own = _first(frames, keys[some], begins[some])
-        return replace(own, means=torch.from_numpy(moves.means[some, 0]))
+    who: np.ndarray
+    near: np.ndarray
+    weights: np.ndarray
 
-    return TrackGroup(keys, begins, ends, moves, first)
+    @staticmethod
+    def weighed(places: np.ndarray, who: np.ndarray, near: np.ndarray) -> "Around":
+        """The same, by all places in the frame, (T, 3)."""
+        return Around(who, near, smooth_weights(places[near[:, :NUM_AROUND]] - places[who, None]))
 
+    def only(self, there: np.ndarray, places: np.ndarray) -> "list[Around]":
+        """The nearest `NUM_AROUND` of those that are among some, bool (T); of tracks for which there are so many."""
+        known = there[self.near]
+        same, enough = known[:, :NUM_AROUND].all(axis=1), known.sum(axis=1) >= NUM_AROUND
+        other = enough & ~same
+        first = np.argsort(~known[other], axis=1, kind="stable")[:, :NUM_AROUND]
+        return [
+            Around(self.who[same], self.near[same, :NUM_AROUND], self.weights[same]),
+            Around.weighed(places, self.who[other], np.take_along_axis(self.near[other], first, axis=1)),
+        ]
 
-def _rows_of(names: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """All names, ascending, and which of them those of each frame are; names are numbers that were counted up."""
-    least = min((int(some.min()) for some in names if len(some)), default=0)
-    most = max((int(some.max()) for some in names if len(some)), default=-1)
-    there = np.zeros(most + 1 - least, bool)
-    for some in names:
-        there[some - least] = True
-    row = np.cumsum(there) - 1
-    return np.flatnonzero(there) + least, [row[some - least] for some in names]
+    def brings(self, means: np.ndarray, frame: int) -> np.ndarray:
+        """Where those around them bring tracks from where they are in the frame, (n, F, 3), by all places (T, F, 3)."""
+        own, near = means[self.who, frame, None], means[self.near]
+        moved: np.ndarray = own + np.einsum("nk,nkfa->nfa", self.weights, near - near[:, :, frame, None])
+        return moved
 
 
-def _moving(splats: Splats, name: str) -> Tensor:
-    values: Tensor = splats.sh[:, 0] if name == "colours" else getattr(splats, name)
-    return values
+@dataclass(frozen=True, eq=False)
+class Near:
+    """Who may be near to others in a frame: rows, int64 (m), and a tree of their places."""
+
+    rows: np.ndarray
+    tree: cKDTree
+
+    @staticmethod
+    def of(places: np.ndarray, rows: np.ndarray) -> "Near":
+        """Some rows of all places, (T, 3); one at least."""
+        return Near(rows, cKDTree(places[rows], balanced_tree=False, compact_nodes=False))  # built faster than asked
+
+    def around(self, places: np.ndarray, who: np.ndarray, count: int) -> Around:
+        """The nearest `count` of them, or all, to tracks, by all places in that frame, (T, 3)."""
+        found = self.tree.query(places[who], k=min(count, len(self.rows)))[1]
+        return Around.weighed(places, who, self.rows[found.reshape(len(who), -1)])
 
 
-def _stacked(
-    values: Sequence[np.ndarray], where: Sequence[np.ndarray], begins: np.ndarray, ends: np.ndarray
-) -> np.ndarray:
-    """One attribute of all tracks over the frames, float32 (n, F, ...)."""
-    stacked = np.zeros((len(begins), len(values), *values[0].shape[1:]), np.float32)
-    for frame, (some, rows) in enumerate(zip(values, where, strict=True)):
-        stacked[rows, frame] = some
-    dying, late = np.flatnonzero(ends < len(values)), np.flatnonzero(begins > 0)
-    for frame in range(1, len(values)):
-        gone = dying[ends[dying] <= frame]
-        stacked[gone, frame] = stacked[gone, frame - 1]
-    for frame in range(len(values) - 2, -1, -1):
-        unborn = late[begins[late] > frame]
-        stacked[unborn, frame] = stacked[unborn, frame + 1]
-    return stacked
+def sampled(places: np.ndarray, near: Near) -> Around:
+    """Some tracks of those that are in a frame, which say whether most move as those around them; places (T, 3)."""
+    some = near.rows[np.linspace(0, len(near.rows) - 1, min(len(near.rows), SAMPLE)).astype(np.int64)]
+    found = near.tree.query(places[some], k=min(NUM_AROUND + MORE_AROUND + 1, len(near.rows)))[1]
+    return Around.weighed(places, some, near.rows[found.reshape(len(some), -1)[:, 1:]])
 
 
-def _go_along(means: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
+def go_along(
+    means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Mapping[int, Sequence[Around]],
+    sample: Around | None,
+) -> bool:  # fmt: skip
     """Moves tracks, while they are not there, as those around them move that are there in all frames.
 
     Only where most of a group move so, and the track itself did while it was there; else it is held.
@@ -106,41 +112,58 @@ def _go_along(means: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> None:
         means: Places of all tracks over the frames, float32 (n, F, 3); changed in place.
         begins: First frame of each, int64 (n).
         ends: First frame after each, int64 (n).
+        known: Who comes or goes with a frame, and some of those around them; what lacks is looked for.
+        sample: The same of some tracks in the first frame.
+
+    Returns:
+        Whether most move so.
     """
     frames = means.shape[1]
-    whole = np.flatnonzero((begins == 0) & (ends == frames))
-    if len(whole) <= NUM_AROUND or not _smooth(means[whole]):
-        return
-    numbers = np.arange(frames)
+    stays = (begins == 0) & (ends == frames)
+    whole = np.flatnonzero(stays)
+    if len(whole) <= NUM_AROUND or not _smooth(means, stays, sample):
+        return False
     for frame in range(frames):
         late, gone = (begins == frame) & (begins > 0), (ends == frame + 1) & (ends < frames)
         who = np.flatnonzero(late | gone)
         if not len(who):
             continue
-        tree = cKDTree(means[whole, frame], balanced_tree=False, compact_nodes=False)  # built faster than it is asked
-        for some in np.array_split(who, -(-len(who) // AT_ONCE)):
-            own, near = means[some], means[whole[tree.query(means[some, frame], k=NUM_AROUND)[1]]]
-            moved = _around(own, near, frame)
-            there = (begins[some, None] <= numbers) & (numbers < ends[some, None])
-            away = late[some, None] & (numbers < frame) | gone[some, None] & (numbers > frame)
-            along = away & _alike(own - own[:, None, frame], moved - own[:, None, frame], there)[:, None]
-            means[some] = np.where(along[:, :, None], moved, own)
+        parts = [part for around in known.get(frame, ()) for part in around.only(stays, means[:, frame])]
+        lacking = who[~np.isin(who, np.concatenate([who[:0], *(part.who for part in parts)]))]
+        if len(lacking):
+            near = Near.of(means[:, frame], whole)
+            parts += [
+                near.around(means[:, frame], some, NUM_AROUND)
+                for some in np.array_split(lacking, -(-len(lacking) // AT_ONCE))
+            ]
+        for part in parts:
+            _go(means, begins, ends, part, frame)
+    return True
 
 
-def _around(own: np.ndarray, near: np.ndarray, frame: int) -> np.ndarray:
-    """Where those around them, (n, k, F, 3), bring tracks from where they are in a frame, (n, F, 3)."""
-    weights = smooth_weights(near[:, :, frame] - own[:, None, frame])
-    moved: np.ndarray = own[:, None, frame] + np.einsum("nk,nkfa->nfa", weights, near - near[:, :, frame, None])
-    return moved
+def _go(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: Around, frame: int) -> None:
+    """Moves some tracks that come or go with a frame."""
+    who, numbers, frames = around.who, np.arange(means.shape[1]), means.shape[1]
+    late, gone = begins[who] == frame, ends[who] == frame + 1
+    late, gone = late & (frame > 0), gone & (frame + 1 < frames)
+    own, moved = means[who], around.brings(means, frame)
+    there = (begins[who, None] <= numbers) & (numbers < ends[who, None])
+    away = late[:, None] & (numbers < frame) | gone[:, None] & (numbers > frame)
+    along = away & _alike(own - own[:, None, frame], moved - own[:, None, frame], there)[:, None]
+    means[who] = np.where(along[:, :, None], moved, own)
 
 
-def _smooth(means: np.ndarray) -> bool:
-    """Whether most tracks move as those around them: some are asked."""
-    some = np.linspace(0, len(means) - 1, min(len(means), SAMPLE)).astype(np.int64)
-    tree = cKDTree(means[:, 0], balanced_tree=False, compact_nodes=False)
-    own, near = means[some], means[tree.query(means[some, 0], k=NUM_AROUND + 1)[1][:, 1:]]
-    moved = _around(own, near, 0)
-    return bool(_alike(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool)).mean() > 0.5)
+def _smooth(means: np.ndarray, stays: np.ndarray, sample: Around | None) -> bool:
+    """Whether most tracks that stay move as those around them: some are asked."""
+    parts = [] if sample is None else sample.only(stays, means[:, 0])
+    if 2 * sum(int(stays[part.who].sum()) for part in parts) < min(len(means), SAMPLE):
+        parts = sampled(means[:, 0], Near.of(means[:, 0], np.flatnonzero(stays))).only(stays, means[:, 0])
+    alike = []
+    for part in parts:
+        own, moved = means[part.who], part.brings(means, 0)
+        found = _alike(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool))
+        alike.append(found[stays[part.who]])
+    return bool(np.concatenate(alike).mean() > 0.5)
 
 
 def _alike(own: np.ndarray, others: np.ndarray, there: np.ndarray) -> np.ndarray:
@@ -150,8 +173,8 @@ def _alike(own: np.ndarray, others: np.ndarray, there: np.ndarray) -> np.ndarray
     return alike
 
 
-def _first(frames: Sequence[NamedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
-    """Some tracks, each at its first frame."""
+def first_of(frames: Sequence[NamedFrame], keys: np.ndarray, begins: np.ndarray) -> Splats:
+    """Some tracks, by their names, each at its first frame, int64 (n)."""
     parts, order = [], []
     for number, frame in enumerate(frames):
         own = np.flatnonzero(begins == number)

@@ -1,6 +1,7 @@
 """A clip that grows while it is watched: frames of each group as soon as they can be shown."""
 
 import itertools
+import queue
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
@@ -13,7 +14,9 @@ from splatwire.codec.decoding import runs_of
 from splatwire.codec.memory import allocating, check_memory
 from splatwire.codec.schemas.tracks.decoder import TracksDecoder
 from splatwire.errors import BitstreamError
+from splatwire.ops.threads import allowed_threads, one_torch_thread
 from splatwire.packets import Manifest, Packet
+from splatwire.transport.events import Event, PacketArrived, SideInfoArrived
 
 
 class LiveDecoder:
@@ -31,7 +34,7 @@ class LiveDecoder:
     """
 
     def __init__(self, concealer: str = DEFAULT) -> None:
-        self._method = clip_concealer(concealer)
+        self._method, self._threads = clip_concealer(concealer), allowed_threads()
         self._begin()
 
     def _begin(self) -> None:
@@ -71,17 +74,24 @@ class LiveDecoder:
             BitstreamError: If a scene of all tracks takes too much memory.
         """
         assert self._manifest is not None
+        plan, motion = self._manifest.plan, list[Packet]()
         for packet in packets:
             self._num_bytes += packet.num_bytes
-            block, plan = packet.id.block, self._manifest.plan
+            block = packet.id.block
             group = plan.tier_of(block) // 2
             if group < self._next and not plan.lasting(block):
                 continue
             self._blocks.setdefault(block, []).append(packet)
-            self._fresh.add(block)
             self._have[group] = self._have.get(group, 0) + packet.num_elements
-            if self._decoder is not None and not plan.lasting(block):
-                self._opened().prepare(packet, self._num_bytes)
+            if plan.lasting(block):
+                self._fresh.add(block)
+            else:
+                motion.append(packet)
+        if motion and self._decoder is not None:
+            opened = self._opened()
+            self._store_bases(opened, self._manifest, whole=True)
+            for _, some in itertools.groupby(motion, lambda packet: plan.tier_of(packet.id.block)):
+                opened.prepare(list(some), self._num_bytes, self._threads)
         yield from self._complete()
 
     def finish(self) -> Iterator[ClipFrame]:
@@ -133,18 +143,47 @@ class LiveDecoder:
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
         """Writes bases that are new, and the motion of a group; forgets older motion."""
+        self._store_bases(decoder, manifest, whole=False)
         plan, motion = manifest.plan, 2 * group + 1
         for block in [block for block in self._blocks if not plan.lasting(block) and plan.tier_of(block) < motion]:
             del self._blocks[block]
-        wanted = {
-            block for block in self._blocks
-            if (block in self._fresh if plan.lasting(block) else plan.tier_of(block) == motion)
-        }  # fmt: skip
+        wanted = [block for block in self._blocks if plan.tier_of(block) == motion]
         packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(wanted))
         for run in runs_of(decoder, manifest, packets):
-            decoder.store(run, decoder.decode(run) if plan.lasting(run.block) else ())
-        self._fresh -= {block for block in wanted if plan.lasting(block)}
+            decoder.store(run, ())
         self._have = {number: count for number, count in self._have.items() if number > group}
+
+    def _store_bases(self, decoder: TracksDecoder, manifest: Manifest, *, whole: bool) -> None:
+        """Writes bases that are new; of whole blocks only, or of all."""
+        there = {block: sum(packet.num_elements for packet in self._blocks[block]) for block in self._fresh}
+        bases = {block for block, count in there.items() if not whole or count == manifest.plan.block_elements(block)}
+        packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(bases))
+        for run in runs_of(decoder, manifest, packets):
+            decoder.store(run, decoder.decode(run))
+        self._fresh -= bases
+
+
+def frames_in_turn(decoder: LiveDecoder, waiting: "queue.SimpleQueue[Event | None]") -> Iterator[ClipFrame]:
+    """Frames of what a receiver tells of, until it tells None; packets that wait together are decoded together.
+
+    Raises:
+        BitstreamError: See `LiveDecoder`.
+    """
+    with one_torch_thread():  # on few processors, threads of others are in the way
+        packets = list[Packet]()
+        for event in iter(waiting.get, None):
+            if isinstance(event, PacketArrived):
+                packets.append(event.packet)
+                if not waiting.empty():
+                    continue
+            if packets:
+                yield from decoder.add(packets)
+                packets = []
+            if isinstance(event, SideInfoArrived):
+                yield from decoder.grow(event.manifest, event.side_info)
+        if packets:
+            yield from decoder.add(packets)
+        yield from decoder.finish()
 
 
 def first_frame(sections: Mapping[str, bytes]) -> int:

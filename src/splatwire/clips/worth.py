@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from splatwire.codec import decode_stream
-from splatwire.codec.schemas.tracks.decoder import decode_motion
 from splatwire.codec.schemas.tracks.known_tracks import weights_of
 from splatwire.codec.schemas.tracks.layout import MOVING, STATE, TRACK
+from splatwire.codec.schemas.tracks.motion_rows import decode_motion
 from splatwire.codec.schemas.tracks.side_info import open_side_info
 from splatwire.packets import Manifest, Packet, PacketId, SceneStream
 

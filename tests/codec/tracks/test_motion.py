@@ -12,9 +12,8 @@ from reference.trajectories import targets_of as plain_targets
 from splatwire.clips import ClipOptions, encode_clip
 from splatwire.clips.neighbors import Neighbors, smooth_weights
 from splatwire.codec.schemas.tracks.basis import polynomials
-from splatwire.codec.schemas.tracks.decoder import decode_motion
 from splatwire.codec.schemas.tracks.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
-from splatwire.codec.schemas.tracks.motion_rows import coefficients_of
+from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
 from splatwire.codec.schemas.tracks.trajectories import Offsets, PacketMoves, Trajectories, targets_of
 from splatwire.packets import Packet, SceneStream

@@ -4,7 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas._coder_kernels import code_below, code_bit, code_escape, code_flag, code_raw
+from splatwire.codec.schemas._coder_kernels import code_below, code_bit, code_escape, code_raw
 from splatwire.codec.schemas.tracks.layout import (
     AFTER,
     BEFORE,
@@ -31,11 +31,18 @@ from splatwire.codec.schemas.tracks.layout import (
     TRACK,
     TRACK_BITS,
 )
-from splatwire.entropy.range_kernels import ONE
+from splatwire.entropy.range_kernels import (
+    ADAPTIVE_BITS,
+    BOTTOM,
+    LOW_MASK,
+    ONE,
+    RAW_BITS,
+    TOP,
+    ZERO,
+    adaptive_size,
+    adaptive_update,
+)
 from splatwire.ops.compiled import njit
-
-_code_bit = njit(borrows=True, error_model="numpy", forceinline=True)(code_bit.py_func)
-"""`code_bit` in place, for a coefficient's: a call would pass all of the coder, which takes two thirds of the time."""
 
 
 @njit(borrows=True, error_model="numpy")
@@ -82,20 +89,91 @@ def _level(magnitude):
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _code_coefficient(coder, kind, order, level, value):
-    """Codes one residual: whether it is 0, its octave, the rest of its bits, its sign."""
+def _narrowed(coder, low, span, at, start, size, bits):
+    """What `encode_interval` and `decode_advance` do, to a state that stays in registers over all coefficients."""
+    unit = span >> bits
+    span = unit * size
+    if coder.decoding:
+        low = min(low - unit * start, span - 1)
+        while span < BOTTOM:
+            low <<= 8
+            if at < coder.end:
+                low |= np.int64(coder.data[at])
+            at += 1
+            span <<= 8
+        return low, span, at
+    low += unit * start
+    if low >> TOP:
+        low &= (ONE << TOP) - 1
+        back = at - 1
+        while coder.data[back] == 255:
+            coder.data[back] = 0
+            back -= 1
+        coder.data[back] += 1
+    while span < BOTTOM:
+        coder.data[at] = low >> 40
+        at += 1
+        low = (low & LOW_MASK) << 8
+        span <<= 8
+    return low, span, at
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _bit(coder, low, span, at, context, bit):
+    """As `code_bit`; returns the state, too."""
+    zero = adaptive_size(coder.models, context)
+    if coder.decoding:
+        bit = ONE if low >= zero * (span >> ADAPTIVE_BITS) else ZERO
+    else:
+        coder.bits[context, bit] += 1
+    adaptive_update(coder.models, context, bit)
+    if bit:
+        low, span, at = _narrowed(coder, low, span, at, zero, 65536 - zero, ADAPTIVE_BITS)
+    else:
+        low, span, at = _narrowed(coder, low, span, at, ZERO, zero, ADAPTIVE_BITS)
+    return bit, low, span, at
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _raw(coder, low, span, at, value, bits):
+    """As `code_raw`; returns the state, too."""
+    found = ZERO
+    while bits > 0:
+        some = min(bits, RAW_BITS)
+        bits -= some
+        part = (value >> bits) & ((ONE << some) - 1)
+        if coder.decoding:
+            part = min(low // (span >> some), (ONE << some) - 1)
+        low, span, at = _narrowed(coder, low, span, at, part, ONE, some)
+        found = (found << some) | part
+    return found, low, span, at
+
+
+@njit(borrows=True, error_model="numpy", forceinline=True)
+@no_type_check
+def _code_coefficient(coder, low, span, at, kind, order, level, value):
+    """Codes one residual: whether it is 0, its octave, the rest of its bits, its sign; returns the state, too."""
     zero = C_ZERO + (kind * ORDERS + min(order, ORDERS - 1)) * LEVELS + level
-    if not _code_bit(coder, np.int64(zero), 1 if value else 0):
-        return np.int64(0)
-    magnitude, octave = abs(value), np.int64(0)
+    some, low, span, at = _bit(coder, low, span, at, np.int64(zero), ONE if value else ZERO)
+    if not some:
+        return ZERO, low, span, at
+    magnitude, octave = abs(value), ZERO
     base = C_OCTAVE + (kind * LEVELS + level) * MAGNITUDES
     while octave < MAX_OCTAVE:
-        if not _code_bit(coder, np.int64(base + min(octave, MAGNITUDES - 1)), 1 if magnitude >> (octave + 1) else 0):
+        context, above = np.int64(base + min(octave, MAGNITUDES - 1)), ONE if magnitude >> (octave + 1) else ZERO
+        above, low, span, at = _bit(coder, low, span, at, context, above)
+        if not above:
             break
         octave += 1
-    rest = code_raw(coder, magnitude - (ONE << octave), octave)
+    rest, low, span, at = _raw(coder, low, span, at, magnitude - (ONE << octave), octave)
     magnitude = min((ONE << octave) + rest, MAX_QUANTISED)
-    return -magnitude if code_flag(coder, 1 if value < 0 else 0) else magnitude
+    negative = ONE if value < 0 else ZERO
+    if coder.decoding:
+        negative = ONE if low >= span >> ONE else ZERO
+    low, span, at = _narrowed(coder, low, span, at, negative, ONE, ONE)
+    return -magnitude if negative else magnitude, low, span, at
 
 
 @njit(borrows=True, error_model="numpy")
@@ -111,7 +189,7 @@ def code_motion(coder, heads, n, orders, quantised, frames, first_new):
     found = _code_heads(coder, heads, n, frames, first_new)
     for kind in range(NUM_KINDS):
         orders[kind] = code_below(coder, orders[kind], frames + 1)
-    before = -1
+    before, low, span, place = -1, coder.state[0], coder.state[1], coder.state[2]
     for i in range(found):
         if heads[i, STATE] != MOVING:
             continue
@@ -127,8 +205,10 @@ def code_motion(coder, heads, n, orders, quantised, frames, first_new):
                 near = max(own, largest)
                 if not first:
                     near = max(near, 2 * abs(np.int64(quantised[i, c - 1, k])))
-                value = _code_coefficient(coder, kind, k, _level(near), np.int64(quantised[i, c, k]))
+                value = np.int64(quantised[i, c, k])
+                value, low, span, place = _code_coefficient(coder, low, span, place, kind, k, _level(near), value)
                 quantised[i, c, k] = value
                 own = abs(value) if k == 0 and first else max(own, abs(value))
             largest = max(largest, own)
         before = i
+    coder.state[0], coder.state[1], coder.state[2] = low, span, place

@@ -70,7 +70,9 @@ def _encode_packet(models, counts, frames, first_new, dead, heads, places, shift
     orders = np.zeros(NUM_KINDS, np.int64)
     _needed_orders(targets, shifts, frames, orders)
     out[:] = 0
-    follow_neighbours(places, heads[:, STATE].copy(), shifts, orders, out, targets, dead, np.zeros((0, 1, 1), np.int64))
+    follow_neighbours(
+        places, heads[:, STATE].copy(), shifts, orders, out, targets, dead, np.zeros((0, 1, 1), np.float32)
+    )
     _trim(out, orders)
     coder = new_coder(
         ENCODING, buffer, ZERO, models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()

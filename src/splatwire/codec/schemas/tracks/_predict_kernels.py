@@ -4,6 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
+from splatwire.codec.schemas.tracks._near_kernels import LANES, know, nearest
 from splatwire.codec.schemas.tracks.layout import (
     KIND_OF,
     MAX_COEFFICIENT,
@@ -26,6 +27,7 @@ moves far moves much more than a step: an eighth of it added would cost six time
 _TURN_BITS = 20
 _OCTAVES = 1
 """Tracks whose steps of place and turn are alike within `2 ** _OCTAVES` octaves in all are predicted side by side."""
+_MOST = 1.0 * MAX_COEFFICIENT
 ONE = np.int64(1)
 
 
@@ -83,38 +85,6 @@ def coarse_to_fine(places, moving, shifts):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _know(places, i, known, around, count):
-    """Takes a track among the known ones: its number, and its place in columns, which are searched side by side."""
-    known[count] = i
-    for a in range(3):
-        around[a, count] = places[i, a]
-    return count + 1
-
-
-@njit(borrows=True, error_model="numpy")
-@no_type_check
-def _nearest(places, known, around, count, i, squares, who, far):
-    """The nearest of the `count` tracks in `known`, nearest first; returns how many. Of equals the earlier one."""
-    found = 0
-    x, y, z = np.float64(places[i, 0]), np.float64(places[i, 1]), np.float64(places[i, 2])
-    for m in range(count):
-        dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
-        squares[m] = dx * dx + dy * dy + dz * dz  # below 2**53: doubles hold it
-    for m in range(count):
-        if found == NUM_NEIGHBOURS and squares[m] >= far[found - 1]:
-            continue
-        d = np.int64(squares[m])
-        at = found if found < NUM_NEIGHBOURS else found - 1
-        while at > 0 and far[at - 1] > d:
-            far[at], who[at] = far[at - 1], who[at - 1]
-            at -= 1
-        far[at], who[at] = d, known[m]
-        found = min(found + 1, NUM_NEIGHBOURS)
-    return found
-
-
-@njit(borrows=True, error_model="numpy")
-@no_type_check
 def _weigh(places, i, who, far, found, offsets, near, weights):
     """Weights of neighbours, out of `1 << WEIGHT_BITS`, that add up to one: the least-squares plane through them at i.
 
@@ -141,9 +111,11 @@ def _plane(places, i, who, far, found, radius, offsets, near, weights):
     total = np.int64(0)
     x = y = z = xx = xy = xz = yy = yz = zz = np.int64(0)
     for m in range(found):
-        near[m] = w = 1 + (2 * (far[0] + 1)) // (far[m] + 1)
+        # Below 2**53 a quotient of doubles that is rounded down is the integers', and takes a fifth of the time.
+        near[m] = w = 1 + np.int64(np.float64(2 * (far[0] + 1)) / np.float64(far[m] + 1))
         for a in range(3):
-            offsets[m, a] = (places[who[m], a] - places[i, a]) * _RADIUS // radius
+            offset = (places[who[m], a] - places[i, a]) * _RADIUS
+            offsets[m, a] = np.int64(np.floor(np.float64(offset) / np.float64(radius)))
         ox, oy, oz = offsets[m, 0], offsets[m, 1], offsets[m, 2]
         total += w
         x, y, z = x + w * ox, y + w * oy, z + w * oz
@@ -169,21 +141,9 @@ def _plane(places, i, who, far, found, radius, offsets, near, weights):
     for m in range(found):
         moment = hx * (total * offsets[m, 0] - x) + hy * (total * offsets[m, 1] - y) + hz * (total * offsets[m, 2] - z)
         turn = np.int64(np.floor(np.float64(moment) / np.float64(determinant) * scale + 0.5))
-        share = (near[m] * ((ONE << _TURN_BITS) - turn)) // (total << (_TURN_BITS - WEIGHT_BITS))
+        part, whole = near[m] * ((ONE << _TURN_BITS) - turn), total << (_TURN_BITS - WEIGHT_BITS)
+        share = np.int64(np.floor(np.float64(part) / np.float64(whole)))
         weights[m] = min(max(share, -(ONE << WEIGHT_BITS)), ONE << WEIGHT_BITS)
-
-
-@njit(error_model="numpy")
-@no_type_check
-def _used(orders):
-    """Which coefficients are coded: how many, and for each its channel and order, int64 (U, 2)."""
-    used = np.empty((NUM_CHANNELS * orders.max(), 2), np.int64)
-    count = 0
-    for c in range(NUM_CHANNELS):
-        for k in range(orders[KIND_OF[c]]):
-            used[count, 0], used[count, 1] = c, k
-            count += 1
-    return used[:count]
 
 
 @njit(borrows=True, error_model="numpy")
@@ -202,15 +162,46 @@ def _means(known, moving, who, weights, found, means):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _quantise(targets, means, used, shifts, dead, quantised):
+def _quantise(wanted, means, octaves, dead, steps):
     """Residuals in steps; what is less than half a step and `dead` out of 64 steps more becomes 0."""
-    for u in range(len(used)):
-        c, k = used[u, 0], used[u, 1]
-        shift = shifts[c]
-        value = np.int64(np.rint(targets[c, k]) - means[u])
-        steps = (abs(value) + ((ONE << shift) >> 1) - ((dead << shift) >> 6)) >> shift
-        steps = min(max(steps, 0), MAX_QUANTISED)
-        quantised[c, k] = steps if value >= 0 else -steps
+    for u in range(len(means)):
+        value = np.int64(np.rint(wanted[u]) - means[u])
+        some = (abs(value) + ((ONE << octaves[u]) >> 1) - ((dead << octaves[u]) >> 6)) >> octaves[u]
+        some = min(max(some, 0), MAX_QUANTISED)
+        steps[u] = some if value >= 0 else -some
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _settle(means, octaves, steps, row):
+    """Coefficients of a track from what is expected of them and residuals in steps."""
+    for u in range(len(means)):
+        value = means[u] + np.float64(steps[u] << octaves[u])
+        row[u] = min(max(value, -_MOST), _MOST)
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _put(flat, orders, rows):
+    """Puts what stands side by side, (M, U), in its places, (M, C, F)."""
+    for i in range(len(rows)):
+        u = 0
+        for c in range(NUM_CHANNELS):
+            for k in range(orders[KIND_OF[c]]):
+                rows[i, c, k] = flat[i, u]
+                u += 1
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
+def _take(rows, orders, flat):
+    """Puts coefficients that are coded, of (M, C, F), side by side, (M, U): tracks come in an order without order."""
+    for i in range(len(rows)):
+        u = 0
+        for c in range(NUM_CHANNELS):
+            for k in range(orders[KIND_OF[c]]):
+                flat[i, u] = rows[i, c, k]
+                u += 1
 
 
 @njit(nogil=True, error_model="numpy")
@@ -226,33 +217,41 @@ def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, 
         quantised: int32 (M, C, F), residuals in steps; filled by an encoder.
         targets: float64 (M, C, F) of an encoder; of length 0 for a decoder.
         dead: How much an encoder favours 0, out of 64 steps.
-        coefficients: int64 (M, C, F) of a decoder, zero before, filled; of length 0 for an encoder.
+        coefficients: float32 (M, C, K) of a decoder, zero before, filled; of length 0 for an encoder.
     """
     if not len(places):
         return
-    near, used = shrunk(places), _used(orders)
+    near, used = shrunk(places), 0
+    for c in range(NUM_CHANNELS):
+        used += orders[KIND_OF[c]]
     moving = states == MOVING
     known, around, squares = np.empty(len(places), np.int64), np.empty((3, len(places))), np.empty(len(places))
     count = 0
     for i in range(len(places)):
         if not moving[i]:
-            count = _know(near, i, known, around, count)
-    values, means = np.zeros((len(places), len(used))), np.empty(len(used))
+            count = know(near, i, known, around, count)
+    lanes, some = np.empty(LANES), np.empty(len(places), np.int64)
+    values, means, steps = np.zeros((len(places), used)), np.empty(used), np.zeros((len(places), used), np.int64)
+    wanted, octaves = np.empty((len(targets), used)), np.empty(used, np.int64)
+    _take(targets, orders, wanted)
+    if not len(targets):
+        _take(quantised, orders, steps)
     who, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
     for i in coarse_to_fine(near, np.flatnonzero(moving), shifts):
-        found = _nearest(near, known, around, count, i, squares, who, far)
+        found = nearest(near, known, around, count, i, squares, lanes, some, who, far)
         _weigh(near, i, who, far, found, offsets, closeness, weights)
         _means(values, moving, who, weights, found, means)
+        u = 0
+        for c in range(NUM_CHANNELS):
+            for _ in range(orders[KIND_OF[c]]):
+                octaves[u] = shifts[i, c]
+                u += 1
         if len(targets):
-            _quantise(targets[i], means, used, shifts[i], dead, quantised[i])
-        for u in range(len(used)):
-            c, k = used[u, 0], used[u, 1]
-            value = means[u] + np.float64(np.int64(quantised[i, c, k]) << shifts[i, c])
-            values[i, u] = min(max(value, -MAX_COEFFICIENT), MAX_COEFFICIENT)
-        count = _know(near, i, known, around, count)
-    if len(coefficients):
-        for i in range(len(places)):
-            for u in range(len(used)):
-                coefficients[i, used[u, 0], used[u, 1]] = np.int64(values[i, u])
+            _quantise(wanted[i], means, octaves, dead, steps[i])
+        _settle(means, octaves, steps[i], values[i])
+        count = know(near, i, known, around, count)
+    if len(targets):
+        _put(steps, orders, quantised)
+    _put(values, orders, coefficients)

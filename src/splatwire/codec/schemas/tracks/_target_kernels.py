@@ -86,13 +86,14 @@ def _project(values, table, own, largest):
             some |= values[c, f] != 0
         if not some:
             continue
-        row = own[c]
-        for f in range(frames):
-            value = values[c, f]
-            for k in range(frames):
-                row[k] += value * table[f, k]
-        for k in range(frames):
-            largest[c] = max(largest[c], abs(row[k]))
+        most = _ZERO
+        for k in range(frames):  # a sum at a time, which stays in a register
+            total = _ZERO
+            for f in range(frames):
+                total += values[c, f] * table[f, k]
+            own[c, k] = total
+            most = max(most, abs(total))
+        largest[c] = most
 
 
 @njit(nogil=True, error_model="numpy")
@@ -126,3 +127,26 @@ def fit_targets(moves, bases, numbers, unit, luma, table, targets, largest, turn
         turns[i] = _turns(quats[i], q[j, 0], values)
         _sizes(scales[i], opacities[i], s[j, 0], o[j, 0], values)
         _project(values, table, targets[i], largest[i])
+
+
+@njit(nogil=True, error_model="numpy")
+@no_type_check
+def judge(largest, turns, shifts, numbers, limits, far, moving):
+    """Finds tracks that went further than their bases allow, and those that move by more than nothing.
+
+    Args:
+        largest: Largest magnitude of each channel's coefficients, float64 (n, C).
+        turns: See `fit_targets`, float64 (n).
+        shifts: log2 of the steps of all tracks, int64 (T, C).
+        numbers: Which of these each of the n is, int64 (n).
+        limits: Most steps, largest coefficient and turn; least part of a step that is told, float64 (4).
+        far: bool (n), filled.
+        moving: bool (n), filled.
+    """
+    for i in range(len(numbers)):
+        own, gone, moves = shifts[numbers[i]], turns[i] > limits[2], False
+        for c in range(NUM_CHANNELS):
+            step, most = np.float64(np.int64(1) << own[c]), largest[i, c]
+            gone = gone or most > limits[0] * step or most > limits[1]
+            moves = moves or most >= limits[3] * step
+        far[i], moving[i] = gone, moves

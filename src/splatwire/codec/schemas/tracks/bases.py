@@ -85,7 +85,7 @@ class BaseEncoder:
                                 most_unit=FINEST_UNIT)  # fmt: skip
         like = self._infos[0] if self._infos else None
         known = None if like is None else like.transform
-        fitted = fit_side_info(source, sections if like is None else {}, known, like, self._threads)
+        fitted = fit_side_info(source, sections if like is None else {}, known, like, self._threads_for(plan))
         info = read_side_info(write_side_info(fitted), plan.num_blocks)
         if like is None:
             self._level = int(np.median(source.classes))
@@ -100,6 +100,10 @@ class BaseEncoder:
         transform, bases = torch.from_numpy(info.transform), tuple(info.bases.tolist())
         return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, classes)
 
+    def _threads_for(self, plan: PacketPlan) -> int | None:
+        """Waking another thread takes as long as a block."""
+        return 1 if plan.num_blocks == 1 else self._threads
+
     def _coded(self, source: SourceScene, plan: PacketPlan, info: SideInfo) -> CodedBases:
         most = plan.packetization.packet_bytes - HEADER_BYTES
 
@@ -107,7 +111,7 @@ class BaseEncoder:
             return encode_block(source.arranged(block, info), info, block, np.zeros(0, np.int64), most)
 
         order, rows, digested, packets = [], [], [], []
-        for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads)):
+        for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.sizes) - coded.sizes
             for start, count, payload in zip(starts.tolist(), coded.sizes.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))

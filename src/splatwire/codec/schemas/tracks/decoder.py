@@ -24,15 +24,15 @@ from splatwire.codec.schemas.tracks.layout import (
     HEAD,
     MOVING,
     NUM_CHANNELS,
-    NUM_KINDS,
     STATE,
     TRACK,
 )
-from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, empty_rows
+from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
 from splatwire.codec.schemas.tracks.trajectories import Offsets, PacketMoves
+from splatwire.codec.threads import ordered_map
 from splatwire.model import Partial
 from splatwire.model.clip import ClipScene, GroupMotion, Tracks
 from splatwire.packets import Manifest, Packet, PacketId
@@ -40,6 +40,9 @@ from splatwire.scene import Erasures
 
 SHOWN_BYTES = 768
 """Of memory, what a track takes while a group is concealed and its frames are made, beside its base and its motion."""
+
+TOGETHER = 8
+"""Packets of motion that are decoded together while they come."""
 
 _Moved = tuple[np.ndarray, PacketMoves]
 """Of a packet of motion: heads int64 (n, HEAD), and what those do that move."""
@@ -154,7 +157,7 @@ class TracksDecoder:
         num_bytes = max(self._num_bytes, sum(self._sizes.values()))
         for packet in (packet for block in blocks for packet in self._packets.get(block, ())):
             num += packet.num_elements
-            moved = self._ready.get(packet.id) or self._moved(packet, there)
+            moved = self._ready.get(packet.id) or self._moved([packet], there)[0]
             if moved is None:
                 continue
             rows, does = moved
@@ -167,46 +170,54 @@ class TracksDecoder:
         offsets = Offsets(moves, frames, bases.unit, bases.size_log)
         return _sorted(np.concatenate([np.zeros((0, HEAD), np.int64), *heads]), offsets, spoken, complete, not blocks)
 
-    def prepare(self, packet: Packet, num_bytes: int) -> None:
-        """Decodes a packet of motion whose bases are there before its group is asked for, so that less is left then.
+    def prepare(self, packets: Sequence[Packet], num_bytes: int, threads: int) -> None:
+        """Decodes packets of motion whose bases are there before their group is asked for, so that less is left then.
 
         Args:
-            packet: The packet; it is to be stored as well.
+            packets: They, of one group; they are to be stored as well.
             num_bytes: Bytes of the stream that are there.
+            threads: Threads to use.
 
         Raises:
             BitstreamError: If what is prepared takes more memory than a stream of so many bytes may.
         """
-        moved = self._moved(packet, self._received.numpy())
-        if moved is None:
-            return
-        self._ready[packet.id] = moved
-        self._held += moved[0].nbytes + moved[1].nbytes
-        check_memory(self._held, num_bytes, "motion that is ready")
+        there = self._received.numpy()
+        parts = [packets[begin : begin + TOGETHER] for begin in range(0, len(packets), TOGETHER)]
+        decoded = ordered_map(lambda part: self._moved(part, there), parts, 1 if len(parts) == 1 else threads)
+        for part, found in zip(parts, decoded, strict=True):
+            for packet, moved in zip(part, found, strict=True):
+                if moved is None:
+                    continue
+                self._ready[packet.id] = moved
+                self._held += moved[0].nbytes + moved[1].nbytes
+                check_memory(self._held, num_bytes, "motion that is ready")
 
-    def _moved(self, packet: Packet, there: np.ndarray) -> "_Moved | None":
-        """What a packet of motion says; None where it speaks of nobody, or a base is missing."""
-        group, _ = self._spans.of(packet.id.block)
-        counts, first_new = np.array([packet.num_elements]), self._spans.first_new[group]
-        rows, residuals, orders = decode_motion(self.info, group, counts, [packet.payload], first_new)
-        rows, residuals = _valid(rows, residuals, self._num_tracks)
-        if not len(rows) or not there[rows[:, TRACK]].all():
-            return None
-        own = self._rows[rows[:, TRACK]]
-        shifts = motion_shifts(own, self.info.bases, self.info.coarser)
-        coefficients = coefficients_of(rows, residuals, orders[0], own[:, :3], shifts)
-        return rows, PacketMoves(coefficients[:, :, : orders.max()].astype(np.float32), orders[0])
-
-
-def _valid(heads: np.ndarray, residuals: np.ndarray, num_tracks: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of tracks that there are: bytes that no encoder wrote may name others."""
-    good = (heads[:, TRACK] >= 0) & (heads[:, TRACK] < num_tracks)
-    return heads[good], residuals[good]
+    def _moved(self, packets: Sequence[Packet], there: np.ndarray) -> list["_Moved | None"]:
+        """What packets of a group's motion say; None of one that speaks of nobody, or whose bases are missing."""
+        group, _ = self._spans.of(packets[0].id.block)
+        counts = np.array([packet.num_elements for packet in packets])
+        payloads, first_new = [packet.payload for packet in packets], self._spans.first_new[group]
+        heads, residuals, orders = decode_motion(self.info, group, counts, payloads, first_new)
+        tracks = heads[:, TRACK]
+        good = (tracks >= 0) & (tracks < self._num_tracks)  # bytes that no encoder wrote may name others
+        own = self._rows[np.where(good, tracks, 0)]
+        places, shifts = own[:, :3], motion_shifts(own, self.info.bases, self.info.coarser)
+        found, end = list["_Moved | None"](), 0
+        for count, order in zip(counts.tolist(), orders, strict=True):
+            begin, end = end, end + count
+            some = begin + np.flatnonzero(good[begin:end])
+            known = len(some) > 0 and there[tracks[some]].all()
+            does = coefficients_of(heads[some], residuals[some], order, places[some], shifts[some]) if known else None
+            found.append(None if does is None else (heads[some], PacketMoves(does, order)))
+        return found
 
 
 def _sorted(heads: np.ndarray, offsets: Offsets, spoken: np.ndarray, complete: bool, unchanged: bool) -> GroupMotion:
     """Puts tracks of all packets in order; of one that is there twice the first counts."""
-    tracks, first = np.unique(heads[:, TRACK], return_index=True)
+    tracks = heads[:, TRACK]
+    first = np.arange(len(tracks))
+    if (tracks[1:] <= tracks[:-1]).any():  # packets of an encoder are in order
+        tracks, first = np.unique(tracks, return_index=True)
     moving = heads[:, STATE] == MOVING
     rows, some = np.where(moving, np.cumsum(moving) - 1, -1)[first], heads[first]
     begins = np.clip(some[:, BEGINS], 0, offsets.frames - 1)
@@ -258,34 +269,3 @@ class _Spans:
 def update_digest(digest: Any, rows: Rows) -> None:
     """Adds the integers of one block, of bases or of motion, to a hashlib object."""
     (digest_motion if rows[0].shape[1] == HEAD else digest_bases)(digest, rows)
-
-
-def decode_motion(
-    info: ClipInfo, group: int, counts: np.ndarray, payloads: Sequence[bytes], first_new: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Decodes packets of a group's motion; any bytes decode to something.
-
-    Args:
-        info: The stream's side information.
-        group: The group.
-        counts: int64 (packets), tracks of each.
-        payloads: One for each packet.
-        first_new: First track that is born in the group.
-
-    Returns:
-        Heads int64 (n, HEAD) and residuals int32 (n, C F), packet by packet, and how many coefficients of each kind
-        each packet has, int64 (packets, kinds).
-    """
-    from splatwire.codec.schemas.tracks import _packet_kernels as kernels
-
-    frames = len(info.timeline.frames_of(group))
-    data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8).copy()
-    ends = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    heads, residuals = empty_rows(int(starts[-1]), frames)
-    orders = np.zeros((len(payloads), NUM_KINDS), np.int64)
-    kernels.decode_packets(
-        info.models(), np.int64(frames), np.int64(first_new), data, ends, starts, heads,
-        orders, residuals.reshape(len(heads), NUM_CHANNELS, frames),
-    )  # fmt: skip
-    return heads, residuals, orders

@@ -30,6 +30,7 @@ from splatwire.codec.schemas.tracks.layout import (
 from splatwire.codec.schemas.tracks.lifetimes import BYTES_OF_ONE, Lifetimes, lifetimes_sections
 from splatwire.codec.schemas.tracks.motion_coder import DEAD, FIRST_COST, MotionCoder
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
+from splatwire.codec.schemas.tracks.sending import by_turns, dearest_first
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, Group, write_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
 from splatwire.codec.schemas.tracks.trajectories import Targets, Trajectories, targets_of
@@ -122,7 +123,8 @@ class ClipWriter:
             classes: Class of precision of each, for the first group; None for the finest.
 
         Returns:
-            Its packets, of no stream yet: bases, then motion, of each what is seen most first. `worth` says how much.
+            Its packets, of no stream yet, in the order in which they shall leave: bases, then motion. `worth` says how
+            much is seen of what is in each.
 
         Raises:
             InvalidValueError: If nothing in the first group draws anything, or a track is too far away.
@@ -130,26 +132,26 @@ class ClipWriter:
         if not len(group.keys) and not self._groups:
             raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
         self.worth = {}
-        new, targets = self._begin_anew(group)
-        born = self._births(group, classes, new)
-        births = len(self._known.keys) - self._num_tracks
-        first_new, self._num_tracks = self._num_tracks, len(self._known.keys)
         numbers = self._known.numbers_of(group.keys)
+        new, moving, targets = self._begin_anew(group, numbers)
+        born, first_new = self._births(group, classes, new, numbers), self._num_tracks
+        self._num_tracks = len(self._known.keys)
         if new.all():
             targets = self._targets(group.moves, numbers)
+            _, moving = self._judged(targets, numbers)
         elif new.any():
-            targets.put(new, self._targets(group.moves.select(new), numbers[new]))
-        lifetimes = self._lives(group, numbers, first_new)
-        motions, moved = self._motions(group, numbers, targets, first_new)
-        self._groups.append(Group(births, motions))
+            others = self._targets(group.moves.select(new), numbers[new])
+            targets.put(new, others)
+            _, moving[new] = self._judged(others, numbers[new])
+        by = np.argsort(numbers)
+        lifetimes = self._lives(group, by, numbers[by], first_new)
+        motions, moved = self._motions(group, by, numbers[by], moving[by], targets, first_new)
+        self._groups.append(Group(self._num_tracks - first_new, motions))
         count = sum(packet.num_bytes for packet in [*born, *moved]) // BYTES_OF_ONE
         self._lifetimes.append(lifetimes.most_seen(self._known.seen(np.arange(self._num_tracks)), count))
         self._num_frames += group.moves.num_frames
         self._packets += [*born, *moved]
-        return sorted(born, key=self._dearest) + sorted(moved, key=self._dearest)
-
-    def _dearest(self, packet: Packet) -> float:
-        return -self.worth[packet.id]
+        return dearest_first(born, self.worth) + by_turns(moved, self.worth)
 
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """The stream of all groups, with more named sections."""
@@ -182,64 +184,73 @@ class ClipWriter:
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
-    def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, Targets]:
-        """Tracks that need a base, for they are new or went further than theirs allows, bool; targets of the others."""
-        numbers = self._known.numbers_of(group.keys)
+    def _begin_anew(self, group: TrackGroup, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, Targets]:
+        """Tracks that need a base, for they are new or went further than theirs allows, and those that move, bool.
+
+        Targets are those of the others.
+        """
         new = numbers < 0
         if new.all():
-            return new, Targets.none()
-        numbers = np.maximum(numbers, 0)
-        targets = self._targets(group.moves, numbers)
-        steps = targets.largest / np.exp2(self._shifts(numbers))
-        far = (steps > MAX_QUANTISED / 2).any(axis=1) | (targets.largest > MAX_COEFFICIENT / 2).any(axis=1)
-        return new | far | (targets.turns > WIDEST_TURN), targets
+            return new, new, Targets.none()
+        known = np.maximum(numbers, 0)
+        targets = self._targets(group.moves, known)
+        far, moving = self._judged(targets, known)
+        return new | far, moving, targets
 
-    def _births(self, group: TrackGroup, classes: np.ndarray | None, new: np.ndarray) -> list[Packet]:
-        """Codes the bases of some tracks."""
+    def _judged(self, targets: Targets, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tracks that went further than their bases allow, and those that move, bool (n)."""
+        from splatwire.codec.schemas.tracks import _target_kernels as kernels
+
+        far, moving = np.zeros((2, len(numbers)), bool)
+        limits = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, WIDEST_TURN, (32 + DEAD) / 64])
+        kernels.judge(targets.largest, targets.turns, self._known.shifts, numbers, limits, far, moving)
+        return far, moving
+
+    def _births(
+        self, group: TrackGroup, classes: np.ndarray | None, new: np.ndarray, numbers: np.ndarray
+    ) -> list[Packet]:
+        """Codes the bases of some tracks, which get numbers."""
         where = np.flatnonzero(new)
         if not len(where):
             return []
         coded = self._bases.encode(group.first(where), None if classes is None else classes[where], {})
         born = where[coded.order]
         bases = group.moves.at(born, np.zeros_like(born))
-        self._known = self._known.with_births(bases, group.keys[born], coded.rows)
+        shifts = motion_shifts(coded.rows, self._bases.info, COARSER)
+        self._known = self._known.with_births(bases, group.keys[born], coded.rows, shifts)
         for rows in coded.digested:
             digest_bases(self._digest, rows)
-        seen = self._known.seen(np.arange(self._num_tracks, len(self._known.keys)))
-        return self._named(coded.packets, coded.num_blocks, seen)
+        numbers[born] = np.arange(self._num_tracks, len(self._known.keys))
+        return self._named(coded.packets, coded.num_blocks, self._known.seen(numbers[born]))
 
     def _targets(self, moves: Trajectories, numbers: np.ndarray) -> Targets:
         info = self._bases.info
         return targets_of(moves, self._known.bases, numbers, info.unit, info.size_log, self._threads)
 
-    def _shifts(self, numbers: np.ndarray) -> np.ndarray:
-        return motion_shifts(self._known.rows[numbers], self._bases.info, COARSER)
-
-    def _lives(self, group: TrackGroup, numbers: np.ndarray, first_new: int) -> Lifetimes:
+    def _lives(self, group: TrackGroup, by: np.ndarray, numbers: np.ndarray, first_new: int) -> Lifetimes:
         """Which tracks come late, and which end in the group or just before it."""
-        by = np.argsort(numbers)
-        numbers, begins, ends = numbers[by], group.begins[by], group.ends[by]
+        begins, ends = group.begins[by], group.ends[by]
         late, early = (numbers >= first_new) & (begins > 0), ends < group.moves.num_frames
-        gone = np.setdiff1d(self._known.alive, numbers)
+        here = np.zeros(self._num_tracks, bool)
+        here[numbers] = True
+        gone = self._known.alive[~here[self._known.alive]]
         return Lifetimes.joined([
             Lifetimes(numbers[late], begins[late], numbers[early], self._num_frames + ends[early]),
             Lifetimes(gone[:0], gone[:0], gone, np.full(len(gone), self._num_frames)),
         ])  # fmt: skip
 
     def _motions(
-        self, group: TrackGroup, numbers: np.ndarray, targets: Targets, first_new: int
-    ) -> tuple[int, list[Packet]]:
-        """Codes what tracks do; nothing where all stay as they were."""
-        by = np.argsort(numbers)
-        numbers, frames = numbers[by], group.moves.num_frames
-        shifts = self._shifts(numbers)
+        self, group: TrackGroup, by: np.ndarray, numbers: np.ndarray, moving: np.ndarray, targets: Targets,
+        first_new: int,
+    ) -> tuple[int, list[Packet]]:  # fmt: skip
+        """Codes what tracks do, by their numbers; nothing where all stay as they were."""
+        frames, shifts = group.moves.num_frames, self._known.shifts[numbers]
         heads = np.zeros((len(by), HEAD), dtype=np.int64)
         heads[:, TRACK], heads[:, BEGINS], heads[:, ENDS] = numbers, group.begins[by], group.ends[by]
         heads[:, BEFORE] = np.diff(numbers, prepend=-1) - 1
         if len(numbers):
             heads[-1, AFTER] = self._num_tracks - 1 - numbers[-1]
-        worth = targets.largest[by] * 64 >= np.exp2(shifts) * (32 + DEAD)
-        heads[:, STATE] = np.where(worth.any(axis=1), MOVING, 0)
+        heads[:, STATE] = np.where(moving, MOVING, 0)
         constant = (heads[:, STATE] == 0) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)
         unchanged = constant.all() and np.array_equal(self._known.alive, numbers[numbers < first_new])
         self._known = replace(self._known, alive=numbers[heads[:, ENDS] == frames])

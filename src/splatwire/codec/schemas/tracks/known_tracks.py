@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.codec.schemas.gaussians.layout import COLUMNS
+from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
 from splatwire.codec.schemas.tracks.trajectories import Trajectories
 
 
@@ -17,6 +18,7 @@ class KnownTracks:
         by_key: Tracks in the order of their keys; of one key, as they were born, int64 (T).
         bases: How each looked when it was born.
         rows: Integers of each, int64 (T, COLUMNS).
+        shifts: log2 of the steps of its motion, int64 (T, C).
         alive: Those that are there at the end of the last group, ascending, int64.
     """
 
@@ -24,6 +26,7 @@ class KnownTracks:
     by_key: np.ndarray
     bases: Trajectories
     rows: np.ndarray
+    shifts: np.ndarray
     alive: np.ndarray
 
     @staticmethod
@@ -31,7 +34,8 @@ class KnownTracks:
         """Nobody."""
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
-        return KnownTracks(none, none, empty, np.zeros((0, COLUMNS), np.int64), none)
+        rows, shifts = (np.zeros((0, count), np.int64) for count in (COLUMNS, NUM_CHANNELS))
+        return KnownTracks(none, none, empty, rows, shifts, none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
         """The track of each key, the last one that it was given; -1 where it has none, int64."""
@@ -45,8 +49,8 @@ class KnownTracks:
         """How much is seen of tracks, see `weights_of`, float64 (n)."""
         return weights_of(self.bases.scales[numbers, 0], self.bases.opacities[numbers, 0])
 
-    def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray) -> "KnownTracks":
-        """With tracks that are born, in the order of their numbers: trajectories of one frame, keys, integers."""
+    def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray, shifts: np.ndarray) -> "KnownTracks":
+        """With tracks that are born, in the order of their numbers: trajectories of one frame, and what is theirs."""
         joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
         names = np.concatenate([self.keys, keys])
         return KnownTracks(
@@ -54,6 +58,7 @@ class KnownTracks:
             np.argsort(names, kind="stable"),
             Trajectories(**joined),
             np.concatenate([self.rows, rows]),
+            np.concatenate([self.shifts, shifts]),
             self.alive,
         )
 
