@@ -79,7 +79,7 @@ def measure(name: str, folder: Path, arguments: argparse.Namespace) -> dict:
     cameras = surrounding_cameras(drawn(next(read_frames(files[:1]))), arguments.views, 320)
     rows = [ClipRow("motion")] + [
         ClipRow(concealer, parse_loss(loss, "datagram"), seed, loss)
-        for loss in arguments.losses for concealer in CONCEALERS for seed in arguments.seeds
+        for loss in arguments.losses for concealer in arguments.concealers for seed in arguments.seeds
     ]  # fmt: skip
     scores = score_clip(stream, read_frames(files), cameras, rows)
     decibels, tracks = float(scores[0].psnr.mean()), sum(tier.num_elements for tier in stream.manifest.tiers[::2])
@@ -120,6 +120,7 @@ def main() -> None:
     parser.add_argument("clips", nargs="+", help="NAME=FOLDER")
     parser.add_argument("--losses", nargs="*", default=["bernoulli:0.05", "bernoulli:0.2", "gilbert:0.1,20"])
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--concealers", nargs="+", choices=CONCEALERS, default=CONCEALERS)
     parser.add_argument("--views", type=int, default=2)
     parser.add_argument("--quality", type=quality, default="default", help="name, or level of a `Quality`")
     parser.add_argument("--picture", type=Path)
