@@ -9,27 +9,24 @@ import {
   FILLMODE_NONE,
   GAMMA_SRGB,
   GSPLATDATA_LARGE,
-  type GSplatComponent,
   GSplatComponentSystem,
   Mat4,
   Quat,
   RESOLUTION_FIXED,
   TONEMAP_NONE,
   WebglGraphicsDevice,
-  WORKBUFFER_UPDATE_ONCE,
 } from "playcanvas";
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
 import { Card } from "./card.ts";
-import { Gaussians } from "./container.ts";
 import { cameraOf, tangentOf } from "./lens.ts";
 import type { Orbit } from "./orbit.ts";
 import type { Packed, Tile } from "./packed.ts";
 import { Precise } from "./precise.ts";
 import { COMMON, CORNER, FRAGMENT } from "./shaders.ts";
 import { TiledGaussians } from "./tiled.ts";
+import { WholeGaussians } from "./whole.ts";
 
-const FIRST_ROOM = 4096;
 /** Depths are sorted in a worker; a picture that has waited for it so long is taken as it is. */
 const SORT_MS = 5000;
 /** So long after the last picture nothing can change unasked: frames end until somebody asks for one. */
@@ -52,19 +49,14 @@ interface Layer {
 export class View {
   readonly #app: AppBase;
   readonly #camera: Entity;
-  readonly #scene: Entity;
   readonly #precise: Precise;
   readonly #card: Card;
   /** Whether a frame waits until the card has drawn the one before: it then shows what is there by then. */
   #late = false;
-  #gaussians: Gaussians | null = null;
-  /** What those took the place of, on the screen until they are sorted; the next ones are written over it. */
-  #before: Gaussians | null = null;
+  readonly #whole: WholeGaussians;
   /** Of a scene with levels, in place of those. */
   #tiles: TiledGaussians | null = null;
-  #all: Packed[] = [];
   #size = 1;
-  #gains: Float32Array | null = null;
   #fixed: FixedCamera | null = null;
   /** The size of the next picture and half its height at distance 1, if it is another one than before. */
   #wanted: { readonly width: number; readonly height: number; readonly tangent: number } | null = null;
@@ -106,7 +98,6 @@ export class View {
     this.#app.setCanvasFillMode(FILLMODE_NONE);
     this.#app.autoRender = false;
     this.#camera = new Entity("camera", this.#app);
-    this.#scene = new Entity("scene", this.#app);
     const gsplat = this.#app.scene.gsplat;
     gsplat.dataFormat = GSPLATDATA_LARGE;
     gsplat.colorUpdateAngle = 0.1;
@@ -124,7 +115,7 @@ export class View {
     this.#card = new Card(device);
     this.#precise = new Precise(device, this.#camera.camera!);
     this.#app.root.addChild(this.#camera);
-    this.#app.root.addChild(this.#scene);
+    this.#whole = new WholeGaussians(this.#app);
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
     this.#app.scene.on("gsplat:sorted", () => {
@@ -142,7 +133,7 @@ export class View {
   }
 
   get count(): number {
-    return this.#tiles?.count ?? this.#gaussians?.count ?? 0;
+    return this.#tiles?.count ?? this.#whole.count;
   }
 
   /** Gives everything back: the context, too, for a browser has few and waits long before it collects one. */
@@ -150,8 +141,7 @@ export class View {
     if (this.#destroyed) return;
     this.#destroyed = true;
     const { gl } = this.#app.graphicsDevice as WebglGraphicsDevice;
-    if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
-    this.#drop();
+    this.#whole.clear();
     this.#tiles?.destroy();
     this.#precise.destroy();
     this.#app.destroy();
@@ -177,9 +167,7 @@ export class View {
     if (performance.now() - this.#drawnAt < IDLE_MS || this.#app.renderNextFrame) return;
     cancelAnimationFrame(loop.frameRequestId);
     this.#asleep = true;
-    if (this.#replaced) return;
-    this.#before?.destroy();
-    this.#before = null;
+    if (!this.#replaced) this.#whole.rest();
   }
 
   /** Takes the size of the element on the page. */
@@ -222,47 +210,19 @@ export class View {
 
   /** Begins anew with Gaussians of a scene of this size (world units), which lengths are in units of. */
   begin(size: number): void {
-    this.#all = [];
-    this.#gains = null;
     this.#tiles?.destroy();
     this.#tiles = null;
     this.#size = size;
-    if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
-    this.#drop();
-  }
-
-  #drop(): void {
-    for (const gaussians of [this.#gaussians, this.#before]) gaussians?.destroy();
-    this.#gaussians = this.#before = null;
-  }
-
-  /**
-   * What is on the screen is not written over: drawn in an order of depths that is not its own, what comes would be
-   * torn wherever rows are other Gaussians than they were.
-   */
-  #takeTurns(): void {
-    const last = this.#gaussians;
-    if (!last) return;
-    const free = this.#replaced ? null : this.#before;
-    this.#gaussians = free ?? new Gaussians(this.#app.graphicsDevice, last.capacity, last.degree);
-    this.#gaussians.clear();
-    this.#scene.gsplat!.resource = this.#gaussians;
-    if (this.#replaced) last.destroy();
-    else this.#before = last;
+    this.#whole.clear();
   }
 
   /** Takes Gaussians in addition to those that are there, or instead of them. */
   add(packed: Packed, instead = false): void {
     if (instead) {
-      this.#all = [];
-      this.#gains = null;
-      this.#takeTurns();
-      this.#replaced = this.#gaussians !== null;
+      this.#whole.replace(!this.#replaced);
+      this.#replaced = this.#whole.any;
     }
-    this.#all.push(packed);
-    const count = this.#all.reduce((sum, part) => sum + part.count, 0);
-    if (!this.#gaussians || this.#gaussians.capacity < count) this.#enlarge(count, packed.degree);
-    else this.#gaussians.add(packed);
+    this.#whole.add(packed);
     this.#changed();
   }
 
@@ -278,12 +238,11 @@ export class View {
    * are shown as they are. Resolves when they are on the card.
    */
   async setGains(gains: Float32Array | null): Promise<void> {
-    this.#gains = gains;
     if (this.#tiles) {
       this.#replaced = true;
       return this.#tiles.setGains(gains);
     }
-    this.#gaussians?.setGains(gains ?? new Float32Array(2 * this.count).fill(1));
+    this.#whole.setGains(gains);
     this.#changed();
   }
 
@@ -352,21 +311,9 @@ export class View {
   }
 
   #changed(): void {
-    const scene = this.#scene.gsplat as GSplatComponent | undefined;
-    if (scene && !this.#replaced) scene.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
+    if (!this.#replaced) this.#whole.again();
     this.#tiles?.again();
     this.touch();
-  }
-
-  #enlarge(count: number, degree: number): void {
-    const room = Math.max(FIRST_ROOM, 2 ** Math.ceil(Math.log2(count)));
-    const larger = new Gaussians(this.#app.graphicsDevice, room, degree);
-    for (const part of this.#all) larger.add(part);
-    if (this.#gains) larger.setGains(this.#gains);
-    if (this.#scene.gsplat) this.#scene.removeComponent("gsplat");
-    this.#scene.addComponent("gsplat", { resource: larger });
-    this.#drop();
-    this.#gaussians = larger;
   }
 
   #beforeFrame(): void {
