@@ -9,7 +9,7 @@ import torch
 from splatwire.clips import ClipOptions, Frame, encode_clip
 from splatwire.clips.concealers import clip_concealer
 from splatwire.clips.concealment import conceal_group
-from splatwire.clips.gathering import group_of
+from splatwire.clips.gathering import Gathering, group_of
 from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.poses import Memory
 from splatwire.codec import decode_stream
@@ -130,3 +130,16 @@ def test_where_nobody_moves_as_those_around_them_who_is_lost_is_left_out(body):
         poses, _ = conceal_group(clip, motion, 0, there, None, clip_concealer("motion"))
         assert poses.concealed.any() == shown
         assert len(poses.tracks) == (COUNT if shown else COUNT - lost.sum())
+
+
+def test_neighbours_that_are_looked_for_early_are_those_of_the_group(body):
+    groups = []
+    for smooth in (False, True):
+        gathering = Gathering(FRAMES, smooth=smooth)
+        for frame in range(FRAMES):
+            here = np.flatnonzero(there_at(frame))
+            splats = splats_at(places(body, frame, 0.1), there_at(frame))
+            gathering.add(NamedFrame(splats.select(torch.from_numpy(here)), here))
+        groups.append(gathering.group())
+    for name, values in vars(groups[0].moves).items():
+        assert np.array_equal(values, getattr(groups[1].moves, name))

@@ -16,8 +16,8 @@ from splatwire.scene.splats import Splats
 
 SPARE = 8
 """Room for one in so many tracks that come after the first frame."""
-MOST_AT_ONCE = 1 << 12
-"""Tracks that come or go with one frame, whose neighbours are looked for before the group is there; of more, after."""
+MOST_EARLY = 1 << 13
+"""Tracks that come or go whose neighbours are looked for before the group is there, which takes memory; then after."""
 
 
 class Gathering:
@@ -34,7 +34,7 @@ class Gathering:
         self._keys = self._by = self._begins = self._ends = np.zeros(0, np.int64)
         self._room = 0
         self._values: dict[str, np.ndarray] = {}
-        self._around: dict[int, list[Around]] = {}
+        self._around: list[Around] = []
         self._tree: Near | None = None
         self._sample: Around | None = None
         self.smooth = False
@@ -83,21 +83,18 @@ class Gathering:
         means, count = self._values["means"], NUM_AROUND + MORE_AROUND
         stay = np.flatnonzero((self._begins == 0) & (self._ends == number + 1))
         went = np.flatnonzero(self._ends == number)
-        if number and self._tree is not None and 0 < len(went) <= MOST_AT_ONCE:
-            self._join(number - 1, self._tree.around(means[:, number - 1], went, count))
+        room = MOST_EARLY - sum(len(around.who) for around in self._around)
+        if number and self._tree is not None and 0 < len(went) <= room:
+            self._around.append(self._tree.around(means, went, count))
         self._tree = None
         if not len(stay) or number == self._most - 1:
             return
-        self._tree = Near.of(means[:, number], stay)
+        self._tree = Near.of(means, number, stay)
         if not number:
-            self._sample = sampled(means[: len(self._keys), 0], self._tree)
+            self._sample = sampled(means, self._tree)
         came = np.flatnonzero(self._begins == number)
-        if number and 0 < len(came) <= MOST_AT_ONCE:
-            self._join(number, self._tree.around(means[:, number], came, count))
-
-    def _join(self, number: int, around: Around) -> None:
-        """Takes down neighbours in a frame."""
-        self._around.setdefault(number, []).append(around)
+        if number and 0 < len(came) <= room - len(went):
+            self._around.append(self._tree.around(means, came, count))
 
     def group(self) -> TrackGroup:
         """The group of all frames so far.

@@ -1,6 +1,6 @@
 """Where tracks go in a group of frames while they are not there: with those around them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,70 +37,86 @@ class NamedFrame:
 
 @dataclass(frozen=True, eq=False)
 class Around:
-    """Tracks and who is near to them in a frame.
+    """Tracks, each in a frame, and who is near to them there.
 
     Attributes:
         who: They, int64 (n).
+        frames: The frame of each, int64 (n).
         near: Rows of the nearest of others, nearest first, int64 (n, k).
         weights: How much each of the nearest `NUM_AROUND` of these counts, float32 (n, `NUM_AROUND` or fewer).
     """
 
     who: np.ndarray
+    frames: np.ndarray
     near: np.ndarray
     weights: np.ndarray
 
     @staticmethod
-    def weighed(places: np.ndarray, who: np.ndarray, near: np.ndarray) -> "Around":
-        """The same, by all places in the frame, (T, 3)."""
-        return Around(who, near, smooth_weights(places[near[:, :NUM_AROUND]] - places[who, None]))
+    def weighed(means: np.ndarray, who: np.ndarray, frames: np.ndarray, near: np.ndarray) -> "Around":
+        """The same, by places of all tracks over the frames, (T, F, 3)."""
+        places = means[near[:, :NUM_AROUND], frames[:, None]]
+        return Around(who, frames, near, smooth_weights(places - means[who, frames][:, None]))
 
-    def only(self, there: np.ndarray, places: np.ndarray) -> "list[Around]":
+    @staticmethod
+    def joined(parts: "Sequence[Around]") -> "Around":
+        """All of some, of each the nearest `NUM_AROUND` or as many as all know; one at least."""
+        names, count = ("who", "frames", "near", "weights"), min(part.near.shape[1] for part in parts)
+        values = {name: [getattr(part, name) for part in parts] for name in names}
+        values["near"] = [near[:, :count] for near in values["near"]]
+        return Around(*(np.concatenate(values[name]) for name in names))
+
+    def only(self, there: np.ndarray, means: np.ndarray) -> "Around":
         """The nearest `NUM_AROUND` of those that are among some, bool (T); of tracks for which there are so many."""
         known = there[self.near]
         same, enough = known[:, :NUM_AROUND].all(axis=1), known.sum(axis=1) >= NUM_AROUND
         other = enough & ~same
         first = np.argsort(~known[other], axis=1, kind="stable")[:, :NUM_AROUND]
-        return [
-            Around(self.who[same], self.near[same, :NUM_AROUND], self.weights[same]),
-            Around.weighed(places, self.who[other], np.take_along_axis(self.near[other], first, axis=1)),
-        ]
+        near = np.take_along_axis(self.near[other], first, axis=1)
+        return Around.joined([
+            Around(self.who[same], self.frames[same], self.near[same, :NUM_AROUND], self.weights[same]),
+            Around.weighed(means, self.who[other], self.frames[other], near),
+        ])  # fmt: skip
 
-    def brings(self, means: np.ndarray, frame: int) -> np.ndarray:
-        """Where those around them bring tracks from where they are in the frame, (n, F, 3), by all places (T, F, 3)."""
-        own, near = means[self.who, frame, None], means[self.near]
-        moved: np.ndarray = own + np.einsum("nk,nkfa->nfa", self.weights, near - near[:, :, frame, None])
+    def part(self, some: np.ndarray | slice) -> "Around":
+        """Some of the tracks."""
+        return Around(self.who[some], self.frames[some], self.near[some], self.weights[some])
+
+    def brings(self, means: np.ndarray) -> np.ndarray:
+        """Where those around them bring tracks from where they are in their frames, (n, F, 3)."""
+        own, places = means[self.who, self.frames][:, None], means[self.near, self.frames[:, None]]
+        moved: np.ndarray = own + np.einsum("nk,nkfa->nfa", self.weights, means[self.near] - places[:, :, None])
         return moved
 
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """Who may be near to others in a frame: rows, int64 (m), and a tree of their places."""
+    """Who may be near to others in a frame: which one, rows, int64 (m), and a tree of their places."""
 
+    frame: int
     rows: np.ndarray
     tree: cKDTree
 
     @staticmethod
-    def of(places: np.ndarray, rows: np.ndarray) -> "Near":
-        """Some rows of all places, (T, 3); one at least."""
-        return Near(rows, cKDTree(places[rows], balanced_tree=False, compact_nodes=False))  # built faster than asked
+    def of(means: np.ndarray, frame: int, rows: np.ndarray) -> "Near":
+        """Some rows of all places over the frames, (T, F, 3); one at least."""
+        tree = cKDTree(means[rows, frame], balanced_tree=False, compact_nodes=False)  # built faster than it is asked
+        return Near(frame, rows, tree)
 
-    def around(self, places: np.ndarray, who: np.ndarray, count: int) -> Around:
-        """The nearest `count` of them, or all, to tracks, by all places in that frame, (T, 3)."""
-        found = self.tree.query(places[who], k=min(count, len(self.rows)))[1]
-        return Around.weighed(places, who, self.rows[found.reshape(len(who), -1)])
+    def around(self, means: np.ndarray, who: np.ndarray, count: int, begin: int = 0) -> Around:
+        """The nearest of them, from the `begin`-th to the `count`-th, to tracks."""
+        found = self.tree.query(means[who, self.frame], k=min(count, len(self.rows)))[1].reshape(len(who), -1)
+        return Around.weighed(means, who, np.full(len(who), self.frame), self.rows[found[:, begin:]])
 
 
-def sampled(places: np.ndarray, near: Near) -> Around:
-    """Some tracks of those that are in a frame, which say whether most move as those around them; places (T, 3)."""
+def sampled(means: np.ndarray, near: Near) -> Around:
+    """Some tracks of those that are in the first frame, which say whether most move as those around them."""
     some = near.rows[np.linspace(0, len(near.rows) - 1, min(len(near.rows), SAMPLE)).astype(np.int64)]
-    found = near.tree.query(places[some], k=min(NUM_AROUND + MORE_AROUND + 1, len(near.rows)))[1]
-    return Around.weighed(places, some, near.rows[found.reshape(len(some), -1)[:, 1:]])
+    return near.around(means, some, NUM_AROUND + MORE_AROUND + 1, begin=1)
 
 
 def go_along(
-    means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Mapping[int, Sequence[Around]],
-    sample: Around | None,
-) -> bool:  # fmt: skip
+    means: np.ndarray, begins: np.ndarray, ends: np.ndarray, known: Sequence[Around], sample: Around | None
+) -> bool:
     """Moves tracks, while they are not there, as those around them move that are there in all frames.
 
     Only where most of a group move so, and the track itself did while it was there; else it is held.
@@ -112,7 +128,7 @@ def go_along(
         means: Places of all tracks over the frames, float32 (n, F, 3); changed in place.
         begins: First frame of each, int64 (n).
         ends: First frame after each, int64 (n).
-        known: Who comes or goes with a frame, and some of those around them; what lacks is looked for.
+        known: Tracks that come or go with a frame, and some of those around them; what lacks is looked for.
         sample: The same of some tracks in the first frame.
 
     Returns:
@@ -123,47 +139,40 @@ def go_along(
     whole = np.flatnonzero(stays)
     if len(whole) <= NUM_AROUND or not _smooth(means, stays, sample):
         return False
-    for frame in range(frames):
-        late, gone = (begins == frame) & (begins > 0), (ends == frame + 1) & (ends < frames)
-        who = np.flatnonzero(late | gone)
-        if not len(who):
-            continue
-        parts = [part for around in known.get(frame, ()) for part in around.only(stays, means[:, frame])]
-        lacking = who[~np.isin(who, np.concatenate([who[:0], *(part.who for part in parts)]))]
-        if len(lacking):
-            near = Near.of(means[:, frame], whole)
-            parts += [
-                near.around(means[:, frame], some, NUM_AROUND)
-                for some in np.array_split(lacking, -(-len(lacking) // AT_ONCE))
-            ]
-        for part in parts:
-            _go(means, begins, ends, part, frame)
+    parts = [around.only(stays, means) for around in ([Around.joined(known)] if known else [])]
+    late, gone = np.flatnonzero(begins > 0), np.flatnonzero(ends < frames)
+    wanted = np.union1d(late * frames + begins[late], gone * frames + ends[gone] - 1)
+    lacking = wanted[
+        ~np.isin(wanted, np.concatenate([wanted[:0], *(part.who * frames + part.frames for part in parts)]))
+    ]
+    for frame in np.unique(lacking % frames).tolist():
+        who, near = lacking[lacking % frames == frame] // frames, Near.of(means, frame, whole)
+        some = np.array_split(who, -(-len(who) // AT_ONCE))
+        parts += [near.around(means, few, NUM_AROUND) for few in some]
+    for part in parts:
+        for begin in range(0, len(part.who), AT_ONCE):
+            _go(means, begins, ends, part.part(slice(begin, begin + AT_ONCE)))
     return True
 
 
-def _go(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: Around, frame: int) -> None:
-    """Moves some tracks that come or go with a frame."""
-    who, numbers, frames = around.who, np.arange(means.shape[1]), means.shape[1]
-    late, gone = begins[who] == frame, ends[who] == frame + 1
-    late, gone = late & (frame > 0), gone & (frame + 1 < frames)
-    own, moved = means[who], around.brings(means, frame)
-    there = (begins[who, None] <= numbers) & (numbers < ends[who, None])
-    away = late[:, None] & (numbers < frame) | gone[:, None] & (numbers > frame)
-    along = away & _alike(own - own[:, None, frame], moved - own[:, None, frame], there)[:, None]
-    means[who] = np.where(along[:, :, None], moved, own)
+def _go(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, around: Around) -> None:
+    """Moves some tracks in frames before they come, or after they went."""
+    who, at, numbers, frames = around.who, around.frames[:, None], np.arange(means.shape[1]), means.shape[1]
+    begin, end, own, moved = begins[who, None], ends[who, None], means[who], around.brings(means)
+    here = means[who, around.frames][:, None]
+    away = (begin == at) & (numbers < at) | (end == at + 1) & (end < frames) & (numbers > at)
+    along = away & _alike(own - here, moved - here, (begin <= numbers) & (numbers < end))[:, None]
+    row, frame = np.nonzero(along)
+    means[who[row], frame] = moved[row, frame]
 
 
 def _smooth(means: np.ndarray, stays: np.ndarray, sample: Around | None) -> bool:
     """Whether most tracks that stay move as those around them: some are asked."""
-    parts = [] if sample is None else sample.only(stays, means[:, 0])
-    if 2 * sum(int(stays[part.who].sum()) for part in parts) < min(len(means), SAMPLE):
-        parts = sampled(means[:, 0], Near.of(means[:, 0], np.flatnonzero(stays))).only(stays, means[:, 0])
-    alike = []
-    for part in parts:
-        own, moved = means[part.who], part.brings(means, 0)
-        found = _alike(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool))
-        alike.append(found[stays[part.who]])
-    return bool(np.concatenate(alike).mean() > 0.5)
+    asked = None if sample is None else sample.part(stays[sample.who]).only(stays, means)
+    if asked is None or 2 * len(asked.who) < min(len(means), SAMPLE):
+        asked = sampled(means, Near.of(means, 0, np.flatnonzero(stays))).only(stays, means)
+    own, moved = means[asked.who], asked.brings(means)
+    return bool(_alike(own - own[:, :1], moved - own[:, :1], np.ones(own.shape[:2], bool)).mean() > 0.5)
 
 
 def _alike(own: np.ndarray, others: np.ndarray, there: np.ndarray) -> np.ndarray:
