@@ -84,7 +84,7 @@ def speed(path: Path, tracks: int, frames: int, threads: int) -> dict:
 def live(path: Path, tracks: int) -> dict:
     """Median processor time of each step between a group's last frame and its frames, seconds; not of the first."""
     torch.set_num_threads(1)
-    encoder, decoder = ClipEncoder(ClipOptions(group_frames=LIVE_GROUP, threads=1)), LiveDecoder()
+    encoder, decoder = ClipEncoder(ClipOptions(group_frames=LIVE_GROUP, threads=1), live=True), LiveDecoder()
     broadcast, steps = Broadcast(worth=encoder.worth), list[dict[str, float]]()
     for frame in bent_frames(capture(path, DEGREE, tracks), 6 * LIVE_GROUP):
         times = [time.process_time()]

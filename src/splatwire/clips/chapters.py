@@ -33,7 +33,7 @@ class EndlessClip:
     ) -> None:  # fmt: skip
         self._options, self._new_id, self._protection = options, new_id, protection
         self._chapter_groups = chapter_groups
-        self._begin(ClipEncoder(options))
+        self._begin(ClipEncoder(options, live=True))
         self.num_frames = 0
 
     def push(self, frame: Frame | Splats) -> Edition | None:

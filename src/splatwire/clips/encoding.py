@@ -77,12 +77,15 @@ class ClipEncoder:
         options: How.
         classes: Class of precision of each Gaussian of the first group; None looks at them from all sides
             (`splatwire.render.precision`).
+        live: Whether somebody waits for the last frame of a group: then more is done before, and all in all. It changes
+            no bit.
     """
 
     def __init__(
-        self, options: ClipOptions = ClipOptions(), classes: Callable[[Splats], np.ndarray] | None = None
-    ) -> None:
-        self._options, self._classes = options, classes or precision_classes
+        self, options: ClipOptions = ClipOptions(), classes: Callable[[Splats], np.ndarray] | None = None, *,
+        live: bool = False,
+    ) -> None:  # fmt: skip
+        self._options, self._classes, self._live = options, classes or precision_classes, live
         self._tracker, self._frames = Tracker(options.order), Gathering(options.group_frames)
         self._ended: tuple[NamedFrame, NamedFrame] | None = None
         self._last: Splats | None = None
@@ -109,7 +112,7 @@ class ClipEncoder:
         """
         assert not self._frames
         self._catch_up()
-        other = ClipEncoder(self._options, self._classes)
+        other = ClipEncoder(self._options, self._classes, live=self._live)
         other._tracker, other._degree, other._told = self._tracker, self._degree, self._told
         other._first_frame = other._num_frames = self._num_frames
         number = ByteWriter()
@@ -178,7 +181,7 @@ class ClipEncoder:
         group = self._frames.group()
         self._ended = self._frames.frames[0], self._frames.frames[-1]
         classes = self._precision(group) if not self._groups and len(group.keys) else None
-        self._frames = Gathering(self._options.group_frames, smooth=self._frames.smooth)
+        self._frames = Gathering(self._options.group_frames, smooth=self._live and self._frames.smooth)
         self._groups += 1
         return self._writer.add(group, classes)
 
