@@ -22,7 +22,8 @@ import numpy as np
 import torch
 from frontier import PLANNING_SEED, REPORTED_SEED, Bench, Variant
 
-from splatwire.calibrate.sketch import SketchConfig, sketch_of
+from splatwire.calibrate.sketch import sketch_of
+from splatwire.calibrate.sketch_config import SketchConfig
 from splatwire.channel import parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.codec.tiers import arrange_stream

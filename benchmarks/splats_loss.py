@@ -21,7 +21,8 @@ import numpy as np
 import torch
 from figures import publish
 
-from splatwire.calibrate.sketch import SketchConfig, sketch_of
+from splatwire.calibrate.sketch import sketch_of
+from splatwire.calibrate.sketch_config import SketchConfig
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit
 from splatwire.cli._calibration import with_quick_sketch

@@ -22,7 +22,8 @@ from typing import Any
 import numba
 import torch
 
-from splatwire.calibrate.sketch import SketchConfig, sketch_of
+from splatwire.calibrate.sketch import sketch_of
+from splatwire.calibrate.sketch_config import SketchConfig
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import draw_mask, parse_loss
 from splatwire.codec import add_concealment, decode_stream, encode_scene, schema_of

@@ -6,8 +6,9 @@ import torch
 
 from scenes import tiny_cameras, tiny_causal_scene, tiny_scene
 from splatwire.calibrate.pseudo_loss import calibration_data
-from splatwire.calibrate.sketch import SketchConfig, sketch_of
+from splatwire.calibrate.sketch import sketch_of
 from splatwire.calibrate.sketch_anchors import AnchorSketch
+from splatwire.calibrate.sketch_config import SketchConfig
 from splatwire.calibrate.sketch_fit import SketchFit, fit_sketch, sketch_material
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.channel import parse_loss, transmit

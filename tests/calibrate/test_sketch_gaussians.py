@@ -5,7 +5,8 @@ import dataclasses
 import pytest
 
 from codec.gaussians.test_gaussians import DATAGRAM, some_splats
-from splatwire.calibrate.sketch import SketchConfig, sketch_of
+from splatwire.calibrate.sketch import sketch_of
+from splatwire.calibrate.sketch_config import SketchConfig
 from splatwire.calibrate.views import CalibrationViews
 from splatwire.codec import add_concealment, decode_stream, encode_scene
 from splatwire.errors import InvalidValueError

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
+from splatwire.calibrate.sketch_config import SketchConfig
 from splatwire.calibrate.sketch_fit import (
     BITS_OF_COPY,
     SketchFit,
@@ -25,9 +26,6 @@ from splatwire.packets import SceneStream
 from splatwire.render.quick_sensitivity import quick_sensitivity
 from splatwire.render.sensitivity import Sensitivity, render_sensitivity
 from splatwire.scene import Cameras
-
-if TYPE_CHECKING:
-    from splatwire.calibrate.sketch import SketchConfig
 
 _PRICE_STEPS = 24
 _CLOSE = 0.98
@@ -56,7 +54,7 @@ class AnchorSketch:
         complete: Partial[AnchorScene],
         cameras: Cameras,
         most: int,
-        config: "SketchConfig",
+        config: SketchConfig,
         show: Progress,
     ) -> "AnchorSketch":
         """Chooses and rounds the copies.
@@ -110,9 +108,7 @@ class AnchorSketch:
         return around.filled, around.proposal(self.copies)
 
 
-def _sensitivity(
-    scene: AnchorScene, cameras: Cameras, most: int, config: "SketchConfig", show: Progress
-) -> Sensitivity:
+def _sensitivity(scene: AnchorScene, cameras: Cameras, most: int, config: SketchConfig, show: Progress) -> Sensitivity:
     """What each anchor is worth; at a glance, views of half the size tell."""
 
     def progress(share: float) -> None:

@@ -6,10 +6,11 @@ truck), and no concealer can guess one of these. Copies of them cost about their
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
+from splatwire.calibrate.sketch_config import SketchConfig
 from splatwire.calibrate.views import Progress
 from splatwire.codec.schemas.gaussians.copies import MAX_COPIES, read_copies
 from splatwire.codec.schemas.gaussians.copies_encoder import write_copies
@@ -24,9 +25,6 @@ from splatwire.packets import SceneStream
 from splatwire.render.pruning import removal_errors
 from splatwire.scene import Cameras
 from splatwire.scene.splats import Splats
-
-if TYPE_CHECKING:
-    from splatwire.calibrate.sketch import SketchConfig
 
 LEVEL = 1
 """Class of precision of the copies. At equal bytes more of them are better than finer ones: luigi, 3 % of the stream,
@@ -62,7 +60,7 @@ class GaussianSketch:
         complete: Partial[SplatScene],
         cameras: Cameras,
         most: int,
-        config: "SketchConfig",
+        config: SketchConfig,
         show: Progress,
     ) -> "GaussianSketch":
         """Chooses the copies; see `AnchorSketch.fitted`."""

@@ -118,7 +118,8 @@ def with_quick_sketch(stream: "SceneStream", cameras: "Cameras | None", show: Re
         cameras: Where the scene is looked at from; None for views around it.
         show: Called with what is done and the share of it that is done.
     """
-    from splatwire.calibrate.sketch import QUICK, sketch_of
+    from splatwire.calibrate.sketch import sketch_of
+    from splatwire.calibrate.sketch_config import QUICK
     from splatwire.calibrate.views import CalibrationViews
     from splatwire.codec import add_concealment, decode_stream
     from splatwire.conceal.sketch import SECTION

@@ -18,7 +18,8 @@ class CalibrateSketch(StreamCalibration):
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.calibrate.sketch import SketchConfig, sketch_of
+        from splatwire.calibrate.sketch import sketch_of
+        from splatwire.calibrate.sketch_config import SketchConfig
         from splatwire.codec import decode_stream, without_concealment
         from splatwire.conceal.sketch import SECTION
 

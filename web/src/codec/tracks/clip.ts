@@ -6,11 +6,13 @@ import { checkMemory } from "../memory.ts";
 import type { Moving, MovingFrame } from "../schema.ts";
 import { emptySplats, type Splats } from "../splats.ts";
 import { Bases } from "./bases.ts";
-import { believed, guessed, type Poses } from "./concealment.ts";
+import { believed, guessed } from "./concealment.ts";
 import { AFTER, BEFORE, BEGINS, ENDS, HEAD, MOVING, NUM_CHANNELS, STATE, TRACK } from "./layout.ts";
 import { decodeMotion } from "./motion.ts";
+import type { Poses } from "./poses.ts";
 import { coefficients, coefficientsOf } from "./predict.ts";
-import type { ClipInfo, Timeline } from "./side_info.ts";
+import type { ClipInfo } from "./side_info.ts";
+import type { Timeline } from "./timeline.ts";
 import { move, offsetsOf, unitsOf } from "./trajectories.ts";
 
 /** A frame as it is drawn. */

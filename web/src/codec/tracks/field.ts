@@ -2,9 +2,9 @@
 
 import { KdTree } from "../../conceal/kd_tree.ts";
 import { DC } from "../splats.ts";
-import type { Past, Poses } from "./concealment.ts";
 import { NUM_CHANNELS } from "./layout.ts";
 import { COLOUR, changedKinds, FIRST_SHAPE, type Near, POSE, SHAPE, Sums } from "./neighbours.ts";
+import type { Past, Poses } from "./poses.ts";
 import { closenessOf, Quadratic } from "./quadratic.ts";
 
 export const NEIGHBOURS = 40;

@@ -1,7 +1,7 @@
 // When tracks come and go: a named section, so that it is not lost with the motion of a group.
 
 import { BitstreamError, ByteReader } from "../../bytes.ts";
-import type { Group, Timeline } from "./side_info.ts";
+import type { Group, Timeline } from "./timeline.ts";
 
 const SECTION = "lifetimes";
 

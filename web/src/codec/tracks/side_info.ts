@@ -7,26 +7,10 @@ import { readSections } from "../../packets/sections.ts";
 import { readSideInfo, type SideInfo } from "../gaussians/side_info.ts";
 import { NUM_CONTEXTS, NUM_KINDS } from "./layout.ts";
 import { type Lifetimes, readLifetimes } from "./lifetimes.ts";
+import type { Group, Timeline } from "./timeline.ts";
 
 const VERSION = 1,
   MAX_OFFSET = 16;
-
-/** When the frames of a clip are. */
-export interface Timeline {
-  /** Frames a second. */
-  readonly rate: number;
-  readonly numFrames: number;
-  /** Frames of a group; the last one may have fewer. */
-  readonly groupFrames: number;
-}
-
-/** Tracks that are born in a group of frames, and those that are there in it: 0 if all stay as they were. */
-export interface Group {
-  readonly births: number;
-  readonly motions: number;
-  /** First track that is born in it. */
-  readonly firstNew: number;
-}
 
 export interface ClipInfo {
   readonly timeline: Timeline;
