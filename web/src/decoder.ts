@@ -12,7 +12,7 @@ import type { Session } from "./transport/webtransport.ts";
 import { nextTurn, pausing } from "./turns.ts";
 
 export { BitstreamError } from "./bytes.ts";
-export { Refused } from "./transport/reliable.ts";
+export { Refused } from "./transport/refused.ts";
 export type { Camera, Session, Viewpoint };
 
 /** Explicit Gaussians, one after another in typed arrays. */

@@ -1,7 +1,10 @@
 // Taking turns in a thread: timers that wait for nothing wait for 4 ms all the same once they are nested, messages do
 // not.
 
-import type { Pause } from "./conceal/conceal.ts";
+/**
+ * Called now and then by what takes long, so that its thread can do other things; false where nobody waits any more.
+ */
+export type Pause = () => Promise<boolean>;
 
 /** How long work may hold up the rest of its thread. */
 export const SLICE_MS = 8;

@@ -1,11 +1,10 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-
 import type { AnchorPart } from "../src/codec/anchor_part.ts";
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import { GaussianPart } from "../src/codec/gaussians/schema.ts";
-import type { Part } from "../src/codec/schema.ts";
+import { GaussianPart } from "../src/codec/gaussians/part.ts";
+import type { Part } from "../src/codec/part.ts";
 import type { Splats } from "../src/codec/splats.ts";
 import { ANCHOR_CONCEALERS, CONCEALERS, SPLAT_CONCEALERS } from "../src/conceal/conceal.ts";
 import { grow } from "../src/conceal/grow.ts";

@@ -7,7 +7,8 @@ import type { Head } from "../src/packets/container.ts";
 import type { Arrived, Counts, Listener } from "../src/transport/events.ts";
 import { Held } from "../src/transport/held.ts";
 import { partOf, recordsOf } from "../src/transport/kept.ts";
-import { Refused, receiveFile } from "../src/transport/reliable.ts";
+import { Refused } from "../src/transport/refused.ts";
+import { receiveFile } from "../src/transport/reliable.ts";
 import { retrying } from "../src/transport/retry.ts";
 import { fileOf, STREAMS } from "./vectors.ts";
 

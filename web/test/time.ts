@@ -1,7 +1,7 @@
 // How long the decoder takes; run by scripts/time.mjs.
 
 import { StreamDecoder } from "../src/codec/decoder.ts";
-import type { Part } from "../src/codec/schema.ts";
+import type { Part } from "../src/codec/part.ts";
 import { pack } from "../src/render/packed.ts";
 import { readStream } from "./vectors.ts";
 

@@ -4,7 +4,7 @@ import type { Anchors } from "../model/anchors.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Heads } from "../model/heads.ts";
 import type { Packet } from "../packets/packet.ts";
-import type { Part, Seen } from "./schema.ts";
+import type { Part, Seen } from "./part.ts";
 
 /** Anchors and their features, one anchor's after another's. */
 export interface Known {

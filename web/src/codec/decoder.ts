@@ -1,15 +1,16 @@
 // From a stream's head and packets to elements.
 
 import { BitstreamError, ByteReader } from "../bytes.ts";
-import type { Pause } from "../conceal/conceal.ts";
 import type { Head } from "../packets/container.ts";
 import { Intake, Plan } from "../packets/plan.ts";
+import type { Pause } from "../turns.ts";
 import { CausalSchema } from "./causal/schema.ts";
 import { ColumnsSchema } from "./columns/schema.ts";
 import { GaussianSchema } from "./gaussians/schema.ts";
 import { LevelSchema } from "./levels/schema.ts";
 import { checkMemory } from "./memory.ts";
-import type { Part, Schema } from "./schema.ts";
+import type { Part } from "./part.ts";
+import type { Schema } from "./schema.ts";
 import { TrackSchema } from "./tracks/schema.ts";
 
 /** Said where a stream holds anchors of format 1. */

@@ -1,35 +1,13 @@
 // What a schema of elements has to know; which one a stream has is asked in `decoder.ts` and nowhere else.
 
-import type { Concealer, Elements, Pause } from "../conceal/conceal.ts";
-import type { Camera } from "../model/camera.ts";
+import type { Concealer } from "../conceal/conceal.ts";
+import type { Elements } from "../conceal/elements.ts";
 import type { Packet } from "../packets/packet.ts";
 import type { Plan } from "../packets/plan.ts";
-import type { Tiling } from "./levels/schema.ts";
+import type { Pause } from "../turns.ts";
+import type { Tiling } from "./levels/tiling.ts";
+import type { Copies, Part } from "./part.ts";
 import type { Splats } from "./splats.ts";
-
-/** Gaussians, and the element of each; null where each element is one, in order. */
-export interface Seen {
-  readonly splats: Splats;
-  readonly owners: Int32Array | null;
-}
-
-/** Elements of one packet, as they were received, or copies of some. */
-export interface Part {
-  /** None of copies. */
-  readonly packet: Packet | null;
-  readonly count: number;
-  /** Which elements of the scene they are. */
-  readonly places: Int32Array;
-  /** What a camera sees of them; where elements look the same to all, the camera does not matter. */
-  seen(camera: Camera): Seen;
-}
-
-/** Copies of elements that a sender left, to be drawn where those are lost. */
-export interface Copies<P extends Part = Part> {
-  readonly part: P;
-  /** Some of them, as `Schema.elements` takes them. */
-  chosen(which: Int32Array): P;
-}
 
 /** What moves: its frames, as far as packets of them came. */
 export interface Moving {

@@ -1,6 +1,7 @@
 // Nothing is invented: what arrived grows over the holes. The twin of `splatwire.conceal.grow`.
 
-import type { Elements, Pause } from "./conceal.ts";
+import type { Pause } from "../turns.ts";
+import type { Elements } from "./elements.ts";
 import { KdTree } from "./kd_tree.ts";
 
 const NEIGHBOURS = 64,

@@ -1,7 +1,8 @@
 // A small network says how much of a loss sizes and how much opacities of received Gaussians make up for. The twin of
 // `splatwire.conceal.scene_free.elements`.
 
-import type { Elements, Pause } from "./conceal.ts";
+import type { Pause } from "../turns.ts";
+import type { Elements } from "./elements.ts";
 import { KdTree } from "./kd_tree.ts";
 import { perceptron } from "./perceptron.ts";
 import { GAUSSIANS } from "./scene_free_weights.ts";

@@ -1,7 +1,8 @@
 // The small network for anchors: it corrects the growth of `grow`, and says how opaque Gaussians become. The twin of
 // `splatwire.conceal.scene_free.network` and `signature`.
 
-import type { Elements, Pause } from "./conceal.ts";
+import type { Pause } from "../turns.ts";
+import type { Elements } from "./elements.ts";
 import { gainsLeft, lostShare, RULE, type Rule, receivedShare } from "./grow.ts";
 import { KdTree } from "./kd_tree.ts";
 import { perceptron } from "./perceptron.ts";

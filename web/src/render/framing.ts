@@ -1,8 +1,8 @@
 // Where a scene is looked at whose stream does not say it: from where all of it fits, and nothing stands before it.
 
 import type { Quat } from "playcanvas";
-
 import type { Ball } from "../codec/decoder.ts";
+import type { Core } from "./core.ts";
 import type { Orbit } from "./orbit.ts";
 import { FLOATS, type Packed } from "./packed.ts";
 import type { Space } from "./space.ts";
@@ -22,15 +22,6 @@ const ENOUGH = 0.6,
   POINTS = 150;
 const YAWS = [0, 1, -1, 2, -2, 3, -3, 4].map((n) => (n * Math.PI) / 4),
   NEARER = [1, 0.6, 0.35, 0.2];
-
-export interface Core {
-  /** Some thousand Gaussians of a scene: x, y, z and a radius of each. */
-  readonly samples: Float32Array;
-  readonly middle: readonly number[];
-  /** Distance from the middle within which half of them lie, and where the scene ends. */
-  readonly half: number;
-  readonly radius: number;
-}
 
 /** What a scene is, without what is faint or far away from all else. */
 export function coreOf(parts: readonly Packed[]): Core {

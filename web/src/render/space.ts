@@ -1,7 +1,7 @@
 // Where a camera may be: not inside of things, whose insides fill the picture with grey, and not so far away that there
 // is nothing to see.
 
-import type { Core } from "./framing.ts";
+import type { Core } from "./core.ts";
 import { FLOATS, type Packed } from "./packed.ts";
 
 /** Cells on a side, over the scene's width and half of it more. */

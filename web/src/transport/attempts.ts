@@ -4,7 +4,8 @@ import { BitstreamError } from "../bytes.ts";
 import type { Head } from "../packets/container.ts";
 import type { Listener } from "./events.ts";
 import type { Held } from "./held.ts";
-import { Refused, receiveFile } from "./reliable.ts";
+import { Refused } from "./refused.ts";
+import { receiveFile } from "./reliable.ts";
 import { retrying, waitOrOnline } from "./retry.ts";
 import { askServer, receiveDatagrams, type Session } from "./webtransport.ts";
 

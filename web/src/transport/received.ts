@@ -3,11 +3,11 @@
 
 import { StreamDecoder } from "../codec/decoder.ts";
 import { type Swap, swapsOf } from "../codec/levels/swaps.ts";
-import type { Copies, Part } from "../codec/schema.ts";
+import type { Copies, Part } from "../codec/part.ts";
 import type { Splats } from "../codec/splats.ts";
-import type { Pause } from "../conceal/conceal.ts";
 import type { Camera } from "../model/camera.ts";
 import type { Head } from "../packets/container.ts";
+import type { Pause } from "../turns.ts";
 import { type Choice, shownPackets } from "./losses.ts";
 
 /** The concealer that draws copies. */

@@ -3,6 +3,7 @@
 import { ContainerReader, type Head } from "../packets/container.ts";
 import type { Arrived, Listener } from "./events.ts";
 import type { Held, Rest } from "./held.ts";
+import { Refused } from "./refused.ts";
 import { NoRanges, receiveTiles } from "./tiles.ts";
 
 const PIECE = 1 << 16,
@@ -12,16 +13,6 @@ const WAY = "HTTP, in order and without loss";
 /** Bytes that come in order of a scene with levels, the coarsest first, before its view asks for what it wants. */
 const FIRST = 1 << 18,
   FIRST_CAME = "the first of it came";
-
-/** A server's answer that is no file; asking again helps where `final` is not set. */
-export class Refused extends Error {
-  readonly final: boolean;
-
-  constructor(url: string, { status, statusText }: Response) {
-    super(`${url} answers ${status} ${statusText}`.trim());
-    this.final = status >= 400 && status < 500 && status !== 408 && status !== 429;
-  }
-}
 
 /** The file is another one than that of which a part is there. */
 class Changed extends Error {}

@@ -3,7 +3,7 @@
 
 import { ContainerReader } from "../packets/container.ts";
 import type { Fetching, Listener } from "./events.ts";
-import { Refused } from "./reliable.ts";
+import { Refused } from "./refused.ts";
 
 /** Bytes of a request: enough that the way there and back costs little, few enough that who turns is soon served. */
 const REQUEST_BYTES = 1 << 16;

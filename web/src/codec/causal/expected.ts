@@ -1,7 +1,8 @@
 // Where anchors are expected, and how large, and how sure that is: what a concealer needs of them.
 
-import type { AnchorFacts, Elements, Pause } from "../../conceal/conceal.ts";
+import type { AnchorFacts, Elements } from "../../conceal/elements.ts";
 import type { Anchors } from "../../model/anchors.ts";
+import type { Pause } from "../../turns.ts";
 import { givenFirst } from "../anchor_part.ts";
 import { LOOKED_AT_BYTES } from "../memory.ts";
 import { exponential, featureSteps, worldPlaces } from "./anchors.ts";

@@ -1,16 +1,18 @@
 // Anchors of the causal codec: decoded packet by packet, drawn by neural heads for each camera.
 
 import { sha256 } from "@noble/hashes/sha2.js";
-
 import { hex } from "../../bytes.ts";
-import { ANCHOR_CONCEALERS, type Concealer, type Elements, grown, type Pause } from "../../conceal/conceal.ts";
+import { ANCHOR_CONCEALERS, type Concealer, grown } from "../../conceal/conceal.ts";
+import type { Elements } from "../../conceal/elements.ts";
 import { grow } from "../../conceal/grow.ts";
 import { sceneFreeAnchors } from "../../conceal/scene_free_anchors.ts";
 import { Heads } from "../../model/heads.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
+import type { Pause } from "../../turns.ts";
 import { AnchorPart, chosen, type Known } from "../anchor_part.ts";
-import type { Copies, Schema } from "../schema.ts";
+import type { Copies } from "../part.ts";
+import type { Schema } from "../schema.ts";
 import { tierFacts } from "../tiers.ts";
 import { floatMlp, toAnchors } from "./anchors.ts";
 import { type Arrived, Expected } from "./expected.ts";

@@ -1,21 +1,17 @@
 // Anchors that the server on this machine decoded, because the page does not (format 1): `splatwire view`.
 
-import {
-  ANCHOR_CONCEALERS,
-  type AnchorFacts,
-  type Concealer,
-  type Elements,
-  grown,
-  type Pause,
-} from "../../conceal/conceal.ts";
+import { ANCHOR_CONCEALERS, type Concealer, grown } from "../../conceal/conceal.ts";
+import type { AnchorFacts, Elements } from "../../conceal/elements.ts";
 import { grow } from "../../conceal/grow.ts";
 import { sceneFreeAnchors } from "../../conceal/scene_free_anchors.ts";
 import { Heads } from "../../model/heads.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
+import type { Pause } from "../../turns.ts";
 import { AnchorPart, chosen, givenFirst } from "../anchor_part.ts";
 import { LOOKED_AT_BYTES } from "../memory.ts";
-import type { Copies, Schema } from "../schema.ts";
+import type { Copies } from "../part.ts";
+import type { Schema } from "../schema.ts";
 import { type TierFacts, tierFacts } from "../tiers.ts";
 import { type Rows, readRows, readSideInfo, type SideInfo } from "./side_info.ts";
 

@@ -1,10 +1,9 @@
 // The digest of all decoded integers, which proves that both ends coded with the same tables.
 
 import { sha256 } from "@noble/hashes/sha2.js";
-
 import { hex } from "../../bytes.ts";
-import type { Pause } from "../../conceal/conceal.ts";
 import type { Packet } from "../../packets/packet.ts";
+import type { Pause } from "../../turns.ts";
 import type { Decoded } from "./packet.ts";
 
 /**

@@ -1,9 +1,9 @@
 // Where lost Gaussians are expected, and how large: what a concealer needs of them.
 
-import type { Elements } from "../../conceal/conceal.ts";
+import type { Elements } from "../../conceal/elements.ts";
 import type { Plan } from "../../packets/plan.ts";
 import { BITS, MAX_LOG, MAX_THIN } from "./layout.ts";
-import type { GaussianPart } from "./schema.ts";
+import type { GaussianPart } from "./part.ts";
 import type { SideInfo } from "./side_info.ts";
 import { THINNESS } from "./tables.ts";
 

@@ -1,38 +1,22 @@
 // Explicit Gaussians: every camera sees the same.
 
-import { type Concealer, type Elements, grown, type Pause, SPLAT_CONCEALERS } from "../../conceal/conceal.ts";
+import { type Concealer, grown, SPLAT_CONCEALERS } from "../../conceal/conceal.ts";
+import type { Elements } from "../../conceal/elements.ts";
 import { sceneFree } from "../../conceal/scene_free.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
+import type { Pause } from "../../turns.ts";
 import { LOOKED_AT_BYTES } from "../memory.ts";
-import type { Copies, Part, Schema, Seen } from "../schema.ts";
-import { chosen, type Splats, splatBytes } from "../splats.ts";
+import type { Copies } from "../part.ts";
+import type { Schema } from "../schema.ts";
+import { chosen, splatBytes } from "../splats.ts";
 import { type GaussianCopies, readCopies } from "./copies.ts";
 import { symbolsDigest } from "./digest.ts";
 import { expectedElements } from "./expected.ts";
 import { PacketDecoder } from "./packet.ts";
+import { GaussianPart } from "./part.ts";
 import { readSideInfo, type SideInfo } from "./side_info.ts";
 import { toSplats } from "./to_splats.ts";
-
-export class GaussianPart implements Part {
-  constructor(
-    readonly packet: Packet | null,
-    readonly splats: Splats,
-    readonly where: () => Int32Array,
-  ) {}
-
-  get places(): Int32Array {
-    return this.where();
-  }
-
-  get count(): number {
-    return this.splats.count;
-  }
-
-  seen(): Seen {
-    return { splats: this.splats, owners: null };
-  }
-}
 
 export class GaussianSchema implements Schema<GaussianPart> {
   readonly lookedAtBytes = LOOKED_AT_BYTES;

@@ -1,38 +1,22 @@
 // Gaussians in levels: what is drawn depends on where somebody looks from, and on what is there.
 
-import { CONCEALERS, type Pause } from "../../conceal/conceal.ts";
+import { CONCEALERS } from "../../conceal/conceal.ts";
 import type { Camera } from "../../model/camera.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
+import type { Pause } from "../../turns.ts";
 import { GaussianSchema } from "../gaussians/schema.ts";
 import { LOOKED_AT_BYTES } from "../memory.ts";
-import type { Copies, Part, Schema, Seen } from "../schema.ts";
+import type { Copies, Part, Seen } from "../part.ts";
+import type { Schema } from "../schema.ts";
 import { chosen, emptySplats, type Splats } from "../splats.ts";
 import { BUDGET, type Cut, cutOf, standsFor } from "./cut.ts";
 import { Pieces } from "./pieces.ts";
 import { readTiles, type Tiles } from "./tiles.ts";
+import type { Tiling } from "./tiling.ts";
 
 /** Share of a tile's packets with which it is drawn: they lie evenly over it, and what is lost comes again. */
 const MOST = 0.75;
-
-/** Which tiles are drawn, and which are to be fetched. */
-export interface Tiling {
-  readonly tiles: Tiles;
-  readonly wanted: readonly number[];
-  /** Gaussians that are enough to look around. */
-  readonly enough: number;
-  readonly pieces: Pieces;
-  /** Pieces that are drawn. */
-  readonly drawn: readonly number[];
-  /** Looks again; whether other pieces are drawn than before. */
-  look(camera: Camera | null): boolean;
-  /** How many packets of the tile of a piece came. */
-  packetsOf(piece: number): number;
-  /** Those packets, and which of their Gaussians are those of the piece. */
-  partsOf(piece: number): readonly { readonly part: Part; readonly which: Int32Array }[];
-  /** The Gaussians of a piece, decoded anew. */
-  splatsOf(piece: number): Splats[];
-}
 
 /** A packet; decoded when it is drawn, and forgotten when it is not any more. */
 class LevelPart implements Part {

@@ -3,15 +3,17 @@
 
 import { sha256 } from "@noble/hashes/sha2.js";
 import { hex } from "../../bytes.ts";
-import type { Elements, Pause } from "../../conceal/conceal.ts";
+import type { Elements } from "../../conceal/elements.ts";
 import type { Packet } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
+import type { Pause } from "../../turns.ts";
 import { addRows, integers32 } from "../gaussians/digest.ts";
 import { type Decoded, PacketDecoder } from "../gaussians/packet.ts";
-import { GaussianPart } from "../gaussians/schema.ts";
+import { GaussianPart } from "../gaussians/part.ts";
 import { toSplats } from "../gaussians/to_splats.ts";
 import { LOOKED_AT_BYTES } from "../memory.ts";
-import type { Copies, Schema } from "../schema.ts";
+import type { Copies } from "../part.ts";
+import type { Schema } from "../schema.ts";
 import { emptySplats, splatBytes } from "../splats.ts";
 import { TRACK_BYTES } from "./bases.ts";
 import { Clip } from "./clip.ts";

@@ -1,0 +1,25 @@
+// A packet of explicit Gaussians, decoded.
+
+import type { Packet } from "../../packets/packet.ts";
+import type { Part, Seen } from "../part.ts";
+import type { Splats } from "../splats.ts";
+
+export class GaussianPart implements Part {
+  constructor(
+    readonly packet: Packet | null,
+    readonly splats: Splats,
+    readonly where: () => Int32Array,
+  ) {}
+
+  get places(): Int32Array {
+    return this.where();
+  }
+
+  get count(): number {
+    return this.splats.count;
+  }
+
+  seen(): Seen {
+    return { splats: this.splats, owners: null };
+  }
+}
