@@ -21,6 +21,8 @@ from web.test_page import SMALL, ball, run
 pytestmark = pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 SCENE = '<script type="module" src="splatwire.js"></script>\
 <splat-wire src="ball.swz" style="width: 240px; height: 180px"></splat-wire>'
+LARGE = SCENE.replace("180px", "340px")
+"""Beside its panel as large as the pictures that are taken: a smaller view need not want the finest of all tiles."""
 LATE = f"""<script>const listen = EventTarget.prototype.addEventListener;
 Worker.prototype.addEventListener = function (kind, handler) {{
   listen.call(this, kind, (event) => {{
@@ -39,7 +41,7 @@ WebGL2RenderingContext.prototype.texSubImage2D = function (...given) {{
   uploaded.task += bytes;
   uploaded.most = Math.max(uploaded.most, uploaded.task);
   return upload.apply(this, given);
-}};</script>{SCENE}"""
+}};</script>{LARGE}"""
 PATIENT = f"""<script>const later = setTimeout;
 window.setTimeout = (work, ms, ...given) => ms >= 5000 ? 0 : later(work, ms, ...given);</script>{SCENE}"""
 """Where nothing ends because somebody has waited long enough."""
