@@ -306,7 +306,7 @@ export class View {
     this.#replaced = false;
     this.#tiles?.sorted();
     if (this.#tiles) this.#changed();
-    else this.touch();
+    else this.touch(); // what took turns was copied as it was sorted: once more would take as long again
     for (const resolve of this.#steady.splice(0)) resolve();
   }
 
