@@ -4,8 +4,9 @@
     python benchmarks/clips.py guitar=FRAMES/ --quality 7.25 --losses
     python benchmarks/clips.py guitar=FRAMES/ --picture docs/images/clip.webp
 
-`bent_clip.py` makes clips whose truth is known. Frame by frame: every tenth frame as a still scene, in two qualities;
-bytes at the clip's own PSNR are interpolated between them (in decibels and logarithms of bytes).
+`bent_clip.py` makes clips whose truth is known. Frame by frame: every tenth frame as a still scene, of a short clip
+each one, in two qualities; bytes at the clip's own PSNR are interpolated between them (in decibels and logarithms of
+bytes).
 """
 
 import argparse
@@ -20,12 +21,11 @@ from PIL import Image
 
 from splatwire.channel import parse_loss
 from splatwire.clips import ClipOptions, Frame, encode_clip, frame_files, read_frames
-from splatwire.clips.evaluation import ClipRow, score_clip
+from splatwire.clips.evaluation import ClipRow, frame_psnr, score_clip
 from splatwire.clips.report import score_rows
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.codec.schemas.gaussians.quality import QUALITIES, Quality, quality_of
 from splatwire.evaluate.pixels import to_pixels
-from splatwire.metrics import psnr
 from splatwire.model import SplatScene
 from splatwire.packets import packetization_named
 from splatwire.render import iterate_views
@@ -51,15 +51,15 @@ def pictures(scene: SplatScene, cameras: Cameras) -> torch.Tensor:
 
 def frame_by_frame(files: list[Path], cameras: Cameras) -> list[tuple[float, float]]:
     """Mean PSNR and bytes of a frame as a still scene, by quality."""
-    found = []
+    found, some = [], files[::EVERY] if len(files) > EVERY else files
     for quality in ("small", "default"):
         points = []
-        for frame in read_frames(files[::EVERY]):
+        for frame in read_frames(some):
             scene = drawn(frame)
             packets = packetization_named("datagram", "gaussians", scene.num_elements)
             stream = encode_scene(scene, packets, quality=quality, classes=classes_of(scene, None, anew=True))
             shown = pictures(decode_stream(stream).scene, cameras)
-            points.append((float(psnr(shown, pictures(scene, cameras)).mean()), stream.num_bytes))
+            points.append((frame_psnr(shown, pictures(scene, cameras)), stream.num_bytes))
         found.append(tuple(np.mean(points, axis=0).tolist()))
     return found
 

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from splatwire.byte_io import ByteWriter
 from splatwire.clips.extent import Ball, ball_of
 from splatwire.clips.frames import Frame
-from splatwire.clips.gathering import Gathering
+from splatwire.clips.gathering import Gathering, group_of
 from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.antialiasing import antialiasing_sections
@@ -34,6 +34,9 @@ FIRST_FRAME = "first_frame"
 """Section of a clip that goes on where another one ended: the number of its first frame, LEB128."""
 KNOWN_SHARE = 0.5
 """Of the Gaussians: where so many have a class of precision from before, the others get a middle one."""
+ANEW, APART = 0.5, 0.5
+"""Shares: of a frame's Gaussians, of which so many were not there before where it shows another scene; and of the first
+frames, of which so many show another one where frames are coded one by one."""
 SEEN = 0.02
 """A change of a coefficient of the harmonics that is told, where an eye sees 1 as the whole range of a colour."""
 
@@ -75,10 +78,10 @@ class ClipEncoder:
 
     Args:
         options: How.
-        classes: Class of precision of each Gaussian of the first group; None looks at them from all sides
+        classes: Classes of precision of Gaussians that are seen first; None looks at them from all sides
             (`splatwire.render.precision`).
         live: Whether somebody waits for the last frame of a group: then more is done before, and all in all. It changes
-            no bit.
+            no bit but of how precise they are who come later, with a scene that is another one.
     """
 
     def __init__(
@@ -95,7 +98,12 @@ class ClipEncoder:
         self._num_frames = self._first_frame = 0
         self._extent: Ball | None = None
         self._known: tuple[np.ndarray, np.ndarray] | None = None
-        self._writer = ClipWriter(
+        self._newest = -1
+        self._writer = self._new_writer()
+
+    def _new_writer(self) -> ClipWriter:
+        options = self._options
+        return ClipWriter(
             options.rate, options.group_frames, quality_of(options.quality), options.background,
             threads=options.threads or allowed_threads(),
         )  # fmt: skip
@@ -178,28 +186,72 @@ class ClipEncoder:
         return self._flush() if self._frames else []
 
     def _flush(self) -> list[Packet]:
-        group = self._frames.group()
-        self._ended = self._frames.frames[0], self._frames.frames[-1]
-        classes = self._precision(group) if not self._groups and len(group.keys) else None
-        self._frames = Gathering(self._options.group_frames, smooth=self._live and self._frames.smooth)
-        self._groups += 1
+        group, frames = self._frames.group(), self._frames.frames
+        self._ended = frames[0], frames[-1]
+        scenes = self._scenes(group, frames)
+        classes = self._precision(group, scenes)
+        apart = not self._live and not self._groups and len(frames) > 1 and len(scenes) > APART * len(frames)
+        smooth, self._groups = self._live and self._frames.smooth, self._groups + 1
+        if apart and len(frames[0].keys):
+            assert classes is not None
+            return self._one_by_one(group, frames, scenes, classes)
+        self._frames = Gathering(self._options.group_frames, smooth=smooth)
         return self._writer.add(group, classes)
 
-    def _precision(self, group: TrackGroup) -> np.ndarray:
-        """Classes of precision of the first group's tracks: those that they had in the chapter before, or looked at."""
-        if self._known is not None:
+    def _one_by_one(
+        self, group: TrackGroup, frames: list[NamedFrame], scenes: list[int], classes: np.ndarray
+    ) -> list[Packet]:
+        """The first frames, most of which show another scene than the one before: each is a group, and so is the rest.
+
+        Lattice, steps and tables are those of all of them.
+        """
+        self._options = replace(self._options, group_frames=1)
+        self._writer, self._frames = self._new_writer(), Gathering(1)
+        self._writer.fit(group.first(np.arange(len(group.keys))), classes)
+        LOG.warning(
+            "%d of the first %d frames show another scene than the one before: each frame is a group", len(scenes),
+            len(frames),
+        )  # fmt: skip
+        packets = []
+        for frame in frames:
+            own = group_of([frame])
+            packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)])
+        return packets
+
+    def _scenes(self, group: TrackGroup, frames: list[NamedFrame]) -> list[int]:
+        """Frames of a group that show another scene than the one before, as the first one does."""
+        born = np.bincount(group.begins[group.keys > self._newest], minlength=len(frames))
+        return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]
+
+    def _precision(self, group: TrackGroup, scenes: list[int]) -> np.ndarray | None:
+        """Classes of precision of a group's tracks; None where nobody looks: who comes later is as precise as most.
+
+        Whoever comes with another scene is looked at, and who comes after.
+        """
+        new = group.keys > self._newest
+        self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
+        if not scenes or (self._live and self._groups):  # looking takes longer than somebody waits
+            return None
+        classes = self._usual(len(group.keys))
+        if not self._groups and self._known is not None:
             _, here, at = np.intersect1d(group.keys, self._known[0], assume_unique=True, return_indices=True)
             if len(here) >= KNOWN_SHARE * len(group.keys):
-                classes = np.full(len(group.keys), int(np.median(self._known[1])), np.int8)
                 classes[here] = self._known[1][at]
                 return classes
-        first = group.first(np.arange(len(group.keys)))
-        classes = self._classes(first)
+        scene = np.where(new, np.searchsorted(scenes, group.begins, side="right") - 1, -1)
+        for number in range(len(scenes)):
+            some = np.flatnonzero(scene == number)
+            first = group.first(some)
+            classes[some] = self._classes(first)
+            if not number and not self._groups and not self._first_frame:
+                up = self._options.up
+                self._sections |= up_sections(up_of(SplatScene(first)) if up == "auto" else up)
         self._known = group.keys, classes
-        if not self._first_frame:
-            up = self._options.up
-            self._sections |= up_sections(up_of(SplatScene(first)) if up == "auto" else up)
         return classes
+
+    def _usual(self, count: int) -> np.ndarray:
+        """The middle one of the classes of precision that are known."""
+        return np.full(count, int(np.median(self._known[1])) if self._known else 0, np.int8)
 
     def _catch_up(self) -> None:
         """Looks at the frame before, and at the group that ended with it: no packet waits for that."""

@@ -137,6 +137,13 @@ def score_clip(
     ]
 
 
+def frame_psnr(pictures: Float[Tensor, "V H W 3"], reference: Float[Tensor, "V H W 3"]) -> float:
+    """PSNR of a frame, mean over views, decibels; a view that sees nothing of this frame says nothing of it."""
+    views = psnr(pictures, reference)
+    unlike = views[views.isfinite()]
+    return float((unlike if len(unlike) else views).mean())
+
+
 class _Arrived:
     """A clip as it arrives in one row."""
 
@@ -192,9 +199,7 @@ class _Meter:
         self._before: Tensor | None = None
 
     def add(self, pictures: Float[Tensor, "V H W 3"], reference: Float[Tensor, "V H W 3"]) -> None:
-        views = psnr(pictures, reference)
-        unlike = views[views.isfinite()]  # a view that sees nothing of this frame says nothing of it
-        self.psnr.append(float((unlike if len(unlike) else views).mean()))
+        self.psnr.append(frame_psnr(pictures, reference))
         error = pictures - reference  # its change is the picture's change less the reference's
         if self._before is not None:
             self.change.append(float(((error - self._before) ** 2).mean()))

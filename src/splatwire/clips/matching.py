@@ -15,11 +15,15 @@ ROUNDS = ((32, 0.25), (16, 1.0), (8, 1.0))
 """Candidates in each round, and how much their places count beside their looks."""
 SMOOTHED = 12
 """A Gaussian is expected to move as so many of its neighbours whose partners are sure."""
-FARTHEST = 36.0
-"""Squared distance of partners, in units of the usual one, from which on it is another Gaussian."""
-ALIKE, NEARLY = 0.03, 0.3
-"""Shares of how far candidates are, and of how much they differ: what is less tells little about who is whose partner,
-and nothing about whether anybody is."""
+ALIKE = 0.03
+"""Share of how far candidates are, and of how much they differ: less tells little about who is whose partner."""
+AROUND, ANOTHER = 8, 0.06
+"""How far a Gaussian is from where its partner is expected, as a share of the way from there to its eighth neighbour,
+times how they differ, as a share of how any two do: from `ANOTHER` on it is another one. As motion of the partner it
+would take more bytes than one that is born, and show less well (measured: frames that draw other Gaussians of one
+capture, or the same ones disturbed)."""
+FEWEST = 0.2
+"""Where fewer find a partner, those few did by chance: the frame shows another scene."""
 _AFFINE_STEPS, _TRIMMED = 20, 0.7
 
 
@@ -100,7 +104,10 @@ def match(previous: Splats, current: Splats, before: Match | None = None) -> Mat
     for candidates, weight in ROUNDS:
         partner, sure = _partners(expected, now, looks[0], looks[1], candidates, weight)
         expected = _smooth(places, now, partner, sure, expected)
-    partner, _ = _partners(expected, now, looks[0], looks[1], ROUNDS[-1][0], 1.0, final=True)
+    partner, _ = _partners(expected, now, looks[0], looks[1], ROUNDS[-1][0], 1.0)
+    partner[_another(expected, now, looks[0], looks[1], partner)] = -1
+    if (partner >= 0).sum() < FEWEST * min(len(places), len(now)):
+        return Match(np.full(len(now), -1, np.int64), np.zeros_like(now))
     return Match(partner, _velocity(places, now, partner, expected))
 
 
@@ -152,9 +159,8 @@ def _affine(places: np.ndarray, now: np.ndarray) -> np.ndarray:
 
 
 def _partners(
-    expected: np.ndarray, now: np.ndarray, looks: np.ndarray, looks_now: np.ndarray, candidates: int, weight: float,
-    final: bool = False,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    expected: np.ndarray, now: np.ndarray, looks: np.ndarray, looks_now: np.ndarray, candidates: int, weight: float
+) -> tuple[np.ndarray, np.ndarray]:
     """One partner at most for each, and which are sure."""
     count = min(candidates, len(expected))
     distance, near = cKDTree(expected).query(now, k=count, workers=-1)
@@ -174,14 +180,24 @@ def _partners(
         return np.where(found, np.where(mine, values, np.inf).min(axis=1), np.inf)
 
     alike, chosen = own(differ), own(score)
-    if final:
-        unit, look = max(unit, NEARLY * far_off), max(look, (NEARLY * unlike) ** 2)
-        score = (distance / unit) ** 2 * weight + differ / look
-        partner[own(score) > FARTHEST * 2] = -1
     second = np.partition(score, 1, axis=1)[:, 1] if count > 1 else np.full(len(now), np.inf)
     # Looks alone say who is most alike: what moves most is farthest from where it is expected, and tells most.
     sure = found & (chosen < 0.7 * second)
     return partner, sure & (alike <= np.quantile(alike[found], 0.8)) if found.any() else sure
+
+
+def _another(
+    expected: np.ndarray, now: np.ndarray, looks: np.ndarray, looks_now: np.ndarray, partner: np.ndarray
+) -> np.ndarray:
+    """Rows of those whose partners are others: neither where they are expected, nor alike."""
+    found = np.flatnonzero(partner >= 0)
+    theirs = partner[found]
+    usual = np.median(np.linalg.norm(looks_now - np.roll(looks_now, len(now) // 2, axis=0), axis=1))
+    unlike = np.linalg.norm(looks_now[found] - looks[theirs], axis=1)
+    distance, _ = cKDTree(expected).query(expected[theirs], k=[min(AROUND + 1, len(expected))], workers=-1)
+    apart = np.linalg.norm(now[found] - expected[theirs], axis=1)
+    other: np.ndarray = found[apart * unlike > ANOTHER * distance[:, 0] * usual]
+    return other
 
 
 def _typical(values: np.ndarray) -> float:

@@ -121,7 +121,7 @@ class SourceScene:
             splats = within_reach(splats, size_log)
             tell_cut_colours(splats)
             bases = _bases(splats, quality, size_log)
-            levels = _levels(classes, splats.num_gaussians, quality.classes_of(splats.degree) - 1)
+            levels = levels_of(classes, splats.num_gaussians, quality.classes_of(splats.degree) - 1)
             unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means.numpy(), unit, size_log)
         centres = _centres(splats, levels, bases, size_log, unit, coarsest)
@@ -219,8 +219,12 @@ def _as_they_come(count: int) -> np.ndarray:
     return order
 
 
-def _levels(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
-    """Classes as they are sent, 0 for the least precise of `most + 1`, uint8 (N)."""
+def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
+    """Classes as they are sent, 0 for the least precise of `most + 1`, uint8 (N); None stands for the finest.
+
+    Raises:
+        InvalidValueError: If there are more or fewer of them.
+    """
     if classes is None:
         return np.broadcast_to(np.uint8(most), count)
     if np.shape(classes) != (count,):

@@ -1,6 +1,5 @@
 """Bases of tracks: explicit Gaussians, coded as those of a still scene are, some of them with each group."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from splatwire.codec.schemas.gaussians.blocks import Boxes
 from splatwire.codec.schemas.gaussians.encoder import encode_block, fit_side_info
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.gaussians.side_info import SideInfo, read_side_info, write_side_info
-from splatwire.codec.schemas.gaussians.source_scene import SourceScene
+from splatwire.codec.schemas.gaussians.source_scene import SourceScene, levels_of
 from splatwire.codec.threads import ordered_map
 from splatwire.model import SplatCoding
 from splatwire.packets import HEADER_BYTES, Packet, PacketId, Packetization, PacketPlan, make_packet
@@ -57,6 +56,7 @@ class BaseEncoder:
     def __init__(self, quality: Quality, packetization: Packetization, threads: int | None) -> None:
         self._quality, self._packetization, self._threads = quality, packetization, threads
         self._infos: list[SideInfo] = []
+        self._like: SideInfo | None = None
         self._level = 0
 
     @property
@@ -68,37 +68,47 @@ class BaseEncoder:
         )
         return replace(self._infos[0], boxes=joined, defaults=np.concatenate([i.defaults for i in self._infos]))
 
-    def encode(self, splats: Splats, classes: np.ndarray | None, sections: Mapping[str, bytes]) -> CodedBases:
+    def fit(self, splats: Splats, classes: np.ndarray | None) -> None:
+        """Fits steps, lattice and tables to other Gaussians than those of the first group; before it, see `encode`."""
+        self._fitted(splats, classes)
+
+    def encode(self, splats: Splats, classes: np.ndarray | None) -> CodedBases:
         """Codes the Gaussians that are born with a group.
 
         Args:
             splats: They, at least one; all can be drawn.
-            classes: Class of precision of each, of the first group; None for the finest, and later for a middle one.
-            sections: Named sections, of the first group.
+            classes: Class of precision of each; None for the finest in the first group, and later for a middle one.
 
         Raises:
             InvalidValueError: If one is too far away from the others.
         """
-        size = span_size(splats.num_gaussians, self._packetization.block_size)
-        plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
-        source = SourceScene.of(splats, plan, classes, None, self._quality, self._coding(splats.num_gaussians),
-                                most_unit=FINEST_UNIT)  # fmt: skip
-        like = self._infos[0] if self._infos else None
-        known = None if like is None else like.transform
-        fitted = fit_side_info(source, sections if like is None else {}, known, like, self._threads_for(plan))
-        info = read_side_info(write_side_info(fitted), plan.num_blocks)
-        if like is None:
-            self._level = int(np.median(source.classes))
+        source, plan, info = self._fitted(splats, classes)
         self._infos.append(info)
         return self._coded(source, plan, info)
 
-    def _coding(self, count: int) -> SplatCoding | None:
-        if not self._infos:
+    def _fitted(self, splats: Splats, classes: np.ndarray | None) -> tuple[SourceScene, PacketPlan, SideInfo]:
+        """Gaussians in blocks, and what is told of these beside the packets."""
+        size = span_size(splats.num_gaussians, self._packetization.block_size)
+        plan = PacketPlan(replace(self._packetization, block_size=size), splats.num_gaussians)
+        source = SourceScene.of(splats, plan, classes, None, self._quality, self._coding(splats, classes),
+                                most_unit=FINEST_UNIT)  # fmt: skip
+        known = None if self._like is None else self._like.transform
+        fitted = fit_side_info(source, {}, known, self._like, self._threads_for(plan))
+        info = read_side_info(write_side_info(fitted), plan.num_blocks)
+        if self._like is None:
+            self._like, self._level = info, int(np.median(source.classes))
+        return source, plan, info
+
+    def _coding(self, splats: Splats, classes: np.ndarray | None) -> SplatCoding | None:
+        """How those of later groups are coded; None for the first."""
+        if self._like is None:
             return None
-        info = self._infos[0]
-        classes = torch.full((count,), self._level, dtype=torch.uint8)
+        info, count = self._like, splats.num_gaussians
+        levels = np.full(count, self._level, np.uint8)
+        if classes is not None:
+            levels = levels_of(classes, count, self._quality.classes_of(splats.degree) - 1)
         transform, bases = torch.from_numpy(info.transform), tuple(info.bases.tolist())
-        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, classes)
+        return SplatCoding(info.size_log, info.unit, info.coarsest, bases, transform, torch.from_numpy(levels))
 
     def _threads_for(self, plan: PacketPlan) -> int | None:
         """Waking another thread takes as long as a block."""

@@ -115,12 +115,16 @@ class ClipWriter:
         self.worth: dict[PacketId, float] = {}
         self._costs = np.zeros(0)
 
+    def fit(self, splats: Splats, classes: np.ndarray | None) -> None:
+        """Fits what all bases share to these Gaussians, before the first group, see `BaseEncoder.fit`."""
+        self._bases.fit(splats, classes)
+
     def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
         """Codes the next group.
 
         Args:
             group: Its tracks.
-            classes: Class of precision of each, for the first group; None for the finest.
+            classes: Class of precision of each; None for the finest in the first group, and later for a middle one.
 
         Returns:
             Its packets, of no stream yet, in the order in which they shall leave: bases, then motion. `worth` says how
@@ -213,7 +217,7 @@ class ClipWriter:
         where = np.flatnonzero(new)
         if not len(where):
             return []
-        coded = self._bases.encode(group.first(where), None if classes is None else classes[where], {})
+        coded = self._bases.encode(group.first(where), None if classes is None else classes[where])
         born = where[coded.order]
         bases = group.moves.at(born, np.zeros_like(born))
         shifts = motion_shifts(coded.rows, self._bases.info, COARSER)

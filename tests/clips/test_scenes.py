@@ -1,0 +1,111 @@
+"""Frames that show other Gaussians than the frame before: all of them, most or a part, once or all the time."""
+
+import numpy as np
+import pytest
+import torch
+
+from splatwire.clips import ClipEncoder, ClipOptions, decode_frames, encode_clip
+from splatwire.clips.matching import match
+from splatwire.codec import decode_stream
+from splatwire.scene.splats import Splats
+
+COUNT = 800
+
+
+def cloud(count: int, seed: int, size: float = 1.0) -> Splats:
+    """Gaussians of many colours and sizes all over a ball."""
+    rng = torch.Generator().manual_seed(seed)
+    means = torch.nn.functional.normalize(torch.randn(count, 3, generator=rng), dim=1)
+    means *= size * torch.rand(count, 1, generator=rng) ** (1 / 3)
+    quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=rng), dim=1)
+    scales = size * torch.exp(torch.randn(count, 3, generator=rng) * 0.4 - 3.5)
+    return Splats(
+        means, quats, scales, torch.rand(count, generator=rng) * 0.7 + 0.25, torch.randn(count, 1, 3, generator=rng)
+    )
+
+
+def together(*parts: Splats) -> Splats:
+    return Splats(*(torch.cat([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+
+
+def moved(splats: Splats, way: float) -> Splats:
+    shift = torch.tensor([way, 0.0, 0.0])
+    return Splats(splats.means + shift, splats.quats, splats.scales, splats.opacities, splats.sh)
+
+
+def errors(frame: Splats, shown: Splats) -> np.ndarray:
+    """How far each Gaussian of a frame is from the nearest that is shown, in its own size and in colour."""
+    distance = torch.cdist(frame.means.double(), shown.means.double())
+    near = distance.argmin(dim=1)
+    far = distance.gather(1, near[:, None])[:, 0] / frame.scales.amax(dim=1)
+    return (far + (shown.sh[near, 0] - frame.sh[:, 0]).abs().amax(dim=1)).numpy()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7])
+def test_who_was_not_there_finds_no_partner(share):
+    stay = int(share * COUNT)
+    kept = cloud(stay, 1) if stay else None
+    others = [cloud(COUNT - stay, seed) for seed in (2, 3)]
+    before, after = (together(kept, other) if kept else other for other in others)
+    order = np.random.default_rng(4).permutation(COUNT)
+    found = match(before, moved(after, 0.01).select(torch.from_numpy(order)))
+    right, false = found.partner == order, (found.partner >= 0) & (order >= stay)
+    assert right[order < stay].all()
+    assert false.mean() < 0.03
+    assert stay or found.share == 0
+
+
+def test_frames_that_have_nothing_in_common_are_coded_one_by_one(caplog):
+    frames = [cloud(COUNT, seed, size=1 + seed) for seed in range(4)]
+    stream, tracking = encode_clip(frames)
+    clip = decode_stream(stream).scene
+    assert clip.timeline.group_frames == 1
+    assert "4 of the first 4 frames show another scene" in caplog.text
+    assert (tracking.matched, tracking.share, tracking.born) == (3, 0.0, 3 * COUNT)
+    motion = [packet for packet in stream.packets if not stream.manifest.plan.lasting(packet.id.block)]
+    assert sum(packet.num_bytes for packet in motion) < 0.01 * stream.num_bytes  # who is gone
+    for frame, shown in zip(frames, decode_frames(clip), strict=True):
+        assert len(shown.tracks) == COUNT
+        assert np.quantile(errors(frame, shown.scene.splats), 0.95) < 0.5
+
+
+def test_packets_of_frames_one_by_one_are_those_that_push_gave():
+    encoder = ClipEncoder(ClipOptions(group_frames=3))
+    given = [encoder.push(cloud(COUNT, seed)) for seed in range(5)]
+    stream = encoder.finish()
+    assert [bool(packets) for packets in given] == [False, False, True, True, True]
+    assert {p.id for packets in given for p in packets} == {p.id for p in stream.packets}
+
+
+@pytest.mark.parametrize("group", [3, 4])
+@pytest.mark.parametrize("live", [False, True])
+def test_a_scene_that_follows_another_one_is_looked_at_unless_somebody_waits(live, group):
+    one, two = cloud(COUNT, 1, size=4.0), cloud(COUNT, 2, size=0.5)
+    frames = [moved(one, 0.01 * n) for n in range(6)] + [moved(two, 0.005 * n) for n in range(6)]
+
+    def encoded(second: int) -> tuple[list[Splats], list[Splats]]:
+        looked: list[Splats] = []
+
+        def classes(splats: Splats) -> np.ndarray:
+            looked.append(splats)
+            return np.full(splats.num_gaussians, second * (len(looked) - 1), np.int8)
+
+        encoder = ClipEncoder(ClipOptions(group_frames=group), classes, live=live)
+        for frame in frames:
+            encoder.push(frame)
+        clip = decode_stream(encoder.finish()).scene
+        assert clip.timeline.group_frames == group
+        return looked, [shown.scene.splats for shown in decode_frames(clip)]
+
+    looked, fine = encoded(0)
+    _, coarse = encoded(-4)
+    expected = [one] if live else [one, two]
+    assert all(torch.equal(a.sh.sort(dim=0)[0], b.sh.sort(dim=0)[0]) for a, b in zip(looked, expected, strict=True))
+    off = [
+        [np.median(errors(frame, splats)) for frame, splats in zip(frames, shown, strict=True)]
+        for shown in (fine, coarse)
+    ]
+    assert max(off[0]) < 0.3
+    before = 6 // group * group  # groups that both scenes are in share a fit
+    assert off[1][:before] == off[0][:before]
+    assert off[1][6:] == off[0][6:] if live else min(off[1][6:]) > 4 * max(off[0][6:])
