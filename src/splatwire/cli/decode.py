@@ -101,5 +101,6 @@ class Decode:
             packets = read_report_json(report)
             print_json({"output": self.output, **facts, "concealer": method, "seconds": seconds, "packets": packets})
             return
-        text = f"{facts['num_frames']} frames of {facts['num_tracks']:,} tracks, {report.num_missing:,} packets missing"
+        count, tracks = facts["num_frames"], facts["num_tracks"]
+        text = f"{count} frame{'s' * (count != 1)} of {tracks:,} tracks, {report.num_missing:,} packets missing"
         print_summary(f"{text}, decoded in {seconds:.1f} s -> {self.output}", self.output)
