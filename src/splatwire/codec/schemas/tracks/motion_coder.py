@@ -91,7 +91,7 @@ class MotionCoder:
         buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_cut(
             models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
-            self.places[some], self.shifts[some], self.targets[self.rows[some]], np.int64(self.most),
+            self.places[some], self.shifts[some], self.targets, self.rows[some], np.int64(self.most),
             self.costs[some], buffer, residuals, sizes, stops,
         )  # fmt: skip
         bounds = [0, *stops[:used].tolist()]
