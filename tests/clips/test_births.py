@@ -86,7 +86,8 @@ def errors(clip: ClipScene, lost: np.ndarray) -> list[float]:
     there, found = np.ones(clip.num_gaussians, bool), []
     for group in range(clip.timeline.num_groups):
         motion = clip.motion(group, there)
-        poses, memory = conceal_group(clip, without(motion, lost), group, there, memory, clip_concealer("motion"))
+        poses, after = conceal_group(clip, without(motion, lost), group, there, memory, clip_concealer("motion"))
+        memory = after()
         row = np.full(clip.num_gaussians, -1)
         row[motion.tracks] = np.arange(len(motion.tracks))
         own = np.flatnonzero(poses.concealed & (row[poses.tracks] >= 0))
