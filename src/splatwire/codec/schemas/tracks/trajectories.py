@@ -65,9 +65,13 @@ class Targets:
     turns: np.ndarray
 
     @staticmethod
-    def none() -> "Targets":
-        """Of no track."""
-        return Targets(np.zeros((0, NUM_CHANNELS, 1)), np.zeros((0, NUM_CHANNELS)), np.zeros(0))
+    def zero(count: int, frames: int) -> "Targets":
+        """Of tracks that do nothing."""
+        return Targets(np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, NUM_CHANNELS)), np.zeros(count))
+
+    def part(self, index: np.ndarray) -> "Targets":
+        """Those at `index`."""
+        return Targets(**{name: values[index] for name, values in vars(self).items()})
 
     def put(self, index: np.ndarray, others: "Targets") -> None:
         """Replaces those at `index`."""
@@ -91,7 +95,7 @@ def targets_of(
     from splatwire.codec.schemas.tracks import _target_kernels as kernels
 
     count, frames = len(numbers), moves.num_frames
-    found = Targets(np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, NUM_CHANNELS)), np.zeros(count))
+    found = Targets.zero(count, frames)
     luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(frames).copy()
     known, scale = tuple(vars(bases).values()), float(np.ldexp(1.0, unit + 1 - size_log))
 
@@ -101,7 +105,8 @@ def targets_of(
             found.coefficients[some], found.largest[some], found.turns[some],
         )  # fmt: skip
 
-    for _ in ordered_map(fit, [slice(begin, begin + RUN) for begin in range(0, count, RUN)], threads):
+    runs = [slice(begin, begin + RUN) for begin in range(0, count, RUN)]
+    for _ in ordered_map(fit, runs, threads if len(runs) > 1 else 1):
         pass
     return found
 
