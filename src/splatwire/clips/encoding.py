@@ -15,7 +15,8 @@ from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
-from splatwire.codec.schemas.tracks.encoder import ClipWriter, TrackGroup
+from splatwire.codec.schemas.tracks.encoder import ClipWriter
+from splatwire.codec.schemas.tracks.track_group import TrackGroup
 from splatwire.codec.viewpoint import EXTENT_SECTION, extent_section, up_sections
 from splatwire.errors import InvalidValueError
 from splatwire.model import SplatScene
@@ -153,7 +154,11 @@ class ClipEncoder:
         self._last = taken.splats
         self._frames.add(self._tracker.add(taken))
         self._num_frames += 1
-        return self._flush() if len(self._frames) == self._options.group_frames else []
+        if len(self._frames) == self._options.group_frames:
+            return self._flush()
+        if self._live and 2 * len(self._frames) > self._options.group_frames:  # before, receivers have the one before
+            self._writer.look(*self._frames.so_far())
+        return []
 
     def finish(self) -> SceneStream:
         """Ends the clip; the stream of all that was pushed.

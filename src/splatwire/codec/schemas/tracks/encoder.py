@@ -4,7 +4,7 @@ import functools
 import hashlib
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -13,6 +13,7 @@ from splatwire.codec.background import background_sections
 from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.tracks.bases import BaseEncoder, span_size
+from splatwire.codec.schemas.tracks.fitting import Fitting, judged
 from splatwire.codec.schemas.tracks.known_tracks import KnownTracks
 from splatwire.codec.schemas.tracks.layout import (
     AFTER,
@@ -25,11 +26,12 @@ from splatwire.codec.schemas.tracks.layout import (
     TRACK,
 )
 from splatwire.codec.schemas.tracks.lifetimes import BYTES_OF_ONE, Lifetimes, lifetimes_sections
-from splatwire.codec.schemas.tracks.motion_coder import FIRST_COST, LIMITS, MotionCoder, all_stay
+from splatwire.codec.schemas.tracks.motion_coder import FIRST_COST, MotionCoder, all_stay
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.sending import by_turns, dearest_first
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, Group, write_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
+from splatwire.codec.schemas.tracks.track_group import TrackGroup
 from splatwire.codec.schemas.tracks.trajectories import Targets, Trajectories, targets_of
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
@@ -57,25 +59,6 @@ COARSER = np.array([2, 3, 2, 2, 2], dtype=np.int64)
 """Octaves by which steps of motion are larger than those of bases, by kind."""
 LIVE_GROUPS = 2
 """Groups whose lifetimes side information has while a clip goes on: of older ones motion has said who is gone."""
-
-
-@dataclass(frozen=True, eq=False)
-class TrackGroup:
-    """Tracks over a group of frames.
-
-    Attributes:
-        keys: Name of each track, the same in every group that it is in, ascending, int64 (n).
-        begins: First frame of each, counted from the group's, int64 (n).
-        ends: First frame after each, int64 (n).
-        moves: What they do.
-        first: Of some of them, by their index: each as `moves` has it in the first frame, with all harmonics.
-    """
-
-    keys: np.ndarray
-    begins: np.ndarray
-    ends: np.ndarray
-    moves: Trajectories
-    first: Callable[[np.ndarray], Splats]
 
 
 class ClipWriter:
@@ -107,12 +90,25 @@ class ClipWriter:
         self._num_blocks = self._num_frames = self._num_tracks = 0
         self._digest = hashlib.sha256()
         self._known = KnownTracks.empty()
+        self._fitting: Fitting | None = None
         self.worth: dict[PacketId, float] = {}
         self._costs = np.zeros(0)
 
     def fit(self, splats: Splats, classes: np.ndarray | None) -> None:
         """Fits what all bases share to these Gaussians, before the first group, see `BaseEncoder.fit`."""
         self._bases.fit(splats, classes)
+
+    def look(self, keys: np.ndarray, moves: Trajectories, end: int) -> None:
+        """Looks at frames of the next group before all of them are there, so that less is left to do then.
+
+        Args:
+            keys: Its tracks so far, see `TrackGroup`.
+            moves: What they do, over all of its frames.
+            end: Frames that are there; of the others anything.
+        """
+        if self._groups:
+            self._fitting = self._fitting or self._fit(keys, moves)
+            self._fitting.look(moves, end)
 
     def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
         """Codes the next group.
@@ -131,8 +127,8 @@ class ClipWriter:
         if not len(group.keys) and not self._groups:
             raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
         self.worth = {}
-        numbers, first_new = self._known.numbers_of(group.keys), self._num_tracks
-        new, moving, targets = self._begin_anew(group, numbers)
+        first_new = self._num_tracks
+        numbers, new, moving, targets = self._begin_anew(group)
         old, born = np.flatnonzero(~new), np.flatnonzero(new)
         by = np.concatenate([old[np.argsort(numbers[old])], born])
         self._num_tracks += len(born)
@@ -145,7 +141,7 @@ class ClipWriter:
             """Tracks that are born; what the others do is coded meanwhile."""
             packets = self._births(group, classes, born, numbers)
             targets.put(born, self._targets(group.moves.select(born), numbers[born]))
-            _, moving[born] = self._judged(targets.part(born), numbers[born])
+            _, moving[born] = judged(targets.select(born), self._known.shifts, numbers[born])
             by[len(old) :] = born[np.argsort(numbers[born])]
             self._tell(coder, slice(len(old), None), group, by, numbers, moving)
             return packets
@@ -195,26 +191,24 @@ class ClipWriter:
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
-    def _begin_anew(self, group: TrackGroup, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, Targets]:
-        """Tracks that need a base, for they are new or went further than theirs allows, and those that move, bool.
+    def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
+        """Numbers of tracks, which of them need a base (new ones, or far from theirs), which move, and targets.
 
-        Targets are those of the others.
+        Targets are those of tracks that need none.
         """
-        new = numbers < 0
-        if new.all():
-            return new, new.copy(), Targets.zero(len(numbers), group.moves.num_frames)
-        known = np.maximum(numbers, 0)
-        targets = self._targets(group.moves, known)
-        far, moving = self._judged(targets, known)
-        return new | far, moving, targets
+        count, frames = len(group.keys), group.moves.num_frames
+        fitting, self._fitting = self._fitting, None
+        if not self._groups:
+            return np.full(count, -1), np.ones(count, bool), np.zeros(count, bool), Targets.zero(count, frames)
+        if fitting is None or not fitting.fits(group.keys, frames):
+            fitting = self._fit(group.keys, group.moves)
+        targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
+        new = fitting.numbers < 0
+        far, moving = judged(targets, self._known.shifts, np.maximum(fitting.numbers, 0))
+        return fitting.numbers, new | far, moving, targets
 
-    def _judged(self, targets: Targets, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tracks that went further than their bases allow, and those that move, bool (n)."""
-        from splatwire.codec.schemas.tracks import _target_kernels as kernels
-
-        far, moving = np.zeros((2, len(numbers)), bool)
-        kernels.judge(targets.largest, targets.turns, self._known.shifts, numbers, LIMITS, far, moving)
-        return far, moving
+    def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
+        return Fitting(keys, self._known, self._bases.info, moves.num_frames, self._threads)
 
     def _births(
         self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray

@@ -11,8 +11,6 @@ from splatwire.codec.schemas.tracks.layout import (
     BEGINS,
     ENDS,
     HEAD,
-    MAX_COEFFICIENT,
-    MAX_QUANTISED,
     NUM_CHANNELS,
     NUM_CONTEXTS,
     STATE,
@@ -23,10 +21,6 @@ from splatwire.packets import Packet, PacketId, make_packet
 
 DEAD = 8
 """See `follow_neighbours`: what an encoder favours 0 by, out of 64 steps."""
-WIDEST_TURN = 2.0
-"""Tangent of a quarter of the largest rotation from a base, about 254 degrees: what turned further begins anew."""
-LIMITS = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, WIDEST_TURN, (32 + DEAD) / 64])
-"""Most steps, largest coefficient and turn; least part of a step that is told."""
 FITTED_ROUNDS, FITTED_BLOCKS = 2, 4
 BYTES_PER_COEFFICIENT = 5
 FIRST_COST = 4.0
