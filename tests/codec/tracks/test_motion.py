@@ -159,7 +159,7 @@ def test_frames_that_come_one_by_one_give_the_same_bits():
     tracks, numbers, bases = wild_tracks(6)
     whole, found = targets_of(tracks, bases, numbers, 30, 2), Targets.zero(300, 6)
     for begin, end in ((0, 3), (3, 4), (4, 6)):
-        add_frames(found, tracks, bases, numbers, np.full(300, begin), end, 30, 2)
+        add_frames(found, tracks, bases, numbers, begin, end, 30, 2)
     for name, values in vars(whole).items():
         assert np.array_equal(getattr(found, name), values), name
 

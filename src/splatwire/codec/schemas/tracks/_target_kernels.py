@@ -91,7 +91,7 @@ def _project(values, table, begin, end, own):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def fit_targets(moves, bases, numbers, unit, luma, table, begins, end, targets, largest, turns, last):
+def fit_targets(moves, bases, numbers, unit, luma, table, begin, end, targets, largest, turns, last):
     """Coefficients of what tracks do, see `trajectories.targets_of`; frame by frame, so that the first need not wait.
 
     Args:
@@ -101,7 +101,7 @@ def fit_targets(moves, bases, numbers, unit, luma, table, begins, end, targets, 
         unit: Units of place in one of the scene.
         luma: Colours to luma and chroma, float64 (3, 3).
         table: Polynomials, float64 (F, F).
-        begins: First frame of each that was not looked at, int64 (n).
+        begin: First frame that was not looked at.
         end: First frame after those that are looked at.
         targets: float64 (n, C, F), of the frames before, zero before all; added to.
         largest: Largest magnitude of each channel's coefficients, float64 (n, C), filled with the last frame.
@@ -112,7 +112,7 @@ def fit_targets(moves, bases, numbers, unit, luma, table, begins, end, targets, 
     m, q, s, o, c = bases
     values = np.empty((NUM_CHANNELS, len(table)))
     for i in range(len(numbers)):
-        j, begin = numbers[i], begins[i]
+        j = numbers[i]
         if j < 0:
             continue
         for f in range(begin, end):

@@ -202,6 +202,7 @@ class ClipWriter:
             return np.full(count, -1), np.ones(count, bool), np.zeros(count, bool), Targets.zero(count, frames)
         if fitting is None or not fitting.fits(group.keys, frames):
             fitting = self._fit(group.keys, group.moves)
+            fitting.look(group.moves, frames)
         targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
         new = fitting.numbers < 0
         far, moving = judged(targets, self._known.shifts, np.maximum(fitting.numbers, 0))

@@ -44,11 +44,12 @@ class Fitting:
 
     def look(self, moves: Trajectories, end: int) -> None:
         """Takes the frames up to one, of all of the group's of which others may lack."""
-        self._add(len(self._keys), moves, np.full(len(self._keys), self._end), end)
+        some = slice(len(self._keys))
+        self._add(self._targets.select(some), moves.select(some), self.numbers, self._end, end)
         self._end = end
 
     def finish(self, keys: np.ndarray, moves: Trajectories, stay: np.ndarray) -> Targets:
-        """Targets of all that have a base.
+        """Targets of all that have a base, once all frames were looked at.
 
         Args:
             keys: All tracks of the group, see `fits`.
@@ -56,19 +57,16 @@ class Fitting:
             stay: Which of them are there in all frames: of others it may be known only now where they are, bool (n).
         """
         self.numbers = np.concatenate([self.numbers, self._known.numbers_of(keys[len(self._keys) :])])
-        begins, again = np.where(stay, self._end, 0), np.flatnonzero(~stay[: len(self._keys)])
-        begins[len(self._keys) :] = 0
-        self._targets.put(again, Targets.zero(len(again), moves.num_frames))
-        return self._add(len(keys), moves, begins, moves.num_frames)
+        again, found = np.flatnonzero(~stay), self._targets.select(slice(len(keys)))
+        others = Targets.zero(len(again), moves.num_frames)
+        self._add(others, moves.select(again), self.numbers[again], 0, moves.num_frames)
+        found.put(again, others)
+        return found
 
-    def _add(self, count: int, moves: Trajectories, begins: np.ndarray, end: int) -> Targets:
-        """Adds frames to the first so many tracks."""
-        some, info = self._targets.select(slice(count)), self._info
-        add_frames(
-            some, moves.select(slice(count)), self._known.bases, self.numbers, begins, end, info.unit, info.size_log,
-            self._threads,
-        )  # fmt: skip
-        return some
+    def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
+        """Adds frames to what some tracks do."""
+        known, info = self._known.bases, self._info
+        add_frames(some, moves, known, numbers, begin, end, info.unit, info.size_log, self._threads)
 
 
 def judged(targets: Targets, shifts: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

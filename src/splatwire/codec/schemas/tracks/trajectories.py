@@ -97,13 +97,12 @@ def targets_of(
         threads: Threads to use, which changes no bit; None for one for each processor.
     """
     found = Targets.zero(len(numbers), moves.num_frames)
-    begins = np.zeros(len(numbers), np.int64)
-    add_frames(found, moves, bases, numbers, begins, moves.num_frames, unit, size_log, threads)
+    add_frames(found, moves, bases, numbers, 0, moves.num_frames, unit, size_log, threads)
     return found
 
 
 def add_frames(
-    found: Targets, moves: Trajectories, bases: Trajectories, numbers: np.ndarray, begins: np.ndarray, end: int,
+    found: Targets, moves: Trajectories, bases: Trajectories, numbers: np.ndarray, begin: int, end: int,
     unit: int, size_log: int, threads: int | None = None,
 ) -> None:  # fmt: skip
     """Adds some frames to coefficients of frames before: the same bits as of all at once.
@@ -113,7 +112,7 @@ def add_frames(
         moves: n tracks over F frames; what is in those from `end` on does not matter.
         bases: See `targets_of`.
         numbers: See there; nothing is said of tracks whose number is below 0.
-        begins: First frame of each that was not added before, int64 (n).
+        begin: First frame that was not added before.
         end: First frame after those that are added.
         unit: See `targets_of`.
         size_log: See there.
@@ -127,10 +126,10 @@ def add_frames(
     def fit(some: slice) -> None:
         kernels.fit_targets(
             tuple(values[some] for values in vars(moves).values()), known, numbers[some], scale, luma, table,
-            begins[some], np.int64(end), *(values[some] for values in vars(found).values()),
+            np.int64(begin), np.int64(end), *(values[some] for values in vars(found).values()),
         )  # fmt: skip
 
-    runs = [slice(begin, begin + RUN) for begin in range(0, len(numbers), RUN)]
+    runs = [slice(first, first + RUN) for first in range(0, len(numbers), RUN)]
     for _ in ordered_map(fit, runs, threads if len(runs) > 1 else 1):
         pass
 
