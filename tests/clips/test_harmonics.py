@@ -7,7 +7,7 @@ import torch
 
 from moving_clips import moving_frames
 from splatwire.clips import ClipEncoder
-from splatwire.clips.encoding import ClipOptions
+from splatwire.clips.options import ClipOptions
 from splatwire.scene.splats import Splats
 
 

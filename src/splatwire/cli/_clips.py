@@ -13,7 +13,7 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.clips import TrackingReport
-    from splatwire.clips.encoding import ClipOptions
+    from splatwire.clips.options import ClipOptions
     from splatwire.packets import SceneStream
     from splatwire.scene import Cameras
     from splatwire.scene.background import Background
@@ -46,7 +46,7 @@ def clip_options(
         UnknownNameError: If there is no such quality.
     """
     from splatwire.clips import ClipOptions
-    from splatwire.clips.encoding import FRAME_RATE, GROUP_FRAMES
+    from splatwire.clips.options import FRAME_RATE, GROUP_FRAMES
     from splatwire.codec.schemas.gaussians.quality import quality_of
     from splatwire.scene.background import BLACK
 

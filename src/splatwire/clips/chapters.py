@@ -3,8 +3,9 @@
 from collections.abc import Callable
 from contextlib import nullcontext
 
-from splatwire.clips.encoding import ClipEncoder, ClipOptions
+from splatwire.clips.encoding import ClipEncoder
 from splatwire.clips.frames import Frame
+from splatwire.clips.options import ClipOptions
 from splatwire.ops.threads import one_torch_thread
 from splatwire.packets import Packet
 from splatwire.scene.splats import Splats

@@ -1,5 +1,7 @@
 """Concealment in time: who of a group is there whose motion was lost, and what is known when it ends."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from splatwire.clips.concealers import ClipConcealer
@@ -11,7 +13,7 @@ from splatwire.model.clip import ClipScene, GroupMotion
 
 def conceal_group(
     clip: ClipScene, motion: GroupMotion, group: int, there: np.ndarray, memory: Memory | None, concealer: ClipConcealer
-) -> tuple[GroupPoses, Memory]:
+) -> tuple[GroupPoses, Callable[[], Memory]]:
     """Poses of all tracks in a group.
 
     Args:
@@ -23,7 +25,7 @@ def conceal_group(
         concealer: What becomes of those whose motion was lost.
 
     Returns:
-        The poses, and what is known when the group ends.
+        The poses, and what finds out what is known when the group ends: no frame of it waits for that.
     """
     frames, arrived = len(clip.timeline.frames_of(group)), _arrived(motion)
     poses = arrived
@@ -33,10 +35,10 @@ def conceal_group(
         does = standing(who) if motion.unchanged else guess(clip, arrived, who, before, group, concealer)
         others = GroupPoses(who, *_lives(clip, group, who), np.full(len(who), not motion.unchanged), arrived.at)
         poses = _joined(arrived, others, does)
-    after = _remembered(poses, clip.num_gaussians, frames, before)
+    shown = poses
     if not concealer.shown or (concealer.neighbors and len(who) and not believed(clip, arrived, frames)):
-        poses = _some(poses, ~poses.concealed)
-    return _some(poses, there[poses.tracks]), after
+        shown = _some(poses, ~poses.concealed)
+    return _some(shown, there[shown.tracks]), lambda: _remembered(poses, clip.num_gaussians, frames, before)
 
 
 def _lost(clip: ClipScene, motion: GroupMotion, group: int, there: np.ndarray, alive: np.ndarray | None) -> np.ndarray:

@@ -58,10 +58,11 @@ def draw(clip: ClipScene, method: ClipConcealer, cameras: Cameras) -> Pictures:
     """Pictures of the sampled frames of a clip as it arrived."""
     found, memory, there = [], None, clip.tracks.received
     for group, frames in enumerate(sampled(clip.timeline)):
-        poses, memory = conceal_group(clip, clip.motion(group, there), group, there, memory, method)
+        poses, after = conceal_group(clip, clip.motion(group, there), group, there, memory, method)
         for index in frames:
             scene = posed(clip, poses, index, clip.timeline.frames_of(group)[index], None).scene
             found.append(torch.stack([image.cpu() for image in iterate_views(scene, cameras)]).clamp(0, 1))
+        memory = after()
     return found
 
 

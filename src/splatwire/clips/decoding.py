@@ -61,14 +61,15 @@ def decode_frames(
     memory: Memory | None = None
     for group in range(begin, clip.timeline.num_groups):
         known = clip.tracks.received if there is None else clip.tracks.received & there(group)
-        frames, memory = decode_group(clip, group, known, memory, method)
+        frames, after = decode_group(clip, group, known, memory, method)
         yield from (frame for frame in frames if frame.number >= first)
+        memory = after()
 
 
 def decode_group(
     clip: ClipScene, group: int, known: np.ndarray, memory: Memory | None, method: ClipConcealer
-) -> tuple[Iterator[ClipFrame], Memory]:
-    """The frames of a group, each made when it is asked for, and what the next group wants to know of it.
+) -> tuple[Iterator[ClipFrame], Callable[[], Memory]]:
+    """The frames of a group, each made when it is asked for, and what tells the next group what it wants to know of it.
 
     Args:
         clip: What arrived of the clip.

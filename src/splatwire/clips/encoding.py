@@ -2,8 +2,8 @@
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from fractions import Fraction
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,24 +12,22 @@ from splatwire.clips.extent import Ball, ball_of
 from splatwire.clips.frames import Frame
 from splatwire.clips.gathering import Gathering, group_of
 from splatwire.clips.grouping import NamedFrame
+from splatwire.clips.options import USUAL, ClipOptions
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.antialiasing import antialiasing_sections
-from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
-from splatwire.codec.schemas.tracks.encoder import ClipWriter, TrackGroup
+from splatwire.codec.schemas.gaussians.quality import quality_of
+from splatwire.codec.schemas.tracks.encoder import ClipWriter
+from splatwire.codec.schemas.tracks.track_group import TrackGroup
 from splatwire.codec.viewpoint import EXTENT_SECTION, extent_section, up_sections
 from splatwire.errors import InvalidValueError
 from splatwire.model import SplatScene
 from splatwire.ops.threads import allowed_threads
 from splatwire.packets import Manifest, Packet, SceneStream
-from splatwire.packets.limits import MAX_FRAME_RATE, MAX_GROUP_FRAMES
 from splatwire.render.precision import precision_classes
 from splatwire.render.up import up_of
-from splatwire.scene.background import BLACK, Background
 from splatwire.scene.splats import Splats
 
 LOG = logging.getLogger(__name__)
-GROUP_FRAMES = 15
-FRAME_RATE = Fraction(30)
 FIRST_FRAME = "first_frame"
 """Section of a clip that goes on where another one ended: the number of its first frame, LEB128."""
 KNOWN_SHARE = 0.5
@@ -39,38 +37,6 @@ ANEW, APART = 0.5, 0.5
 frames, of which so many show another one where frames are coded one by one."""
 SEEN = 0.02
 """A change of a coefficient of the harmonics that is told, where an eye sees 1 as the whole range of a colour."""
-
-
-@dataclass(frozen=True)
-class ClipOptions:
-    """How a clip is encoded.
-
-    Attributes:
-        rate: Frames a second.
-        group_frames: Frames of a group: what a lost packet of motion takes, and how long a live viewer waits.
-        order: Whether rows are the same Gaussians in every frame, see `Tracker`.
-        quality: How finely Gaussians are quantised: a name, or a `Quality`.
-        background: RGB behind everything.
-        up: Which axis points up: `y`, `-y`, `z`, `-z`; `auto` looks at the first frame (`splatwire.render.up`).
-        threads: Threads to use, which changes no bit; None for one for each processor.
-
-    Raises:
-        InvalidValueError: If rate or group are out of range.
-    """
-
-    rate: Fraction = FRAME_RATE
-    group_frames: int = GROUP_FRAMES
-    order: str = "auto"
-    quality: str | Quality = "default"
-    background: Background = BLACK
-    up: str = "auto"
-    threads: int | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 < self.rate <= MAX_FRAME_RATE:
-            raise InvalidValueError(f"a clip has up to {MAX_FRAME_RATE} frames a second, not {float(self.rate):g}")
-        if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:
-            raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
 
 
 class ClipEncoder:
@@ -85,7 +51,7 @@ class ClipEncoder:
     """
 
     def __init__(
-        self, options: ClipOptions = ClipOptions(), classes: Callable[[Splats], np.ndarray] | None = None, *,
+        self, options: ClipOptions = USUAL, classes: Callable[[Splats], np.ndarray] | None = None, *,
         live: bool = False,
     ) -> None:  # fmt: skip
         self._options, self._classes, self._live = options, classes or precision_classes, live
@@ -153,7 +119,12 @@ class ClipEncoder:
         self._last = taken.splats
         self._frames.add(self._tracker.add(taken))
         self._num_frames += 1
-        return self._flush() if len(self._frames) == self._options.group_frames else []
+        if len(self._frames) == self._options.group_frames:
+            return self._flush()
+        if self._live and 2 * len(self._frames) > self._options.group_frames:  # before, receivers have the one before
+            self._writer.look(*self._frames.so_far())
+        self._catch_up()
+        return []
 
     def finish(self) -> SceneStream:
         """Ends the clip; the stream of all that was pushed.
@@ -186,7 +157,7 @@ class ClipEncoder:
         return self._flush() if self._frames else []
 
     def _flush(self) -> list[Packet]:
-        group, frames = self._frames.group(), self._frames.frames
+        group, frames = self._grouped(), self._frames.frames
         self._ended = frames[0], frames[-1]
         scenes = self._scenes(group, frames)
         classes = self._precision(group, scenes)
@@ -197,6 +168,16 @@ class ClipEncoder:
             return self._one_by_one(group, frames, scenes, classes)
         self._frames = Gathering(self._options.group_frames, smooth=smooth)
         return self._writer.add(group, classes)
+
+    def _grouped(self) -> TrackGroup:
+        """The group of all frames; where those go who are not there in all is found beside what the others do."""
+        if len(self._frames) < self._options.group_frames:
+            return self._frames.group()
+        with ThreadPoolExecutor(1) as pool:
+            looked = pool.submit(self._writer.look, *self._frames.so_far())
+            group = self._frames.group()
+            looked.result()
+        return group
 
     def _one_by_one(
         self, group: TrackGroup, frames: list[NamedFrame], scenes: list[int], classes: np.ndarray
@@ -277,7 +258,7 @@ class ClipEncoder:
 
 def encode_clip(
     frames: Iterable[Frame | Splats],
-    options: ClipOptions = ClipOptions(),
+    options: ClipOptions = USUAL,
     *,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[SceneStream, TrackingReport]:

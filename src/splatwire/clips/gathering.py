@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from splatwire.clips.grouping import MORE_AROUND, NUM_AROUND, Around, NamedFrame, Near, first_of, go_along, sampled
-from splatwire.codec.schemas.tracks.encoder import TrackGroup
+from splatwire.codec.schemas.tracks.track_group import TrackGroup
 from splatwire.codec.schemas.tracks.trajectories import Trajectories
 from splatwire.scene.splats import Splats
 
@@ -95,6 +95,11 @@ class Gathering:
         came = np.flatnonzero(self._begins == number)
         if number and 0 < len(came) <= room - len(went):
             self._around.append(self._tree.around(means, came, count))
+
+    def so_far(self) -> tuple[np.ndarray, Trajectories, int]:
+        """Tracks by now, what they do over all frames of the group, and how many of these are there."""
+        count = len(self._keys)
+        return self._keys, Trajectories(**{name: some[:count] for name, some in self._values.items()}), len(self.frames)
 
     def group(self) -> TrackGroup:
         """The group of all frames so far.

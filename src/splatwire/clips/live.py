@@ -137,9 +137,10 @@ class LiveDecoder:
         with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
             self._store(opened, self._manifest, group)
             clip = opened.scene().scene
-            frames, self._memory = decode_group(clip, group, clip.tracks.received, self._memory, self._method)
+            frames, after = decode_group(clip, group, clip.tracks.received, self._memory, self._method)
             for frame in frames:
                 yield replace(frame, number=frame.number + self._first_frame)
+            self._memory = after()
 
     def _store(self, decoder: TracksDecoder, manifest: Manifest, group: int) -> None:
         """Writes bases that are new, and the motion of a group; forgets older motion."""
@@ -147,10 +148,8 @@ class LiveDecoder:
         plan, motion = manifest.plan, 2 * group + 1
         for block in [block for block in self._blocks if not plan.lasting(block) and plan.tier_of(block) < motion]:
             del self._blocks[block]
-        wanted = [block for block in self._blocks if plan.tier_of(block) == motion]
-        packets = itertools.chain.from_iterable(self._blocks[block] for block in sorted(wanted))
-        for run in runs_of(decoder, manifest, packets):
-            decoder.store(run, ())
+        for block in [block for block in self._blocks if plan.tier_of(block) == motion]:
+            decoder.hold(block, tuple(sorted(self._blocks[block], key=lambda packet: packet.id)))
         self._have = {number: count for number, count in self._have.items() if number > group}
 
     def _store_bases(self, decoder: TracksDecoder, manifest: Manifest, *, whole: bool) -> None:

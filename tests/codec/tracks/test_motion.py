@@ -15,7 +15,14 @@ from splatwire.codec.schemas.tracks.basis import polynomials
 from splatwire.codec.schemas.tracks.layout import KIND_OF, NUM_CHANNELS, NUM_KINDS, STATE
 from splatwire.codec.schemas.tracks.motion_rows import coefficients_of, decode_motion
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, open_side_info
-from splatwire.codec.schemas.tracks.trajectories import Offsets, PacketMoves, Trajectories, targets_of
+from splatwire.codec.schemas.tracks.trajectories import (
+    Offsets,
+    PacketMoves,
+    Targets,
+    Trajectories,
+    add_frames,
+    targets_of,
+)
 from splatwire.packets import Packet, SceneStream
 
 FRAMES, GROUP = 10, 5
@@ -122,8 +129,8 @@ def test_trajectories_come_back_from_their_coefficients():
     assert np.abs(offsets[:, 3:10]).max() < 1e-3
 
 
-@pytest.mark.parametrize("frames", [1, 6])
-def test_coefficients_are_those_of_the_plain_reference(frames):
+def wild_tracks(frames: int) -> tuple[Trajectories, np.ndarray, Trajectories]:
+    """Tracks, some of which stand still in all or in one respect; their bases' numbers, and the bases."""
     rng = np.random.default_rng(frames)
     shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "colours": (3,)}
     moves = {name: rng.normal(size=(300, frames, *shape)).astype(np.float32) for name, shape in shapes.items()}
@@ -134,13 +141,27 @@ def test_coefficients_are_those_of_the_plain_reference(frames):
             values[40:60] = values[40:60, :1]
     moves["scales"][60:90, :, 1] = moves["scales"][60:90, :, 0]
     numbers, tracks = rng.permutation(300), Trajectories(**moves)
-    bases = tracks.at(np.argsort(numbers), np.zeros(300, np.int64))
+    return tracks, numbers, tracks.at(np.argsort(numbers), np.zeros(300, np.int64))
+
+
+@pytest.mark.parametrize("frames", [1, 6])
+def test_coefficients_are_those_of_the_plain_reference(frames):
+    tracks, numbers, bases = wild_tracks(frames)
     fast = targets_of(tracks, bases, numbers, 30, 2)
     coefficients, turns = plain_targets(tracks, bases.select(numbers), 30, 2)
     assert np.allclose(fast.coefficients, coefficients, rtol=1e-9, atol=1e-9 * np.abs(coefficients).max() + 1e-9)
     assert np.array_equal(fast.largest, np.abs(fast.coefficients).max(axis=2))
     assert np.allclose(fast.turns, turns, rtol=1e-6)
     assert not fast.coefficients[:40].any()
+
+
+def test_frames_that_come_one_by_one_give_the_same_bits():
+    tracks, numbers, bases = wild_tracks(6)
+    whole, found = targets_of(tracks, bases, numbers, 30, 2), Targets.zero(300, 6)
+    for begin, end in ((0, 3), (3, 4), (4, 6)):
+        add_frames(found, tracks, bases, numbers, begin, end, 30, 2)
+    for name, values in vars(whole).items():
+        assert np.array_equal(getattr(found, name), values), name
 
 
 def test_weights_keep_what_is_linear_and_bends():

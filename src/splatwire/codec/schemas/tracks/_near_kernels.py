@@ -4,11 +4,12 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.schemas.tracks.layout import NUM_NEIGHBOURS
+from splatwire.codec.schemas.tracks.layout import MAX_CANDIDATES, NUM_NEIGHBOURS
 from splatwire.ops.compiled import njit
 
 LANES = 2 * NUM_NEIGHBOURS
 """Squares of distances are compared side by side in so many columns."""
+_PLACE_BITS, _MOST = 13, np.int64((1 << 63) - 1)
 
 
 @njit(borrows=True, error_model="numpy")
@@ -52,22 +53,40 @@ def _near(squares, count, lanes, some):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
+def _least(squares, some, count):
+    """The least of some squares, ascending, each with its place in its low bits: `NUM_NEIGHBOURS` of them.
+
+    They stay in registers, and no branch depends on which is less: nobody could guess.
+    """
+    a = b = c = d = e = f = g = h = _MOST
+    for n in range(count):
+        key = (np.int64(squares[some[n]]) << _PLACE_BITS) | some[n]
+        a, key = (key, a) if key < a else (a, key)
+        b, key = (key, b) if key < b else (b, key)
+        c, key = (key, c) if key < c else (c, key)
+        d, key = (key, d) if key < d else (d, key)
+        e, key = (key, e) if key < e else (e, key)
+        f, key = (key, f) if key < f else (f, key)
+        g, key = (key, g) if key < g else (g, key)
+        h = key if key < h else h
+    return a, b, c, d, e, f, g, h
+
+
+@njit(borrows=True, error_model="numpy")
+@no_type_check
 def nearest(places, known, around, count, i, squares, lanes, some, who, far):
     """The nearest of the `count` tracks in `known`, nearest first; returns how many. Of equals the earlier one."""
-    found = 0
     x, y, z = np.float64(places[i, 0]), np.float64(places[i, 1]), np.float64(places[i, 2])
     for m in range(count):
         dx, dy, dz = around[0, m] - x, around[1, m] - y, around[2, m] - z
-        squares[m] = dx * dx + dy * dy + dz * dz  # below 2**53: doubles hold it
-    for n in range(_near(squares, count, lanes, some)):
-        m = some[n]
-        if found == NUM_NEIGHBOURS and squares[m] >= far[found - 1]:
-            continue
-        d = np.int64(squares[m])
-        at = found if found < NUM_NEIGHBOURS else found - 1
-        while at > 0 and far[at - 1] > d:
-            far[at], who[at] = far[at - 1], who[at - 1]
-            at -= 1
-        far[at], who[at] = d, known[m]
-        found = min(found + 1, NUM_NEIGHBOURS)
+        squares[m] = dx * dx + dy * dy + dz * dz  # below 2**42: doubles hold it
+    found = 0
+    for key in _least(squares, some, _near(squares, count, lanes, some)):
+        if found < count:
+            far[found], who[found] = key >> _PLACE_BITS, known[key & ((1 << _PLACE_BITS) - 1)]
+            found += 1
     return found
+
+
+assert NUM_NEIGHBOURS == 8, "`_least` names each of them"
+assert MAX_CANDIDATES < 1 << _PLACE_BITS, "places of a packet's tracks fit the low bits"

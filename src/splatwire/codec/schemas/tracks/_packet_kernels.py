@@ -6,10 +6,11 @@ import numpy as np
 
 from splatwire.codec.schemas._coder_kernels import DECODING, ENCODING, new_coder
 from splatwire.codec.schemas.tracks._motion_kernels import code_motion
-from splatwire.codec.schemas.tracks._predict_kernels import follow_neighbours
+from splatwire.codec.schemas.tracks._predict_kernels import follow_neighbours, take
 from splatwire.codec.schemas.tracks.layout import (
     KIND_OF,
     MAX_CANDIDATES,
+    MOVING,
     NUM_CHANNELS,
     NUM_CONTEXTS,
     NUM_KINDS,
@@ -35,14 +36,16 @@ def _tables():
 
 @njit(error_model="numpy")
 @no_type_check
-def _needed_orders(targets, shifts, frames, orders):
-    """How many coefficients of each kind are worth coding: behind them no target is half a step."""
+def _needed_orders(targets, rows, states, shifts, frames, orders):
+    """How many coefficients of each kind are worth coding: behind them no target of what moves is half a step."""
     orders[:] = 0
-    for i in range(len(targets)):
+    for i in range(len(rows)):
+        if states[i] != MOVING:
+            continue
         for c in range(NUM_CHANNELS):
             kind = KIND_OF[c]
             for k in range(frames - 1, orders[kind] - 1, -1):
-                if 2 * abs(targets[i, c, k]) >= np.float64(np.int64(1) << shifts[i, c]):
+                if 2 * abs(targets[rows[i], c, k]) >= np.float64(np.int64(1) << shifts[i, c]):
                     orders[kind] = k + 1
                     break
 
@@ -64,15 +67,17 @@ def _trim(quantised, orders):
 
 @njit(error_model="numpy")
 @no_type_check
-def _encode_packet(models, counts, frames, first_new, dead, heads, places, shifts, targets, buffer, out):
+def _encode_packet(models, counts, frames, first_new, dead, heads, places, shifts, targets, rows, buffer, out):
     """Encodes one packet; returns its length. `out` takes the residuals, int32 (n, C, F)."""
-    n = len(heads)
-    orders = np.zeros(NUM_KINDS, np.int64)
-    _needed_orders(targets, shifts, frames, orders)
+    n, used = len(heads), 0
+    orders, states = np.zeros(NUM_KINDS, np.int64), heads[:, STATE].copy()
+    _needed_orders(targets, rows, states, shifts, frames, orders)
+    for c in range(NUM_CHANNELS):
+        used += orders[KIND_OF[c]]
+    wanted = np.empty((n, used))
+    take(targets, rows, states, orders, wanted)
     out[:] = 0
-    follow_neighbours(
-        places, heads[:, STATE].copy(), shifts, orders, out, targets, dead, np.zeros((0, 1, 1), np.float32)
-    )
+    follow_neighbours(places, states, shifts, orders, out, wanted, dead, np.zeros((0, 1, 1), np.float32))
     _trim(out, orders)
     coder = new_coder(
         ENCODING, buffer, ZERO, models.copy(), (counts, np.zeros((1, 1, 1, 2), np.int64)), _tables()
@@ -105,7 +110,7 @@ def _expected(costs, begin, end, scale, aim):
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_cut(
-    models, counts, frames, first_new, dead, heads, places, shifts, targets, most, costs, buffer, out, sizes, ends
+    models, counts, frames, first_new, dead, heads, places, shifts, targets, rows, most, costs, buffer, out, sizes, ends
 ):
     """Encodes a block in packets of at most `most` bytes, as many tracks to each as fit; returns how many packets.
 
@@ -118,7 +123,8 @@ def encode_cut(
         heads: int64 (n, HEAD), ascending by track.
         places: int64 (n, 3), of the bases, half lattice units.
         shifts: int64 (n, C), log2 of the steps.
-        targets: float64 (n, C, F), coefficients as they are.
+        targets: float64 (N, C, F), coefficients as they are.
+        rows: int64 (n), of which targets.
         most: Bytes.
         costs: Bytes that each track is expected to take, above 0, float64 (n): the better, the fewer tries.
         buffer: uint8, filled with the payloads one after another.
@@ -138,7 +144,7 @@ def encode_cut(
             kept[:] = 0
             some = slice(begin, begin + n)
             length = _encode_packet(
-                models, kept, frames, first_new, dead, heads[some], places[some], shifts[some], targets[some],
+                models, kept, frames, first_new, dead, heads[some], places[some], shifts[some], targets, rows[some],
                 buffer[at:], out[some],
             )  # fmt: skip
             tries, last = tries + 1, n

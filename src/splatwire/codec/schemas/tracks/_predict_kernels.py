@@ -194,19 +194,21 @@ def _put(flat, orders, rows):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _take(rows, orders, flat):
-    """Puts coefficients that are coded, of (M, C, F), side by side, (M, U): tracks come in an order without order."""
+def take(values, rows, states, orders, flat):
+    """Puts coefficients that are coded, of rows of (N, C, F), side by side, (M, U), of tracks that move."""
     for i in range(len(rows)):
+        if states[i] != MOVING:
+            continue
         u = 0
         for c in range(NUM_CHANNELS):
             for k in range(orders[KIND_OF[c]]):
-                flat[i, u] = rows[i, c, k]
+                flat[i, u] = values[rows[i], c, k]
                 u += 1
 
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, coefficients):
+def follow_neighbours(places, states, shifts, orders, quantised, wanted, dead, coefficients):
     """Coefficients of a packet's tracks from their residuals, or, of an encoder, residuals from what is wanted.
 
     Args:
@@ -215,7 +217,7 @@ def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, 
         shifts: int64 (M, C), log2 of the steps.
         orders: int64 (kinds), how many coefficients of each kind are coded.
         quantised: int32 (M, C, F), residuals in steps; filled by an encoder.
-        targets: float64 (M, C, F) of an encoder; of length 0 for a decoder.
+        wanted: float64 (M, U) of an encoder, see `take`; of length 0 for a decoder.
         dead: How much an encoder favours 0, out of 64 steps.
         coefficients: float32 (M, C, K) of a decoder, zero before, filled; of length 0 for an encoder.
     """
@@ -232,10 +234,9 @@ def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, 
             count = know(near, i, known, around, count)
     lanes, some = np.empty(LANES), np.empty(len(places), np.int64)
     values, means, steps = np.zeros((len(places), used)), np.empty(used), np.zeros((len(places), used), np.int64)
-    wanted, octaves = np.empty((len(targets), used)), np.empty(used, np.int64)
-    _take(targets, orders, wanted)
-    if not len(targets):
-        _take(quantised, orders, steps)
+    octaves = np.empty(used, np.int64)
+    if not len(wanted):
+        take(quantised, np.arange(len(places)), states, orders, steps)
     who, far = np.empty(NUM_NEIGHBOURS, np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     offsets, closeness = np.empty((NUM_NEIGHBOURS, 3), np.int64), np.empty(NUM_NEIGHBOURS, np.int64)
     weights = np.empty(NUM_NEIGHBOURS, np.int64)
@@ -248,10 +249,10 @@ def follow_neighbours(places, states, shifts, orders, quantised, targets, dead, 
             for _ in range(orders[KIND_OF[c]]):
                 octaves[u] = shifts[i, c]
                 u += 1
-        if len(targets):
+        if len(wanted):
             _quantise(wanted[i], means, octaves, dead, steps[i])
         _settle(means, octaves, steps[i], values[i])
         count = know(near, i, known, around, count)
-    if len(targets):
+    if len(wanted):
         _put(steps, orders, quantised)
     _put(values, orders, coefficients)

@@ -113,10 +113,10 @@ class TracksDecoder:
         """See `Decoder.store`: of motion the packets are kept, which are a hundredth of what is in them."""
         _, base = self._spans.of(run.block)
         self._erasures.received[torch.from_numpy(run.ranks)] = True
-        self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
         if base is None:
-            self._packets[run.block] = run.packets
+            self.hold(run.block, run.packets)
             return
+        self._sizes[run.block] = sum(packet.num_bytes for packet in run.packets)
         first, count = self._spans.tracks_of(base)
         received = np.zeros(count, dtype=bool)
         whole, harmonics = empty_bases(count, self.info.bases.num_harmonics)
@@ -132,6 +132,11 @@ class TracksDecoder:
         steps = motion_shifts(self._rows[here], self.info.bases, self.info.coarser)[:, 0]
         exponents = steps + self.info.bases.size_log - self.info.bases.unit - 1
         self._rounding[here] = np.ldexp(received.astype(np.float32), exponents)
+
+    def hold(self, block: int, packets: tuple[Packet, ...]) -> None:
+        """Keeps what arrived of a block of motion, in order, for whoever asks for its frames and not what is there."""
+        self._packets[block] = packets
+        self._sizes[block] = sum(packet.num_bytes for packet in packets)
 
     def update_digest(self, digest: Any, rows: Rows) -> None:
         """See `Decoder.update_digest`."""

@@ -3,8 +3,8 @@
 import functools
 import hashlib
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -13,26 +13,25 @@ from splatwire.codec.background import background_sections
 from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.tracks.bases import BaseEncoder, span_size
+from splatwire.codec.schemas.tracks.fitting import Fitting, judged
 from splatwire.codec.schemas.tracks.known_tracks import KnownTracks
 from splatwire.codec.schemas.tracks.layout import (
     AFTER,
     BEFORE,
     BEGINS,
     ENDS,
-    HEAD,
-    MAX_COEFFICIENT,
-    MAX_QUANTISED,
     MOVING,
     NUM_CONTEXTS,
     STATE,
     TRACK,
 )
 from splatwire.codec.schemas.tracks.lifetimes import BYTES_OF_ONE, Lifetimes, lifetimes_sections
-from splatwire.codec.schemas.tracks.motion_coder import DEAD, FIRST_COST, MotionCoder
+from splatwire.codec.schemas.tracks.motion_coder import FIRST_COST, MotionCoder, all_stay
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
 from splatwire.codec.schemas.tracks.sending import by_turns, dearest_first
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, Group, write_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
+from splatwire.codec.schemas.tracks.track_group import TrackGroup
 from splatwire.codec.schemas.tracks.trajectories import Targets, Trajectories, targets_of
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
@@ -60,27 +59,6 @@ COARSER = np.array([2, 3, 2, 2, 2], dtype=np.int64)
 """Octaves by which steps of motion are larger than those of bases, by kind."""
 LIVE_GROUPS = 2
 """Groups whose lifetimes side information has while a clip goes on: of older ones motion has said who is gone."""
-WIDEST_TURN = 2.0
-"""Tangent of a quarter of the largest rotation from a base, about 254 degrees: what turned further begins anew."""
-
-
-@dataclass(frozen=True, eq=False)
-class TrackGroup:
-    """Tracks over a group of frames.
-
-    Attributes:
-        keys: Name of each track, the same in every group that it is in, ascending, int64 (n).
-        begins: First frame of each, counted from the group's, int64 (n).
-        ends: First frame after each, int64 (n).
-        moves: What they do.
-        first: Of some of them, by their index: each as `moves` has it in the first frame, with all harmonics.
-    """
-
-    keys: np.ndarray
-    begins: np.ndarray
-    ends: np.ndarray
-    moves: Trajectories
-    first: Callable[[np.ndarray], Splats]
 
 
 class ClipWriter:
@@ -112,12 +90,25 @@ class ClipWriter:
         self._num_blocks = self._num_frames = self._num_tracks = 0
         self._digest = hashlib.sha256()
         self._known = KnownTracks.empty()
+        self._fitting: Fitting | None = None
         self.worth: dict[PacketId, float] = {}
         self._costs = np.zeros(0)
 
     def fit(self, splats: Splats, classes: np.ndarray | None) -> None:
         """Fits what all bases share to these Gaussians, before the first group, see `BaseEncoder.fit`."""
         self._bases.fit(splats, classes)
+
+    def look(self, keys: np.ndarray, moves: Trajectories, end: int) -> None:
+        """Looks at frames of the next group before all of them are there, so that less is left to do then.
+
+        Args:
+            keys: Its tracks so far, see `TrackGroup`.
+            moves: What they do, over all of its frames.
+            end: Frames that are there; of the others anything.
+        """
+        if self._groups:
+            self._fitting = self._fitting or self._fit(keys, moves)
+            self._fitting.look(moves, end)
 
     def add(self, group: TrackGroup, classes: np.ndarray | None = None) -> list[Packet]:
         """Codes the next group.
@@ -136,26 +127,38 @@ class ClipWriter:
         if not len(group.keys) and not self._groups:
             raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
         self.worth = {}
-        numbers = self._known.numbers_of(group.keys)
-        new, moving, targets = self._begin_anew(group, numbers)
-        born, first_new = self._births(group, classes, new, numbers), self._num_tracks
-        self._num_tracks = len(self._known.keys)
-        if new.all():
-            targets = self._targets(group.moves, numbers)
-            _, moving = self._judged(targets, numbers)
-        elif new.any():
-            others = self._targets(group.moves.select(new), numbers[new])
-            targets.put(new, others)
-            _, moving[new] = self._judged(others, numbers[new])
-        by = np.argsort(numbers)
-        lifetimes = self._lives(group, by, numbers[by], first_new)
-        motions, moved = self._motions(group, by, numbers[by], moving[by], targets, first_new)
-        self._groups.append(Group(self._num_tracks - first_new, motions))
-        count = sum(packet.num_bytes for packet in [*born, *moved]) // BYTES_OF_ONE
-        self._lifetimes.append(lifetimes.most_seen(self._known.seen(np.arange(self._num_tracks)), count))
+        first_new = self._num_tracks
+        numbers, new, moving, targets = self._begin_anew(group)
+        old, born = np.flatnonzero(~new), np.flatnonzero(new)
+        by = np.concatenate([old[np.argsort(numbers[old])], born])
+        self._num_tracks += len(born)
+        self._costs = np.concatenate([self._costs, np.full(len(born), FIRST_COST)])
+        most = self._packetization.packet_bytes - HEADER_BYTES
+        coder = MotionCoder.of(len(by), targets.coefficients, first_new, most)
+
+        @functools.cache
+        def births() -> list[Packet]:
+            """Tracks that are born; what the others do is coded meanwhile."""
+            packets = self._births(group, classes, born, numbers)
+            targets.put(born, self._targets(group.moves.select(born), numbers[born]))
+            _, moving[born] = judged(targets.select(born), self._known.shifts, numbers[born])
+            by[len(old) :] = born[np.argsort(numbers[born])]
+            self._tell(coder, slice(len(old), None), group, by, numbers, moving)
+            return packets
+
+        self._tell(coder, slice(len(old)), group, by, numbers, moving)
+        motions, moved = self._motions(group, coder, len(old), births)
+        self._groups.append(Group(len(born), motions))
+        count = sum(packet.num_bytes for packet in [*births(), *moved]) // BYTES_OF_ONE
+        numbers, begins, ends = numbers[by], group.begins[by], group.ends[by]
+        late, early = (numbers >= first_new) & (begins > 0), ends < group.moves.num_frames
+        lifetimes = Lifetimes(numbers[late], begins[late], numbers[early], self._num_frames + ends[early])
+        lifetimes = lifetimes.with_gone(np.setdiff1d(self._known.alive, numbers, assume_unique=True), self._num_frames)
+        self._lifetimes.append(lifetimes.most_seen(self._known.weights, count))
+        self._known = replace(self._known, alive=numbers[~early])
         self._num_frames += group.moves.num_frames
-        self._packets += [*born, *moved]
-        return dearest_first(born, self.worth) + by_turns(moved, self.worth)
+        self._packets += [*births(), *moved]
+        return dearest_first(births(), self.worth) + by_turns(moved, self.worth)
 
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """The stream of all groups, with more named sections."""
@@ -188,102 +191,100 @@ class ClipWriter:
         tiers = tuple(TierShape(count, 1) for group in self._groups for count in (group.births, group.motions))
         return write_side_info(info), tiers
 
-    def _begin_anew(self, group: TrackGroup, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray, Targets]:
-        """Tracks that need a base, for they are new or went further than theirs allows, and those that move, bool.
+    def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
+        """Numbers of tracks, which of them need a base (new ones, or far from theirs), which move, and targets.
 
-        Targets are those of the others.
+        Targets are those of tracks that need none.
         """
-        new = numbers < 0
-        if new.all():
-            return new, new, Targets.none()
-        known = np.maximum(numbers, 0)
-        targets = self._targets(group.moves, known)
-        far, moving = self._judged(targets, known)
-        return new | far, moving, targets
+        count, frames = len(group.keys), group.moves.num_frames
+        fitting, self._fitting = self._fitting, None
+        if not self._groups:
+            return np.full(count, -1), np.ones(count, bool), np.zeros(count, bool), Targets.zero(count, frames)
+        if fitting is None or not fitting.fits(group.keys, frames):
+            fitting = self._fit(group.keys, group.moves)
+            fitting.look(group.moves, frames)
+        targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
+        new = fitting.numbers < 0
+        far, moving = judged(targets, self._known.shifts, np.maximum(fitting.numbers, 0))
+        return fitting.numbers, new | far, moving, targets
 
-    def _judged(self, targets: Targets, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tracks that went further than their bases allow, and those that move, bool (n)."""
-        from splatwire.codec.schemas.tracks import _target_kernels as kernels
-
-        far, moving = np.zeros((2, len(numbers)), bool)
-        limits = np.array([MAX_QUANTISED / 2, MAX_COEFFICIENT / 2, WIDEST_TURN, (32 + DEAD) / 64])
-        kernels.judge(targets.largest, targets.turns, self._known.shifts, numbers, limits, far, moving)
-        return far, moving
+    def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
+        return Fitting(keys, self._known, self._bases.info, moves.num_frames, self._threads)
 
     def _births(
-        self, group: TrackGroup, classes: np.ndarray | None, new: np.ndarray, numbers: np.ndarray
+        self, group: TrackGroup, classes: np.ndarray | None, where: np.ndarray, numbers: np.ndarray
     ) -> list[Packet]:
         """Codes the bases of some tracks, which get numbers."""
-        where = np.flatnonzero(new)
         if not len(where):
             return []
         coded = self._bases.encode(group.first(where), None if classes is None else classes[where])
         born = where[coded.order]
         bases = group.moves.at(born, np.zeros_like(born))
         shifts = motion_shifts(coded.rows, self._bases.info, COARSER)
+        first_new = len(self._known.keys)
         self._known = self._known.with_births(bases, group.keys[born], coded.rows, shifts)
         for rows in coded.digested:
             digest_bases(self._digest, rows)
-        numbers[born] = np.arange(self._num_tracks, len(self._known.keys))
-        return self._named(coded.packets, coded.num_blocks, self._known.seen(numbers[born]))
+        numbers[born] = np.arange(first_new, len(self._known.keys))
+        return self._named(coded.packets, coded.num_blocks, self._known.weights[first_new:])
 
     def _targets(self, moves: Trajectories, numbers: np.ndarray) -> Targets:
         info = self._bases.info
         return targets_of(moves, self._known.bases, numbers, info.unit, info.size_log, self._threads)
 
-    def _lives(self, group: TrackGroup, by: np.ndarray, numbers: np.ndarray, first_new: int) -> Lifetimes:
-        """Which tracks come late, and which end in the group or just before it."""
-        begins, ends = group.begins[by], group.ends[by]
-        late, early = (numbers >= first_new) & (begins > 0), ends < group.moves.num_frames
-        here = np.zeros(self._num_tracks, bool)
-        here[numbers] = True
-        gone = self._known.alive[~here[self._known.alive]]
-        return Lifetimes.joined([
-            Lifetimes(numbers[late], begins[late], numbers[early], self._num_frames + ends[early]),
-            Lifetimes(gone[:0], gone[:0], gone, np.full(len(gone), self._num_frames)),
-        ])  # fmt: skip
+    def _tell(
+        self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,
+        moving: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Tells a coder of some tracks, by their numbers."""
+        rows, known, tracks = by[some], self._known, numbers[by[some]]
+        heads = coder.heads[some]
+        before = coder.heads[some.start - 1, TRACK] if some.start else -1
+        heads[:, TRACK], heads[:, BEGINS], heads[:, ENDS] = tracks, group.begins[rows], group.ends[rows]
+        heads[:, BEFORE] = np.diff(tracks, prepend=before) - 1
+        heads[:, STATE] = np.where(moving[rows], MOVING, 0)
+        if len(rows) and len(rows) + (some.start or 0) == len(by):
+            heads[-1, AFTER] = self._num_tracks - 1 - tracks[-1]
+        coder.rows[some], coder.costs[some] = rows, self._costs[tracks]
+        coder.places[some], coder.shifts[some] = known.rows[tracks, :3], known.shifts[tracks]
 
     def _motions(
-        self, group: TrackGroup, by: np.ndarray, numbers: np.ndarray, moving: np.ndarray, targets: Targets,
-        first_new: int,
-    ) -> tuple[int, list[Packet]]:  # fmt: skip
-        """Codes what tracks do, by their numbers; nothing where all stay as they were."""
-        frames, shifts = group.moves.num_frames, self._known.shifts[numbers]
-        heads = np.zeros((len(by), HEAD), dtype=np.int64)
-        heads[:, TRACK], heads[:, BEGINS], heads[:, ENDS] = numbers, group.begins[by], group.ends[by]
-        heads[:, BEFORE] = np.diff(numbers, prepend=-1) - 1
-        if len(numbers):
-            heads[-1, AFTER] = self._num_tracks - 1 - numbers[-1]
-        heads[:, STATE] = np.where(moving, MOVING, 0)
-        constant = (heads[:, STATE] == 0) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)
-        unchanged = constant.all() and np.array_equal(self._known.alive, numbers[numbers < first_new])
-        self._known = replace(self._known, alive=numbers[heads[:, ENDS] == frames])
-        if unchanged:
-            return 0, []
-        places = np.ascontiguousarray(self._known.rows[numbers, :3])
-        costs = np.concatenate([self._costs, np.full(self._num_tracks - len(self._costs), FIRST_COST)])
-        most = self._packetization.packet_bytes - HEADER_BYTES
-        coder = MotionCoder(heads, places, shifts, targets.coefficients, by, first_new, most, costs[numbers])
-        packets, costs[numbers] = self._cut(coder)
-        self._costs = costs
-        return len(numbers), packets
+        self, group: TrackGroup, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
+    ) -> tuple[int, list[Packet]]:
+        """Codes what tracks do, of which a coder knows some; nothing where all stay as they were."""
+        heads, frames = coder.heads, group.moves.num_frames
+        if all_stay(heads[:known], frames) and np.array_equal(self._known.alive, heads[:known, TRACK]):
+            births()
+            if all_stay(heads, frames):
+                return 0, []
+        packets, self._costs[heads[:, TRACK]] = self._cut(coder, known, births)
+        return len(heads), packets
 
-    def _cut(self, coder: MotionCoder) -> tuple[list[Packet], np.ndarray]:
+    def _cut(
+        self, coder: MotionCoder, known: int, births: Callable[[], list[Packet]]
+    ) -> tuple[list[Packet], np.ndarray]:
         """Packets of all tracks, block by block, and what each track took."""
         heads = coder.heads
         size = span_size(len(heads), self._packetization.block_size)
         parts = list(itertools.pairwise([*range(0, len(heads), size), len(heads)]))
         if self._zero is None:
+            births()
             self._zero = coder.fitted(parts, self._threads)
+
+        def ready() -> Iterator[tuple[int, int]]:
+            for begin, end in parts:
+                if end > known:
+                    births()
+                yield begin, end
+
         packets, costs = [], []
-        coded = ordered_map(functools.partial(coder.encode, self._zero), parts, self._threads)
+        coded = ordered_map(functools.partial(coder.encode, self._zero), ready(), self._threads)
         for block, ((begin, end), part) in enumerate(zip(parts, coded, strict=True)):
-            starts = np.cumsum(part.sizes) - part.sizes
-            for start, count, payload in zip(starts.tolist(), part.sizes.tolist(), part.payloads, strict=True):
-                packets.append(make_packet(PacketId(block, start), count, payload))
+            births()  # which the digest takes first
+            packets += part.packets(block)
             digest_motion(self._digest, (heads[begin:end], part.residuals))
             costs.append(part.costs)
-        seen = self._known.seen(heads[:, TRACK]) * (heads[:, STATE] == MOVING)
+        seen = self._known.weights[heads[:, TRACK]] * (heads[:, STATE] == MOVING)
         return self._named(packets, len(parts), seen), np.concatenate(costs)
 
     def _named(self, packets: list[Packet], num_blocks: int, seen: np.ndarray) -> list[Packet]:

@@ -19,6 +19,7 @@ class KnownTracks:
         bases: How each looked when it was born.
         rows: Integers of each, int64 (T, COLUMNS).
         shifts: log2 of the steps of its motion, int64 (T, C).
+        weights: How much is seen of each, see `weights_of`, float64 (T).
         alive: Those that are there at the end of the last group, ascending, int64.
     """
 
@@ -27,6 +28,7 @@ class KnownTracks:
     bases: Trajectories
     rows: np.ndarray
     shifts: np.ndarray
+    weights: np.ndarray
     alive: np.ndarray
 
     @staticmethod
@@ -35,7 +37,7 @@ class KnownTracks:
         empty = Trajectories(*(np.zeros((0, 1, *shape), np.float32) for shape in ((3,), (4,), (3,), (), (3,))))
         none = np.zeros(0, np.int64)
         rows, shifts = (np.zeros((0, count), np.int64) for count in (COLUMNS, NUM_CHANNELS))
-        return KnownTracks(none, none, empty, rows, shifts, none)
+        return KnownTracks(none, none, empty, rows, shifts, np.zeros(0), none)
 
     def numbers_of(self, keys: np.ndarray) -> np.ndarray:
         """The track of each key, the last one that it was given; -1 where it has none, int64."""
@@ -44,10 +46,6 @@ class KnownTracks:
         names = self.keys[self.by_key]
         at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
         return np.where(names[at] == keys, self.by_key[at], -1)
-
-    def seen(self, numbers: np.ndarray) -> np.ndarray:
-        """How much is seen of tracks, see `weights_of`, float64 (n)."""
-        return weights_of(self.bases.scales[numbers, 0], self.bases.opacities[numbers, 0])
 
     def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray, shifts: np.ndarray) -> "KnownTracks":
         """With tracks that are born, in the order of their numbers: trajectories of one frame, and what is theirs."""
@@ -59,6 +57,7 @@ class KnownTracks:
             Trajectories(**joined),
             np.concatenate([self.rows, rows]),
             np.concatenate([self.shifts, shifts]),
+            np.concatenate([self.weights, weights_of(bases.scales[:, 0], bases.opacities[:, 0])]),
             self.alive,
         )
 

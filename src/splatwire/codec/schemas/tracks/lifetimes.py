@@ -38,6 +38,11 @@ class Lifetimes:
         late, early = np.argsort(values["late"]), np.argsort(values["early"])
         return Lifetimes(values["late"][late], values["begins"][late], values["early"][early], values["ends"][early])
 
+    def with_gone(self, tracks: np.ndarray, frame: int) -> "Lifetimes":
+        """With others that were gone when a frame came."""
+        gone = Lifetimes(tracks[:0], tracks[:0], tracks, np.full(len(tracks), frame))
+        return Lifetimes.joined([self, gone])
+
     def by_track(self, num_tracks: int, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
         """First frame of each track in the group that it is born in, the clip's first frame after it, int64 (T) each.
 

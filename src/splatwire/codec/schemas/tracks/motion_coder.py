@@ -7,8 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatwire.codec.schemas.gaussians.fit import fit_bits
-from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS, NUM_CONTEXTS
+from splatwire.codec.schemas.tracks.layout import (
+    BEGINS,
+    ENDS,
+    HEAD,
+    NUM_CHANNELS,
+    NUM_CONTEXTS,
+    STATE,
+    STILL,
+)
 from splatwire.codec.threads import ordered_map
+from splatwire.packets import Packet, PacketId, make_packet
 
 DEAD = 8
 """See `follow_neighbours`: what an encoder favours 0 by, out of 64 steps."""
@@ -34,10 +43,21 @@ class CodedMotion:
     residuals: np.ndarray
     counts: np.ndarray
 
+    def packets(self, block: int) -> list[Packet]:
+        """They, of a block."""
+        starts = (np.cumsum(self.sizes) - self.sizes).tolist()
+        parts = zip(starts, self.sizes.tolist(), self.payloads, strict=True)
+        return [make_packet(PacketId(block, start), count, payload) for start, count, payload in parts]
+
     @property
     def costs(self) -> np.ndarray:
         """Bytes that each track took, those of a packet alike, float64 (n)."""
         return np.repeat((np.array([len(payload) for payload in self.payloads]) + 1.0) / self.sizes, self.sizes)
+
+
+def all_stay(heads: np.ndarray, frames: int) -> bool:
+    """Whether tracks, int64 (n, HEAD), are there in all frames and stand still."""
+    return bool(((heads[:, STATE] == STILL) & (heads[:, BEGINS] == 0) & (heads[:, ENDS] == frames)).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +83,13 @@ class MotionCoder:
     first_new: int
     most: int
     costs: np.ndarray
+
+    @staticmethod
+    def of(count: int, targets: np.ndarray, first_new: int, most: int) -> "MotionCoder":
+        """A coder of so many tracks, of which it is told before they are coded."""
+        heads, rows = np.zeros((count, HEAD), np.int64), np.zeros(count, np.int64)
+        places, shifts = np.zeros((count, 3), np.int64), np.zeros((count, NUM_CHANNELS), np.int64)
+        return MotionCoder(heads, places, shifts, targets, rows, first_new, most, np.zeros(count))
 
     def fitted(self, blocks: list[tuple[int, int]], threads: int | None) -> np.ndarray:
         """Initial P(0) of the models out of 2**8, int64 (contexts), from some of the blocks."""
@@ -91,7 +118,7 @@ class MotionCoder:
         buffer, sizes, stops = np.zeros(room, np.uint8), np.zeros(count, np.int64), np.zeros(count, np.int64)
         used = kernels.encode_cut(
             models, counts, np.int64(frames), np.int64(self.first_new), np.int64(DEAD), self.heads[some],
-            self.places[some], self.shifts[some], self.targets[self.rows[some]], np.int64(self.most),
+            self.places[some], self.shifts[some], self.targets, self.rows[some], np.int64(self.most),
             self.costs[some], buffer, residuals, sizes, stops,
         )  # fmt: skip
         bounds = [0, *stops[:used].tolist()]

@@ -16,8 +16,8 @@ def empty_rows(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 def update_digest(digest: Any, rows: tuple[np.ndarray, ...]) -> None:
     """Adds the integers of one block, in the plan's order, to a hashlib object; `rows` as `empty_rows` makes them."""
-    digest.update(np.ascontiguousarray(rows[0].astype("<i4")).data)
-    digest.update(np.ascontiguousarray(rows[1].astype("<i4")).data)
+    for part in rows:
+        digest.update(np.ascontiguousarray(part, dtype="<i4").data)
 
 
 def decode_motion(
@@ -69,6 +69,6 @@ def coefficients_of(
     coefficients = np.zeros((len(heads), NUM_CHANNELS, orders.max()), np.float32)
     kernels.follow_neighbours(
         np.ascontiguousarray(places), np.ascontiguousarray(heads[:, STATE]), shifts, orders, quantised,
-        np.zeros((0, 1, 1)), np.int64(0), coefficients,
+        np.zeros((0, 1)), np.int64(0), coefficients,
     )  # fmt: skip
     return coefficients[heads[:, STATE] == MOVING]

@@ -41,7 +41,7 @@ class Trajectories:
         """Frames, F."""
         return int(self.means.shape[1])
 
-    def select(self, index: np.ndarray) -> "Trajectories":
+    def select(self, index: np.ndarray | slice) -> "Trajectories":
         """The tracks at `index`."""
         return replace(self, **{name: values[index] for name, values in vars(self).items()})
 
@@ -58,16 +58,24 @@ class Targets:
         coefficients: float64 (n, C, F).
         largest: Largest magnitude of each channel's, float64 (n, C).
         turns: Largest rotation of each, the tangent of a quarter of its angle, float64 (n).
+        last: Rotation of each in the last frame, unit quaternions that go on from frame to frame, float64 (n, 4).
     """
 
     coefficients: np.ndarray
     largest: np.ndarray
     turns: np.ndarray
+    last: np.ndarray
 
     @staticmethod
-    def none() -> "Targets":
-        """Of no track."""
-        return Targets(np.zeros((0, NUM_CHANNELS, 1)), np.zeros((0, NUM_CHANNELS)), np.zeros(0))
+    def zero(count: int, frames: int) -> "Targets":
+        """Of tracks that do nothing."""
+        values, last = np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, 4))
+        last[:, 0] = 1
+        return Targets(values, np.zeros((count, NUM_CHANNELS)), np.zeros(count), last)
+
+    def select(self, index: np.ndarray | slice) -> "Targets":
+        """Those at `index`."""
+        return Targets(**{name: values[index] for name, values in vars(self).items()})
 
     def put(self, index: np.ndarray, others: "Targets") -> None:
         """Replaces those at `index`."""
@@ -88,22 +96,42 @@ def targets_of(
         size_log: log2 of the scene's size.
         threads: Threads to use, which changes no bit; None for one for each processor.
     """
+    found = Targets.zero(len(numbers), moves.num_frames)
+    add_frames(found, moves, bases, numbers, 0, moves.num_frames, unit, size_log, threads)
+    return found
+
+
+def add_frames(
+    found: Targets, moves: Trajectories, bases: Trajectories, numbers: np.ndarray, begin: int, end: int,
+    unit: int, size_log: int, threads: int | None = None,
+) -> None:  # fmt: skip
+    """Adds some frames to coefficients of frames before: the same bits as of all at once.
+
+    Args:
+        found: The coefficients, which are changed; their magnitudes are there with the last frame.
+        moves: n tracks over F frames; what is in those from `end` on does not matter.
+        bases: See `targets_of`.
+        numbers: See there; nothing is said of tracks whose number is below 0.
+        begin: First frame that was not added before.
+        end: First frame after those that are added.
+        unit: See `targets_of`.
+        size_log: See there.
+        threads: See there.
+    """
     from splatwire.codec.schemas.tracks import _target_kernels as kernels
 
-    count, frames = len(numbers), moves.num_frames
-    found = Targets(np.zeros((count, NUM_CHANNELS, frames)), np.zeros((count, NUM_CHANNELS)), np.zeros(count))
-    luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(frames).copy()
+    luma, table = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED)), polynomials(moves.num_frames).copy()
     known, scale = tuple(vars(bases).values()), float(np.ldexp(1.0, unit + 1 - size_log))
 
     def fit(some: slice) -> None:
         kernels.fit_targets(
             tuple(values[some] for values in vars(moves).values()), known, numbers[some], scale, luma, table,
-            found.coefficients[some], found.largest[some], found.turns[some],
+            np.int64(begin), np.int64(end), *(values[some] for values in vars(found).values()),
         )  # fmt: skip
 
-    for _ in ordered_map(fit, [slice(begin, begin + RUN) for begin in range(0, count, RUN)], threads):
+    runs = [slice(first, first + RUN) for first in range(0, len(numbers), RUN)]
+    for _ in ordered_map(fit, runs, threads if len(runs) > 1 else 1):
         pass
-    return found
 
 
 @dataclass(frozen=True, eq=False)
