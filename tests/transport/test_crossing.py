@@ -65,9 +65,12 @@ def crossed(stream: Path, target: Path, *, quic: bool, burst: int, words: tuple[
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize(("quic", "burst"), [(False, 20), (True, 1)])
+@pytest.mark.parametrize(("quic", "burst"), [(False, 2), (True, 1)])
 def test_the_bundled_scene_crosses_and_is_drawn(served: Path, tmp_path: Path, quic: bool, burst: int):
-    """Without asking again a fifth is missing: the picture is close, and concealment makes it closer."""
+    """Without asking again a fifth is missing: the picture is close, and concealment makes it closer.
+
+    Losses come by twos at most: of 330 packets in bursts of 20, half may be lost by chance.
+    """
     target = tmp_path / "seen.swz"
     facts = crossed(served, target, quic=quic, burst=burst, words=("--no-nack",))
     assert facts["finished"] == "sent"
