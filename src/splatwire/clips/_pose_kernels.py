@@ -41,7 +41,7 @@ def _grow(scales, offset, found):
         found[a] = scales[a] * np.exp(np.float64(offset[6 + rank]))
 
 
-@njit(borrows=True, error_model="numpy")
+@njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def move(bases, tracks, offsets, found):
     """Moves Gaussians.

@@ -15,9 +15,13 @@ from splatwire.conceal import conceal
 from splatwire.errors import BitstreamError
 from splatwire.model import Partial, RenderHints, SplatScene
 from splatwire.model.clip import ClipScene
+from splatwire.ops.threads import share
 from splatwire.packets import Manifest, Packet
 from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
+
+AT_ONCE = 1 << 13
+"""Gaussians that a thread moves at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +170,12 @@ def moved(splats: Splats, tracks: np.ndarray, offsets: np.ndarray) -> Splats:
     from splatwire.clips import _pose_kernels as kernels
 
     found = Splats.empty(len(tracks), splats.degree)
-    kernels.move(_arrays(splats), tracks, np.ascontiguousarray(offsets), _arrays(found))
+    bases, offsets, whole = _arrays(splats), np.ascontiguousarray(offsets), _arrays(found)
+
+    def move(some: slice) -> None:
+        kernels.move(bases, tracks[some], offsets[some], tuple(values[some] for values in whole))
+
+    share(move, [slice(begin, begin + AT_ONCE) for begin in range(0, len(tracks), AT_ONCE)])
     return found
 
 

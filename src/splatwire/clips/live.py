@@ -3,6 +3,7 @@
 import itertools
 import queue
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 from splatwire.byte_io import ByteReader
@@ -65,6 +66,9 @@ class LiveDecoder:
             raise BitstreamError("a clip that grows says other things of what was there already")
         self._manifest, self._side_info = manifest, side_info
         yield from self._shown(len(manifest.tiers) // 2 - 1)
+        if self._decoder is not None:  # while packets are on their way, of which some may lack for tracks to be so many
+            with suppress(BitstreamError):
+                self._opened()
         yield from self._complete()
 
     def add(self, packets: Iterable[Packet]) -> Iterator[ClipFrame]:

@@ -10,7 +10,7 @@ from splatwire.ops.compiled import njit
 _COLOURS = NUM_CHANNELS - 3
 
 
-@njit(error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 @no_type_check
 def offsets(coefficients, starts, packets, orders, widths, weights, factors, colours, found):
     """Offsets of tracks in one frame.

@@ -210,8 +210,8 @@ class TracksDecoder:
         found, end = list["_Moved | None"](), 0
         for count, order in zip(counts.tolist(), orders, strict=True):
             begin, end = end, end + count
-            some = begin + np.flatnonzero(good[begin:end])
-            known = len(some) > 0 and there[tracks[some]].all()
+            some = slice(begin, end) if good[begin:end].all() else begin + np.flatnonzero(good[begin:end])
+            known = good[begin:end].any() and there[tracks[some]].all()
             does = coefficients_of(heads[some], residuals[some], order, places[some], shifts[some]) if known else None
             found.append(None if does is None else (heads[some], PacketMoves(does, order)))
         return found

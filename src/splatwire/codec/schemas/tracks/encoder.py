@@ -13,7 +13,7 @@ from splatwire.codec.background import background_sections
 from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
 from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.tracks.bases import BaseEncoder, span_size
-from splatwire.codec.schemas.tracks.fitting import Fitting, judged
+from splatwire.codec.schemas.tracks.fitting import Fitting, fit, judged
 from splatwire.codec.schemas.tracks.known_tracks import KnownTracks
 from splatwire.codec.schemas.tracks.layout import (
     AFTER,
@@ -32,7 +32,7 @@ from splatwire.codec.schemas.tracks.sending import by_turns, dearest_first
 from splatwire.codec.schemas.tracks.side_info import ClipInfo, Group, write_side_info
 from splatwire.codec.schemas.tracks.steps import motion_shifts
 from splatwire.codec.schemas.tracks.track_group import TrackGroup
-from splatwire.codec.schemas.tracks.trajectories import Targets, Trajectories, targets_of
+from splatwire.codec.schemas.tracks.trajectories import Targets, Trajectories
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
 from splatwire.model.clip import Timeline
@@ -140,8 +140,10 @@ class ClipWriter:
         def births() -> list[Packet]:
             """Tracks that are born; what the others do is coded meanwhile."""
             packets = self._births(group, classes, born, numbers)
-            targets.put(born, self._targets(group.moves.select(born), numbers[born]))
-            _, moving[born] = judged(targets.select(born), self._known.shifts, numbers[born])
+            threads, who = 1 if len(old) else self._threads, np.where(new, numbers, -1)
+            fit(targets, group.moves, self._known, self._bases.info, who, (0, group.moves.num_frames), threads)
+            own = targets.largest[born], targets.turns[born]
+            _, moving[born] = judged(*own, self._known.shifts, numbers[born])
             by[len(old) :] = born[np.argsort(numbers[born])]
             self._tell(coder, slice(len(old), None), group, by, numbers, moving)
             return packets
@@ -194,7 +196,7 @@ class ClipWriter:
     def _begin_anew(self, group: TrackGroup) -> tuple[np.ndarray, np.ndarray, np.ndarray, Targets]:
         """Numbers of tracks, which of them need a base (new ones, or far from theirs), which move, and targets.
 
-        Targets are those of tracks that need none.
+        Targets are those of tracks that need none; of the others zero.
         """
         count, frames = len(group.keys), group.moves.num_frames
         fitting, self._fitting = self._fitting, None
@@ -205,7 +207,10 @@ class ClipWriter:
             fitting.look(group.moves, frames)
         targets = fitting.finish(group.keys, group.moves, (group.begins == 0) & (group.ends == frames))
         new = fitting.numbers < 0
-        far, moving = judged(targets, self._known.shifts, np.maximum(fitting.numbers, 0))
+        known = np.maximum(fitting.numbers, 0)
+        far, moving = judged(targets.largest, targets.turns, self._known.shifts, known)
+        anew = np.flatnonzero(far & ~new)
+        targets.put(anew, Targets.zero(len(anew), frames))
         return fitting.numbers, new | far, moving, targets
 
     def _fit(self, keys: np.ndarray, moves: Trajectories) -> Fitting:
@@ -227,10 +232,6 @@ class ClipWriter:
             digest_bases(self._digest, rows)
         numbers[born] = np.arange(first_new, len(self._known.keys))
         return self._named(coded.packets, coded.num_blocks, self._known.weights[first_new:])
-
-    def _targets(self, moves: Trajectories, numbers: np.ndarray) -> Targets:
-        info = self._bases.info
-        return targets_of(moves, self._known.bases, numbers, info.unit, info.size_log, self._threads)
 
     def _tell(
         self, coder: MotionCoder, some: slice, group: TrackGroup, by: np.ndarray, numbers: np.ndarray,

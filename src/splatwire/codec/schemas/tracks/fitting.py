@@ -65,20 +65,30 @@ class Fitting:
 
     def _add(self, some: Targets, moves: Trajectories, numbers: np.ndarray, begin: int, end: int) -> None:
         """Adds frames to what some tracks do."""
-        known, info = self._known.bases, self._info
-        add_frames(some, moves, known, numbers, begin, end, info.unit, info.size_log, self._threads)
+        fit(some, moves, self._known, self._info, numbers, (begin, end), self._threads)
 
 
-def judged(targets: Targets, shifts: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def fit(
+    found: Targets, moves: Trajectories, known: KnownTracks, info: BaseInfo, numbers: np.ndarray,
+    frames: tuple[int, int], threads: int | None,
+) -> None:  # fmt: skip
+    """Adds frames, from one to another, to what tracks do; of those whose number is below 0 nothing is said."""
+    add_frames(found, moves, known.bases, numbers, *frames, info.unit, info.size_log, threads)
+
+
+def judged(
+    largest: np.ndarray, turns: np.ndarray, shifts: np.ndarray, numbers: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Tracks that went further than their bases allow, and those that move, bool (n).
 
     Args:
-        targets: What they do.
+        largest: See `Targets`, float64 (n, C).
+        turns: See there, float64 (n).
         shifts: log2 of the steps of all tracks, int64 (T, C).
         numbers: Which of these each is, int64 (n).
     """
     from splatwire.codec.schemas.tracks import _target_kernels as kernels
 
     far, moving = np.zeros((2, len(numbers)), bool)
-    kernels.judge(targets.largest, targets.turns, shifts, numbers, LIMITS, far, moving)
+    kernels.judge(largest, turns, shifts, numbers, LIMITS, far, moving)
     return far, moving

@@ -11,11 +11,12 @@ from splatwire.codec.schemas.tracks.basis import polynomials
 from splatwire.codec.schemas.tracks.layout import KIND_OF, NUM_CHANNELS
 from splatwire.codec.threads import ordered_map
 from splatwire.ops.spherical_harmonics import DC
+from splatwire.ops.threads import share
 
 _TURN = float(1 << DIRECTION_BITS)
 _FIXED = float(1 << BITS)
-RUN = 2048
-"""Tracks whose coefficients a thread finds at a time."""
+RUN, AT_ONCE = 2048, 8192
+"""Tracks whose coefficients a thread finds at a time, and offsets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,8 +191,14 @@ class Offsets:
         table, factors, colours = polynomials(self.frames), self._factors(), np.ascontiguousarray(LUMA_CHROMA)
 
         def at(frame: int) -> np.ndarray:
-            found = np.empty((len(rows), NUM_CHANNELS), np.float32)
-            kernels.offsets(flat, starts, own, orders, widths, table[frame].copy(), factors, colours, found)
+            found, weights = np.empty((len(rows), NUM_CHANNELS), np.float32), table[frame].copy()
+
+            def part(some: slice) -> None:
+                kernels.offsets(
+                    flat, starts[some], own[some], orders, widths, weights, factors, colours, found[some]
+                )  # fmt: skip
+
+            share(part, [slice(begin, begin + AT_ONCE) for begin in range(0, len(rows), AT_ONCE)])
             return found
 
         return at
