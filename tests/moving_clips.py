@@ -2,6 +2,8 @@
 
 import json
 import struct
+from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -38,6 +40,14 @@ def moving_frames(count: int = 600, frames: int = FRAMES, seed: int = 0, *, stil
         colours = sh * (1 + 0.3 * np.sin(time))
         found.append(Splats(moved, quats, scales, opacities * here, colours))
     return found
+
+
+def darkened(frames: list[Splats], dark: Collection[int]) -> list[Splats]:
+    """The same frames, in some of which nothing is drawn."""
+    return [
+        replace(splats, opacities=torch.zeros_like(splats.opacities)) if number in dark else splats
+        for number, splats in enumerate(frames)
+    ]
 
 
 def shuffled(frames: list[Splats], seed: int = 0) -> list[Splats]:

@@ -13,7 +13,7 @@ import torch
 import splatwire
 from greedy import of_tracks
 from live_path import FRAME_RATE, STREAM_ID, LivePath
-from moving_clips import moving_frames
+from moving_clips import darkened, moving_frames
 from splatwire.clips import ClipEncoder, ClipOptions, decode_frames
 from splatwire.clips.chapters import EndlessClip
 from splatwire.clips.live import LiveDecoder
@@ -68,6 +68,14 @@ def test_with_losses_every_frame_is_shown_once_and_bases_come_again(frames):
     assert numbers[0] < len(frames) - GROUP  # greetings are lost, too
     last = watched.frames[-1]
     assert len(last.tracks) == len(whole[-1].tracks)
+
+
+def test_nobody_is_there_for_a_group_and_a_half(frames):
+    watched, _ = LivePath(darkened(frames, range(8, 16)), GROUP).run()
+    assert [frame.number for frame in watched.frames] == list(range(len(frames)))
+    assert [not len(frame.tracks) for frame in watched.frames] == [
+        number in range(8, 16) for number in range(len(frames))
+    ]
 
 
 def test_who_comes_late_begins_with_the_running_group(frames):

@@ -1,12 +1,14 @@
-"""Frames that show other Gaussians than the frame before: all of them, most or a part, once or all the time."""
+"""Frames that show other Gaussians than the frame before: all, most or some, once or all the time; or nobody."""
 
 import numpy as np
 import pytest
 import torch
 
+from moving_clips import darkened, drawn, moving_frames, shuffled
 from splatwire.clips import ClipEncoder, ClipOptions, decode_frames, encode_clip
 from splatwire.clips.matching import match
 from splatwire.codec import decode_stream
+from splatwire.errors import InvalidValueError
 from splatwire.scene.splats import Splats
 
 COUNT = 800
@@ -109,3 +111,21 @@ def test_a_scene_that_follows_another_one_is_looked_at_unless_somebody_waits(liv
     before = 6 // group * group  # groups that both scenes are in share a fit
     assert off[1][:before] == off[0][:before]
     assert off[1][6:] == off[0][6:] if live else min(off[1][6:]) > 4 * max(off[0][6:])
+
+
+@pytest.mark.parametrize("dark", [[0], [3], [5], [3, 4, 5], [2, 3, 4, 5, 6], [3, 4, 5, 6, 7, 8]])
+@pytest.mark.parametrize("order", ["tracked", "shuffled"])
+@pytest.mark.parametrize("group", [2, 3])
+def test_nobody_is_there_for_a_while(dark, order, group):
+    frames = darkened(moving_frames(300, 9), dark)
+    frames = frames if order == "tracked" else shuffled(frames)
+    clip = decode_stream(encode_clip(frames, ClipOptions(group_frames=group, order=order))[0]).scene
+    for frame, shown in zip(frames, decode_frames(clip), strict=True):
+        there = drawn(frame)
+        assert len(shown.tracks) == there.num_gaussians
+        assert not there.num_gaussians or np.median(errors(there, shown.scene.splats)) < 0.5
+
+
+def test_a_clip_whose_first_frames_show_nothing_is_refused():
+    with pytest.raises(InvalidValueError, match="no Gaussian that draws anything in the first frames"):
+        encode_clip(darkened(moving_frames(300, 9), range(3)), ClipOptions(group_frames=3))

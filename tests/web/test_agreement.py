@@ -25,7 +25,7 @@ import torch
 
 from attacks import HOSTILE, mutated_bytes, mutated_json
 from codec.gaussians.test_gaussians import some_splats
-from moving_clips import moving_frames
+from moving_clips import darkened, moving_frames
 from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.clips import ClipOptions, Frame, encode_clip
 from splatwire.clips.concealers import clip_concealer
@@ -321,7 +321,8 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
         replace(s, means=s.means + 0.1 * torch.randn(s.means.shape, generator=scattered)) for s in moving_frames(1000)
     ]
     confused = encode_clip(map(Frame.of, wild), ClipOptions(group_frames=4, order="tracked"))[0]
-    clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused}
+    dark = encode_clip(darkened(moving_frames(300), range(3, 8)), ClipOptions(group_frames=4))[0]
+    clips = {"tiny": streams["tiny_clip"], "births": births, "confused": confused, "dark": dark}
     frames = {str(p): shown for name, clip in clips.items() for p, shown in lossy_clips(clip, tmp_path / name)}
     cuts = {str(tmp_path / "tiny_levels.swz"): some_cuts(streams["tiny_levels"], rng)}
     indexes = {str(tmp_path / "tiny_levels.swz"): hostile_indexes(streams["tiny_levels"], cases, rng)}

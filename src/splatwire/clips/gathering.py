@@ -65,7 +65,7 @@ class Gathering:
             self._ends = np.concatenate([self._ends, np.full(len(more), number)])
             self._by = by = np.argsort(self._keys, kind="stable")
             at = np.searchsorted(self._keys, keys, sorter=by)
-        if len(self._keys) > self._room:
+        if not self._values or len(self._keys) > self._room:
             self._grow(len(self._keys) + len(self._keys) // SPARE)
         return by[at]
 

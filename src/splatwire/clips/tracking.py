@@ -130,8 +130,8 @@ class Tracker:
         assert self._last is not None
         here = _drawn(frame)
         found = match(self._last.splats, here, self._match)
-        keys = np.where(found.partner >= 0, self._last.keys[found.partner], -1)
-        old = keys >= 0
+        old, keys = found.partner >= 0, found.partner.copy()
+        keys[old] = self._last.keys[keys[old]]
         keys[~old] = self._fresh(int((~old).sum()), born=True)
         self._keys = np.full(frame.splats.num_gaussians, -1, np.int64)
         self._keys[frame.drawn], self._match = keys, found

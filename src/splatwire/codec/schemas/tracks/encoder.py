@@ -126,6 +126,8 @@ class ClipWriter:
         """
         if not len(group.keys) and not self._groups:
             raise InvalidValueError("there is no Gaussian that draws anything in the first frames")
+        if not len(group.keys) and len(self._known.alive):  # no track at all would say that all stay as they were
+            group = self._known.leaving(group.moves.num_frames)
         self.worth = {}
         first_new = self._num_tracks
         numbers, new, moving, targets = self._begin_anew(group)

@@ -6,7 +6,9 @@ import numpy as np
 
 from splatwire.codec.schemas.gaussians.layout import COLUMNS
 from splatwire.codec.schemas.tracks.layout import NUM_CHANNELS
+from splatwire.codec.schemas.tracks.track_group import TrackGroup
 from splatwire.codec.schemas.tracks.trajectories import Trajectories
+from splatwire.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,12 @@ class KnownTracks:
         at = np.maximum(np.searchsorted(names, keys, side="right") - 1, 0)
         return np.where(names[at] == keys, self.by_key[at], -1)
 
+    def leaving(self, frames: int) -> TrackGroup:
+        """A group that nobody is there in: its one track, of those that are alive, ends before the first frame."""
+        one, none = self.alive[-1:], np.zeros(1, np.int64)
+        poses = {name: np.repeat(values[one], frames, axis=1) for name, values in vars(self.bases).items()}
+        return TrackGroup(self.keys[one], none, none, Trajectories(**poses), _nobody)
+
     def with_births(self, bases: Trajectories, keys: np.ndarray, rows: np.ndarray, shifts: np.ndarray) -> "KnownTracks":
         """With tracks that are born, in the order of their numbers: trajectories of one frame, and what is theirs."""
         joined = {name: np.concatenate([old, getattr(bases, name)]) for name, old in vars(self.bases).items()}
@@ -60,6 +68,10 @@ class KnownTracks:
             np.concatenate([self.weights, weights_of(bases.scales[:, 0], bases.opacities[:, 0])]),
             self.alive,
         )
+
+
+def _nobody(_: np.ndarray) -> Splats:
+    raise AssertionError("nobody is born in a group that nobody is there in")
 
 
 def weights_of(scales: np.ndarray, opacities: np.ndarray) -> np.ndarray:
