@@ -15,16 +15,7 @@ from splatwire.codec.schemas.gaussians.quality import Quality
 from splatwire.codec.schemas.tracks.bases import BaseEncoder, span_size
 from splatwire.codec.schemas.tracks.fitting import Fitting, fit, judged
 from splatwire.codec.schemas.tracks.known_tracks import KnownTracks
-from splatwire.codec.schemas.tracks.layout import (
-    AFTER,
-    BEFORE,
-    BEGINS,
-    ENDS,
-    MOVING,
-    NUM_CONTEXTS,
-    STATE,
-    TRACK,
-)
+from splatwire.codec.schemas.tracks.layout import AFTER, BEFORE, BEGINS, ENDS, MOVING, NUM_CONTEXTS, STATE, TRACK
 from splatwire.codec.schemas.tracks.lifetimes import BYTES_OF_ONE, Lifetimes, lifetimes_sections
 from splatwire.codec.schemas.tracks.motion_coder import FIRST_COST, MotionCoder, all_stay
 from splatwire.codec.schemas.tracks.motion_rows import update_digest as digest_motion
