@@ -9,6 +9,8 @@ import pytest
 # times the work itself. It must be set before torch is loaded.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
+LONGEST = ("web", "train", "transport", "evaluate", "cli", "clips")
+"""Folders whose modules take longest: they are handed out first, so that all workers end together."""
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -19,3 +21,13 @@ def data_dir() -> Path:
     if not (folder / "hacpp").is_dir():
         pytest.skip(f"no real data at {folder}; set SPLATWIRE_DATA to its folder")
     return folder
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Puts the longest folders first."""
+
+    def place(item: pytest.Item) -> int:
+        folder = item.path.relative_to(REPOSITORY / "tests").parts[0]
+        return LONGEST.index(folder) if folder in LONGEST else len(LONGEST)
+
+    items.sort(key=place)
