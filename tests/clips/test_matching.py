@@ -39,3 +39,14 @@ def test_partners_are_found_where_half_bends_farther_than_neighbours_are_apart()
     assert (found.partner == order).mean() > 0.995
     velocity = (after.means - before.means).numpy()[order]
     assert np.quantile(np.abs(found.velocity - velocity).max(axis=1), 0.99) < 1e-4
+
+
+def test_partners_are_found_where_all_look_the_same_but_for_rounding():
+    rng = np.random.default_rng(5)
+    before, order = random_splats(rng), rng.permutation(COUNT)
+    grey = (torch.full((COUNT, 3), 0.02), torch.full((COUNT,), 0.7))
+    noise = torch.from_numpy(rng.normal(size=(2, COUNT, 1, 3)) * 1e-6).float()
+    drift = torch.from_numpy(rng.normal(size=(COUNT, 3)) * 0.01).float()
+    one = Splats(before.means, before.quats, *grey, noise[0])
+    two = Splats(before.means + drift, before.quats, *grey, noise[1])
+    assert match(one, two.select(torch.from_numpy(order))).share > 0.95

@@ -189,10 +189,13 @@ def _partners(
 def _another(
     expected: np.ndarray, now: np.ndarray, looks: np.ndarray, looks_now: np.ndarray, partner: np.ndarray
 ) -> np.ndarray:
-    """Rows of those whose partners are others: neither where they are expected, nor alike."""
+    """Rows of those whose partners are others: neither where they are expected, nor alike.
+
+    Looks are in units of their spread: where all look the same, less than one of these is rounding.
+    """
     found = np.flatnonzero(partner >= 0)
     theirs = partner[found]
-    usual = np.median(np.linalg.norm(looks_now - np.roll(looks_now, len(now) // 2, axis=0), axis=1))
+    usual = max(np.median(np.linalg.norm(looks_now - np.roll(looks_now, len(now) // 2, axis=0), axis=1)), 1.0)
     unlike = np.linalg.norm(looks_now[found] - looks[theirs], axis=1)
     distance, _ = cKDTree(expected).query(expected[theirs], k=[min(AROUND + 1, len(expected))], workers=-1)
     apart = np.linalg.norm(now[found] - expected[theirs], axis=1)
