@@ -26,7 +26,7 @@ FRAMES = 10_000
 TRACED = 4000
 """The last of them, during which memory is watched: it may not grow any more."""
 MOST_GROWN = 1_000_000
-"""Bytes: as many connections as there may be take less, what is poured meanwhile has three times as many."""
+"""Bytes: as many connections as there may be take less; what is poured meanwhile has 2.5 million."""
 VERSIONS = (0, 1, 0x6B3343CF, 0xFF00001D, 0xFFFFFFFF)
 
 

@@ -159,11 +159,13 @@ class ClipEncoder:
     def _flush(self) -> list[Packet]:
         group, frames = self._grouped(), self._frames.frames
         self._ended = frames[0], frames[-1]
-        scenes = self._scenes(group, frames)
-        classes = self._precision(group, scenes)
-        apart = not self._live and not self._groups and len(frames) > 1 and len(scenes) > APART * len(frames)
-        smooth, self._groups = self._live and self._frames.smooth, self._groups + 1
-        if apart and len(frames[0].keys):
+        new = group.keys > self._newest
+        self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
+        scenes = _scenes(group, frames, new)
+        classes = self._precision(group, scenes, new)
+        apart = len(frames) > 1 and len(frames[0].keys) > 0 and len(scenes) > APART * len(frames)
+        first, smooth, self._groups = not self._groups, self._live and self._frames.smooth, self._groups + 1
+        if first and apart and not self._live:
             assert classes is not None
             return self._one_by_one(group, frames, scenes, classes)
         self._frames = Gathering(self._options.group_frames, smooth=smooth)
@@ -199,18 +201,16 @@ class ClipEncoder:
             packets += self._writer.add(own, classes[np.searchsorted(group.keys, own.keys)])
         return packets
 
-    def _scenes(self, group: TrackGroup, frames: list[NamedFrame]) -> list[int]:
-        """Frames of a group that show another scene than the one before, as the first one does."""
-        born = np.bincount(group.begins[group.keys > self._newest], minlength=len(frames))
-        return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]
-
-    def _precision(self, group: TrackGroup, scenes: list[int]) -> np.ndarray | None:
+    def _precision(self, group: TrackGroup, scenes: list[int], new: np.ndarray) -> np.ndarray | None:
         """Classes of precision of a group's tracks; None where nobody looks: who comes later is as precise as most.
 
         Whoever comes with another scene is looked at, and who comes after.
+
+        Args:
+            group: The tracks.
+            scenes: See `_scenes`.
+            new: Which tracks were not in a group before, bool (n).
         """
-        new = group.keys > self._newest
-        self._newest = max(self._newest, int(group.keys[-1]) if len(group.keys) else -1)
         if not scenes or (self._live and self._groups):  # looking takes longer than somebody waits
             return None
         classes = self._usual(len(group.keys))
@@ -254,6 +254,12 @@ class ClipEncoder:
                 "harmonics above degree 0 of %s of %s Gaussians change from frame to frame: a clip keeps those of the "
                 "first frame that each is in", f"{changed:,}", f"{len(here):,}",
             )  # fmt: skip
+
+
+def _scenes(group: TrackGroup, frames: Sequence[NamedFrame], new: np.ndarray) -> list[int]:
+    """Frames of a group that show another scene than the one before, as the first one does."""
+    born = np.bincount(group.begins[new], minlength=len(frames))
+    return [n for n, frame in enumerate(frames) if born[n] > ANEW * len(frame.keys)]
 
 
 def encode_clip(

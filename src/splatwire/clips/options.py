@@ -18,7 +18,8 @@ class ClipOptions:
 
     Attributes:
         rate: Frames a second.
-        group_frames: Frames of a group: what a lost packet of motion takes, and how long a live viewer waits.
+        group_frames: Frames of a group: what a lost packet of motion takes, and how long a live viewer waits. One, but
+            for live clips, where most of the first frames show another scene than the one before.
         order: Whether rows are the same Gaussians in every frame, see `Tracker`.
         quality: How finely Gaussians are quantised: a name, or a `Quality`.
         background: RGB behind everything.
