@@ -1,6 +1,7 @@
 """`splatwire encode`: a scene file becomes a stream."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -77,7 +78,7 @@ class Encode:
 
     def run(self) -> None:
         """Runs the verb."""
-        from splatwire.clips import is_sequence
+        from splatwire.clips.frames import is_sequence
 
         self._check()
         if is_sequence(self.scene):
@@ -113,7 +114,6 @@ class Encode:
 
     def _encode_scene(self) -> None:
         """Encodes a scene that stands still."""
-        from splatwire.cli._calibration import with_quick_sketch
         from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import UP_SECTION, viewpoint_section
@@ -121,12 +121,9 @@ class Encode:
         from splatwire.packets import write_stream
         from splatwire.packets.limits import SCHEMAS
         from splatwire.render.precision import classes_of
-        from splatwire.render.pruning import thinned
         from splatwire.scene_io import has_levels, open_scene
-        from splatwire.train.config import RefineConfig
 
-        background, config = chosen_background(self.background), RefineConfig(steps=self.refine)
-
+        background, refine = chosen_background(self.background), self._refiner()
         with input_path(self.scene) as source:
             scene: Any = open_scene(source)
             levels = self.levels == "auto" or (self.levels is None and has_levels(source))
@@ -135,17 +132,17 @@ class Encode:
             raise InvalidValueError("levels are for explicit Gaussians, and are tiers themselves")
         if self.quality is not None and not schema.explicit:
             raise InvalidValueError("--quality is for explicit Gaussians; anchors have steps of their own")
-        if config.steps and schema.explicit:
+        if refine is not None and schema.explicit:
             raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
         scene = scene if background is None else replace(scene, background=background)
         cameras = self._cameras()
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
-            if config.steps:
-                from splatwire.train.refine import refine_context
-
-                scene = refine_context(scene, config, progress=lambda share: report("fitting the context model", share))
+            if refine is not None:
+                scene = refine(scene, progress=lambda share: report("fitting the context model", share))
             started, lost = time.perf_counter(), None
             if self.keep != 1:
+                from splatwire.render.pruning import thinned
+
                 left = thinned(scene, self.keep, cameras, progress=lambda share: report("what nobody misses", share))
                 scene, lost = left.scene, left.psnr
             report("looking at the scene", 0.0)
@@ -161,10 +158,25 @@ class Encode:
             if (up := self._up(scene, cameras)) != "-y":
                 stream = add_concealment(stream, UP_SECTION, up.encode())
             if self._sketched and not levels and not self.no_sketch:
+                from splatwire.cli._calibration import with_quick_sketch
+
                 stream = with_quick_sketch(stream, cameras, report)
             seconds = time.perf_counter() - started
             write_stream(stream, path)
         self._tell(stream, seconds, lost)
+
+    def _refiner(self) -> "Callable[..., Scene] | None":
+        """What fits the context model again; the trainer is not loaded where nothing does.
+
+        Raises:
+            InvalidValueError: If there cannot be so many steps.
+        """
+        if not self.refine:
+            return None
+        from splatwire.train.config import RefineConfig
+        from splatwire.train.refine import refine_context
+
+        return partial(refine_context, config=RefineConfig(steps=self.refine))
 
     def _encode_clip(self) -> None:
         """Encodes a folder of frames."""

@@ -7,7 +7,7 @@ import numpy as np
 from splatwire.ops.compiled import njit
 
 
-@njit()
+@njit(nogil=True)
 @no_type_check
 def split_runs(points, bounds, order):
     """Sorts the runs of `order` between the first and the last bound: see `kd_order`."""

@@ -37,6 +37,18 @@ def _knows(option: str) -> bool:
         return False
 
 
+def _spare_scipy() -> None:
+    """Keeps numba, as it begins, from loading scipy's linear algebra only to see whether it is there.
+
+    That takes as long as loading numba itself. A kernel that multiplied matrices would load it when it is compiled.
+    """
+    with suppress(ImportError, AttributeError):
+        from numba.np import linalg
+
+        linalg.ensure_blas = lambda: None
+
+
+_spare_scipy()
 CAN_BORROW = _knows("_nrt")
 """Whether counting who holds an array can be left out; where it cannot, kernels are slower and say the same."""
 

@@ -137,8 +137,12 @@ def project_back(
     for g in range(means.shape[0]):
         if tiles[g, 2] <= tiles[g, 0]:
             continue
+        s, something = sums[g], np.float32(0)
+        for k in range(s.shape[0]):
+            something += abs(s[k])
+        if something == 0:  # hidden, as most are: all gradients are as they were, zero
+            continue
         a, b, c = -2 / LOG2E * splats[g, 2], -1 / LOG2E * splats[g, 3], -2 / LOG2E * splats[g, 4]
-        s = sums[g]
         d_opacities[g] = s[0] / opacities[g]
         d_colors[g, 0], d_colors[g, 1], d_colors[g, 2] = s[6], s[7], s[8]
         du, dv = a * s[1] + b * s[2], b * s[1] + c * s[2]

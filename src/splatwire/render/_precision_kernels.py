@@ -22,6 +22,13 @@ def add_squared(
     (`order`), and which of these a turn about is a spin: 2 for flat ones, 0 for long ones (`spun`).
     """
     for i in range(first, last):
+        something = abs(opacities[i])
+        for axis in range(3):
+            something += abs(means[i, axis]) + abs(scales[i, axis]) + abs(colors[i, axis])
+        for axis in range(4):
+            something += abs(rotations[i, axis])
+        if something == 0:  # hidden, as most are
+            continue
         a, b = np.float64(rotations[i, 0]), np.float64(rotations[i, 1])
         c, d = np.float64(rotations[i, 2]), np.float64(rotations[i, 3])
         w, x, y, z = np.float64(quats[i, 0]), np.float64(quats[i, 1]), np.float64(quats[i, 2]), np.float64(quats[i, 3])

@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,6 +51,29 @@ def render_cpu(
         views.append(_Rasterize.apply(cameras, view, shift, *inputs))
     pictures = torch.stack(views) if len(views) > 1 else views[0][None]  # large pictures take long to copy
     return pictures.to(gaussians.means.device)
+
+
+def each_gradient_cpu(
+    gaussians: Gaussians,
+    cameras: Cameras,
+    d_image: Callable[[tuple[int, ...]], Iterator[np.ndarray]],
+    use: Callable[..., None],
+) -> None:
+    """Draws a view before black and hands on gradients as they are found, without torch's bookkeeping.
+
+    Args:
+        gaussians: What to draw, float32 on the CPU.
+        cameras: Where from; one view.
+        d_image: Gives gradients by the picture, of the shape that it is called with, float32, one after another.
+        use: Called with a slice of the Gaussians and the gradients of their means, quats, scales, opacities and
+            colors, by several threads.
+    """
+    _keep_freed_memory()
+    arrays = [t.detach().contiguous().numpy() for t in vars(gaussians).values()]
+    picture = _Picture(arrays, cameras, 0, kept=True)
+    image, _ = picture.draw(np.zeros(3, np.float32))
+    for gradient in d_image(image.shape):
+        picture.each_gradient(arrays, image, gradient, use)
 
 
 def draw_cpu(gaussians: Gaussians, cameras: Cameras, *, background: Float[Tensor, "3"], watched: bool) -> Drawing:
@@ -153,21 +176,40 @@ class _Picture:
 
     def gradients(self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray) -> list[np.ndarray]:
         """Returns the gradients of means, quats, scales, opacities, colors, and of the 2D means."""
-        from splatwire.render import _cpu_gradients, _cpu_project
+        sums, results = self._sums(image, d_image), _zeros(arrays)
+        share(lambda piece: self._project_back(arrays, sums, piece, [r[piece] for r in results]), _pieces(len(sums)))
+        return results
+
+    def each_gradient(
+        self, arrays: list[np.ndarray], image: np.ndarray, d_image: np.ndarray, use: Callable[..., None]
+    ) -> None:
+        """Hands the gradients of some Gaussians at a time to `use`, with where these are; see `gradients`."""
+        sums = self._sums(image, d_image)
+
+        def some(piece: slice) -> None:
+            out = _zeros([a[piece] for a in arrays])
+            self._project_back(arrays, sums, piece, out)
+            use(piece, *out[:5])
+
+        share(some, _pieces(len(sums)))
+
+    def _sums(self, image: np.ndarray, d_image: np.ndarray) -> np.ndarray:
+        """What `project_back` makes gradients of, float32 (G, SUMS)."""
+        from splatwire.render import _cpu_gradients
 
         num, width, spare = self.splats.shape[0], _cpu_gradients.SUMS, _cpu_gradients.SPARE
         flat = np.zeros(num * width + spare, np.float32)
         for band in self._bands():
             self._add_gradients(band, image, d_image, flat)
-        results = [np.zeros_like(a) for a in arrays] + [np.zeros((num, 2), np.float32)]
-        sums = flat[: num * width].reshape(num, width)
+        return flat[: num * width].reshape(num, width)
 
-        def project_back(piece: slice) -> None:
-            mine, out = [a[piece] for a in arrays[:4]], [r[piece] for r in results]
-            _cpu_project.project_back(*mine, *self.camera, self.splats[piece], self.tiles[piece], sums[piece], *out)
+    def _project_back(
+        self, arrays: list[np.ndarray], sums: np.ndarray, piece: slice, results: list[np.ndarray]
+    ) -> None:
+        from splatwire.render import _cpu_project
 
-        share(project_back, _pieces(num))
-        return results
+        mine = [a[piece] for a in arrays[:4]]
+        _cpu_project.project_back(*mine, *self.camera, self.splats[piece], self.tiles[piece], sums[piece], *results)
 
     def _add_gradients(self, band: _Band, image: np.ndarray, d_image: np.ndarray, sums: np.ndarray) -> None:
         """Adds a band's sums to those of each Gaussian."""
@@ -206,6 +248,11 @@ def _cache_lines(num: int) -> np.ndarray:
     room = np.empty((num + 1) * SPLAT, np.float32)
     first = -room.ctypes.data % 64 // 4
     return room[first : first + num * SPLAT].reshape(num, SPLAT)
+
+
+def _zeros(arrays: list[np.ndarray]) -> list[np.ndarray]:
+    """Room for gradients of means, quats, scales, opacities, colors, and of the 2D means."""
+    return [*(np.zeros_like(a) for a in arrays), np.zeros((len(arrays[0]), 2), np.float32)]
 
 
 def _pieces(num: int) -> list[slice]:

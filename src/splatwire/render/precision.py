@@ -6,7 +6,7 @@ is taken into account; so each gets one class, an octave of step sizes.
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
@@ -16,9 +16,11 @@ from jaxtyping import Float64
 
 from splatwire.model.appearance import Scene, explicit_gaussians
 from splatwire.ops.kd_order import kd_order
-from splatwire.ops.threads import share
+from splatwire.ops.threads import one_torch_thread, share
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.backends import create_renderer
+from splatwire.render.base import Renderer
+from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import cameras_around
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.splats import Splats
@@ -27,8 +29,6 @@ PART = 1 << 18
 """So many Gaussians are looked at together: memory and time for each do not grow with the scene."""
 VIEWS, VIEWS_OF_PART, SIZE = 12, 6, 224
 """Views around a scene, or around one of its parts, and their width and height in pixels."""
-ROWS = 1 << 15
-"""So many Gaussians' gradients are summed by one thread at a time."""
 FINEST_SHARE = 0.98
 """Classes count down from this quantile."""
 BRIGHTEST = 4.0
@@ -97,10 +97,15 @@ def precision_classes(
         return _classes(splats, cameras, probes, seed, renderer)
     edges = np.arange(count + 1, dtype=np.int64) * splats.num_gaussians // count
     order, classes = kd_order(splats.means.numpy(), [edges]), np.empty(splats.num_gaussians, np.int8)
-    for begin, end in itertools.pairwise(edges.tolist()):
-        some = splats.select(torch.from_numpy(np.sort(order[begin:end])))
-        around = cameras_around(some.means, VIEWS_OF_PART, SIZE)
-        classes[np.sort(order[begin:end])] = _classes(some, around, probes, seed, renderer)
+
+    def look(ends: tuple[int, int]) -> None:
+        members = np.sort(order[slice(*ends)])
+        with one_torch_thread():
+            some = splats.select(torch.from_numpy(members))
+            around = cameras_around(some.means, VIEWS_OF_PART, SIZE)
+            classes[members] = _classes(some, around, probes, seed, renderer)
+
+    share(look, list(itertools.pairwise(edges.tolist())))
     return classes
 
 
@@ -122,26 +127,40 @@ def _sensitivities(
     splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str
 ) -> dict[str, Float64[np.ndarray, "G"]]:
     """Mean squared change of pictures for each attribute, per scalar: squared gradients of random signs."""
-    draw, rng, num = create_renderer(renderer), torch.Generator().manual_seed(seed), splats.num_gaussians
+    rng, num = torch.Generator().manual_seed(seed), splats.num_gaussians
     logs, order = splats.scales.log2().sort(dim=1, descending=True)
     spun = torch.where(logs[:, 1] - logs[:, 2] >= logs[:, 0] - logs[:, 1], 2, 0)
     quats = torch.nn.functional.normalize(splats.quats, dim=1)
     known = tuple(t.contiguous().numpy() for t in (splats.scales, quats, splats.opacities, order, spun))
     sums = np.zeros((num, NUM_SUMS))
-    rows = list(itertools.pairwise([*range(0, num, ROWS), num]))
+
+    def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+        for _ in range(probes):
+            yield (torch.randint(0, 2, shape, generator=rng) * 2 - 1).float().numpy()
+
+    def add(some: slice, *gradients: np.ndarray) -> None:
+        size = len(gradients[0])
+        add_squared(*gradients, *(values[some] for values in known), sums[some], 0, size)
+
+    find = each_gradient_cpu if renderer == "cpu" else partial(_each_gradient, create_renderer(renderer))
     for view in range(cameras.num_views):
         seen = splats.seen_from(cameras.centers[view].to(splats.means))
         seen = replace(seen, colors=seen.colors.clamp(max=BRIGHTEST))
-        inputs = [t.detach().clone().requires_grad_() for t in (*vars(seen).values(),)]
-        picture = draw(Gaussians(*inputs), cameras.select([view]), background=torch.zeros(3))[0]
-        for probe in range(probes):
-            signs = (torch.randint(0, 2, picture.shape, generator=rng) * 2 - 1).to(picture)
-            gradients = torch.autograd.grad((picture * signs).sum(), inputs, retain_graph=probe < probes - 1)
-            found = tuple(g.contiguous().numpy() for g in gradients)
-            share(partial(_add_rows, (*found, *known, sums)), rows)
+        find(seen, cameras.select([view]), signs, add)
     scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
     return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}
 
 
-def _add_rows(arrays: Sequence[np.ndarray], ends: tuple[int, int]) -> None:
-    add_squared(*arrays, *ends)
+def _each_gradient(
+    draw: Renderer,
+    gaussians: Gaussians,
+    cameras: Cameras,
+    d_image: Callable[[tuple[int, ...]], Iterator[np.ndarray]],
+    use: Callable[..., None],
+) -> None:
+    """See `each_gradient_cpu`, of any renderer."""
+    inputs = [t.detach().clone().requires_grad_() for t in vars(gaussians).values()]
+    picture = draw(Gaussians(*inputs), cameras, background=torch.zeros(3))[0]
+    for gradient in d_image(tuple(picture.shape)):
+        found = torch.autograd.grad(picture, inputs, torch.from_numpy(gradient).to(picture), retain_graph=True)
+        use(slice(0, gaussians.num_gaussians), *(g.contiguous().numpy() for g in found))
