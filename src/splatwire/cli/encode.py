@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -117,15 +118,18 @@ class Encode:
         from splatwire.codec import add_concealment, encode_scene, schema_of
         from splatwire.codec.viewpoint import SECTION as VIEWPOINT
         from splatwire.codec.viewpoint import UP_SECTION, viewpoint_section
-        from splatwire.levels import encode_levels
         from splatwire.packets import write_stream
         from splatwire.packets.limits import SCHEMAS
-        from splatwire.render.precision import classes_of
         from splatwire.scene_io import has_levels, open_scene
 
         background, refine = chosen_background(self.background), self._refiner()
-        with input_path(self.scene) as source:
-            scene: Any = open_scene(source)
+        with input_path(self.scene) as source, ThreadPoolExecutor(1) as beside:
+            reading = beside.submit(open_scene, source)
+            # What compiles and what was compiled is loaded while the file is read.
+            from splatwire.levels import encode_levels
+            from splatwire.render.precision import classes_of
+
+            scene: Any = reading.result()
             levels = self.levels == "auto" or (self.levels is None and has_levels(source))
         schema = SCHEMAS[schema_of(scene).name]
         if levels and (self.tiers or not schema.explicit):
@@ -146,13 +150,15 @@ class Encode:
                 left = thinned(scene, self.keep, cameras, progress=lambda share: report("what nobody misses", share))
                 scene, lost = left.scene, left.psnr
             report("looking at the scene", 0.0)
-            tiers, classes = self._tiers(scene, cameras), classes_of(scene, cameras, anew=self.quality is not None)
-            report("looking at the scene", 1.0)
+            look = partial(classes_of, scene, cameras, anew=self.quality is not None)
             packetization = self.packetization(schema.name, int(scene.drawable.sum()))
-            stream = (encode_levels if levels else partial(encode_scene, tiers=tiers))(
-                scene, packetization, quality=self.quality, classes=classes,
-                progress=lambda share: report("encoding", share),
-            )  # fmt: skip
+            options: Any = {"quality": self.quality, "progress": lambda share: report("encoding", share)}
+            if levels:
+                stream = encode_levels(scene, packetization, classes=look, **options)
+            else:
+                tiers, classes = self._tiers(scene, cameras), look()
+                report("looking at the scene", 1.0)
+                stream = encode_scene(scene, packetization, tiers=tiers, classes=classes, **options)
             if cameras is not None:
                 stream = add_concealment(stream, VIEWPOINT, viewpoint_section(cameras))
             if (up := self._up(scene, cameras)) != "-y":

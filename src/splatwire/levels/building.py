@@ -57,8 +57,8 @@ def build_levels(scene: SplatScene, tile: int, progress: Callable[[float], None]
     for finer, shape in itertools.pairwise(shapes):
         below, end = whole.run(end - finer.count, end), end - finer.count
         level, squares, at = whole.run(end - shape.count, end), np.zeros((shape.num_tiles, 2)), end - shape.count
-        for parent, child, share in _shares(below, finer, shape):
-            some, kept, error = _reduced(below, finer, child, share)
+        for parent, child, share, mass in _shares(below, finer, shape):
+            some, kept, error = _reduced(below, finer, child, share, mass)
             if share:
                 level.fill(at - end + shape.count, some)
                 old[at + kept : at + share] = False
@@ -83,15 +83,16 @@ def _nested(shapes: tuple[LevelShape, ...]) -> list[np.ndarray]:
     return bounds[::-1]
 
 
-def _shares(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int]]:
-    """A tile, one of those that it stands for, and how many of its Gaussians are for that one."""
+def _shares(level: Splats, finer: LevelShape, shape: LevelShape) -> Iterator[tuple[int, int, int, np.ndarray]]:
+    """A tile, one of those that it stands for, how many of its Gaussians are for that one, and its footprints."""
     parents = parents_of(finer.num_tiles, shape.num_tiles)
     for parent in range(shape.num_tiles):
         children = np.flatnonzero(parents == parent)
         runs = [level.run(*finer.edges[child : child + 2].tolist()) for child in children]
-        extents = np.array([np.sqrt(footprints(run)).sum() for run in runs])
+        found = [footprints(run) for run in runs]
+        extents = np.array([np.sqrt(mass).sum() for mass in found])
         shares = shared_out(shape.size, extents, np.array([run.num_gaussians for run in runs]))
-        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist())
+        yield from zip(itertools.repeat(parent), children.tolist(), shares.tolist(), found)
 
 
 def shared_out(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray:
@@ -112,6 +113,6 @@ def shared_out(size: int, extents: np.ndarray, counts: np.ndarray) -> np.ndarray
     return shares
 
 
-def _reduced(level: Splats, shape: LevelShape, tile: int, count: int) -> tuple[Splats, int, float]:
+def _reduced(level: Splats, shape: LevelShape, tile: int, count: int, mass: np.ndarray) -> tuple[Splats, int, float]:
     some = level.run(int(shape.edges[tile]), int(shape.edges[tile + 1]))
-    return reduced(some, count) if count else (some, 0, 0.0)
+    return reduced(some, count, mass) if count else (some, 0, 0.0)

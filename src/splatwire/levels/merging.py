@@ -6,6 +6,7 @@ import torch
 from splatwire.codec.schemas.gaussians.attributes import quaternions_of
 from splatwire.ops.kd_order import kd_order
 from splatwire.ops.quaternions import rotation_matrices
+from splatwire.ops.rising import rising
 from splatwire.scene.splats import Splats
 
 COLOUR = 0.085
@@ -22,11 +23,11 @@ def footprints(splats: Splats) -> np.ndarray:
 
 def masses(opacities: np.ndarray, scales: np.ndarray) -> np.ndarray:
     """`footprints` of plain arrays, (N) and (N, 3)."""
-    ordered = np.sort(scales.astype(np.float64), axis=1)
-    return opacities.astype(np.float64) * ordered[:, 2] * ordered[:, 1]
+    _, middle, largest = rising(scales.astype(np.float64))
+    return opacities.astype(np.float64) * largest * middle
 
 
-def reduced(splats: Splats, count: int) -> tuple[Splats, int, float]:
+def reduced(splats: Splats, count: int, mass: np.ndarray | None = None) -> tuple[Splats, int, float]:
     """Stands in for Gaussians that are seen from far away.
 
     What covers more than a group does stays as it is. A group of neighbours, the leaf of a k-d tree, becomes one
@@ -35,12 +36,13 @@ def reduced(splats: Splats, count: int) -> tuple[Splats, int, float]:
     Args:
         splats: Gaussians of one region.
         count: How many are wanted, at least 1 and at most as many as there are.
+        mass: Their `footprints`; None where nobody asked for them before.
 
     Returns:
         They; how many of them, the first ones, are old ones; and the error: root of the mean square distance between a
         Gaussian's centre and that of what stands for it, by what each covers, world units.
     """
-    mass = footprints(splats)
+    mass = footprints(splats) if mass is None else mass
     kept = _kept(mass, count)
     by_mass = np.argpartition(-mass, kept) if kept else np.arange(len(mass))
     large, rest = np.sort(by_mass[:kept]), np.sort(by_mass[kept:])

@@ -1,5 +1,6 @@
 """Scenes of explicit Gaussians: every view sees the same ones."""
 
+import functools
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
@@ -94,6 +95,10 @@ class SplatScene:
 
     def rows(self) -> Rows:
         """What becomes of its elements where the scene is coded."""
+        return self._rows
+
+    @functools.cached_property
+    def _rows(self) -> Rows:
         return rows_of_splats(self.splats)
 
     @property

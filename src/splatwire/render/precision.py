@@ -16,6 +16,7 @@ from jaxtyping import Float64
 
 from splatwire.model.appearance import Scene, explicit_gaussians
 from splatwire.ops.kd_order import kd_order
+from splatwire.ops.rising import rising
 from splatwire.ops.threads import one_torch_thread, share
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
 from splatwire.render.backends import create_renderer
@@ -111,8 +112,8 @@ def precision_classes(
 
 def _classes(splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str) -> np.ndarray:
     found = _sensitivities(splats, cameras, probes, seed, renderer)
-    logs = np.log2(np.sort(splats.scales.numpy().astype(np.float64), axis=1))
-    area, long, thin = logs[:, 2] + logs[:, 1], logs[:, 2] - logs[:, 1], logs[:, 1] - logs[:, 0]
+    low, middle, high = (np.log2(scales.astype(np.float64)) for scales in rising(splats.scales.numpy()))
+    area, long, thin = high + middle, high - middle, middle - low
     shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.numpy().astype(np.float64), 1 / 512))])
     weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
     octaves = np.zeros(splats.num_gaussians)
@@ -144,8 +145,9 @@ def _sensitivities(
 
     find = each_gradient_cpu if renderer == "cpu" else partial(_each_gradient, create_renderer(renderer))
     for view in range(cameras.num_views):
-        seen = splats.seen_from(cameras.centers[view].to(splats.means))
-        seen = replace(seen, colors=seen.colors.clamp(max=BRIGHTEST))
+        if view == 0 or splats.degree:  # without harmonics all views see the same colours
+            seen = splats.seen_from(cameras.centers[view].to(splats.means))
+            seen = replace(seen, colors=seen.colors.clamp(max=BRIGHTEST))
         find(seen, cameras.select([view]), signs, add)
     scale = 1 / (probes * cameras.num_views * cameras.width * cameras.height * 3)
     return {name: sums[:, column] * scale for column, name in enumerate(_SLOPES)}

@@ -68,7 +68,7 @@ def new_coder(decoding, data, end, models, statistics, tables):
     return Coder(decoding, data, end, np.empty(3, np.int64), models, bits, scales, residuals, inverses, widths, normal)
 
 
-@njit(borrows=True, error_model="numpy")
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_bit(coder, context, bit):
     """Codes a bit with an adaptive model."""
@@ -89,7 +89,7 @@ def code_flag(coder, bit):
     return bit
 
 
-@njit(borrows=True, error_model="numpy")
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_raw(coder, value, bits):
     """Codes up to 63 equiprobable bits, the high ones first."""
@@ -119,7 +119,7 @@ def code_escape(coder, excess):
     return excess
 
 
-@njit(borrows=True, error_model="numpy")
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_residual(coder, stream, spread, second, residual, shift):
     """Codes a residual in steps of `1 << shift` as a mixture of two normals of mean 0; returns the decoded residual."""
@@ -144,7 +144,7 @@ def code_value(coder, stream, spread, second, mean, value, shift, absolute):
     return (near + steps) << shift, steps
 
 
-@njit(borrows=True, error_model="numpy")
+@njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def _code_steps(coder, stream, spread, second, q, mean):
     """Codes an integer as a mixture of two normals of this mean, `MEAN_BITS` fractional bits."""

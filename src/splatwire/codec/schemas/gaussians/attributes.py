@@ -33,6 +33,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 from splatwire.codec.schemas.gaussians.tables import power_of_two, thinness_table
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
 from splatwire.ops.quaternions import rotation_matrices
+from splatwire.ops.rising import rising
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
@@ -90,9 +91,11 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
 
 def to_logs(splats: Splats, size_log: int) -> np.ndarray:
     """Opacity and scales by falling size as logarithms in fixed point, int64 (N, 4); `size_log` as in `to_sources`."""
-    scales = np.log2(np.sort(splats.scales.numpy(), axis=1)[:, ::-1].astype(np.float64)) - size_log
-    opacity = _fixed(np.log2(splats.opacities.numpy().astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
-    return np.concatenate([opacity[:, None], _fixed(scales, -MAX_LOG, MAX_LOG)], axis=1)
+    logs = np.empty((splats.num_gaussians, 4), np.int64)
+    logs[:, 0] = _fixed(np.log2(splats.opacities.numpy().astype(np.float64)), MIN_OPACITY, MAX_OPACITY)
+    for place, scales in zip((3, 2, 1), rising(splats.scales.numpy()), strict=True):
+        logs[:, place] = _fixed(np.log2(scales.astype(np.float64)) - size_log, -MAX_LOG, MAX_LOG)
+    return logs
 
 
 def to_colours(splats: Splats) -> np.ndarray:
@@ -137,6 +140,8 @@ def transformed(harmonics: np.ndarray, transform: np.ndarray) -> np.ndarray:
         harmonics: float64 (n, K, 3).
         transform: See `fit_transform`.
     """
+    if not transform.size:
+        return np.zeros((len(harmonics), 0), dtype=np.int64)
     inverse = np.linalg.inv(transform / TRANSFORM_UNIT)
     numbers = harmonics.reshape(len(harmonics), -1) @ np.kron(inverse, np.eye(3))
     return np.rint(numbers, out=numbers).astype(np.int64)

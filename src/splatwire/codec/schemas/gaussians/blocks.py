@@ -55,9 +55,14 @@ def runs(values: np.ndarray) -> Iterator[np.ndarray]:
         yield values[begin : begin + ROWS]
 
 
+def widened(values: np.ndarray) -> np.ndarray:
+    """The same numbers as float64."""
+    return values.astype(np.float64)
+
+
 def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
     """Rows of an array as float64, some at a time."""
-    return (some.astype(np.float64) for some in runs(values))
+    return map(widened, runs(values))
 
 
 def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
@@ -106,8 +111,9 @@ def cell_shift(places: np.ndarray, bits: int) -> int:
 def _extent_bits(places: np.ndarray) -> int:
     """Bits of the extent of what does not lie far outside."""
     ends = [(len(places) - 1) // _OUTSIDE, len(places) - 1 - (len(places) - 1) // _OUTSIDE]
-    low, high = np.partition(places, ends, axis=0)[ends]
-    return int(np.minimum(np.ptp(places, axis=0), _MARGIN * (high - low)).max()).bit_length()
+    axes = np.ascontiguousarray(places.T)
+    low, high = np.partition(axes, ends, axis=1)[:, ends].T
+    return int(np.minimum(np.ptp(axes, axis=1), _MARGIN * (high - low)).max()).bit_length()
 
 
 def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
@@ -123,7 +129,8 @@ def arrange_block(codes: np.ndarray, contiguous: bool) -> np.ndarray:
     slots = np.zeros_like(codes)
     for bit in range(SLOT_BITS):
         slots |= ((codes >> bit) & 1) << (SLOT_BITS - 1 - bit)
-    return np.lexsort((codes, slots))
+    top = int(codes.max(initial=0)).bit_length()
+    return np.argsort(slots << top | codes, kind="stable") if top < 63 - SLOT_BITS else np.lexsort((codes, slots))
 
 
 def make_boxes(low: np.ndarray, high: np.ndarray, coarsest: int = 0) -> Boxes:

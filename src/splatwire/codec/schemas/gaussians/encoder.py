@@ -82,7 +82,7 @@ def fit_side_info(
 
     So is the transform of harmonics, unless one is `known`.
     """
-    ends = np.array([[p.min(axis=0), p.max(axis=0)] for p in map(scene.places, range(scene.num_blocks))])
+    ends = np.array(list(ordered_map(scene.ends, range(scene.num_blocks), threads)))
     boxes = make_boxes(ends[:, 0], ends[:, 1], scene.coarsest)
     means = list(ordered_map(scene.means, range(scene.num_blocks), threads))
     zero = np.full(NUM_CONTEXTS, 128, dtype=np.int64)

@@ -1,5 +1,7 @@
 """What an encoder makes packets of: Gaussians sorted into blocks, their places on the lattice, their classes."""
 
+import functools
+import operator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,15 +16,16 @@ from splatwire.codec.schemas.gaussians.attributes import (
     transformed,
 )
 from splatwire.codec.schemas.gaussians.blocks import (
+    ROWS,
     arrange_block,
     block_codes,
     block_sizes,
     cell_shift,
     gaussian_order,
-    pieces,
     runs,
     to_lattice,
     typical_cell,
+    widened,
 )
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
@@ -39,6 +42,8 @@ from splatwire.codec.schemas.gaussians.tables import thinness_table
 from splatwire.errors import InvalidValueError
 from splatwire.files.large import large_empty
 from splatwire.model import SplatCoding
+from splatwire.ops.rising import rising
+from splatwire.ops.threads import share
 from splatwire.packets import PacketPlan
 from splatwire.scene.splats import Splats
 
@@ -168,6 +173,11 @@ class SourceScene:
         means = self.centres.take(self.order[self.members(block)], axis=0)
         return to_lattice(means.astype(np.float64), self.unit, self.size_log)
 
+    def ends(self, block: int) -> np.ndarray:
+        """Lower and upper ends of a block's places, int64 (2, 3)."""
+        places = self.places(block)
+        return np.array([places.min(axis=0), places.max(axis=0)])
+
     def means(self, block: int) -> np.ndarray:
         """Means of a block's opacity, scales as they are sent, and colour, in sixteenths."""
         here = self.pick(self.members(block))
@@ -237,10 +247,9 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 
 def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     """Exponents of steps; that of the largest scale is as fine as its mean over the scene asks for."""
-    bases, total = quality.bases(splats.degree), 0.0
-    for scales in pieces(splats.scales.numpy()):
-        total += float(np.log2(scales.max(axis=1)).sum())
-    mean = total / splats.num_gaussians - size_log
+    bases = quality.bases(splats.degree)
+    totals = share(lambda some: float(np.log2(widened(some).max(axis=1)).sum()), list(runs(splats.scales.numpy())))
+    mean = functools.reduce(operator.add, totals, 0.0) / splats.num_gaussians - size_log
     bases[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
     return bases
 
@@ -255,31 +264,34 @@ def _centres(
     """
     from splatwire.codec.schemas.gaussians import _gaussian_kernels as kernels
 
-    centres, begin = large_empty((splats.num_gaussians, 3), np.float32), 0
-    for some in runs(centres):
-        part = Splats(**{name: values[begin : begin + len(some)] for name, values in vars(splats).items()})
-        shifts = np.empty(len(some), np.int64)
-        kernels.place_shifts(
-            to_logs(part, size_log), levels[begin : begin + len(some)].astype(np.int64), bases, unit, coarsest,
-            thinness_table(), shifts,
-        )  # fmt: skip
+    centres, thinness = large_empty((splats.num_gaussians, 3), np.float32), thinness_table()
+
+    def find(begin: int) -> None:
+        some = centres[begin : begin + ROWS]
+        part, shifts = splats.run(begin, begin + len(some)), np.empty(len(some), np.int64)
+        classes = levels[begin : begin + len(some)].astype(np.int64)
+        kernels.place_shifts(to_logs(part, size_log), classes, bases, unit, coarsest, thinness, shifts)
         some[:] = part.means.numpy()
         # Twice: the middle of a cell as small as what a float32 tells apart is rounded, perhaps into the cell beside.
         for _ in range(2):
             cells = to_lattice(some.astype(np.float64), unit, size_log) >> shifts[:, None]
             half_units = ((2 * cells + 1) << shifts[:, None]).astype(np.float64)
             some[:] = np.ldexp(half_units, size_log - unit - 1)
-        begin += len(some)
+
+    share(find, range(0, len(centres), ROWS))
     return centres
 
 
 def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_log: int) -> int:
     """A lattice as fine as the finest step of a place."""
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
-    finest = -np.inf
-    for scales, level in zip(pieces(splats.scales.numpy()), pieces(levels), strict=True):
-        logs = np.sort(np.log2(scales), axis=1) - size_log
-        steps = octaves + level + c[0] * (logs[:, 2] + logs[:, 1]) + c[1] * (logs[:, 2] - logs[:, 1])
-        finest = max(finest, float(np.maximum(steps, 1 - logs[:, 1]).max()))
+
+    def finest(some: tuple[np.ndarray, np.ndarray]) -> float:
+        scales, level = (widened(values) for values in some)
+        _, middle, largest = (logs - size_log for logs in rising(np.log2(scales)))
+        steps = octaves + level + c[0] * (largest + middle) + c[1] * (largest - middle)
+        return float(np.maximum(steps, 1 - middle).max())
+
+    most = max(share(finest, list(zip(runs(splats.scales.numpy()), runs(levels), strict=True))), default=-np.inf)
     far = np.log2(float(splats.means.abs().max()) + 1e-30) - size_log
-    return int(np.clip(np.ceil(finest), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))
+    return int(np.clip(np.ceil(most), 0, max(min(ROOM - np.ceil(far), ROOM), 0)))
