@@ -1,12 +1,15 @@
 """What a fresh machine compiles and loads: numbers of things, never seconds."""
 
+import gc
 import json
 import subprocess
 import sys
 
 import pytest
 
-from splatwire.cli.main import VERBS
+from codec.gaussians.test_gaussians import some_splats
+from splatwire.cli.main import VERBS, main
+from splatwire.formats import write_splats
 
 HEAVY = {"torch", "numba", "scipy", "matplotlib", "PIL", "ray", "pyarrow", "aioquic", "numpy"}
 _COUNT = """
@@ -65,3 +68,23 @@ def test_the_help_of_a_verb_loads_nothing_heavy(verb):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_encoding_a_ply_with_levels_loads_no_more_than_it_needs(tmp_path):
+    write_splats([some_splats(200)], tmp_path / "scene.ply")
+    words = ["encode", str(tmp_path / "scene.ply"), "-o", str(tmp_path / "scene.swz"), "--levels", "auto"]
+    code = (
+        "import sys\nfrom splatwire.cli.main import main\n"
+        f"try:\n    main({words})\nexcept SystemExit as end:\n    assert not end.code\n"
+        "found = {'scipy.linalg', 'scipy.special', 'splatwire.train', 'splatwire.clips.decoding'} & set(sys.modules)\n"
+        "sys.exit(str(found) if found else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_garbage_is_looked_for_as_before_once_a_verb_has_run(capsys):
+    before = gc.get_threshold()
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert gc.get_threshold() == before

@@ -1,6 +1,7 @@
 """Levels: tiles that stand for one another, merging that keeps what is seen, streams that lose nothing but bytes."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,6 +116,17 @@ def test_levels_lie_tile_by_tile():
     there = {tuple(place) for place in finest.tolist()}
     assert all(tuple(place) in there for place in coarser[old].tolist())
     assert (np.diff([built.errors[: -level_shapes(900, 40)[0].num_tiles].min(), 0]) < 0).all()
+
+
+def test_classes_may_be_found_while_levels_are_made():
+    splats = some_splats(900)
+    opacities = splats.opacities.clone()
+    opacities[::7] = 0  # what draws nothing has a class, too, and is left out
+    scene, classes = SplatScene(replace(splats, opacities=opacities)), (-(np.arange(900) % 4)).astype(np.int8)
+    known, found = encode_levels(scene, classes=classes), encode_levels(scene, classes=lambda: classes)
+    assert (
+        stream_to_bytes(known) == stream_to_bytes(found) != stream_to_bytes(encode_levels(scene, classes=lambda: None))
+    )
 
 
 def test_the_finest_level_is_what_is_seen(stream):

@@ -11,7 +11,7 @@ from splatwire.codec.schemas.gaussians.quality import Quality, quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.levels.building import Built, build_levels
 from splatwire.model import SplatScene
-from splatwire.ops.threads import one_torch_thread
+from splatwire.ops.threads import one_blas_thread, one_torch_thread
 from splatwire.packets import PRESETS, Packetization, SceneStream
 from splatwire.packets.limits import SCHEMAS
 from splatwire.packets.tile_index import with_tile_index
@@ -61,7 +61,7 @@ def encode_levels(
     if not scene.num_elements:
         raise InvalidValueError("there is no Gaussian that draws anything: there is nothing to encode")
     report = progress or (lambda share: None)
-    with ThreadPoolExecutor(1) as beside:
+    with one_blas_thread(), ThreadPoolExecutor(1) as beside:
         building = beside.submit(_built, scene, packetization.block_size, lambda share: report(BUILDING * share))
         found = classes() if callable(classes) else classes
         built = building.result()
