@@ -7,8 +7,8 @@ from splatwire.cli._output import refuse_options
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from splatwire.cli._evaluate_options import EvaluateOptions
     from splatwire.cli._output import Reporter
-    from splatwire.cli.evaluate import Evaluate
     from splatwire.clips import Frame
     from splatwire.clips.evaluation import ClipRow
     from splatwire.packets import SceneStream
@@ -19,7 +19,7 @@ _STILL = ("data", "contiguous", "background", "lpips_views")
 """Options that a clip has no use for."""
 
 
-def check_clip_options(options: "Evaluate") -> None:
+def check_clip_options(options: "EvaluateOptions") -> None:
     """Tells what is wrong with the options before any work.
 
     Raises:
@@ -36,7 +36,7 @@ def check_clip_options(options: "Evaluate") -> None:
         clip_concealer(concealer)
 
 
-def evaluate_clip(options: "Evaluate", stream: "SceneStream", report: "Reporter") -> dict[str, Any]:
+def evaluate_clip(options: "EvaluateOptions", stream: "SceneStream", report: "Reporter") -> dict[str, Any]:
     """Scores a clip; what `--json` prints.
 
     Raises:
@@ -93,7 +93,7 @@ def print_clip_rows(content: dict[str, Any], title: str) -> None:
     Console().print(table)
 
 
-def _rows(options: "Evaluate", *, complete: bool) -> "list[ClipRow]":
+def _rows(options: "EvaluateOptions", *, complete: bool) -> "list[ClipRow]":
     """How the clip is shown: as it is, then under every loss with every concealer."""
     from splatwire.channel import parse_loss
     from splatwire.clips.concealers import CLIP_CONCEALERS, DEFAULT
@@ -107,7 +107,7 @@ def _rows(options: "Evaluate", *, complete: bool) -> "list[ClipRow]":
     return [ClipRow(DEFAULT), *lossy]
 
 
-def _cameras(options: "Evaluate", frame: "Frame") -> "Cameras":
+def _cameras(options: "EvaluateOptions", frame: "Frame") -> "Cameras":
     """Those of a file, or some around the first frame."""
     from splatwire.clips.evaluation import NUM_VIEWS, VIEW_SIZE
     from splatwire.data import load_cameras

@@ -11,7 +11,7 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.channel import LossModel
-    from splatwire.cli.plan import PlanCommand
+    from splatwire.cli._plan_options import PlanOptions
     from splatwire.clips.damage import Pictures
     from splatwire.clips.planning import ClipOffer, ClipPlan
     from splatwire.codec.schemas.tracks.side_info import Timeline
@@ -27,7 +27,7 @@ _STILL = ("data", "way_back", "most_protection", "drawn")
 
 
 def plan_clips(
-    options: "PlanCommand", streams: "Sequence[SceneStream]", loss: "LossModel", report: Report
+    options: "PlanOptions", streams: "Sequence[SceneStream]", loss: "LossModel", report: Report
 ) -> "ClipPlan":
     """Plans parity for the motion of clips.
 
@@ -64,14 +64,14 @@ def print_clip_plan(plan: "ClipPlan", how: str) -> None:
     print(how)
 
 
-def _of_groups(options: "PlanCommand", timeline: "Timeline") -> list[float] | None:
+def _of_groups(options: "PlanOptions", timeline: "Timeline") -> list[float] | None:
     """Bytes that leave until the deadline of each group; a deadline is none for the whole clip."""
     if options.deadline is None or options.rate is None:
         return None
     return [options.deadline * options.rate * 1e6 / 8] * timeline.num_groups
 
 
-def _offers(options: "PlanCommand", streams: "Sequence[SceneStream]", report: Report) -> "list[ClipOffer]":
+def _offers(options: "PlanOptions", streams: "Sequence[SceneStream]", report: Report) -> "list[ClipOffer]":
     from splatwire.clips import frame_files
     from splatwire.clips.concealers import DEFAULT, clip_concealer
     from splatwire.clips.damage import draw, measure_clip_damage, pooled

@@ -8,8 +8,8 @@ from splatwire.cli._output import refuse_options
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from splatwire.cli._evaluate_options import EvaluateOptions
     from splatwire.cli._output import Reporter
-    from splatwire.cli.evaluate import Evaluate
     from splatwire.levels.delivery import Link
     from splatwire.packets import SceneStream
 
@@ -34,7 +34,7 @@ def parse_rate(text: str) -> float:
         raise InvalidValueError(f"--rate takes bits per second, such as 10M, 800k or 2.5e6, not {text!r:.40}") from None
 
 
-def check_path_options(options: "Evaluate") -> None:
+def check_path_options(options: "EvaluateOptions") -> None:
     """Tells what is wrong with the options before any work.
 
     Raises:
@@ -51,7 +51,7 @@ def check_path_options(options: "Evaluate") -> None:
     link_of(options)
 
 
-def link_of(options: "Evaluate") -> "Link":
+def link_of(options: "EvaluateOptions") -> "Link":
     """The link that the options describe."""
     from splatwire.channel import parse_loss
     from splatwire.levels.delivery import Link
@@ -63,7 +63,7 @@ def link_of(options: "Evaluate") -> "Link":
     return Link(parse_rate(options.rate), delay, loss, *options.seeds)
 
 
-def evaluate_path(options: "Evaluate", stream: "SceneStream", report: "Reporter") -> dict[str, Any]:
+def evaluate_path(options: "EvaluateOptions", stream: "SceneStream", report: "Reporter") -> dict[str, Any]:
     """Walks along a path; what `--json` prints.
 
     Raises:

@@ -1,16 +1,13 @@
 """`splatwire plan`: where redundancy pays for a given channel and budget."""
 
 import json
-import math
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from splatwire.cli._datagrams import in_datagrams
-from splatwire.cli._files import check_inputs, input_path, prepared_output
-from splatwire.cli._output import JsonFlag, print_json, progress_bars
+from splatwire.cli._files import input_path
+from splatwire.cli._output import print_json, progress_bars
+from splatwire.cli._plan_options import PlanOptions
 from splatwire.errors import InvalidValueError
 from splatwire.files.whole import write_whole
 
@@ -24,49 +21,10 @@ if TYPE_CHECKING:
     from splatwire.plan.planner import Plan
     from splatwire.scene import Cameras
 
-_BUDGET, _TRIALS, _VIEWS = 1.3, 100, 7
-
 
 @dataclass(frozen=True)
-class PlanCommand:
+class PlanCommand(PlanOptions):
     """Split a budget of bytes between side information, tiers of importance and nothing, for `serve --plan`."""
-
-    streams: tyro.conf.Positional[list[str]]
-    """Complete stream, best encoded with --tiers; - for standard input. Several streams of one scene compete: without
-    tiers, with tiers, with a sketch. One of another preset than datagram is planned for as `serve` sends it."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Plan to write, a JSON object that `serve --plan` takes."""
-    loss: str = "bernoulli:0.2"
-    """Channel, in datagrams: bernoulli:RATE, gilbert:RATE,BURST, ..."""
-    budget: float | None = None
-    """Bytes that may be sent, as a multiple of the stream without any protection; 1.3 where absent."""
-    deadline: float | None = None
-    """Instead of --budget: seconds until nothing more counts; needs --rate. Of a clip: for each group of frames."""
-    rate: float | None = None
-    """With --deadline: megabits per second."""
-    most_protection: float = 1.0
-    """Most protection as a share of all bytes: 0.08 for 8 %."""
-    way_back: bool = False
-    """The receiver can ask for what it lacks: nothing is sent ahead, and the plan says which packets are sent again."""
-    conceal: str | None = None
-    """What the receiver does about gaps; grow where absent, motion for a clip. A stream that carries a sketch is
-    concealed by it."""
-    data: Path | None = None
-    """Photos whose training cameras say what is seen; cameras around the scene if not given."""
-    reference: Path | None = None
-    """Of a clip: folder of the frames that it was made of. Without it the finest stream stands for them."""
-    views: int | None = None
-    """Views that the damage is measured in, 7 where absent, 3 for a clip; few tell too little of what is seen from
-    elsewhere."""
-    trials: int | None = None
-    """Simulated transfers of each candidate, 100 where absent (a clip: of each group of frames); there are none with
-    --way-back."""
-    drawn: int = 6
-    """Simulated transfers whose pictures decide between the best candidates."""
-    seed: int = 0
-    """Of the simulated losses."""
-    json: JsonFlag = False
-    """Print one JSON object."""
 
     def run(self) -> None:
         """Runs the verb."""
@@ -75,7 +33,7 @@ class PlanCommand:
         from splatwire.plan.plan_file import plan_content
         from splatwire.transport.protection import Protection
 
-        self._check()
+        self.check()
         loss = parse_loss(self.loss)
         streams = [_read(path) for path in self.streams]
         if any(stream.manifest.schema.timed for stream in streams):
@@ -116,33 +74,6 @@ class PlanCommand:
         else:
             show(f"splatwire serve {path} --plan {self.output or 'FILE (-o FILE writes it)'}")
 
-    def _check(self) -> None:
-        """Refuses what contradicts itself, before any work."""
-        if not self.streams:
-            raise InvalidValueError("name at least one stream to plan for")
-        if self.output is not None:
-            prepared_output(self.output)
-        check_inputs(self.data, self.reference)
-        if (self.deadline is None) != (self.rate is None) or (self.deadline is not None and self.budget is not None):
-            raise InvalidValueError("give --budget, or --deadline and --rate together")
-        above = {"--budget": self.budget, "--deadline": self.deadline, "--rate": self.rate}
-        for name, value in above.items():
-            if value is not None and not 0 < value < math.inf:
-                raise InvalidValueError(f"{name} must be above 0, not {value:g}")
-        if min(_VIEWS if self.views is None else self.views, self.drawn, self.num_trials) < 1:
-            raise InvalidValueError("--views, --trials and --drawn are at least 1")
-        if not 0 < self.most_protection <= 1:
-            raise InvalidValueError(f"--most-protection is above 0 and at most 1, not {self.most_protection:g}")
-        if self.way_back and self.trials is not None:
-            raise InvalidValueError("--trials: with --way-back nothing is simulated that it counts")
-        if self.seed < 0:
-            raise InvalidValueError(f"--seed is 0 or more, not {self.seed}")
-
-    @property
-    def num_trials(self) -> int:
-        """Simulated transfers of each candidate."""
-        return _TRIALS if self.trials is None else self.trials
-
     def _plan(
         self, offers: "list[Offer]", loss: "LossModel", budget: float, progress: "Callable[[float], None]"
     ) -> "Plan":
@@ -158,16 +89,6 @@ class PlanCommand:
             offers, loss, budget_bytes=budget, trials=self.num_trials, drawn=self.drawn, seed=self.seed,
             most_protection=self.most_protection, progress=progress,
         )  # fmt: skip
-
-    def budget_bytes(self, plain: int) -> float:
-        """Bytes that may be sent.
-
-        Args:
-            plain: Those of the stream without protection.
-        """
-        if self.deadline is None or self.rate is None:
-            return (_BUDGET if self.budget is None else self.budget) * plain
-        return self.deadline * self.rate * 1e6 / 8
 
     def _offer(self, stream: "SceneStream", progress: "Callable[[float], None]") -> "Offer":
         from splatwire.codec import decode_stream
@@ -192,7 +113,7 @@ class PlanCommand:
             from splatwire.data import open_dataset
 
             cameras = open_dataset(self.data, split="train").cameras
-        return cameras.select(spread(cameras.num_views, _VIEWS if self.views is None else self.views))
+        return cameras.select(spread(cameras.num_views, self.num_views))
 
 
 def _read(path: str) -> "SceneStream":
