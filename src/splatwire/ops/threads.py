@@ -102,19 +102,12 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
     Returns:
         The results in the order of the items.
     """
-    waiting, results = collections.deque(enumerate(items)), {}
-
-    def run() -> None:
-        while waiting:
-            try:
-                place, item = waiting.popleft()
-            except IndexError:  # somebody else took the last one
-                return
-            results[place] = work(item)
-
-    helpers = [_helpers().submit(run) for _ in range(min(allowed_threads(), len(items)) - 1)]
+    waiting: collections.deque[tuple[int, Item]] = collections.deque(enumerate(items))
+    results: dict[int, Result] = {}
+    wanted = min(allowed_threads(), len(items)) - 1
+    helpers = [_helpers().submit(_take_turns, work, waiting, results) for _ in range(wanted)]
     try:
-        run()
+        _take_turns(work, waiting, results)
     finally:
         waiting.clear()
         begun = [helper for helper in helpers if not helper.cancel()]
@@ -122,3 +115,15 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
     for helper in begun:
         helper.result()
     return [results[place] for place in range(len(items))]
+
+
+def _take_turns(
+    work: Callable[[Item], Result], waiting: collections.deque[tuple[int, Item]], results: dict[int, Result]
+) -> None:
+    """Does the next item, as long as any waits."""
+    while waiting:
+        try:
+            place, item = waiting.popleft()
+        except IndexError:  # somebody else took the last one
+            return
+        results[place] = work(item)

@@ -218,16 +218,18 @@ class _Picture:
         rows = np.zeros(band.ids.shape[0] * _cpu_gradients.SUMS + _cpu_gradients.SPARE, np.float32)
         lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
 
-        def draw_back(row: int) -> None:
-            tiles = (row * self.grid_x, (row + 1) * self.grid_x)
-            _cpu_gradients.draw_tiles_back(self.splats, *lists, image, d_image, rows, *tiles)
-
-        def add_rows(piece: slice) -> None:
-            starts = band.place_starts[piece.start : piece.stop + 1]
-            _cpu_gradients.add_rows(rows, band.order[piece], band.places, starts, sums)
-
-        share(draw_back, range((band.starts.shape[0] - 1) // self.grid_x))
-        share(add_rows, _pieces(band.order.shape[0]))
+        share(
+            lambda row: _cpu_gradients.draw_tiles_back(
+                self.splats, *lists, image, d_image, rows, row * self.grid_x, (row + 1) * self.grid_x
+            ),
+            range((band.starts.shape[0] - 1) // self.grid_x),
+        )
+        share(
+            lambda piece: _cpu_gradients.add_rows(
+                rows, band.order[piece], band.places, band.place_starts[piece.start : piece.stop + 1], sums
+            ),
+            _pieces(band.order.shape[0]),
+        )
 
     def _bands(self) -> Iterator[_Band]:
         """Bands of tile rows that together cover the image."""
