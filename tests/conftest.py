@@ -3,8 +3,12 @@
 import os
 from pathlib import Path
 
+import jaxtyping
 import pytest
 
+import type_checks
+
+jaxtyping.jaxtyped = type_checks.checking
 # As on the command line: OpenMP's threads, torch's too, sleep while they wait. Beside other work, spinning costs ten
 # times the work itself. It must be set before torch is loaded.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

@@ -1,23 +1,18 @@
 // What a worker has received of one stream: it decodes, conceals, and hands over what is to be drawn.
 
 import { readPreview } from "./codec/preview.ts";
-import type { MovingFrame } from "./codec/schema.ts";
 import type { Camera } from "./model/camera.ts";
+import { Moving } from "./moving.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
-import type { Packet } from "./packets/packet.ts";
 import { buffersOf, pack } from "./render/packed.ts";
 import type { Receiver } from "./transport/attempts.ts";
-import { Chapters } from "./transport/chapters.ts";
 import type { Arrived, Counts, Fetching } from "./transport/events.ts";
 import { Held } from "./transport/held.ts";
 import { Kept } from "./transport/kept.ts";
-import { type Choice, shownPackets } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { Received } from "./transport/received.ts";
 import { nextTurn, pausing, SLICE_MS } from "./turns.ts";
 
-/** What a worker decodes of what comes next after each frame that it gave. */
-const AHEAD_MS = 40;
 const SHOW_MS = 30,
   COUNT_MS = 200;
 
@@ -37,9 +32,7 @@ export class Reception implements Receiver {
   /** Why nothing more is decoded; null as long as there is no reason. */
   failed: Error | null = null;
   #received: Received | null = null;
-  /** Of a live clip. */
-  #chapters: Chapters | null = null;
-  #told = -1;
+  readonly #moving = new Moving(say);
   #size = 1;
   #shownAt = 0;
   #ask = 0;
@@ -57,7 +50,6 @@ export class Reception implements Receiver {
   #bytesBefore = 0;
   readonly #began = performance.now();
   #countedAt = 0;
-  #shown: { key: string; count: number; shown: (packet: Packet) => boolean } | null = null;
   #moved: (() => void)[] = [];
   #waiting: { readonly bytes: Uint8Array; readonly of: Received }[] = [];
   #working: Promise<void> | null = null;
@@ -91,30 +83,18 @@ export class Reception implements Receiver {
     this.#tellFacts(received);
   }
 
-  /** A live clip goes on: with more groups, or with its next chapter. */
+  /** A live clip begins, goes on with more groups, or with its next chapter. */
   #lives(head: Head, received: Received, known: boolean): void {
-    if (known && head.manifest.numPackets >= received.decoder.head.manifest.numPackets) received.decoder.grow(head);
+    const begins = !this.live;
     this.#received = received;
-    if (!known) {
-      const begins = !this.#chapters;
-      this.#chapters ??= new Chapters();
-      this.#chapters.follow(received);
-      if (begins) this.#tellFacts(received);
-    }
-    this.#tellPlayable();
-  }
-
-  /** Says which frames of a live clip can be shown, where it is news. */
-  #tellPlayable(): void {
-    const playable = this.#chapters?.playable;
-    if (!playable || playable.end === this.#told) return;
-    this.#told = playable.end;
-    say({ kind: "playable", ...playable, late: this.#chapters!.late });
+    this.#moving.follow(head, received, known);
+    if (begins) this.#tellFacts(received);
+    this.#moving.tellPlayable();
   }
 
   /** Whether it is a live clip: there is no file of it, and nobody can have all of it. */
   get live(): boolean {
-    return this.#chapters !== null;
+    return this.#moving.live;
   }
 
   #tellFacts({ decoder }: Received): void {
@@ -224,7 +204,7 @@ export class Reception implements Receiver {
         this.failed = error as Error;
       }
       this.#decodeMs += performance.now() - began;
-      this.#tellPlayable();
+      this.#moving.tellPlayable();
       if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
       await nextTurn();
     }
@@ -303,44 +283,8 @@ export class Reception implements Receiver {
   }
 
   /** Hands over a frame of what moves. */
-  frame({ number, choice }: ToWorker & { kind: "frame" }): void {
-    const place = this.#chapters?.at(number),
-      schema = (this.#chapters ? place?.received : this.#received)?.decoder.schema,
-      moving = schema?.moving;
-    if (!schema || !moving) return;
-    const began = performance.now(),
-      own = place?.number ?? number,
-      { shown, count } = this.#shownMotion(moving.packets, choice),
-      frame = this.#frameOf(() => moving.frame(own, shown, choice.concealer));
-    const packed = pack(frame ? [frame.splats] : [], schema.degree, this.#size),
-      drawMs = performance.now() - began;
-    say(
-      { kind: "frame", number, packed, concealed: frame?.concealed ?? 0, shownPackets: count, drawMs },
-      buffersOf(packed),
-    );
-    setTimeout(() => moving.ahead(own, AHEAD_MS));
-  }
-
-  /** A frame; null, which is said, where it takes too much memory. */
-  #frameOf(make: () => MovingFrame): MovingFrame | null {
-    try {
-      return make();
-    } catch (error) {
-      this.note(`This frame cannot be shown: ${(error as Error).message}.`);
-      return null;
-    }
-  }
-
-  /** Which packets of motion are shown: the same function for the same choice and packets. */
-  #shownMotion(packets: readonly Packet[], choice: Choice): { shown: (packet: Packet) => boolean; count: number } {
-    const last = packets.at(-1),
-      key = JSON.stringify([packets.length, last?.block, last?.lane, { ...choice, concealer: "" }]);
-    if (this.#shown?.key !== key) {
-      const kept = shownPackets(packets, choice),
-        some = new Set(packets.filter((_, n) => kept[n]));
-      this.#shown = { key, count: some.size, shown: (packet) => some.has(packet) };
-    }
-    return this.#shown;
+  frame(message: ToWorker & { kind: "frame" }): void {
+    this.#moving.frame(message, this.#received, this.#size);
   }
 
   async conceal({ choice, ask }: ToWorker & { kind: "conceal" }): Promise<void> {

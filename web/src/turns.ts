@@ -9,6 +9,8 @@ export type Pause = () => Promise<boolean>;
 /** How long work may hold up the rest of its thread. */
 export const SLICE_MS = 8;
 
+export const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
+
 let channel: MessageChannel | null = null;
 const waiting: (() => void)[] = [];
 

@@ -8,15 +8,20 @@ import type { FixedCamera } from "../model/camera.ts";
 import { pack } from "../render/packed.ts";
 import type { View } from "../render/view.ts";
 import { Watch } from "../render/watch.ts";
+import type { Choice } from "../transport/losses.ts";
 import type { Facts, FromWorker, ToWorker } from "../transport/messages.ts";
+import { pause } from "../turns.ts";
 import { resolveSource, titleOf } from "./address.ts";
 import { Comparison } from "./difference.ts";
 import { newStatus, type Status, type Tell } from "./events.ts";
+import { tellCounts } from "./figures.ts";
 import { embedCode, readLink, viewpointOf, writeLink } from "./links.ts";
-import { LivePlayer } from "./live_player.ts";
+import { Moments } from "./moments.ts";
+import { Motion } from "./motion.ts";
+import { Outcome } from "./outcome.ts";
 import { Panel } from "./panel.ts";
-import { Player } from "./player.ts";
 import { type Shown, Stage } from "./stage.ts";
+import { stillPicture } from "./still.ts";
 
 const AGAIN_MS = 400;
 
@@ -24,6 +29,9 @@ export class Controller {
   readonly status: Status = newStatus();
   readonly stage: Stage;
   readonly panel: Panel;
+  readonly #motion: Motion;
+  readonly #moments: Moments;
+  readonly #outcome: Outcome;
   readonly #worker: Worker;
   readonly #comparison: Comparison;
   /** Ends what this listens to. */
@@ -34,13 +42,9 @@ export class Controller {
   /** Whether Gaussians of the scene, not of a preview, are there. */
   #begun = false;
   #watch: Watch | null = null;
-  /** Of what moves. */
-  #player: Player | LivePlayer | null = null;
   #asked = 0;
-  #drops = 0;
   #gained = 0;
   #timer = 0;
-  #digests: ((same: boolean) => void)[] = [];
 
   constructor(
     readonly host: HTMLElement,
@@ -49,8 +53,10 @@ export class Controller {
   ) {
     this.#worker = startReceiver(); // first of all: a thread takes a while to begin
     this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#heard(data));
-    this.#worker.addEventListener("error", (event) => this.#fail(event.message || "the worker could not be started"));
-    const fail = (error: Error): void => this.#fail(error.message);
+    const fail = (error: Error): void => this.#outcome.fail(error.message);
+    this.#worker.addEventListener("error", ({ message }) =>
+      fail(new Error(message || "the worker could not be started")),
+    );
     const title = titleOf(host);
     this.stage = new Stage(() => this.#conceal(), fail, title);
     const link = (): string => writeLink(this.panel.settings, this.stage.orbit.turned),
@@ -63,6 +69,9 @@ export class Controller {
       title,
       document.fullscreenEnabled ? () => this.#fullScreen() : null,
     );
+    this.#motion = new Motion(this.panel, (number) => this.#send({ kind: "frame", number, choice: this.#choice }));
+    this.#outcome = new Outcome(this.status, this.panel, tell);
+    this.#moments = new Moments(this.status, tell, this.#over.signal);
     this.#comparison = new Comparison(
       this.stage,
       () => this.panel.settings.show,
@@ -81,7 +90,7 @@ export class Controller {
   /** Gives everything back. */
   destroy(): void {
     this.#over.abort();
-    this.#player?.destroy();
+    this.#motion.destroy();
     this.#worker.terminate();
     clearTimeout(this.#timer);
     this.panel.destroy();
@@ -103,37 +112,17 @@ export class Controller {
   }
 
   verify(): Promise<boolean> {
-    if (this.status.verified !== null) return Promise.resolve(this.status.verified);
-    this.#send({ kind: "digest" });
-    return new Promise((resolve) => this.#digests.push(resolve));
+    return this.#outcome.verify(() => this.#send({ kind: "digest" }));
   }
 
   async picture(camera: FixedCamera): Promise<string> {
-    const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
     const view = await new Promise<View>((resolve) => this.stage.draw(resolve));
     const { clientWidth, clientHeight } = this.host,
       width = Math.round((camera.height * clientWidth) / Math.max(clientHeight, 1));
     view.fix({ width, ...camera });
     await view.frame();
     while (this.#gained !== this.#asked || this.#watch?.settled === false) await pause(50);
-    return this.#comparison.alone(async () => {
-      await view.steady();
-      await view.frame();
-      await view.sorted();
-      // A sort that was under way is followed by that of what changed meanwhile: until nothing changes any more.
-      // Sorts take the longer the busier the machine is, as frames do.
-      let before = "",
-        now = view.canvas.toDataURL("image/png"),
-        wait = 400;
-      for (let n = 0; n < 20 && now !== before; n++) {
-        await pause(wait);
-        const began = performance.now();
-        await view.frame();
-        wait = Math.max(400, 8 * (performance.now() - began));
-        [before, now] = [now, view.canvas.toDataURL("image/png")];
-      }
-      return now;
-    });
+    return this.#comparison.alone(() => stillPicture(view));
   }
 
   #begin(): void {
@@ -155,7 +144,7 @@ export class Controller {
     const sizes = new ResizeObserver(() => stage.resize()),
       sight = new IntersectionObserver((entries) => {
         stage.sight(entries[entries.length - 1].isIntersecting);
-        this.#player?.sight(stage.inSight);
+        this.#motion.sight(stage.inSight);
       });
     sizes.observe(stage.surface);
     sight.observe(host);
@@ -205,7 +194,7 @@ export class Controller {
       case "frame":
         return this.#frame(message);
       case "playable":
-        return this.#playable(message);
+        return this.#motion.playable(message);
       case "counts":
         return this.#count(message);
       case "gains":
@@ -216,55 +205,27 @@ export class Controller {
       case "note":
         return panel.say(message.text);
       case "lost":
-        return this.#lost(message.reason, message.retryMs);
+        return this.#outcome.lost(message.reason, message.retryMs);
       case "finished":
         return this.#finished(message.text, message.complete);
       case "failed":
-        return this.#fail(message.text);
+        return this.#outcome.fail(message.text);
       case "digest":
-        return this.#verified(message.same);
+        return this.#outcome.verified(message.same);
     }
   }
 
   #finished(text: string, complete: boolean): void {
-    const { status, panel } = this;
-    status.finished = text;
-    status.complete = complete;
-    status.lost = null;
     this.stage.settle();
     if (this.stage.view) this.#conceal();
-    if (status.failed) return;
-    if (this.#player instanceof LivePlayer) {
-      this.#player.end();
-      panel.say(text === "complete" || text === "sent" ? "The live clip has ended." : `The live clip ended: ${text}.`);
-      return this.tell("load", { complete, verified: false });
-    }
-    if (complete) return panel.say("Everything came; it is being checked.");
-    panel.say(`It ended early: ${text}. What is missing is concealed.`);
-    this.tell("load", { complete, verified: false });
-  }
-
-  #verified(same: boolean): void {
-    const { status } = this;
-    for (const resolve of this.#digests.splice(0)) resolve(same);
-    if (!status.complete || status.verified !== null) return;
-    status.verified = same;
-    if (!same) this.#fail("Everything came, and it is not what was encoded: the stream was altered or is damaged.");
-    else if (!status.failed) this.panel.say("Everything is there.", "done");
-    this.tell("load", { complete: true, verified: same });
-  }
-
-  #lost(reason: string, retryMs: number): void {
-    this.status.lost = reason;
-    this.panel.tell("link", `dropped ${++this.#drops === 1 ? "once" : `${this.#drops} times`}: ${reason}`);
-    this.panel.say(`The link dropped (${reason}); trying again in ${Math.round(retryMs / 1000) || 1} s.`, "bad");
-    this.tell("lost", { reason, retryMs });
+    this.#motion.end();
+    this.#outcome.finished(text, complete, this.#motion.live);
   }
 
   /** What there is to see until the scene comes; one that is no preview is nothing to fail for. */
   #preview(read: () => Shown): void {
     try {
-      this.stage.preview(read()).then(() => this.#seen("preview"));
+      this.stage.preview(read()).then(() => this.#moments.seen("preview"));
       this.panel.say("A preview; the scene is on its way.");
     } catch (error) {
       this.panel.say((error as Error).message);
@@ -274,11 +235,7 @@ export class Controller {
   #learn(facts: Facts): void {
     const { gaussians, size, middle, viewpoint, extent, up, viewDependent, concealers, moving } = facts,
       { stage } = this;
-    this.#player?.destroy();
-    const ask = (number: number): void => this.#askFrame(number);
-    this.#player = moving && (moving.live ? new LivePlayer(moving.rate, ask) : new Player(moving, ask));
-    if (this.#player) this.panel.add(this.#player.element);
-    this.#player?.sight(stage.inSight);
+    this.#motion.begin(moving, stage.inSight);
     this.panel.offer(concealers);
     this.#gaussians = gaussians;
     this.#size = size;
@@ -299,101 +256,62 @@ export class Controller {
   }
 
   #add({ packed, instead, fresh, elements, gains, ask }: FromWorker & { kind: "splats" }): void {
-    const { stage } = this;
-    if (!this.#begun) stage.begin(this.#size);
-    this.#begun = true;
-    stage.add(packed, instead);
+    this.#start();
+    this.stage.add(packed, instead);
     this.#watch?.answered(ask);
     if (gains) this.#comparison.show(gains);
-    this.status.gaussians = stage.count;
-    this.panel.tell("Gaussians", stage.count.toLocaleString());
-    this.#time("first");
-    if (elements >= this.#gaussians / 2) {
-      this.#time("half");
-      stage.enough();
-    }
-    if (fresh && stage.view) this.#concealSoon();
+    this.#grown(elements, fresh);
   }
 
   /** Tiles take the place of others. */
   #recut({ gone, come, fresh, ask }: FromWorker & { kind: "tiles" }): void {
-    const { stage } = this;
-    if (!this.#begun) stage.begin(this.#size);
-    this.#begun = true;
-    if (gone.length || come.length) stage.recut(gone, come);
+    this.#start();
+    if (gone.length || come.length) this.stage.recut(gone, come);
     this.#watch?.answered(ask);
+    this.#grown(this.stage.count, fresh);
+  }
+
+  /** A frame is there: the next one is asked for when it is on the screen. */
+  #frame(message: FromWorker & { kind: "frame" }): void {
+    const { number, packed } = message,
+      { stage } = this;
+    if (packed.count) {
+      this.#start();
+      stage.add(packed, true);
+    }
+    this.#motion.tell(message);
+    this.#grown(packed.count ? this.#gaussians : 0, false);
+    const done = (): void => this.#motion.shown(number);
+    if (stage.view) void stage.view.steady().then(done);
+    else setTimeout(done);
+  }
+
+  /** Gaussians of the scene come: a preview goes. */
+  #start(): void {
+    if (!this.#begun) this.stage.begin(this.#size);
+    this.#begun = true;
+  }
+
+  /** There are Gaussians of so many elements now; of `fresh` ones nobody has told which are concealed. */
+  #grown(elements: number, fresh: boolean): void {
+    const { stage } = this;
     this.status.gaussians = stage.count;
     this.panel.tell("Gaussians", stage.count.toLocaleString());
-    if (stage.count) this.#time("first");
-    if (stage.count >= this.#gaussians / 2) {
-      this.#time("half");
+    const shown = (): Promise<void> => stage.shown();
+    if (elements || !this.#gaussians) this.#moments.soon("first", shown);
+    if (elements >= this.#gaussians / 2) {
+      this.#moments.soon("half", shown);
       stage.enough();
     }
     if (fresh && stage.view) this.#concealSoon();
   }
 
-  #askFrame(number: number): void {
-    const { show: _, ...choice } = this.panel.settings;
-    this.#send({ kind: "frame", number, choice });
-  }
-
-  /** Frames of a live clip can be shown. */
-  #playable({ begin, end, late }: FromWorker & { kind: "playable" }): void {
-    if (!(this.#player instanceof LivePlayer)) return;
-    this.#player.playable(begin, end);
-    this.panel.tell("late", `${late.toLocaleString()} packets, ${this.#player.facts.late} frames`);
-  }
-
-  /** A frame is there: the next one is asked for when it is on the screen. */
-  #frame({ number, packed, concealed, shownPackets, drawMs }: FromWorker & { kind: "frame" }): void {
-    const { stage, panel } = this;
-    if (!this.#begun && packed.count) stage.begin(this.#size);
-    this.#begun ||= packed.count > 0;
-    if (packed.count) stage.add(packed, true);
-    this.status.gaussians = stage.count;
-    panel.tell("Gaussians", stage.count.toLocaleString());
-    panel.tell("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
-    panel.tell("motion shown", `${shownPackets.toLocaleString()} packets`);
-    if (this.#player instanceof LivePlayer) {
-      const { held, buffer } = this.#player.facts;
-      panel.tell("held", held ? `${held} frames` : "none");
-      panel.tell("buffer", `${(1000 * buffer).toFixed(0)} ms`);
-    } else panel.tell("late", `${this.#player?.skipped ?? 0} frames`);
-    panel.tell("a frame takes", `${drawMs.toFixed(0)} ms`);
-    if (packed.count) {
-      this.#time("first");
-      stage.enough();
-    }
-    const done = (): void => this.#player?.shown(number);
-    if (stage.view) void stage.view.steady().then(done);
-    else setTimeout(done);
-  }
-
-  #count({ counts, decodeMs, corrupt }: FromWorker & { kind: "counts" }): void {
-    const { panel, status } = this,
-      { packets, expected, bytes, seconds } = counts,
-      share = expected ? packets / expected : 0,
-      damaged = corrupt ? `, ${corrupt} damaged` : "";
-    Object.assign(status, { packets, expected, way: counts.way, decodeMs });
-    panel.progress(share);
-    panel.tell("packets", `${packets.toLocaleString()} of ${expected.toLocaleString()}${damaged}`);
-    panel.tell("missing", expected > packets ? `${(expected - packets).toLocaleString()} packets` : "none");
-    panel.tell("received", `${(bytes / 1e6).toFixed(2)} MB`);
-    panel.tell("rate", seconds > 0 ? `${((bytes * 8) / 1e6 / seconds).toFixed(1)} Mbit/s` : "-");
-    panel.tell("lost on the way", counts.lost ? `${counts.lost} datagrams` : "none");
-    panel.tell("time", `${seconds.toFixed(2)} s`);
-    panel.tell("decoding", `${(decodeMs / 1000).toFixed(2)} s`);
-    panel.tell("way", counts.way);
-    if (status.lost && !status.finished) status.lost = null;
-    const says = this.#player instanceof LivePlayer ? "Live." : "Receiving ...";
-    if (share > 0 && !status.finished && !status.failed) panel.say(says);
-    this.tell("progress", { packets, expected, bytes, gaussians: status.gaussians });
-  }
-
-  #fail(text: string): void {
-    this.status.failed = text;
-    this.panel.say(text, "bad");
-    this.tell("error", { message: text });
+  #count(message: FromWorker & { kind: "counts" }): void {
+    const { packets, expected, bytes, way } = message.counts;
+    Object.assign(this.status, { packets, expected, way, decodeMs: message.decodeMs });
+    tellCounts(this.panel, message);
+    this.#outcome.progress(this.#motion.live);
+    this.tell("progress", { packets, expected, bytes, gaussians: this.status.gaussians });
   }
 
   /** What the PSNR is of where nothing was dropped on purpose. */
@@ -402,7 +320,7 @@ export class Controller {
   }
 
   #settingsChanged(): void {
-    if (this.#player) return this.#player.again();
+    if (this.#motion.any) return this.#motion.again();
     if (this.stage.view) this.#conceal(); // what is painted before has no gains
   }
 
@@ -412,11 +330,16 @@ export class Controller {
   }
 
   #conceal(): void {
-    if (this.#player) return this.#player.again();
-    const { show: _, ...choice } = this.panel.settings;
+    if (this.#motion.any) return this.#motion.again();
     clearTimeout(this.#timer);
     this.#timer = 0;
-    this.#send({ kind: "conceal", choice, ask: ++this.#asked });
+    this.#send({ kind: "conceal", choice: this.#choice, ask: ++this.#asked });
+  }
+
+  /** What is dropped on purpose, and how that is concealed. */
+  get #choice(): Choice {
+    const { show: _, ...choice } = this.panel.settings;
+    return choice;
   }
 
   #flip(): void {
@@ -438,21 +361,6 @@ export class Controller {
     else if (!this.stage.hands.key(event.key, event.shiftKey)) return;
     this.#comparison.moved();
     event.preventDefault();
-  }
-
-  #time(name: string): void {
-    if (name in this.status.times) return;
-    this.status.times[name] = NaN;
-    this.stage.shown().then(() => this.#seen(name));
-  }
-
-  /** Something is on the screen. */
-  #seen(name: string): void {
-    const { times, began } = this.status,
-      first = !Object.values(times).some((ms) => ms > 0);
-    if (times[name] > 0 || this.#over.signal.aborted) return;
-    const ms = (times[name] = performance.now() - began);
-    if (first) this.tell("firstpicture", { ms, preview: name === "preview" });
   }
 
   #send(message: ToWorker): void {

@@ -16,6 +16,7 @@ import { paint } from "../render/painter.ts";
 import { pointAt } from "../render/pick.ts";
 import { Space } from "../render/space.ts";
 import type { View } from "../render/view.ts";
+import { pause } from "../turns.ts";
 
 /**
  * Setting up WebGL holds up the page, for a second where the processor does it: not before so much has come, or so long
@@ -377,8 +378,6 @@ function describe(canvas: HTMLCanvasElement, title: string): void {
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", `Picture of ${title}`);
 }
-
-const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));
 
 /** Resolves when what was painted is on the screen. */
 function painted(): Promise<void> {

@@ -2,7 +2,7 @@
 
 import { type AppBase, Entity, type GSplatFormat, WORKBUFFER_UPDATE_ONCE } from "playcanvas";
 
-import { nextTurn, SLICE_MS } from "../turns.ts";
+import { nextTurn, pause, SLICE_MS } from "../turns.ts";
 import type { Card } from "./card.ts";
 import { formatOf, Gaussians } from "./container.ts";
 import type { Tile } from "./packed.ts";
@@ -124,7 +124,7 @@ export class TiledGaussians {
     const much = this.#handed > MOST_BYTES;
     if (!much && performance.now() - this.#since < SLICE_MS) return;
     if (much) this.card.mark();
-    do await (much ? new Promise((resolve) => setTimeout(resolve, BUSY_MS)) : nextTurn());
+    do await (much ? pause(BUSY_MS) : nextTurn());
     while (much && !this.#over && !this.card.idle);
     if (much) this.#handed = 0;
     this.#since = performance.now();

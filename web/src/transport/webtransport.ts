@@ -1,6 +1,7 @@
 // WebTransport: side information on a reliable stream, packets as datagrams; lost ones are asked for again.
 
 import { BUDGET, type Look } from "../codec/levels/cut.ts";
+import { pause } from "../turns.ts";
 import type { Listener } from "./events.ts";
 import { FrameReader } from "./frames.ts";
 import { type Before, Transfer } from "./transfer.ts";
@@ -88,7 +89,7 @@ export async function receiveDatagrams(
   const progress = new Progress(transfer, listener, changed),
     looker = new Looker(transfer, listener);
   while (!transfer.finished) {
-    await new Promise((resolve) => setTimeout(resolve, FEEDBACK_MS));
+    await pause(FEEDBACK_MS);
     const now = performance.now();
     if (listener.stopped()) transfer.finished = "stopped";
     else if (now - heardAt > SILENCE_MS) transfer.finished = "the server fell silent";
@@ -230,5 +231,3 @@ async function open({ url, fingerprint }: Session): Promise<WebTransport> {
     for (const transport of begun) if (transport !== found) transport.close();
   }
 }
-
-const pause = (ms: number): Promise<void> => new Promise((resolve) => setTimeout(resolve, ms));

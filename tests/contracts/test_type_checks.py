@@ -1,0 +1,66 @@
+"""Tests run with types checked, those of arrays and all others."""
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import torch
+from beartype import beartype
+from beartype.roar import BeartypeCallHintParamViolation, BeartypeCallHintReturnViolation
+from jaxtyping import Float, TypeCheckError
+
+from splatwire.byte_io import ByteReader
+from splatwire.errors import check_kind
+from splatwire.model.voxels import voxel_indices
+from type_checks import checking
+
+if TYPE_CHECKING:
+    from collections.abc import Sized  # what nobody knows at run time may be anything
+
+checked = checking(typechecker=beartype)
+
+
+def test_functions_methods_and_data_of_the_package_are_checked():
+    with pytest.raises(BeartypeCallHintParamViolation):
+        check_kind(1, int, 3)
+    with pytest.raises(BeartypeCallHintParamViolation):
+        ByteReader(b"abc", "x").take("two")
+    with pytest.raises(TypeCheckError):
+        voxel_indices(torch.zeros(3, 4), 0.5)
+
+
+def test_what_is_wrong_is_told_in_arguments_results_and_fields():
+    @checked
+    def number(value: "int", other: "Sized") -> "str":
+        return value if other else "one"
+
+    @checked
+    def both(a: Float[np.ndarray, "N"], b: Float[np.ndarray, "N"]) -> Float[np.ndarray, "N"]:
+        return a + b
+
+    @checked
+    @dataclasses.dataclass
+    class Pair:
+        first: int
+        second: tuple[str, ...] = ()
+
+    assert number(1, other=0) == "one"
+    with pytest.raises(BeartypeCallHintParamViolation):
+        number("1", other=0)
+    with pytest.raises(BeartypeCallHintReturnViolation):
+        number(1, other=object())
+    assert both(np.zeros(3), np.ones(3)).sum() == 3
+    with pytest.raises(TypeCheckError):
+        both(np.zeros(3), np.ones(1))
+    assert Pair(1, ("a",)).first == 1
+    for wrong in (("1",), (1, (2,))):
+        with pytest.raises(BeartypeCallHintParamViolation):
+            Pair(*wrong)
+
+
+def test_what_says_nothing_stays_as_it_is():
+    def plain(a, b=1):
+        return a + b
+
+    assert checked(plain) is plain
