@@ -29,7 +29,10 @@ export class Controller {
   readonly status: Status = newStatus();
   readonly stage: Stage;
   readonly panel: Panel;
-  readonly #motion: Motion;
+  readonly #motion = new Motion(
+    () => this.panel,
+    (number) => this.#send({ kind: "frame", number, choice: this.#choice }),
+  );
   readonly #moments: Moments;
   readonly #outcome: Outcome;
   readonly #worker: Worker;
@@ -69,7 +72,6 @@ export class Controller {
       title,
       document.fullscreenEnabled ? () => this.#fullScreen() : null,
     );
-    this.#motion = new Motion(this.panel, (number) => this.#send({ kind: "frame", number, choice: this.#choice }));
     this.#outcome = new Outcome(this.status, this.panel, tell);
     this.#moments = new Moments(this.status, tell, this.#over.signal);
     this.#comparison = new Comparison(

@@ -8,9 +8,9 @@ import { type Asked, Player } from "./player.ts";
 export class Motion {
   #player: Player | LivePlayer | null = null;
 
-  /** `ask` is told of each frame that is due. */
+  /** `panel` gives where it is told, `ask` hears of each frame that is due. */
   constructor(
-    readonly panel: Panel,
+    readonly panel: () => Panel,
     readonly ask: Asked,
   ) {}
 
@@ -19,7 +19,7 @@ export class Motion {
     this.#player?.destroy();
     this.#player = moving && (moving.live ? new LivePlayer(moving.rate, this.ask) : new Player(moving, this.ask));
     if (!this.#player) return;
-    this.panel.add(this.#player.element);
+    this.panel().add(this.#player.element);
     this.#player.sight(seen);
   }
 
@@ -54,12 +54,12 @@ export class Motion {
   playable({ begin, end, late }: FromWorker & { kind: "playable" }): void {
     if (!(this.#player instanceof LivePlayer)) return;
     this.#player.playable(begin, end);
-    this.panel.tell("late", `${late.toLocaleString()} packets, ${this.#player.facts.late} frames`);
+    this.panel().tell("late", `${late.toLocaleString()} packets, ${this.#player.facts.late} frames`);
   }
 
   /** Says what a frame is made of. */
   tell({ concealed, shownPackets, drawMs }: FromWorker & { kind: "frame" }): void {
-    const { panel } = this;
+    const panel = this.panel();
     panel.tell("motion concealed", concealed ? `${concealed.toLocaleString()} tracks` : "none");
     panel.tell("motion shown", `${shownPackets.toLocaleString()} packets`);
     if (this.#player instanceof LivePlayer) {
