@@ -11,9 +11,11 @@ from collections.abc import Callable
 from typing import Any, get_args, get_type_hints
 
 import jaxtyping
-from jaxtyping import AbstractArray
+from beartype import BeartypeConf, beartype
+from jaxtyping import AbstractArray, TypeCheckError
 
 whole = jaxtyping.jaxtyped
+plain = beartype(conf=BeartypeConf(violation_type=TypeCheckError))
 
 
 def checking(*, typechecker: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -36,14 +38,14 @@ def _checked(found: Any, *, typechecker: Callable[[Any], Any]) -> Any:
         return found
     found.__annotations__ = hints
     try:
-        return typechecker(found)
+        return plain(found)
     finally:
         found.__annotations__ = said
 
 
 def _resolved(hint: Any, scope: dict[str, Any]) -> Any:
-    """What text means; anything, where a name is imported for type checkers alone."""
-    if not isinstance(hint, str):
+    """What text in it means; anything, where a name is imported for type checkers alone."""
+    if type(hint) is type:
         return hint
     try:
         return get_type_hints(type("Holder", (), {"__annotations__": {"value": hint}}), scope)["value"]

@@ -98,7 +98,9 @@ def test_readme_names_ci_run_and_ci_run_makes_every_check():
     assert re.search(r"^\.ci/run$", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     script = REPOSITORY / ".ci" / "run"
     assert script.stat().st_mode & 0o111
-    steps = re.findall(r"^ *(?:CHECKED=.* )?step (.*)$", script.read_text(encoding="utf-8"), re.MULTILINE)
+    steps = re.findall(
+        r"^ *(?:CHECKED=.* )?(?:step|beside \w+) (.*)$", script.read_text(encoding="utf-8"), re.MULTILINE
+    )
     for check in ("ruff check", "ruff format --check", "mypy", "lint-imports", "mkdocs build", "pytest", ".ci/interp"):
         assert sum(check in step for step in steps) == 1, check
     assert any("--constraint constraints.txt" in step for step in steps)

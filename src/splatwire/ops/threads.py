@@ -7,7 +7,8 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import torch
 from threadpoolctl import ThreadpoolController
@@ -102,28 +103,39 @@ def share(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]
     Returns:
         The results in the order of the items.
     """
-    waiting: collections.deque[tuple[int, Item]] = collections.deque(enumerate(items))
-    results: dict[int, Result] = {}
+    turns = _Turns(work, collections.deque(enumerate(items)), {})
     wanted = min(allowed_threads(), len(items)) - 1
-    helpers = [_helpers().submit(_take_turns, work, waiting, results) for _ in range(wanted)]
+    helpers = [_helpers().submit(turns.take) for _ in range(wanted)]
     try:
-        _take_turns(work, waiting, results)
+        turns.take()
     finally:
-        waiting.clear()
+        turns.waiting.clear()
         begun = [helper for helper in helpers if not helper.cancel()]
         wait(begun)
     for helper in begun:
         helper.result()
-    return [results[place] for place in range(len(items))]
+    return [turns.results[place] for place in range(len(items))]
 
 
-def _take_turns(
-    work: Callable[[Item], Result], waiting: collections.deque[tuple[int, Item]], results: dict[int, Result]
-) -> None:
-    """Does the next item, as long as any waits."""
-    while waiting:
-        try:
-            place, item = waiting.popleft()
-        except IndexError:  # somebody else took the last one
-            return
-        results[place] = work(item)
+@dataclass(frozen=True)
+class _Turns(Generic[Item, Result]):
+    """Work that threads share.
+
+    Attributes:
+        work: What is done for each item.
+        waiting: Items and their places.
+        results: What was found so far, by place.
+    """
+
+    work: Callable[[Item], Result]
+    waiting: collections.deque[tuple[int, Item]]
+    results: dict[int, Result]
+
+    def take(self) -> None:
+        """Does the next item, as long as any waits."""
+        while self.waiting:
+            try:
+                place, item = self.waiting.popleft()
+            except IndexError:  # somebody else took the last one
+                return
+            self.results[place] = self.work(item)
