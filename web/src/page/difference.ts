@@ -1,5 +1,6 @@
 // What losses cost: the difference of two pictures, and PSNR.
 
+import { type Pause, pausing } from "../turns.ts";
 import type { Show } from "./panel.ts";
 import type { Stage } from "./stage.ts";
 
@@ -67,34 +68,46 @@ export class Comparison {
     const lossless = pixelsOf(view.canvas);
     await view.setGains(gains);
     await view.frame();
-    if (still !== this.#still) return;
-    const psnr = drawDifference(pixelsOf(view.canvas), lossless, this.canvas);
+    const pause = pausing(() => still === this.#still),
+      difference = await differenceOf(pixelsOf(view.canvas), lossless, pause);
+    if (!difference) return;
+    const { picture, psnr } = difference;
+    this.canvas.width = picture.width;
+    this.canvas.height = picture.height;
+    this.canvas.getContext("2d")!.putImageData(picture, 0, 0);
     this.tell(psnr === Infinity ? null : `${psnr.toFixed(1)} dB`);
     this.canvas.classList.toggle("shown", this.wanted() === "difference");
   }
 }
 
-/** Error of each pixel, from black (none) to yellow (a tenth of the range or more), drawn on `target`; PSNR in dB. */
-function drawDifference(a: ImageData, b: ImageData, target: HTMLCanvasElement): number {
-  const out = new ImageData(a.width, a.height);
+/**
+ * Error of each pixel, from black (none) to yellow (a tenth of the range or more); PSNR in dB. Null where nobody waits
+ * for it any more.
+ */
+async function differenceOf(
+  a: ImageData,
+  b: ImageData,
+  pause: Pause,
+): Promise<{ readonly picture: ImageData; readonly psnr: number } | null> {
+  const { width, height } = a,
+    picture = new ImageData(width, height),
+    [x, y, out] = [a.data, b.data, picture.data]; // each look at `data` calls the browser
   let squares = 0;
-  for (let i = 0; i < a.data.length; i += 4) {
-    let most = 0;
-    for (let c = 0; c < 3; c++) {
-      const difference = Math.abs(a.data[i + c] - b.data[i + c]);
-      squares += difference * difference;
-      most = Math.max(most, difference);
+  for (let row = 0; row < height; row++) {
+    if (!(await pause())) return null;
+    for (let i = 4 * width * row; i < 4 * width * (row + 1); i += 4) {
+      const red = Math.abs(x[i] - y[i]),
+        green = Math.abs(x[i + 1] - y[i + 1]),
+        blue = Math.abs(x[i + 2] - y[i + 2]),
+        level = Math.min(Math.max(red, green, blue) / 25.5, 1);
+      squares += red * red + green * green + blue * blue;
+      out[i] = 255 * Math.min(level * 1.5, 1);
+      out[i + 1] = 255 * level * level;
+      out[i + 2] = 60 * level * (1 - level);
+      out[i + 3] = 255;
     }
-    const level = Math.min(most / 25.5, 1);
-    out.data[i] = 255 * Math.min(level * 1.5, 1);
-    out.data[i + 1] = 255 * level * level;
-    out.data[i + 2] = 60 * level * (1 - level);
-    out.data[i + 3] = 255;
   }
-  target.width = a.width;
-  target.height = a.height;
-  target.getContext("2d")!.putImageData(out, 0, 0);
-  return squares ? 10 * Math.log10((255 ** 2 * 3 * a.width * a.height) / squares) : Infinity;
+  return { picture, psnr: squares ? 10 * Math.log10((255 ** 2 * 3 * width * height) / squares) : Infinity };
 }
 
 /** A canvas of WebGL, copied in the task in which it was drawn. */
