@@ -8,7 +8,7 @@ import pytest
 
 import type_checks
 
-jaxtyping.jaxtyped = type_checks.checking
+jaxtyping.jaxtyped = type_checks.checking  # before anything of the package is imported: its import hook calls it
 # As on the command line: OpenMP's threads, torch's too, sleep while they wait. Beside other work, spinning costs ten
 # times the work itself. It must be set before torch is loaded.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

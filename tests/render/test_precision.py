@@ -1,12 +1,16 @@
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import torch
 
 from reference.squared_gradients import squared
 from splatwire.render._precision_kernels import NUM_SUMS, add_squared
+from splatwire.render.backends import create_renderer
+from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import cameras_around
-from splatwire.render.precision import SIZE, VIEWS_OF_PART, precision_classes
+from splatwire.render.precision import SIZE, VIEWS_OF_PART, _each_gradient, precision_classes
 from splatwire.scene.splats import Splats
 
 
@@ -32,6 +36,28 @@ def test_classes_repeat() -> None:
     splats = two_shells()
     cameras = cameras_around(splats.means, 2, 32)
     assert (precision_classes(splats, cameras) == precision_classes(splats, cameras)).all()
+
+
+def test_the_quick_way_finds_the_gradients_of_torch() -> None:
+    splats = two_shells()
+    seen, cameras = splats.seen_from(torch.zeros(3)), cameras_around(splats.means, 1, 48)
+    rng = torch.Generator().manual_seed(2)
+    found = []
+    for find in (each_gradient_cpu, partial(_each_gradient, create_renderer("cpu"))):
+        rows = [np.zeros(tuple(values.shape), np.float32) for values in vars(seen).values()]
+
+        def use(some: slice, *gradients: np.ndarray, rows: list[np.ndarray] = rows) -> None:
+            for row, gradient in zip(rows, gradients, strict=True):
+                row[some] = gradient
+
+        def signs(shape: tuple[int, ...]) -> Iterator[np.ndarray]:
+            yield np.sign(torch.randn(shape, generator=rng.manual_seed(2)).numpy())
+
+        find(seen, cameras, signs, use)
+        found.append(rows)
+    for quick, whole in zip(*found, strict=True):
+        assert np.abs(whole).max() > 0
+        np.testing.assert_allclose(quick, whole, rtol=1e-4, atol=1e-5 * np.abs(whole).max())
 
 
 def test_large_scenes_are_looked_at_part_by_part() -> None:

@@ -55,14 +55,9 @@ def runs(values: np.ndarray) -> Iterator[np.ndarray]:
         yield values[begin : begin + ROWS]
 
 
-def widened(values: np.ndarray) -> np.ndarray:
-    """The same numbers as float64."""
-    return values.astype(np.float64)
-
-
 def pieces(values: np.ndarray) -> Iterator[np.ndarray]:
     """Rows of an array as float64, some at a time."""
-    return map(widened, runs(values))
+    return (some.astype(np.float64) for some in runs(values))
 
 
 def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:

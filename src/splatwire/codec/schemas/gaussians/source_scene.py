@@ -25,7 +25,6 @@ from splatwire.codec.schemas.gaussians.blocks import (
     runs,
     to_lattice,
     typical_cell,
-    widened,
 )
 from splatwire.codec.schemas.gaussians.layout import (
     BITS,
@@ -248,7 +247,9 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
 def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     """Exponents of steps; that of the largest scale is as fine as its mean over the scene asks for."""
     bases = quality.bases(splats.degree)
-    totals = share(lambda some: float(np.log2(widened(some).max(axis=1)).sum()), list(runs(splats.scales.numpy())))
+    parts = list(runs(splats.scales.numpy()))
+    totals = share(lambda some: float(np.log2(some.astype(np.float64).max(axis=1)).sum()), parts)
+    # One after another: `sum` rounds in another way from Python 3.12 on.
     mean = functools.reduce(operator.add, totals, 0.0) / splats.num_gaussians - size_log
     bases[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
     return bases
@@ -287,7 +288,7 @@ def _lattice_unit(splats: Splats, levels: np.ndarray, bases: np.ndarray, size_lo
     c, octaves = COEFFICIENTS[S_POSITION] / (1 << STEP_BITS), bases[S_POSITION] / (1 << STEP_BITS)
 
     def finest(some: tuple[np.ndarray, np.ndarray]) -> float:
-        scales, level = (widened(values) for values in some)
+        scales, level = (values.astype(np.float64) for values in some)
         _, middle, largest = (logs - size_log for logs in rising(np.log2(scales)))
         steps = octaves + level + c[0] * (largest + middle) + c[1] * (largest - middle)
         return float(np.maximum(steps, 1 - middle).max())
