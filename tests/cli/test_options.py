@@ -52,6 +52,7 @@ REQUIRED = {
     "export": tuple({"kind": "ply", "scene": name, "output": "out.ply"} for name in ("tiny.swz", "cloud.ply")),
     "encode": tuple({"scene": name, "output": "out.swz"} for name in ("tiny.scene", "cloud.ply")),
     "inspect": ({"source": "tiny.swz"},),
+    "verify": ({"streams": "tiny.swz"},),
     "transmit": ({"stream": "tiny.swz", "output": "out.swz"},),
     "plan": ({"streams": "cloud.swz"},),
     "serve": ({"streams": "cloud.swz"},),

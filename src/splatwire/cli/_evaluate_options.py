@@ -51,5 +51,7 @@ class EvaluateOptions:
     """Most views that LPIPS is computed on (slow on a CPU); all where absent."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder for an HTML report with pictures."""
+    accept_damage: bool = False
+    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
     """Print one JSON object."""

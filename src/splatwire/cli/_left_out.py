@@ -1,22 +1,29 @@
-"""What somebody is told of a scene's rows: those that are left out, and those that no stream holds as they are."""
+"""Warnings about inputs: rows that are left out, rows that no stream holds as they are, and damaged streams."""
 
 import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_TELLING = ("splatwire.scene.rows", "splatwire.codec.schemas.gaussians.outliers")
+_DAMAGE = "splatwire.packets.stream"
+_TELLING = ("splatwire.scene.rows", "splatwire.codec.schemas.gaussians.outliers", _DAMAGE)
 
 
-class _Told(logging.Handler):
-    """Says each thing once, however often a verb looks at a file."""
+class InputWarnings(logging.Handler):
+    """Prints each warning once, however often a verb reads a file.
+
+    Attributes:
+        damaged: True once a stream with damaged bytes was read.
+    """
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self._said: set[str] = set()
+        self.damaged = False
 
     def emit(self, record: logging.LogRecord) -> None:
         """One line on standard error."""
+        self.damaged |= record.name == _DAMAGE
         text = record.getMessage()
         if text not in self._said:
             self._said.add(text)
@@ -25,15 +32,15 @@ class _Told(logging.Handler):
 
 
 @contextmanager
-def telling_what_is_left_out() -> Iterator[None]:
-    """Listens while a verb runs."""
-    handler, loggers = _Told(), [logging.getLogger(name) for name in _TELLING]
+def input_warnings() -> Iterator[InputWarnings]:
+    """Prints warnings about inputs while a verb runs."""
+    handler, loggers = InputWarnings(), [logging.getLogger(name) for name in _TELLING]
     before = [logger.level for logger in loggers]
     for logger in loggers:
         logger.addHandler(handler)
         logger.setLevel(logging.INFO)
     try:
-        yield
+        yield handler
     finally:
         for logger, level in zip(loggers, before, strict=True):
             logger.removeHandler(handler)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from splatwire.model.appearance import Scene
 
 JsonFlag = Annotated[bool, tyro.conf.arg(name="json")]
+DAMAGED = 3
+"""Exit status of a verb whose input is damaged."""
 
 
 Reporter: TypeAlias = Callable[[str, float], None]

@@ -31,6 +31,8 @@ class Decode:
     """Of a clip: the one frame to write, to a file, or into a folder if the output's name has no ending."""
     format: str | None = None
     """Of a clip: format of the files, ply (where absent), compressed.ply, spz, sog or splat."""
+    accept_damage: bool = False
+    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
     """Print one JSON object."""
 

@@ -48,6 +48,8 @@ class Export:
     for a smaller file."""
     conceal: str = "drop"
     """Concealer for a scene with gaps."""
+    accept_damage: bool = False
+    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
     """Print one JSON object."""
 

@@ -20,6 +20,8 @@ class Inspect:
 
     source: tyro.conf.Positional[str]
     """Stream (a .swz file or a folder), scene file or explicit Gaussians; - for standard input."""
+    accept_damage: bool = False
+    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
     """Print one JSON object."""
 

@@ -17,7 +17,8 @@ import tyro
 import splatwire
 from splatwire.cli._former import answer_former_words
 from splatwire.cli._help import tell
-from splatwire.cli._left_out import telling_what_is_left_out
+from splatwire.cli._left_out import input_warnings
+from splatwire.cli._output import DAMAGED
 from splatwire.cli._waiting import telling_why_it_takes_long
 from splatwire.errors import SplatwireError, how_to_install
 
@@ -36,6 +37,7 @@ VERBS = {
     "receive": "receive.Receive",
     "pack": "pack.Pack",
     "view": "view.View",
+    "verify": "verify.Verify",
     "decode": "decode.Decode",
     "render": "render.Render",
     "evaluate": "evaluate.Evaluate",
@@ -56,8 +58,8 @@ _DESCRIPTION = """Carries 3D Gaussian splats across lossy networks.
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits.
 
-    The exit status is 0, or 2 for a mistake that one line on standard error explains, or 130 after Ctrl-C (143 when
-    the process was ended by SIGTERM).
+    The exit status is 0, or 2 for a mistake that one line on standard error explains, or 3 if the result comes from a
+    damaged input, or 130 after Ctrl-C (143 when the process was ended by SIGTERM).
 
     Args:
         arguments: Words after the program's name; None for those of the process.
@@ -131,7 +133,7 @@ def _run(arguments: list[str]) -> int:
         return 0
     try:
         verb = _parse(arguments)
-        with telling_why_it_takes_long(arguments[0] if arguments else ""), telling_what_is_left_out():
+        with telling_why_it_takes_long(arguments[0] if arguments else ""), input_warnings() as warnings:
             verb.run()
     except BrokenPipeError:
         raise
@@ -146,7 +148,19 @@ def _run(arguments: list[str]) -> int:
         if isinstance(error, MemoryError):
             return _complain(f"there is not enough memory here: {error}".rstrip(": "))
         raise
-    return 0
+    return _complain_of_damage(verb) if warnings.damaged else 0
+
+
+def _complain_of_damage(verb: Any) -> int:
+    """Prints that a result is partial; returns the exit status."""
+    if getattr(verb, "accept_damage", False):
+        return 0
+    how = ", or accept this result with --accept-damage" if hasattr(verb, "accept_damage") else ""
+    print(
+        f"splatwire: error: the input is damaged, and only its intact parts were used: fetch it again{how}",
+        file=sys.stderr,
+    )
+    return DAMAGED
 
 
 def _is_interruption(error: BaseException | None) -> bool:

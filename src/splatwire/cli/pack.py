@@ -29,6 +29,8 @@ class Pack:
     """Streams of explicit Gaussians or of the causal model: .swz files or folders; - for standard input."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """HTML or glTF file to write; - for HTML on standard output."""
+    accept_damage: bool = False
+    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
     """Print one JSON object."""
 

@@ -38,6 +38,8 @@ class Render:
     """Renderer: cpu, reference or gsplat."""
     background: BackgroundOption = None
     """RGB from 0 to 1 behind everything; what the scene was trained in front of where absent."""
+    accept_damage: bool = False
+    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
     """Print one JSON object."""
 

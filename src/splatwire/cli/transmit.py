@@ -23,6 +23,8 @@ class Transmit:
     """Seed of the losses."""
     send_order: str = "interleaved"
     """interleaved: lane by lane, so that a burst hits many blocks; block: block by block; tiers: tier by tier."""
+    accept_damage: bool = False
+    """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
     """Print one JSON object."""
 

@@ -12,6 +12,8 @@ from splatwire.packets.packet_id import PacketId
 
 MAX_PROBLEMS = 100
 """Problems that a report spells out; the counts go on."""
+ALREADY_THERE = "was already there"
+"""End of the problem that a copy of a packet is."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,19 @@ class ReadReport:
     def complete(self) -> bool:
         """Whether every packet is there."""
         return self.num_missing == 0
+
+    @property
+    def damage(self) -> str | None:
+        """Description of damaged and foreign bytes; None if there are none.
+
+        Missing packets are no damage: a channel loses packets and leaves the others intact. Neither are copies.
+        """
+        counts = ((self.num_corrupt, "damaged"), (self.num_foreign, "of another stream"))
+        found = [f"{count:,} packets or stretches of bytes are {kind}" for count, kind in counts if count]
+        if not found:
+            return None
+        first = next((problem for problem in self.problems if not problem.endswith(ALREADY_THERE)), "")
+        return f"{', '.join(found)} (the first: {first})" if first else ", ".join(found)
 
 
 class PacketIntake:
@@ -131,7 +146,7 @@ class PacketIntake:
         except CorruptPacketError as error:
             self.count("corrupt", f"{source}: {error}")
         else:
-            self.count("duplicate", f"{source}: {packet.id.filename} was already there")
+            self.count("duplicate", f"{source}: {packet.id.filename} {ALREADY_THERE}")
         return None
 
     def count(self, kind: str, problem: str) -> None:

@@ -12,6 +12,7 @@ scene/                      scene.swz
 Deleting `.pak` files is a valid way of losing packets. Writing is atomic: a reader sees the old stream or the new one.
 """
 
+import logging
 import os
 from pathlib import Path
 
@@ -31,6 +32,7 @@ FILE_SUFFIX = ".swz"
 MANIFEST_NAME = "manifest.json"
 SIDE_INFO_NAME = "side_info.bin"
 PACKET_SUFFIX = ".pak"
+_LOG = logging.getLogger(__name__)
 
 
 def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
@@ -71,6 +73,8 @@ def is_stream(path: Path) -> bool:
 def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
     """Reads a stream in either form; damaged, foreign, duplicate or misnamed packets are counted losses.
 
+    Damage is also logged as a warning. Missing packets are not: a channel lost them.
+
     Args:
         path: A `.swz` file (under any name), a `.glb` file with a stream, or a stream directory.
 
@@ -82,8 +86,13 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
         MissingSideInfoError: If the manifest or the side information is missing, cut or damaged.
     """
     source = Path(path)
-    if source.is_dir():
-        return _read_directory(source)
+    stream, report = _read_directory(source) if source.is_dir() else _read_file(source)
+    if (damage := report.damage) is not None:
+        _LOG.warning("%s: %s", source, damage)
+    return stream, report
+
+
+def _read_file(source: Path) -> tuple[SceneStream, ReadReport]:
     kind = file_kind(source)
     if kind not in (STREAM, STREAM_GLB):
         raise BitstreamError(is_not(source, "a splatwire stream"))
