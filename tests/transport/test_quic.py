@@ -1,14 +1,21 @@
 """The QUIC shell on loopback; every wait is bounded."""
 
 import asyncio
+import logging
 import random
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
+from unittest.mock import patch
 
+import numpy as np
 import pytest
 
+from codec.gaussians.test_gaussians import some_splats
 from splatwire.errors import InvalidValueError
+from splatwire.levels import Look, encode_levels
+from splatwire.model import SplatScene
+from splatwire.packets import Packetization
 from splatwire.transport import (
     PacketArrived,
     Protection,
@@ -28,6 +35,8 @@ from splatwire.transport.certificate import from_pem, self_signed
 from splatwire.transport.quic import QuicLimits
 from splatwire.transport.quic_client import Trust, receive_quic
 from splatwire.transport.quic_server import QuicServer
+from splatwire.transport.quic_sessions import Session
+from splatwire.transport.wire import DATA, decode, kind_of
 
 STREAM = datagram_stream(num_anchors=5000, side_bytes=40_000)
 OTHER = datagram_stream(num_anchors=500, seed=9, side_bytes=3000)
@@ -56,6 +65,55 @@ async def fetch(
 ) -> Receiver:
     address = Address("127.0.0.1", port, scheme="quic")
     return await receive_quic(address, options or ReceiverOptions(), trust, on_event)
+
+
+@pytest.mark.parametrize("focal", [200.0, 1e5])
+def test_a_view_of_a_scene_with_levels_gets_all_that_it_wants(focal, caplog):
+    levels = encode_levels(
+        SplatScene(some_splats(3000)), Packetization(block_size=60, lanes=1, grouping="hashed", packet_bytes=500)
+    )
+    program = make_program(levels)
+    matrix = np.eye(4)
+    matrix[2, 3] = 50.0
+
+    async def work() -> Receiver:
+        server = QuicServer({"scene": program}, "127.0.0.1", 0, identity=IDENTITY)
+        await server.start()
+        try:
+            return await fetch(server.port, ReceiverOptions(look=Look(matrix, focal, 320, 240)))
+        finally:
+            server.close()
+
+    receiver = run(work())
+    assert receiver.finished.ok
+    opening = {packet.id for packet in levels.packets if packet.data in program.packets[: program.opening_packets]}
+    assert opening <= {packet.id for packet in receiver.stream().packets}
+    if focal > 1000:
+        assert receiver.stream() == levels
+    assert [record.getMessage() for record in caplog.records if record.levelno > logging.INFO] == []
+
+
+def test_an_error_of_the_server_ends_one_session_in_one_line_and_no_other(caplog):
+    async def work() -> None:
+        async with serving() as server:
+            others = [asyncio.create_task(fetch(server.port)) for _ in range(2)]
+            failing = asyncio.create_task(fetch(server.port, ReceiverOptions(name="other")))
+            assert not (await failing).finished.ok
+            receivers = await asyncio.gather(*others)
+            assert [receiver.stream() == STREAM for receiver in receivers] == [True, True]
+            assert (await fetch(server.port)).stream() == STREAM
+
+    send = Session.send
+
+    def broken(self: Session, data: bytes) -> None:
+        if kind_of(data) == DATA and decode(data).packet in PROGRAMS["other"].packets:
+            raise RuntimeError("broken")
+        send(self, data)
+
+    with patch.object(Session, "send", broken):
+        run(work())
+    (line,) = [record for record in caplog.records if record.levelno > logging.INFO]
+    assert "broken" in line.getMessage()
 
 
 def test_a_stream_crosses_side_information_first_and_hardly_a_byte_twice():

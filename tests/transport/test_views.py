@@ -22,7 +22,7 @@ from splatwire.transport import PacketArrived, Receiver, ReceiverOptions, Server
 from splatwire.transport.frames import BY_SEQUENCE, VIEWS, Feedback, Request, View
 from splatwire.transport.order import LOOK_S, Order, Turns
 from splatwire.transport.transfer import ServerLimits, ServerTransfer
-from splatwire.transport.wire import DATA, decode, encode
+from splatwire.transport.wire import DATA, SIDE, decode, encode
 from transport.network import SECRET, Link, bernoulli, transfer
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
@@ -183,6 +183,60 @@ def test_a_number_is_answered_once():
         data = transfer.poll(now)
         places += [decode(data).place] if data and data[0] & 15 == DATA else []
     assert places.count(3) == 2
+
+
+@pytest.mark.parametrize("opening_bytes", [1, 2000, 6000, 10**6, 10**9])
+@pytest.mark.parametrize("reliable", [True, False])
+@pytest.mark.parametrize("late", [0, 1, 30, 10**6])
+def test_the_opening_is_counted_in_the_schedule_that_is_sent(opening_bytes, reliable, late):
+    with patch.object(program, "OPENING_BYTES", opening_bytes):
+        served = make_program(STREAM)
+    order, left = Order(served, reliable), []
+    while order and len(left) < late:
+        left.append(order.pop())
+    order.look(SHARP, 10**9, 0.0)
+    while order:
+        left.append(order.pop())
+        if order.head_left:
+            assert sum(item[0] == SIDE for item in left) == sum(
+                item[0] == SIDE for item in (served.reliable_schedule if reliable else served.send_schedule).items
+            )
+    packets = [item[2] for item in left if item[0] == DATA]
+    assert sorted(packets) == list(range(served.carried, len(served.packets)))  # each one, once
+    assert all(item[2] < served.opening_packets for item in left[: late and 1] if item[0] == DATA)
+
+
+def test_an_error_while_one_client_is_served_ends_this_client_alone_and_is_one_line(caplog):
+    server = Server({"": PROGRAM}, secret=SECRET, random=random.Random(1).randbytes)
+    sessions, gone = {}, []
+    server._on_failure = gone.append
+    for nonce, address in enumerate(("honest", "unlucky")):
+        answer = server.receive(address, encode(Request(nonce, bytes(16), "")), 0.0, reliable=True)
+        sessions[address] = decode(answer).session
+    unlucky = server._transfers["unlucky", 1]._order
+    counts, pops = {"honest": 0, "unlucky": 0}, []
+
+    def pop(self):
+        if self is unlucky and pops.append(0) is None and len(pops) > 5:
+            raise IndexError("tuple index out of\nrange \x1b[2J")
+        return taken(self)
+
+    taken = Order.pop
+    with patch.object(Order, "pop", pop):
+        for step in range(1000):
+            for address, _ in server.poll(step / 1000):
+                counts[address] += 1
+            if step % 100 == 0:
+                for address, session in sessions.items():
+                    server.receive(address, encode(Feedback(session, 0, 0, 0, 0, ())), step / 1000)
+    assert counts["unlucky"] == 5
+    assert counts["honest"] > 20
+    assert gone == ["unlucky"]
+    assert (server.num_failed, server.num_transfers) == (1, 1)
+    (record,) = caplog.records
+    assert "IndexError" in record.getMessage()
+    assert record.getMessage().isprintable()
+    assert record.exc_info is None
 
 
 def test_hostile_indexes_are_refused_or_served():

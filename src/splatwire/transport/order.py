@@ -84,8 +84,8 @@ class Order:
 
     def __init__(self, program: Program, reliable: bool) -> None:
         self._program = program
-        self._schedule = program.reliable_schedule if reliable else program.schedule
-        self._next, self._head_end, self._passed = 0, program.head_end, program.carried
+        self._schedule = program.reliable_schedule if reliable else program.send_schedule
+        self._next, self._passed = 0, program.carried
         self.head_left = False
         self._gone: np.ndarray | None = None
         self._wanted: deque[int] = deque()
@@ -104,15 +104,15 @@ class Order:
     @property
     def _end(self) -> int:
         """How much of the schedule leaves: all, or what leaves before any view counts."""
-        return self._program.opening if self.viewed else len(self._schedule)
+        return self._schedule.opening_end if self.viewed else len(self._schedule.items)
 
     def pop(self) -> Item:
         """What leaves now."""
         if self._next < self._end:
-            item = self._schedule[self._next]
+            item = self._schedule.items[self._next]
             self._next += 1
             self._passed = item[2] + 1 if item[0] == DATA else self._passed
-            self.head_left = self._next == self._head_end
+            self.head_left = self._next == self._schedule.head_end
             return item
         self.head_left = False
         if not self._run:
@@ -153,11 +153,10 @@ class Order:
             known: Packets that it had before.
         """
         self._program = program
-        source = program.reliable_schedule if reliable else program.schedule
+        source = (program.reliable_schedule if reliable else program.send_schedule).items
         head = [item for item in source if item[0] == SIDE]
-        left = [item for item in self._schedule[self._next :] if known and program.wants(*item)]
+        left = [item for item in self._schedule.items[self._next :] if known and program.wants(*item)]
         new = [] if known == len(program.packets) else [
             item for item in source if item[0] == PARITY or (item[0] == DATA and item[2] >= known)
         ]  # fmt: skip
-        self._schedule, self._next = (told, *head, told, *left, told, *new), 0
-        self._head_end = 1 + len(head)
+        self._schedule, self._next = program.schedule_of((told, *head, told, *left, told, *new)), 0

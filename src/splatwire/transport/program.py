@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from splatwire.packets import Packet, PacketId, SceneStream, send_sequence
 from splatwire.packets.tiles import Tiles, read_tiles
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, framed_bytes, repair_symbols, source_symbols
 from splatwire.transport.frames import MAX_PREVIEW, MAX_TIERS, MORE, VIEWS, TierHead
-from splatwire.transport.layout import Segments, head_object, parity_groups
+from splatwire.transport.layout import Group, Segments, head_object, parity_groups
 from splatwire.transport.motion import arrange, group_packets
 from splatwire.transport.protection import (
     SIDE_SYMBOL_BYTES,
@@ -37,6 +38,20 @@ SMALL_OBJECT_SYMBOLS = 600
 """A small head object is cut finer: the share of many symbols that is lost varies less than that of few."""
 
 
+class SendSchedule(NamedTuple):
+    """Items in sending order, and the places in this same order at which something ends.
+
+    Attributes:
+        items: Kind, segment or group (0 for a packet), symbol or index of each.
+        head_end: Number of items after which every symbol of the head object has been sent once.
+        opening_end: Number of items that are sent before any view counts; of a program with tiles only.
+    """
+
+    items: Sequence[tuple[int, int, int]]
+    head_end: int
+    opening_end: int
+
+
 @dataclass(frozen=True, eq=False)
 class Program:
     """All that may be sent of a stream.
@@ -57,9 +72,8 @@ class Program:
         resend: Most bytes that are sent again on request, as a share of one pass; None for no such limit.
         resendable: Packets that are sent again at all, the first ones; None for all.
         tiles: What views are of; None of a stream without levels.
-        opening: How much of the schedule leaves before what somebody looks at: head object and coarsest tiles, with
-            the parity of those.
-        opening_packets: Packets of that, the first ones.
+        opening_packets: Number of packets, the first ones, that are sent before any view counts: those of the coarsest
+            tiles. The head object and the parity of these packets belong to them.
     """
 
     stream_id: int
@@ -77,15 +91,44 @@ class Program:
     resend: float | None = None
     resendable: int | None = None
     tiles: Tiles | None = None
-    opening: int = 0
     opening_packets: int = 0
 
     @functools.cached_property
-    def reliable_schedule(self) -> tuple[tuple[int, int, int], ...]:
-        """The order where the head object travels on a reliable stream: at once, for nothing is decoded without it."""
+    def send_schedule(self) -> SendSchedule:
+        """Schedule where the head object travels in datagrams."""
+        return self.schedule_of(self.schedule)
+
+    @functools.cached_property
+    def reliable_schedule(self) -> SendSchedule:
+        """Schedule where the head object travels on a reliable stream: first and without repair symbols.
+
+        Nothing is decoded without the head object.
+        """
         segments = Segments(self.head_bytes, self.symbol_bytes)
         head = (item for item in self.schedule if item[0] == SIDE and item[2] < segments.size(item[1]))
-        return (*head, *(item for item in self.schedule if item[0] != SIDE))
+        return self.schedule_of((*head, *(item for item in self.schedule if item[0] != SIDE)))
+
+    def schedule_of(self, items: Sequence[tuple[int, int, int]]) -> SendSchedule:
+        """Returns a schedule of some items of this program, with the places that are counted in it."""
+        last_of_head = last_of_opening = -1
+        for place, item in enumerate(items):
+            if item[0] == SIDE:
+                last_of_head = place
+            if self.tiles is not None and self.in_opening(item):
+                last_of_opening = place
+        return SendSchedule(items, last_of_head + 1, last_of_opening + 1)
+
+    def in_opening(self, item: tuple[int, int, int]) -> bool:
+        """Returns True for an item that is sent before any view counts: see `opening_packets`."""
+        kind, group, symbol = item
+        if kind == PARITY:
+            members = self._groups[group]
+            return members.packet_of(members.size - 1) < self.opening_packets
+        return kind == SIDE or (kind == DATA and symbol < self.opening_packets)
+
+    @functools.cached_property
+    def _groups(self) -> list[Group]:
+        return parity_groups(self.tiers)
 
     @functools.cached_property
     def head_reserve(self) -> int:
@@ -122,11 +165,6 @@ class Program:
     def open(self) -> bool:
         """Whether more is to come than is known by now."""
         return bool(self.tiers) and self.tiers[-1] == MORE
-
-    @functools.cached_property
-    def head_end(self) -> int:
-        """How much of the schedule it takes until every symbol of the head object has left once."""
-        return 1 + max(place for place, (kind, _, _) in enumerate(self.schedule) if kind == SIDE)
 
     def sizes(self) -> dict[str, int]:
         """Bytes of one complete pass, by what they are for; headers of datagrams (not of UDP and IP) included."""
@@ -194,21 +232,11 @@ def _for_views(program: Program, tiles: Tiles) -> Program:
     """The same with what is looked at first: the coarsest tiles, the first of which leaves in any case."""
     count = max(1, int(np.searchsorted(np.cumsum(tiles.sizes), OPENING_BYTES, "right")))
     last = max(int(tiles.first_packets[count]), program.carried)
-    groups = parity_groups(program.tiers)
-
-    def opens(item: tuple[int, int, int]) -> bool:
-        kind, group, symbol = item
-        if kind == PARITY:
-            return groups[group].packet_of(groups[group].size - 1) < last
-        return kind == SIDE or symbol < last
-
-    first = tuple(filter(opens, program.schedule))
-    rest = tuple(item for item in program.schedule if not opens(item))
+    program = replace(program, opening_packets=last)
+    first = tuple(filter(program.in_opening, program.schedule))
+    rest = tuple(item for item in program.schedule if not program.in_opening(item))
     told = (VIEWS,) if len(program.tiers) < MAX_TIERS else ()
-    return replace(
-        program, tiers=(*program.tiers, *told), schedule=first + rest, tiles=tiles if told else None,
-        opening=len(first), opening_packets=last,
-    )  # fmt: skip
+    return replace(program, tiers=(*program.tiers, *told), schedule=first + rest, tiles=tiles if told else None)
 
 
 def _ordered(

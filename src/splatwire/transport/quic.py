@@ -33,7 +33,7 @@ STREAMS = 16
 """Streams of each direction that a client may have open."""
 RATE_CONTROL = "splatwire"
 
-REFUSED, MALFORMED, FULL = 1, 2, 3
+REFUSED, MALFORMED, FULL, INTERNAL = 1, 2, 3, 4
 """Application error codes (native sessions and HTTP/3 connections that are closed by us)."""
 
 

@@ -4,6 +4,7 @@ import asyncio
 import os
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
+from contextlib import suppress
 from typing import Any
 
 from aioquic.asyncio.protocol import QuicConnectionProtocol
@@ -19,6 +20,7 @@ from splatwire.transport.quic import (
     ALPN,
     ALPN_HTTP,
     FULL,
+    INTERNAL,
     MALFORMED,
     STREAMS,
     UNREAD_BYTES,
@@ -66,7 +68,9 @@ class QuicServer:
         limits: ServerLimits | None = None, quic_limits: QuicLimits | None = None,
     ) -> None:  # fmt: skip
         limits = limits or ServerLimits()
-        self.core = Server(programs, secret=os.urandom(32), random=os.urandom, limits=limits)
+        self.core = Server(
+            programs, secret=os.urandom(32), random=os.urandom, limits=limits, on_failure=self._end_failed
+        )
         self.limits = quic_limits or QuicLimits()
         self.num_refused = 0
         self.num_malformed = 0
@@ -137,15 +141,28 @@ class QuicServer:
         due = self.core.poll(now, BATCH)
         touched: set[Any] = set()
         for session, data in due:
-            session.send(data)  # type: ignore[attr-defined]
-            touched.add(session.connection)  # type: ignore[attr-defined]
+            assert isinstance(session, Session)
+            if session.connection not in self.connections:  # it failed with a datagram before this one
+                continue
+            try:
+                session.send(data)
+            except Exception as error:  # a defect of the server, which must not end other clients' transfers
+                self.core.fail(session, error)
+            touched.add(session.connection)
         for connection in touched:
-            connection.transmit()
+            connection.guarded(connection.transmit)
         at = self.core.next_at()
         if at is not None:
             self._timer = self._loop.call_at(max(at, now), self.pump)
         elif self.core.num_transfers:
             self._timer = self._loop.call_at(now + 0.25, self.pump)
+
+    def _end_failed(self, address: Hashable) -> None:
+        """Closes the connection of a session after an error of the server itself."""
+        connection = address.connection if isinstance(address, Session) else address
+        assert isinstance(connection, _Connection)
+        with suppress(Exception):  # closing sends, too; the connection is forgotten before
+            connection.end(INTERNAL, "the server made an error and ended this transfer")
 
     def accept(self, connection: "_Connection") -> None:
         """Counts a connection that begins."""
@@ -255,7 +272,7 @@ class _Connection(QuicConnectionProtocol):
 
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         """Takes a UDP datagram. aioquic widens its windows with what comes, whether or not it can be read."""
-        super().datagram_received(data, addr)
+        self.guarded(super().datagram_received, data, addr)
         if not self._over and self.quic._local_max_data.used - self._read > UNREAD_BYTES:
             self.malformed("too much waits for what is missing before it")
 
@@ -276,6 +293,16 @@ class _Connection(QuicConnectionProtocol):
                 self._ended()
             case _ if self._sessions is not None and not self._over:
                 self._sessions.event(event)
+
+    def guarded(self, work: Callable[..., object], *arguments: object) -> None:
+        """Does some work for this connection; an error of the server itself ends this connection and no other."""
+        try:
+            work(*arguments)
+        except Exception as error:  # asyncio would print a traceback for each datagram
+            self.owner.core.fail(self, error)
+
+    def _handle_timer(self) -> None:
+        self.guarded(super()._handle_timer)
 
     def end(self, code: int, reason: str) -> None:
         """Closes the connection because of what its client did."""

@@ -1,8 +1,11 @@
 """The sending side: a server of many transfers. Bytes and time in, bytes out; no socket, no clock."""
 
 import heapq
+import logging
+import traceback
 from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
+from pathlib import Path
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.admission import Network, Starts, makes_room, network_of
@@ -14,6 +17,7 @@ from splatwire.transport.token import TokenMint
 from splatwire.transport.transfer import ServerTransfer
 from splatwire.transport.wire import TO_SERVER, decode, encode, kind_of
 
+LOG = logging.getLogger(__name__)
 UNKNOWN_STREAM, SERVER_FULL, TOO_MANY = 1, 2, 4
 
 STARTS = 2
@@ -34,6 +38,9 @@ class Server:
         secret: At least 16 random bytes, for the tokens.
         random: Gives random bytes, for ids of sessions.
         limits: What the server spends on clients.
+        on_failure: Called with the address of a client whose transfer was ended by an error of the server itself.
+
+    An error while one client is served ends this client's transfer and is logged in one line; all others go on.
 
     Raises:
         InvalidValueError: If the secret is too short.
@@ -46,11 +53,13 @@ class Server:
         secret: bytes,
         random: Callable[[int], bytes],
         limits: ServerLimits | None = None,
+        on_failure: Callable[[Hashable], None] | None = None,
     ) -> None:
         self._programs = dict(programs)
         self._mint = TokenMint(secret)
         self._random = random
         self._limits = limits or ServerLimits()
+        self._on_failure = on_failure
         self._starts = Starts(STARTS * self._limits.per_network)
         self._transfers: dict[Key, ServerTransfer] = {}
         self._networks: dict[Key, Network] = {}
@@ -62,6 +71,7 @@ class Server:
         self._swept_at = 0.0
         self.num_rejected = 0
         self.num_served = 0
+        self.num_failed = 0
 
     @property
     def num_transfers(self) -> int:
@@ -92,6 +102,15 @@ class Server:
         except BitstreamError:
             self.num_rejected += 1
             return None
+        try:
+            return self._take(address, frame, now, reliable, network)
+        except Exception as error:  # a defect of the server, which must not end other clients' transfers
+            self.fail(address, error)
+            return None
+
+    def _take(
+        self, address: Hashable, frame: object, now: float, reliable: bool, network: Network | None
+    ) -> bytes | None:
         match frame:
             case Hello() if not reliable:
                 return encode(Challenge(frame.nonce, self._mint.token(address, frame.nonce, frame.name, now)))
@@ -117,10 +136,14 @@ class Server:
             if self._planned.get(key) != at:
                 continue
             del self._planned[key]
-            data = self._transfers[key].poll(now)
+            try:
+                data = self._transfers[key].poll(now)
+                self._plan(key)
+            except Exception as error:  # a defect of the server, which must not end other clients' transfers
+                self.fail(key[0], error)
+                continue
             if data is not None:
                 out.append((key[0], data))
-            self._plan(key)
         return out
 
     def next_at(self) -> float | None:
@@ -132,8 +155,28 @@ class Server:
         old = self._programs.get(name)
         self._programs[name] = program
         for key in [key for key, transfer in self._transfers.items() if transfer.program is old]:
-            self._transfers[key].renew(program)
-            self._plan(key)
+            if key not in self._transfers:  # it failed together with another one of the same address
+                continue
+            try:
+                self._transfers[key].renew(program)
+                self._plan(key)
+            except Exception as error:  # a defect of the server, which must not end other clients' transfers
+                self.fail(key[0], error)
+
+    def fail(self, address: Hashable, error: Exception) -> None:
+        """Ends the transfers of one client after an error of the server itself, and logs the error in one line.
+
+        Args:
+            address: Address of the client.
+            error: The error.
+        """
+        self.num_failed += 1
+        frames = traceback.extract_tb(error.__traceback__)
+        place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+        LOG.error("a transfer was ended by an error of the server: %s%s", " ".join(repr(error).split()), place)
+        self.forget(address)
+        if self._on_failure is not None:
+            self._on_failure(address)
 
     def forget(self, address: Hashable) -> None:
         """Ends what is sent to an address, e.g. because its session was closed."""
