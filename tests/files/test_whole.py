@@ -133,6 +133,81 @@ def test_only_its_own_is_removed(tmp_path):
     assert len(list(tmp_path.iterdir())) == 5
 
 
+def test_no_link_in_a_workspace_is_followed(tmp_path):
+    """A folder from elsewhere has links in names that look like those of a killed writer."""
+    secret = tmp_path / "home" / ".ssh"
+    secret.mkdir(parents=True)
+    (secret / "id").write_bytes(b"key")
+    clone = tmp_path / "clone"
+    spaces = [clone / f".splatwire-{n:012x}.part" for n in range(5)]
+    for space in spaces[:3]:
+        space.mkdir(parents=True)
+    (spaces[0] / "old").symlink_to(tmp_path / "home")
+    (spaces[1] / "old").mkdir()
+    (spaces[1] / "old" / "b").symlink_to(secret)
+    (spaces[1] / "old" / "c").symlink_to(secret / "id")
+    (spaces[2] / "new").symlink_to(tmp_path / "home")
+    spaces[3].symlink_to(tmp_path / "home")
+    write_whole(clone / "a", b"whole")
+    assert (secret / "id").read_bytes() == b"key"
+    assert not (clone / ".ssh").exists()
+    assert sorted(path.name for path in clone.iterdir()) == [spaces[3].name, "a"]
+
+
+@pytest.mark.parametrize("name", [".splatwire-x.part", ".splatwire-0123456789AB.part", ".splatwire-0123456789ab.part "])
+def test_names_that_no_writer_makes_are_left_alone(tmp_path, name):
+    (tmp_path / name / "old" / "stream").mkdir(parents=True)
+    write_whole(tmp_path / "a", b"whole")
+    assert (tmp_path / name / "old" / "stream").is_dir()
+    assert not (tmp_path / "stream").exists()
+
+
+def test_what_another_user_left_is_left_alone(tmp_path, monkeypatch):
+    (tmp_path / ".splatwire-0123456789ab.part" / "old" / "stream").mkdir(parents=True)
+    monkeypatch.setattr(os, "geteuid", lambda: os.stat(tmp_path).st_uid + 1)
+    remove_unfinished(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [".splatwire-0123456789ab.part"]
+
+
+def test_a_link_in_the_way_is_not_replaced_by_what_was_moved_aside(tmp_path):
+    (tmp_path / ".splatwire-0123456789ab.part" / "old" / "stream").mkdir(parents=True)
+    (tmp_path / "stream").symlink_to(tmp_path / "nowhere")
+    remove_unfinished(tmp_path)
+    assert (tmp_path / "stream").is_symlink()
+    assert not (tmp_path / "nowhere").exists()
+
+
+def test_a_folder_that_becomes_a_link_while_it_is_restored_is_not_followed(tmp_path, monkeypatch):
+    (tmp_path / "home" / "old" / "secret").mkdir(parents=True)
+    clone, locked = tmp_path / "clone", whole._lock
+    space = clone / ".splatwire-0123456789ab.part"
+    (space / "old" / "stream").mkdir(parents=True)
+
+    def swapped(handle):
+        found = locked(handle)
+        space.rename(clone / "moved")
+        space.symlink_to(tmp_path / "home")
+        return found
+
+    monkeypatch.setattr(whole, "_lock", swapped)
+    remove_unfinished(clone)
+    assert (tmp_path / "home" / "old" / "secret").is_dir()
+    assert not (clone / "secret").exists()
+
+
+def test_a_workspace_is_open_to_its_user_alone_and_the_result_is_not(tmp_path):
+    with written_whole(tmp_path / "a") as new:
+        assert (tmp_path / hidden(tmp_path)[0]).stat().st_mode & 0o777 == 0o700
+        new.mkdir()
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o777 & ~_umask()
+
+
+def _umask() -> int:
+    before = os.umask(0)
+    os.umask(before)
+    return before
+
+
 def test_a_folder_that_was_taken_for_a_dead_writers_is_made_anew(tmp_path, monkeypatch):
     """Another process sweeps between the making of the hidden folder and its lock."""
     lock, calls = whole._lock, []

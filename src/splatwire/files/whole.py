@@ -8,6 +8,7 @@ gives free, so the next writer beside it sees that nobody works there any more a
 import errno
 import functools
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Iterator
@@ -22,6 +23,8 @@ except ImportError:  # Windows: writing is whole there, too, but what a killed w
     fcntl = None  # type: ignore[assignment]
 
 _START, _END = ".splatwire-", ".part"
+_WORKSPACE = re.compile(r"\.splatwire-[0-9a-f]{12}\.part")
+"""Names of hidden folders, as `_workspace` makes them."""
 _NEW, _OLD = "new", "old"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -71,20 +74,20 @@ def write_whole(target: str | os.PathLike[str], data: bytes) -> Path:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Removes what killed writers left in a folder, and puts back what they had moved out of their way.
+    """Removes what killed writers left in a folder, and restores folders that they had moved aside.
 
-    Nothing happens to what a living writer, of this or another process, works in.
+    Nothing happens to the workspace of a living writer, of this or another process. A folder may come from anywhere,
+    for instance from a version control system, with names made up to look like workspaces. Only folders of this user
+    count as such. No symbolic link in them is followed or restored, even one that appears meanwhile.
     """
     if fcntl is None:
         return
-    with suppress(OSError):
-        for space in [Path(entry.path) for entry in os.scandir(folder) if _is_ours(entry.name)]:
-            with suppress(OSError):
-                _remove_dead(space)
-
-
-def _is_ours(name: str) -> bool:
-    return name.startswith(_START) and name.endswith(_END)
+    with suppress(OSError), _opened_folder(os.fspath(folder), None, follow=True) as parent:
+        for name in [entry.name for entry in os.scandir(parent) if _WORKSPACE.fullmatch(entry.name)]:
+            with suppress(OSError), _opened_folder(name, parent) as space:
+                if _lock(space):
+                    _restore(space, parent)
+                    shutil.rmtree(name, ignore_errors=True, dir_fd=parent)
 
 
 @functools.lru_cache(maxsize=1024)
@@ -93,17 +96,43 @@ def _tidy_once(folder: Path) -> None:
     remove_unfinished(folder)
 
 
-def _remove_dead(space: Path) -> None:
-    handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+@contextmanager
+def _opened_folder(name: str, parent: int | None, *, follow: bool = False) -> Iterator[int]:
+    """Opens a folder of this user.
+
+    Args:
+        name: Name of the folder.
+        parent: Open folder that contains it; None for the working directory.
+        follow: True to follow a link and to accept the folder of another user.
+
+    Raises:
+        OSError: If it is no folder, a link, or another user's.
+    """
+    handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY | (0 if follow else os.O_NOFOLLOW), dir_fd=parent)
     try:
-        if not _lock(handle):
-            return
-        for old in (space / _OLD).iterdir() if (space / _OLD).is_dir() else ():
-            if not (space.parent / old.name).exists():
-                old.rename(space.parent / old.name)
-        shutil.rmtree(space, ignore_errors=True)
+        if not follow and os.fstat(handle).st_uid != os.geteuid():
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM), name)
+        yield handle
     finally:
         os.close(handle)
+
+
+def _restore(space: int, parent: int) -> None:
+    """Moves folders that a killed writer had moved aside back to their names, where these are free."""
+    with suppress(OSError), _opened_folder(_OLD, space) as aside:
+        for name in os.listdir(aside):
+            with suppress(OSError), _opened_folder(name, aside):
+                if not _exists(name, parent):
+                    os.rename(name, name, src_dir_fd=aside, dst_dir_fd=parent)
+
+
+def _exists(name: str, parent: int) -> bool:
+    """Returns True if there is a file, folder or link of that name."""
+    try:
+        os.stat(name, dir_fd=parent, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return True
 
 
 @contextmanager
@@ -111,13 +140,13 @@ def _workspace(folder: Path) -> Iterator[Path]:
     """A new hidden folder that is locked for as long as it is used, and then removed."""
     while True:
         space = folder / f"{_START}{uuid.uuid4().hex[:12]}{_END}"
-        space.mkdir()
+        space.mkdir(mode=0o700)
         if fcntl is None:
             handle = None
             break
         # Another process may be quicker and take it for a dead writer's: then it is gone, locked or without a name.
         with suppress(FileNotFoundError):
-            handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY)
+            handle = os.open(space, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             if _lock(handle) is not False and os.fstat(handle).st_nlink:
                 break
             os.close(handle)

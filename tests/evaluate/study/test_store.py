@@ -47,6 +47,21 @@ def test_one_run_at_a_time(tmp_path):
         pass
 
 
+def test_links_in_a_store_are_not_followed(tmp_path):
+    left = tmp_path / "elsewhere" / ".splatwire-0123456789ab.part"
+    left.mkdir(parents=True)
+    root = tmp_path / "store"
+    root.mkdir()
+    (root / "units").symlink_to(tmp_path / "elsewhere")
+    with Store(root).locked():
+        assert left.is_dir()
+    (root / "lock").unlink()
+    (root / "lock").symlink_to(tmp_path / "new")
+    with pytest.raises(OSError, match="symbolic links"), Store(root).locked():
+        pass
+    assert not (tmp_path / "new").exists()
+
+
 def test_records_survive_parquet(tmp_path):
     data = records_to_bytes([RECORD])
     assert records_from_bytes(data, "x") == [RECORD]

@@ -15,6 +15,7 @@ Files appear under their names only when they are complete; two writers of one u
 import errno
 import fcntl
 import json
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -86,13 +87,16 @@ class Store:
             SplatwireError: If another run holds it.
         """
         self.root.mkdir(parents=True, exist_ok=True)
-        with (self.root / "lock").open("a") as file:
+        with open(self.root / "lock", "a", opener=_without_links) as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 reason = f"another run is working in {self.root}: wait for it, or take another folder"
                 raise SplatwireError(reason) from error
-            for folder in [self.root, *(path for path in self.root.rglob("*") if path.is_dir())]:
+            for folder in [
+                self.root,
+                *(path for path in self.root.rglob("*") if path.is_dir() and not path.is_symlink()),
+            ]:
                 remove_unfinished(folder)
             yield
 
@@ -114,6 +118,11 @@ class MemoryStore(Store):
     def put_records(self, key: str, records: Sequence[Record]) -> None:
         """See `Store.put_records`."""
         self._finished[key] = list(records)
+
+
+def _without_links(path: str, flags: int) -> int:
+    """Opens a file; raises OSError for a symbolic link."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
 
 
 def _write(path: Path, data: bytes) -> Path:
