@@ -23,7 +23,7 @@ TOUCH_FILES = """
     evaluate.study.page evaluate.study.pictures evaluate.study.records evaluate.study.references
     evaluate.study.store evaluate.study.toml_file evaluate.study.work files.archive files.capped
     files.kinds files.whole formats.gltf_writer formats._sog_writer formats.compressed_ply
-    formats.ply formats.sog formats.splat formats.splatv formats.spz model._scene_reader
+    formats.ply formats.sog formats.splat formats.splatv formats.spz formats.spz_writer model._scene_reader
     model.tensor_file
     packets.stream transport.page_content
 """

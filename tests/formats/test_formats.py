@@ -15,7 +15,7 @@ from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
 from splatwire.formats import read_rows, read_splats, splats_kind, write_splats
 from splatwire.formats._axes import GLTF_FLIPS, SPZ_FLIPS, flip_axes
 from splatwire.formats._codebooks import nearest_number, number_codebook, vector_palette
-from splatwire.formats.spz import write_spz
+from splatwire.formats.spz_writer import write_spz
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
 
@@ -168,7 +168,9 @@ def _sog(path: Path, change: dict[str, object], drop: str = "") -> Path:
 @pytest.mark.parametrize(
     ("change", "drop", "reason"),
     [
-        ({"version": 1}, "", "version 1; version 2 is read"),
+        ({"version": 3}, "", "version 3; versions 1 and 2 are read"),
+        ({"version": True}, "", "version True"),
+        ({"version": 1}, "", "means.shape is missing"),
         ({"count": 0}, "", "count of 0"),
         ({"count": 19_000_000}, "", "more than .* bytes of file can hold"),
         ({"count": 9_000}, "", "pixels, 9000 are needed"),
@@ -193,7 +195,7 @@ def test_what_is_wrong_with_a_sog_is_said(change: dict[str, object], drop: str, 
 
 def test_spz_of_version_4_is_that_of_version_3(tmp_path: Path) -> None:
     for degree in (0, 3):
-        write_splats([some_splats(50, degree)], tmp_path / "a.spz")
+        write_spz([some_splats(50, degree)], tmp_path / "a.spz", version=3)
         write(tmp_path / "b.spz", modern_spz((tmp_path / "a.spz").read_bytes()))
         one, two = (vars(read_splats(tmp_path / name)) for name in ("a.spz", "b.spz"))
         assert all(torch.equal(one[name], two[name]) for name in one)

@@ -20,7 +20,7 @@ import torch
 import zstandard
 from PIL import Image
 
-from formats.handmade import glb, glb_of, ksplat, legacy_spz, modern_spz, ply, some_splats
+from formats.handmade import glb, glb_of, ksplat, legacy_spz, ply, some_splats
 from splatwire.errors import DatasetError
 from splatwire.formats import read_splats, write_splats
 from splatwire.formats._columns import FREE_GAUSSIANS
@@ -70,13 +70,12 @@ def _hit_json(value: Any, rng: np.random.Generator) -> Any:
 def _gzip_spz(rng: np.random.Generator, _: bytes) -> bytes:
     import gzip
 
-    base = legacy_spz(int(rng.integers(2, 4)), int(rng.integers(0, 4)))
+    base = legacy_spz(int(rng.integers(2, 4)), int(rng.integers(0, 5)))
     return legacy_spz(raw=_hit(gzip.decompress(base), rng))
 
 
 def _zstd_spz(rng: np.random.Generator, base: bytes) -> bytes:
     """A stream is changed and packed again, with the sizes of the table put right or not."""
-    base = modern_spz(base)
     count = base[15]
     table = [struct.unpack_from("<QQ", base, 32 + 16 * i) for i in range(count)]
     at, streams = 32 + 16 * count, []

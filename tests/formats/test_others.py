@@ -15,8 +15,9 @@ import pytest
 import torch
 
 from formats.handmade import some_splats
+from formats.test_sog import first_version
 from splatwire.formats import read_splats, write_splats
-from splatwire.formats.spz import FEWER_BITS, write_spz
+from splatwire.formats.spz_writer import FEWER_BITS, write_spz
 from splatwire.render.reference import rotation_matrices
 from splatwire.scene.splats import Splats
 
@@ -88,6 +89,15 @@ def test_fewer_bits_of_spz_are_their_numbers(degree: int, tmp_path: Path) -> Non
     ours, theirs = (splats.select(splats.means[:, 0].argsort()) for splats in (ours, theirs))
     # halves are rounded either way, and cut ranges end at 255 or at the last multiple
     assert float((ours.sh[:, 1:] != theirs.sh[:, 1:]).double().mean()) < 0.02 if degree else ours.sh.shape[1] == 1
+
+
+@pytest.mark.parametrize(("degree", "palette"), [(0, 0), (2, 20)])
+def test_sog_of_version_1_is_what_they_make_of_it(degree: int, palette: int, tmp_path: Path) -> None:
+    splats = some_splats(300, degree)
+    for name, data in first_version(splats, palette).items():
+        (tmp_path / name).write_bytes(data)
+    _convert(tmp_path / "meta.json", tmp_path / "b.ply")
+    _compare(read_splats(tmp_path / "b.ply"), read_splats(tmp_path / "meta.json"), 1e-4, 1e-3)
 
 
 def _document(path: Path) -> dict[str, Any]:

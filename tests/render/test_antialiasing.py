@@ -62,10 +62,10 @@ def test_streams_say_it_and_others_are_what_they_always_were() -> None:
 def test_an_spz_says_it(tmp_path: Path) -> None:
     import gzip
 
-    from splatwire.formats.spz import write_spz
+    from splatwire.formats.spz_writer import write_spz
 
     path = tmp_path / "ball.spz"
-    write_spz([ball()], path)
+    write_spz([ball()], path, version=3)
     assert not is_antialiased(path)
     data = bytearray(gzip.decompress(path.read_bytes()))
     struct.pack_into("<B", data, 14, 1)

@@ -46,6 +46,8 @@ class Export:
     harmonic_bits: tuple[int, int] | None = None
     """Bits of an SPZ's harmonics of degree 1, and of those beyond: 8 8 where absent; 5 4, as other programs write them,
     for a smaller file."""
+    spz_version: int | None = None
+    """Version of an SPZ: 4 where absent; 3 for programs that do not read 4 yet."""
     conceal: str = "drop"
     """Concealer for a scene with gaps."""
     accept_damage: bool = False
@@ -116,6 +118,10 @@ class Export:
             raise InvalidValueError("--harmonic-bits is for spz: other formats have harmonics of one width")
         if self.harmonic_bits is not None and not all(1 <= bits <= 8 for bits in self.harmonic_bits):
             raise InvalidValueError(f"--harmonic-bits takes two numbers from 1 to 8, not {self.harmonic_bits}")
+        if self.spz_version is not None and self.kind != "spz":
+            raise InvalidValueError("--spz-version is for spz")
+        if self.spz_version not in (None, 3, 4):
+            raise InvalidValueError(f"--spz-version is 3 or 4, not {self.spz_version}")
         if sum(value is not None for value in (self.data, self.cameras, self.views)) > 1:
             raise InvalidValueError("give either --data FOLDER, --cameras FILE or --views NUMBER")
         check_inputs(self.data, self.cameras)
@@ -128,10 +134,11 @@ class Export:
 
     def _write(self, parts: "Iterator[Splats]", antialiased: bool = False) -> int:
         from splatwire.formats.kinds import WRITERS, antialiasing
-        from splatwire.formats.spz import write_spz
+        from splatwire.formats.spz_writer import FULL_BITS, write_spz
 
-        if self.harmonic_bits is not None:
-            return write_spz(parts, self.output, self.harmonic_bits, antialiased=antialiased)
+        if self.kind == "spz":
+            bits, version = self.harmonic_bits or FULL_BITS, self.spz_version or 4
+            return write_spz(parts, self.output, bits, antialiased=antialiased, version=version)
         return antialiasing(WRITERS[self.kind.replace("-", ".")], self.output, antialiased)(parts, self.output)
 
     def _views(self, scene: "Scene") -> "_Views | None":

@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.codec.schemas.gaussians.attributes import matrices_of, quaternions_of
+from splatwire.codec.schemas.gaussians.attributes import matrices_of
+from splatwire.ops.quaternions import quaternions_of
 from splatwire.scene.splats import Splats
 
 _ORDERS = np.array(list(itertools.permutations(range(3))))

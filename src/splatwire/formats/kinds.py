@@ -37,7 +37,8 @@ from splatwire.formats.ply_file import read_ply_elements
 from splatwire.formats.ply_note import PlyNote
 from splatwire.formats.sog import read_sog
 from splatwire.formats.splat import read_splat, write_splat
-from splatwire.formats.spz import read_spz, write_spz
+from splatwire.formats.spz import read_spz
+from splatwire.formats.spz_writer import write_spz
 from splatwire.formats.streamed_sog import read_streamed_sog
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats

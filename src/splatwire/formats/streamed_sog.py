@@ -1,12 +1,13 @@
-"""Streamed SOG (PlayCanvas): a `lod-meta.json` with a tree of tiles, and a folder of SOG for each chunk of a level.
+"""Streamed SOG (PlayCanvas): a `lod-meta.json` with a tree of tiles, and SOG for each chunk of a level.
 
-A leaf of the tree names, for each of its levels (0 is the finest), a chunk and a run of its Gaussians. Read is the
-finest level of each leaf whose chunk is here, and the environment, which has no levels.
+A chunk is a folder with its `meta.json`, or a bundled `.sog`. A leaf of the tree names, for each of its levels (0 is
+the finest), a chunk and a run of its Gaussians. Read is the finest level of each leaf whose chunk is here, and the
+environment, which has no levels.
 """
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -18,11 +19,13 @@ from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
 from splatwire.formats import sog
 from splatwire.formats._columns import check_count
 from splatwire.formats.sog import read_sog
-from splatwire.scene.splats import Splats
+from splatwire.ops.spherical_harmonics import num_functions
+from splatwire.scene.splats import ROWS, Splats
 
 LOG = logging.getLogger(__name__)
 MAX_LEAVES = 1 << 16
 MAX_CHUNKS = 1 << 14
+_BUNDLE = ".sog"
 
 
 @dataclass(frozen=True)
@@ -66,29 +69,40 @@ def read_streamed_sog(path: Path) -> Splats:
 
 
 def is_antialiased(path: Path) -> bool:
-    """Whether a streamed SOG, which can be read, has a chunk that says that it was trained with antialiasing."""
+    """True if a streamed SOG, which can be read, has a chunk that says that it was trained with antialiasing."""
     index = path / SOG_LEVELS_NAME if path.is_dir() else path
-    here = [chunk for chunk in _chunks(index, read_json(index, DatasetError)) if (chunk / SOG_META_NAME).is_file()]
+    here = [chunk for chunk in _chunks(index, read_json(index, DatasetError)) if _is_here(chunk)]
     return any(sog.is_antialiased(chunk) for chunk in here)
 
 
 def _chunks(index: Path, content: dict[str, Any]) -> list[Path]:
-    """Folders of the chunks, the environment's behind them; none outside of the index's own folder."""
+    """Folders and bundles of the chunks, the environment's behind them; none outside of the index's own folder."""
     names, environment = content.get("filenames"), content.get("environment")
     if not isinstance(names, list) or not len(names) <= MAX_CHUNKS:
         raise DatasetError(f"{index}: filenames is no list of at most {MAX_CHUNKS:,} names")
     out = []
     for name in [*names, *([] if environment is None else [environment])]:
         pure = PurePosixPath(name) if isinstance(name, str) and "\0" not in name and len(name) < 256 else None
-        if pure is None or pure.is_absolute() or ".." in pure.parts or pure.name != SOG_META_NAME:
-            raise DatasetError(f"{index}: {name!r:.60} names no {SOG_META_NAME} of a folder beside it")
-        out.append(index.parent / pure.parent)
+        known = pure is not None and (pure.name == SOG_META_NAME or pure.suffix.lower() == _BUNDLE)
+        if pure is None or not known or pure.is_absolute() or ".." in pure.parts:
+            raise DatasetError(
+                f"{index}: {name!r:.60} names no {SOG_META_NAME} of a folder beside it, and no {_BUNDLE} file"
+            )
+        out.append(index.parent / (pure.parent if pure.name == SOG_META_NAME else pure))
     return out
+
+
+def _is_here(chunk: Path) -> bool:
+    return (chunk if chunk.suffix.lower() == _BUNDLE and not chunk.is_dir() else chunk / SOG_META_NAME).is_file()
+
+
+def _bytes_of(chunk: Path) -> int:
+    return sum(entry.stat().st_size for entry in (chunk.iterdir() if chunk.is_dir() else (chunk,)))
 
 
 def _finest(index: Path, content: dict[str, Any], chunks: list[Path]) -> tuple[dict[int, list[Piece]], list[str], int]:
     """Runs to read by chunk; names of chunks that are not here; leaves for which a finer level is not here."""
-    here = [(folder / SOG_META_NAME).is_file() for folder in chunks]
+    here = [_is_here(chunk) for chunk in chunks]
     pieces: dict[int, list[Piece]] = {}
     coarser = 0
     named = len(chunks) - (content.get("environment") is not None)
@@ -140,17 +154,32 @@ def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]]) -> 
     whole_ones = {n: read_sog(chunks[n]) for n, runs in pieces.items() if runs[0].count < 0}
     counts = {n: sum(run.count for run in runs) for n, runs in pieces.items()}
     counts |= {n: part.num_gaussians for n, part in whole_ones.items()}
-    file_bytes = sum(entry.stat().st_size for n in pieces for entry in chunks[n].iterdir())
-    total, at, joined = check_count(index, sum(counts.values()), file_bytes), 0, None
+    total, at = check_count(index, sum(counts.values()), sum(_bytes_of(chunks[n]) for n in pieces)), 0
+    joined: Splats | None = None
     for chunk, runs in sorted(pieces.items()):
         part = whole_ones.pop(chunk, None) or _gathered(index, chunks[chunk], runs)
-        joined = joined or Splats.empty(total, part.degree)
-        if part.degree != joined.degree:
-            raise DatasetError(f"{index}: its chunks have harmonics of different degrees")
-        joined.fill(at, part)
+        if joined is None or part.degree > joined.degree:
+            joined = _widened(joined, at, total, part.degree)
+        # Missing harmonics are 0: a chunk of a lower degree looks as it did.
+        joined.fill(at, _of_degree(part, joined.degree))
         at += part.num_gaussians
     assert joined is not None
     return joined
+
+
+def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Splats:
+    """Room for all Gaussians with harmonics of a degree, and the first `count` of them in it."""
+    room = Splats.empty(total, degree)
+    for begin in range(0, 0 if joined is None else count, ROWS):
+        assert joined is not None
+        room.fill(begin, _of_degree(joined.run(begin, min(begin + ROWS, count)), degree))
+    return room
+
+
+def _of_degree(part: Splats, degree: int) -> Splats:
+    """The Gaussians with harmonics of a degree that is not lower than theirs; new ones are 0."""
+    missing = num_functions(degree) - part.sh.shape[1]
+    return part if not missing else replace(part, sh=torch.nn.functional.pad(part.sh, (0, 0, 0, missing)))
 
 
 def _gathered(index: Path, folder: Path, runs: list[Piece]) -> Splats:

@@ -3,9 +3,8 @@
 import numpy as np
 import torch
 
-from splatwire.codec.schemas.gaussians.attributes import quaternions_of
 from splatwire.ops.kd_order import kd_order
-from splatwire.ops.quaternions import rotation_matrices
+from splatwire.ops.quaternions import quaternions_of, rotation_matrices
 from splatwire.ops.rising import rising
 from splatwire.scene.splats import Splats
 

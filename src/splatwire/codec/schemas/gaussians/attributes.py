@@ -32,7 +32,7 @@ from splatwire.codec.schemas.gaussians.layout import (
 )
 from splatwire.codec.schemas.gaussians.tables import power_of_two, thinness_table
 from splatwire.ops.order_statistics import middle_ranks, order_statistics
-from splatwire.ops.quaternions import rotation_matrices
+from splatwire.ops.quaternions import quaternions_of, rotation_matrices
 from splatwire.ops.rising import rising
 from splatwire.ops.spherical_harmonics import DC
 from splatwire.scene.splats import Splats
@@ -218,22 +218,3 @@ def _frames(rows: np.ndarray) -> np.ndarray:
 def matrices_of(quats: np.ndarray) -> np.ndarray:
     """Rotation matrices of quaternions (w, x, y, z) of any length."""
     return rotation_matrices(quats / np.linalg.norm(quats, axis=1, keepdims=True))
-
-
-def quaternions_of(m: np.ndarray) -> np.ndarray:
-    """Unit quaternions (w, x, y, z) of rotation matrices (n, 3, 3), by the largest of the four (Shepperd, 1978)."""
-    d = np.diagonal(m, axis1=1, axis2=2)
-    squares = np.concatenate([d.sum(axis=1)[:, None], 2 * d - d.sum(axis=1)[:, None]], axis=1) + 1
-    x, y, z = m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]
-    xy, xz, yz = m[:, 0, 1] + m[:, 1, 0], m[:, 0, 2] + m[:, 2, 0], m[:, 1, 2] + m[:, 2, 1]
-    products = np.stack(
-        [
-            np.stack([squares[:, 0], x, y, z], axis=1),
-            np.stack([x, squares[:, 1], xy, xz], axis=1),
-            np.stack([y, xy, squares[:, 2], yz], axis=1),
-            np.stack([z, xz, yz, squares[:, 3]], axis=1),
-        ],
-        axis=1,
-    )
-    quats = products[np.arange(len(m)), np.argmax(squares, axis=1)]
-    return quats / np.linalg.norm(quats, axis=1, keepdims=True)

@@ -1,0 +1,62 @@
+"""Extension records of SPZ files: a type, a size and so many bytes each."""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+from splatwire.errors import DatasetError
+
+MAX_EXTENSION_BYTES = 1 << 20
+"""Most bytes of all records of a file."""
+_RECORD = struct.Struct("<II")
+SAFE_ORBIT, COORDINATE_SYSTEM = 0xADBE0002, 0xADBE0003
+FRAMES = (
+    "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF", "LBD", "RBD", "LBU", "RBU", "LFD", "RFD", "LFU", "RFU",
+)  # fmt: skip
+"""Frames of the extension `SPZ_ADOBE_coordinate_system`, from code 1 on; 0 leaves the frame as it is."""
+FRAME = "RUB"
+
+
+def frame_of(path: Path, extensions: dict[int, bytes]) -> str:
+    """Frame of the file's numbers.
+
+    Raises:
+        DatasetError: If the extension names none.
+    """
+    content = extensions.get(COORDINATE_SYSTEM)
+    if content is None:
+        return FRAME
+    code = int.from_bytes(content[:4], "little")
+    if len(content) != 4 or code > len(FRAMES):
+        raise DatasetError(
+            f"{path}: extension SPZ_ADOBE_coordinate_system has {len(content)} bytes and names frame {code}; it has 4 "
+            f"bytes and names 1 to {len(FRAMES)}, or 0 for none"
+        )
+    return FRAMES[code - 1] if code else FRAME
+
+
+def read_records(path: Path, data: bytes | memoryview) -> dict[int, bytes]:
+    """Content of extensions by their type.
+
+    Raises:
+        DatasetError: If a record ends after the data, or a type is there twice.
+    """
+    found: dict[int, bytes] = {}
+    for kind, content in _each_record(path, data):
+        if kind in found:
+            raise DatasetError(f"{path}: extension 0x{kind:08X} is there twice")
+        found[kind] = content
+    return found
+
+
+def _each_record(path: Path, data: bytes | memoryview) -> Iterator[tuple[int, bytes]]:
+    at = 0
+    if len(data) > MAX_EXTENSION_BYTES:
+        raise DatasetError(f"{path}: {len(data):,} bytes of extensions, at most {MAX_EXTENSION_BYTES:,} are read")
+    while any(data[at:]):  # zeros at the end are padding
+        kind, size = _RECORD.unpack_from(data, at) if at + _RECORD.size <= len(data) else (0, len(data))
+        at += _RECORD.size
+        if not kind or size > len(data) - at:
+            raise DatasetError(f"{path}: an extension record of {size:,} bytes ends after its {len(data):,} bytes")
+        yield kind, bytes(data[at : at + size])
+        at += size

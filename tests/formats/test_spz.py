@@ -1,0 +1,188 @@
+"""SPZ of every version, with what extensions say."""
+
+import dataclasses
+import gzip
+import itertools
+import logging
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from formats.handmade import legacy_spz, modern_spz, some_splats, write
+from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.formats import read_rows, read_splats, write_splats
+from splatwire.formats._axes import flip_axes
+from splatwire.formats.spz_writer import write_spz
+from splatwire.ops.spherical_harmonics import sh_basis
+from splatwire.render.reference import rotation_matrices
+from splatwire.scene.splats import Splats
+
+FRAMES = [
+    *(x + y + z for z, y, x in itertools.product("BF", "DU", "LR")),
+    *(x + y + z for y, z, x in itertools.product("BF", "DU", "LR")),
+]
+"""In the order of the extension's codes, from 1 on."""
+RIGHT, DOWN, FORWARD = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+MEANING = {"R": RIGHT, "D": DOWN, "F": FORWARD} | {
+    name: tuple(-v for v in axis) for name, axis in (("L", RIGHT), ("U", DOWN), ("B", FORWARD))
+}
+
+
+def extended(data: bytes, *records: tuple[int, bytes]) -> bytes:
+    """SPZ of version 4 with extension records."""
+    block = b"".join(struct.pack("<II", kind, len(content)) + content for kind, content in records)
+    head = bytearray(data[:32])
+    head[14] |= 2
+    struct.pack_into("<I", head, 16, 32 + len(block))
+    return bytes(head) + block + data[32:]
+
+
+def every_row(path: Path) -> Splats:
+    """All Gaussians of a file, those without opacity among them."""
+    return read_rows(path)[0]
+
+
+def covariances(splats: Splats) -> torch.Tensor:
+    axes = rotation_matrices(splats.quats.double()) * splats.scales.double()[:, None, :]
+    return axes @ axes.transpose(1, 2)
+
+
+def colours(splats: Splats, directions: torch.Tensor) -> torch.Tensor:
+    """Colour of each Gaussian in some directions, (directions, Gaussians, 3)."""
+    return torch.einsum("kd,gdc->kgc", sh_basis(directions, splats.degree), splats.sh.double())
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_a_named_frame_is_converted(frame: str, tmp_path: Path) -> None:
+    write_splats([some_splats(40)], tmp_path / "a.spz")
+    stored = flip_axes(read_splats(tmp_path / "a.spz"), (1.0, -1.0, -1.0))  # numbers as they are in the file
+    code = struct.pack("<I", FRAMES.index(frame) + 1)
+    path = write(tmp_path / "b.spz", extended((tmp_path / "a.spz").read_bytes(), (0xADBE0003, code)))
+    found = read_splats(path)
+    matrix = torch.tensor([MEANING[letter] for letter in frame]).double().T
+    torch.testing.assert_close(found.means.double(), stored.means.double() @ matrix.T)
+    expected = matrix @ covariances(stored) @ matrix.T
+    torch.testing.assert_close(covariances(found), expected, atol=1e-7, rtol=1e-5)
+    directions = torch.nn.functional.normalize(torch.randn(9, 3, generator=torch.Generator().manual_seed(1)), dim=1)
+    directions = directions.double()
+    torch.testing.assert_close(colours(found, directions), colours(stored, directions @ matrix), atol=1e-5, rtol=1e-5)
+
+
+def test_the_frames_are_those_of_the_extension() -> None:
+    assert [FRAMES.index(name) + 1 for name in ("LDB", "RUB", "RDF", "LUF", "LBD", "RFU")] == [1, 4, 6, 7, 9, 16]
+
+
+def test_the_frame_that_is_not_specified_is_that_of_the_format(tmp_path: Path) -> None:
+    data = modern_spz(legacy_spz(3))
+    plain = every_row(write(tmp_path / "a.spz", data))
+    found = every_row(write(tmp_path / "b.spz", extended(data, (0xADBE0003, bytes(4)))))
+    assert torch.equal(found.means, plain.means)
+
+
+@pytest.mark.parametrize("content", [struct.pack("<I", 17), b"\7", bytes(5)])
+def test_a_frame_that_does_not_exist_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), (0xADBE0003, content)))
+    with pytest.raises(DatasetError, match="SPZ_ADOBE_coordinate_system"):
+        every_row(path)
+
+
+def test_a_frame_behind_the_columns_of_version_3_is_converted(tmp_path: Path) -> None:
+    raw = bytearray(gzip.decompress(legacy_spz(3)))
+    raw[14] |= 2
+    raw += struct.pack("<III", 0xADBE0003, 4, 6)  # RDF
+    found = every_row(write(tmp_path / "a.spz", gzip.compress(bytes(raw))))
+    assert found.means.tolist() == [[1, 2, 3], [-1, -2, -3]]
+
+
+def test_extensions_that_are_not_known_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), (0x12340001, b"abc")))
+    with caplog.at_level(logging.WARNING):
+        assert every_row(path).num_gaussians == 2
+    assert "0x12340001 of 3 bytes" in caplog.text
+
+
+def test_known_extensions_bring_no_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    orbit = struct.pack("<3f", -0.5, 0.5, 1)
+    path = write(tmp_path / "a.spz", extended(modern_spz(legacy_spz(3)), (0xADBE0002, orbit)))
+    with caplog.at_level(logging.WARNING):
+        assert every_row(path).num_gaussians == 2
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    "block", [b"\1\2\3", struct.pack("<II", 0x12340001, 99), struct.pack("<IIB", 0, 1, 5), struct.pack("<IIII", 7, 0, 7, 0)]
+)
+def test_damaged_extensions_are_refused(block: bytes, tmp_path: Path) -> None:
+    data = bytearray(extended(modern_spz(legacy_spz(3))))
+    struct.pack_into("<I", data, 16, 32 + len(block))
+    with pytest.raises(DatasetError, match="extension"):
+        every_row(write(tmp_path / "a.spz", bytes(data[:32]) + block + bytes(data[32:])))
+
+
+def test_extensions_without_sizes_behind_version_3_are_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    raw = bytearray(gzip.decompress(legacy_spz(3)))
+    raw[14] |= 2
+    raw += struct.pack("<I3f", 0xADBE0002, -0.5, 0.5, 1)
+    with caplog.at_level(logging.WARNING):
+        assert every_row(write(tmp_path / "a.spz", gzip.compress(bytes(raw)))).num_gaussians == 2
+    assert "extensions are left out" in caplog.text
+
+
+def test_flags_that_are_not_known_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    data = bytearray(modern_spz(legacy_spz(3)))
+    data[14] = 0x10
+    with caplog.at_level(logging.WARNING):
+        every_row(write(tmp_path / "a.spz", bytes(data)))
+    assert "flags 0x10" in caplog.text
+
+
+def test_coarser_levels_within_are_refused(tmp_path: Path) -> None:
+    raw = bytearray(gzip.decompress(legacy_spz(3)))
+    raw[14] = 0x80
+    with pytest.raises(DatasetError, match="levels"):
+        every_row(write(tmp_path / "a.spz", gzip.compress(bytes(raw))))
+
+
+def test_positions_of_version_1_are_in_half_precision(tmp_path: Path) -> None:
+    raw = gzip.decompress(legacy_spz(2))
+    positions = np.array([[1, 2, 3], [-1, -2, -3.5]], "<f2").tobytes()
+    raw = raw[:4] + struct.pack("<I", 1) + raw[8:16] + positions + raw[16 + 18 :]
+    found = every_row(write(tmp_path / "a.spz", gzip.compress(raw)))
+    second = every_row(write(tmp_path / "b.spz", legacy_spz(2)))
+    assert found.means.tolist() == [[1, -2, -3], [-1, 2, 3.5]]
+    assert torch.equal(found.sh, second.sh)
+    assert torch.equal(found.quats, second.quats)
+
+
+@pytest.mark.parametrize("make", [lambda data: data, modern_spz])
+def test_degree_4_is_read_up_to_degree_3(make: object, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    assert callable(make)
+    with caplog.at_level(logging.WARNING):
+        found = every_row(write(tmp_path / "a.spz", make(legacy_spz(3, degree=4))))
+    three = every_row(write(tmp_path / "b.spz", legacy_spz(3, degree=3)))
+    assert torch.equal(found.sh, three.sh)
+    assert "27 of 75 coefficients" in caplog.text
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_both_versions_hold_the_same_numbers(version: int, tmp_path: Path) -> None:
+    splats = some_splats(50)
+    write_spz([splats], tmp_path / "a.spz", version=version, antialiased=True)
+    write_spz([splats], tmp_path / "b.spz", version=7 - version, antialiased=True)
+    data = (tmp_path / "a.spz").read_bytes()
+    plain = gzip.decompress(data) if version == 3 else data
+    assert struct.unpack_from("<4sII", plain) == (b"NGSP", version, 50)
+    assert plain[14] == 1
+    one, two = (read_splats(tmp_path / name) for name in ("a.spz", "b.spz"))
+    for field in dataclasses.fields(Splats):
+        assert torch.equal(getattr(one, field.name), getattr(two, field.name))
+
+
+def test_other_versions_are_not_written(tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match="version 3 or 4"):
+        write_spz([some_splats(5)], tmp_path / "a.spz", version=2)
