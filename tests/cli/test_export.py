@@ -133,9 +133,17 @@ def test_fewer_bits_of_spz_are_smaller_and_for_spz_alone(run, curved, tmp_path):
     for words, reason in (
         (("sog", curved, "-o", tmp_path / "a.sog", "--harmonic-bits", 5, 4), "is for spz"),
         (("spz", curved, "-o", tmp_path / "a.spz", "--harmonic-bits", 0, 9), "from 1 to 8"),
+        (("sog", curved, "-o", tmp_path / "a.sog", "--spz-version", 3), "is for spz"),
+        (("spz", curved, "-o", tmp_path / "a.spz", "--spz-version", 2), "is 3 or 4"),
     ):
         done = run("export", *words)
         assert done.status == 2
         assert reason in done.err
     assert run("export", "glb", curved, "-o", tmp_path / "a.glb").status == 0
     assert read_splats(tmp_path / "a.glb").degree == 3
+
+
+def test_spz_is_version_4_unless_version_3_is_wanted(run, curved, tmp_path):
+    for name, words, start in (("new", (), b"NGSP\4"), ("old", ("--spz-version", 3), b"\x1f\x8b")):
+        assert run("export", "spz", curved, "-o", tmp_path / f"{name}.spz", *words).status == 0
+        assert (tmp_path / f"{name}.spz").read_bytes().startswith(start)

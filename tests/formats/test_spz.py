@@ -113,7 +113,8 @@ def test_known_extensions_bring_no_warning(tmp_path: Path, caplog: pytest.LogCap
 
 
 @pytest.mark.parametrize(
-    "block", [b"\1\2\3", struct.pack("<II", 0x12340001, 99), struct.pack("<IIB", 0, 1, 5), struct.pack("<IIII", 7, 0, 7, 0)]
+    "block",
+    [b"\1\2\3", struct.pack("<II", 0x12340001, 99), struct.pack("<IIB", 0, 1, 5), struct.pack("<IIII", 7, 0, 7, 0)],
 )
 def test_damaged_extensions_are_refused(block: bytes, tmp_path: Path) -> None:
     data = bytearray(extended(modern_spz(legacy_spz(3))))
