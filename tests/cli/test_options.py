@@ -35,10 +35,12 @@ IN_EFFECT = {
     ("plan", "deadline"): ("--rate", "2"),
     ("serve", "certificate"): ("--quic", "--key", "cameras.json"),
     ("serve", "key"): ("--quic", "--certificate", "cameras.json"),
+    ("serve", "origins"): ("--quic",),
+    ("serve", "public_url"): ("--page", "0"),
+    ("live", "public_url"): ("--page", "0"),
 }
 """Options that are for another one, with that."""
 EXCEPTIONS = {
-    ("serve", "origins"): "any text may be an origin; a page that has another one is refused later",
     ("train", "seed"): "torch takes every integer",
 }
 """Verb and option that take anything, and why."""

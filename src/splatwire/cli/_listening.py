@@ -6,7 +6,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,8 @@ class Listening:
     """Serve over QUIC: encrypted, side information on a reliable stream; browsers may come by WebTransport."""
     page: int | None = None
     """Serve a page that receives and draws in a browser, on this TCP port; 0 lets the system choose. Implies --quic."""
+    public_url: str | None = None
+    """With --page: address by which visitors reach the page, e.g. https://splats.example.org, through a proxy."""
     certificate: Path | None = None
     """With --quic: certificate and its chain (PEM); without it one is made on the spot and its fingerprint told."""
     key: Path | None = None
@@ -61,8 +63,21 @@ class Listening:
         check_port(self.page or 0)
         if not self.over_quic and (self.certificate or self.key):
             raise InvalidValueError("--certificate and --key are for --quic")
+        if self.public_url is not None and self.page is None:
+            raise InvalidValueError("--public-url is for --page")
+        self.public_origin()
         if self.rate is not None and not 0 < self.rate <= 100_000:
             raise InvalidValueError(f"a rate is above 0 and at most 100000 megabits per second, {self.rate} is not")
+
+    def public_origin(self) -> str | None:
+        """Web origin of `public_url`; None where it is absent.
+
+        Raises:
+            InvalidValueError: If it is no address of a page at the root of its host.
+        """
+        from splatwire.transport.origins import parse_origin
+
+        return None if self.public_url is None else parse_origin(self.public_url)
 
     def tell_ready(self, port: int, facts: "Mapping[str, str]", what: str, **more: Any) -> None:
         """Prints where clients come to, and what they have to know."""
@@ -141,10 +156,14 @@ async def open_server(
             return Link(server.port, WEBTRANSPORT_PATH, None if listening.certificate else identity().fingerprint)
 
         shown = {live: None} if live is not None else programs
-        content = PageContent(shown, link, host, origins or None)
+        public = listening.public_origin()
+        content = PageContent(shown, link, host, origins or None, public)
         page_limits = PageLimits(limits.sessions, 2 * limits.per_network)
         page = await stack.enter_async_context(PageServer(content, listening.page, page_limits))
-        facts["page"] = page.url
+        facts["page"] = page.url if public is None else f"{public}/"
+        if origins:  # the page itself opens sessions, too
+            own = (public or f"http://localhost:{page.port}", page.url.rstrip("/"))
+            server.limits = replace(server.limits, origins=(*origins, *own))
     return server, facts
 
 

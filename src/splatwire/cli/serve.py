@@ -32,7 +32,8 @@ class Serve(Listening):
     put into packets that fit datagrams first, which changes nothing of the scene. A client names one by its file name
     without the ending; one that names none gets the first."""
     origins: tuple[str, ...] = ()
-    """With --quic: web pages that may open sessions, e.g. https://example.org; none named lets all."""
+    """With --quic: web pages that may read streams and open sessions, e.g. https://example.org. Where none is named,
+    all may; only pages of this machine if --host is a loopback address and there is no --public-url."""
     idle: float = 5.0
     """A client that says nothing for so many seconds is forgotten."""
     plan: Path | None = None
@@ -58,6 +59,7 @@ class Serve(Listening):
         self.check_listening()
         if not self.over_quic and self.origins:
             raise InvalidValueError("--certificate, --key and --origins are for --quic")
+        self.allowed_origins()
         if self.moq is not None:
             if self.over_quic or self.plan or self.protect or len(self.streams) > 1:
                 raise InvalidValueError("--moq publishes one stream, which the relay sends: no --page, --quic, --plan")
@@ -125,10 +127,20 @@ class Serve(Listening):
             raise InvalidValueError("--clients and --clients-per-address are at least 1")
         return ServerLimits(self.clients, self.clients_per_address, silence_s=self.idle, fixed_rate=self.fixed_rate)
 
+    def allowed_origins(self) -> tuple[str, ...]:
+        """Web origins of `origins`, as browsers write them.
+
+        Raises:
+            InvalidValueError: If one is something else.
+        """
+        from splatwire.transport.origins import parse_origin
+
+        return tuple(map(parse_origin, self.origins))
+
     async def _serve(self, programs: "dict[str, Program]") -> None:
         stop = stop_on_signals()
         async with contextlib.AsyncExitStack() as stack:
-            server, facts = await open_server(programs, self, self.limits(), stack, origins=self.origins)
+            server, facts = await open_server(programs, self, self.limits(), stack, origins=self.allowed_origins())
             sizes = {name: program.sizes() for name, program in programs.items()}
             for name, parts in () if self.json else sizes.items():
                 print(f"{name}: {sum(parts.values()):,} bytes, of which protection "

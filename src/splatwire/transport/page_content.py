@@ -19,6 +19,7 @@ from splatwire.packets.container import file_head, file_record
 from splatwire.packets.manifest import Manifest
 from splatwire.transport.http_messages import Answer, Growing, make_answer, make_part, read_request
 from splatwire.transport.layout import Segments, split_head_object
+from splatwire.transport.origins import host_of, is_loopback, is_loopback_origin
 from splatwire.transport.program import Program
 from splatwire.transport.scene_list import begins, scene_list, told_of
 
@@ -26,8 +27,6 @@ SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
 """What receives, what it loads to draw with, and what the page looks like."""
 FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
 STREAMS = "/streams/"
-_SHARED = "Access-Control-Allow-Origin: *\r\n"
-"""Scripts and streams may be used by pages of other sites, into which the scene is embedded."""
 
 
 class Link(NamedTuple):
@@ -54,7 +53,10 @@ class PageContent:
         link: Where datagrams are to be had, or what says so at the moment (certificates are renewed); None where there
             are none.
         host: The address that the server was told to listen on, by which it may be called.
-        origins: Web pages that may use the streams; None lets all.
+        origins: Origins of web pages that may use the streams. None allows all pages, but on a loopback address only
+            pages that come from this machine: any other page that its user visits could read local scenes.
+        public_origin: Origin by which visitors reach the server, e.g. through a proxy; None where they reach it
+            directly. Its host may be in requests, and streams are for all pages unless `origins` says otherwise.
         attributes: More of what the page's element is told (docs/browser.md).
     """
 
@@ -62,6 +64,7 @@ class PageContent:
     link: Link | Callable[[], Link] | None = None
     host: str = "127.0.0.1"
     origins: tuple[str, ...] | None = None
+    public_origin: str | None = None
     attributes: Mapping[str, str] = field(default_factory=dict)
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
     _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
@@ -79,9 +82,12 @@ class PageContent:
         if request.method not in ("GET", "HEAD"):
             return make_answer("405 Method Not Allowed", headers="Allow: GET, HEAD\r\n")
         if not self._is_ours(request.host):
-            words_of_help = b"open this page by the IP address of its server, or start it with --host NAME\n"
+            words_of_help = (
+                b"open this page by the IP address of its server, or start the server with --public-url ADDRESS, "
+                b"the address in the browser's address bar\n"
+            )
             return make_answer("403 Forbidden", body=words_of_help)
-        found = self._find(request.target, request.query, request.host, request.headers.get("origin"))
+        found = self._find(request.target, request.query, request.headers.get("origin"))
         if found is None:
             return make_answer("404 Not Found")
         status, kind, body, headers = found
@@ -96,15 +102,14 @@ class PageContent:
             self._tags[id(file)] = hashlib.sha256(file).hexdigest()[:16]
         return self._tags[id(file)]
 
-    def _find(
-        self, target: str, query: str, called: str, origin: str | None
-    ) -> tuple[str, str, bytes | Growing, str] | None:
+    def _find(self, target: str, query: str, origin: str | None) -> tuple[str, str, bytes | Growing, str] | None:
         """Status, kind, body and further headers of a target."""
         if target == "/":
-            return "200 OK", "text/html; charset=utf-8", self._page(query, called).encode(), self._policy(called)
-        shared = _SHARED if self.origins is None else self._shared(origin)
+            return "200 OK", "text/html; charset=utf-8", self._page(query).encode(), self._policy()
+        shared = self._shared(origin)
         if kind := FILES.get(target[1:]):
-            return "200 OK", f"{kind}; charset=utf-8", _web_bytes(target[1:]), shared
+            headers = f"{shared}Vary: Accept-Encoding\r\n"
+            return "200 OK", f"{kind}; charset=utf-8", _web_bytes(target[1:]), headers
         if target == "/streams.json":
             return "200 OK", "application/json", json.dumps(self._described()).encode(), shared
         name = unquote(target.removeprefix(STREAMS).removesuffix(".swz"))
@@ -112,12 +117,13 @@ class PageContent:
             return "200 OK", "application/octet-stream", file, shared
         return None
 
-    def _page(self, query: str, called: str) -> str:
+    def _page(self, query: str) -> str:
         wanted = re.search(r"(?:^|&)stream=([^&]*)", query)
         name = unquote(wanted[1]) if wanted else next(iter(self.programs), "")
         attributes = {"src": self._address(name), **self.attributes} if name else dict(self.attributes)
         if link := self._link():
-            attributes["session"] = f"https://{called}:{link.port}{link.path}"
+            # Relative: behind a proxy, the host of the request may be another than that of the visitor's address bar.
+            attributes["session"] = f":{link.port}{link.path}"
             attributes["fingerprint"] = link.fingerprint or ""
         program = self.programs.get(name)
         if isinstance(program, Program) and program.preview:
@@ -138,9 +144,9 @@ class PageContent:
         file = self._file(name)
         return f"{stream_path(name)}?{self._tag(file)}" if isinstance(file, bytes) and file else stream_path(name)
 
-    def _policy(self, called: str) -> str:
+    def _policy(self) -> str:
         link = self._link()
-        session = f" https://{called}:{link.port}" if link else ""
+        session = f" https://*:{link.port}" if link else ""
         return (
             "Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; "
             f"worker-src blob:; connect-src 'self'{session}; base-uri 'none'; form-action 'none'; frame-ancestors *\r\n"
@@ -154,7 +160,11 @@ class PageContent:
         return self.link() if callable(self.link) else self.link
 
     def _shared(self, origin: str | None) -> str:
-        return f"Access-Control-Allow-Origin: {origin}\r\nVary: Origin\r\n" if origin in (self.origins or ()) else ""
+        """Headers that let a page of an origin read an answer; caches keep answers to different origins apart."""
+        if self.origins is None and (self.public_origin is not None or not is_loopback(self.host)):
+            return "Access-Control-Allow-Origin: *\r\n"
+        allowed = is_loopback_origin(origin) if self.origins is None else origin in self.origins
+        return f"Access-Control-Allow-Origin: {origin}\r\nVary: Origin\r\n" if allowed else "Vary: Origin\r\n"
 
     def _file(self, name: str) -> bytes | Growing | None:
         program = self.programs.get(name)
@@ -165,11 +175,15 @@ class PageContent:
         return self._files[name]
 
     def _is_ours(self, name: str) -> bool:
-        """Whether a name cannot be one that somebody else had point here (DNS rebinding); a number is nobody's name."""
+        """Returns False for a name that another person could let point to this machine (DNS rebinding).
+
+        Numbers are names of nobody.
+        """
         try:
             ipaddress.ip_address(name.strip("[]"))
         except ValueError:
-            return name.lower() in ("localhost", self.host.lower(), socket.gethostname().lower())
+            own = {"localhost", self.host.lower(), socket.gethostname().lower()}
+            return name.lower() in own | ({host_of(self.public_origin)} if self.public_origin else set())
         return True
 
 

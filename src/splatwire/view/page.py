@@ -5,6 +5,7 @@ import base64
 from splatwire.codec.viewpoint import viewpoint_section
 from splatwire.packets import SceneStream, send_sequence, stream_to_bytes
 from splatwire.scene import Cameras
+from splatwire.transport.origins import is_loopback
 from splatwire.transport.page_content import PageContent
 from splatwire.transport.scene_list import viewpoint_words
 from splatwire.view.columns import columns_of
@@ -25,7 +26,7 @@ def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host
     """
     shown = stream if stream.manifest.schema.page else columns_of(stream)
     ordered = stream_to_bytes(shown.with_packets(send_sequence(shown, "tiers")))
-    return PageContent({name: ordered}, host=host, attributes=_attributes(cameras))
+    return PageContent({name: ordered}, host=host, origins=_origins(host), attributes=_attributes(cameras))
 
 
 def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -> PageContent:
@@ -38,7 +39,12 @@ def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -
         host: The address that the page is served on.
     """
     preview = {"preview": base64.b64encode(relay.preview).decode()} if relay.preview else {}
-    return PageContent({name: relay}, host=host, attributes=preview | _attributes(cameras))
+    return PageContent({name: relay}, host=host, origins=_origins(host), attributes=preview | _attributes(cameras))
+
+
+def _origins(host: str) -> tuple[str, ...] | None:
+    """Pages of others that may read the stream: those of this machine, none where other machines reach the server."""
+    return None if is_loopback(host) else ()
 
 
 def _attributes(cameras: Cameras | None) -> dict[str, str]:

@@ -2,12 +2,14 @@
 
 import { type Source, sourceOf } from "../transport/attempts.ts";
 
-/** `https://host/streams/NAME.swz`, whose server may say beside it (`../streams.json`) where it sends datagrams. */
+/**
+ * `https://host/streams/NAME.swz`, whose server may say beside it (`../streams.json`) where it sends datagrams. A
+ * session `:PORT/PATH` is at the host of the stream: a server behind a proxy does not know its own name.
+ */
 export function resolveSource(src: string, session: string | null, fingerprint: string | null): Promise<Source> {
-  return sourceOf(
-    new URL(src, document.baseURI),
-    session ? { url: session, ...(fingerprint ? { fingerprint } : {}) } : null,
-  );
+  const file = new URL(src, document.baseURI),
+    url = session?.startsWith(":") ? `https://${file.hostname}${session}` : session;
+  return sourceOf(file, url ? { url, ...(fingerprint ? { fingerprint } : {}) } : null);
 }
 
 /** What a scene is called: by the page, else as its file is, else as the page is. */

@@ -1,0 +1,49 @@
+"""Web origins: which pages may read streams, and by which names a server may be called."""
+
+import ipaddress
+import re
+from urllib.parse import urlsplit
+
+from splatwire.errors import InvalidValueError
+
+_ORIGIN = re.compile(r"(https?)://(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z._-]+)(?::([0-9]{1,5}))?")
+
+
+def parse_origin(text: str) -> str:
+    """Reads a web origin, `http[s]://HOST[:PORT]`, in the spelling that browsers send (RFC 6454).
+
+    Args:
+        text: The origin; a slash at the end is left out.
+
+    Returns:
+        The origin in lower case, without the scheme's own port.
+
+    Raises:
+        InvalidValueError: If it is something else, for instance an address with a path.
+    """
+    match = _ORIGIN.fullmatch(text.strip().removesuffix("/"))
+    if match is None or int(match[3] or 0) >= 1 << 16:
+        raise InvalidValueError(f"'{text}' is not a web origin such as https://example.org or http://localhost:8080")
+    scheme, host, port = match[1], match[2].lower(), match[3]
+    default = {"http": 80, "https": 443}[scheme]
+    return f"{scheme}://{host}" if port is None or int(port) == default else f"{scheme}://{host}:{int(port)}"
+
+
+def host_of(origin: str) -> str:
+    """Returns the host of a web origin as a request's `Host` header has it: without port, IPv6 in brackets."""
+    host = urlsplit(origin).hostname or ""
+    return f"[{host}]" if ":" in host else host
+
+
+def is_loopback(host: str) -> bool:
+    """Returns True for a name or address of this machine itself: `localhost`, 127.0.0.0/8 or `::1`."""
+    plain = host.strip("[]").lower().removesuffix(".")
+    try:
+        return ipaddress.ip_address(plain).is_loopback
+    except ValueError:
+        return plain == "localhost" or plain.endswith(".localhost")
+
+
+def is_loopback_origin(origin: str | None) -> bool:
+    """Returns True for the origin of a page that a server on this machine has sent, on any port."""
+    return origin is not None and _ORIGIN.fullmatch(origin) is not None and is_loopback(host_of(origin))
