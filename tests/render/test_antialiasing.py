@@ -76,7 +76,7 @@ def test_an_spz_says_it(tmp_path: Path) -> None:
     assert scene.antialiased
 
 
-@pytest.mark.parametrize("name", ["a.spz", "a.sog"])
+@pytest.mark.parametrize("name", ["a.ply", "a.compressed.ply", "a.spz", "a.sog"])
 def test_files_that_can_say_it_keep_it(name: str, tmp_path: Path) -> None:
     for wish in (False, True):
         save_scene(SplatScene(ball(), antialiased=wish), tmp_path / name)
@@ -95,11 +95,15 @@ def called(*words: str) -> None:
 def test_an_export_keeps_it_and_says_where_it_cannot(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     source = tmp_path / "scene.swz"
     write_stream(encode_scene(SplatScene(ball(), antialiased=True), SMALL), source)
-    for kind, more in (("spz", ()), ("spz", ("--harmonic-bits", "5", "4")), ("sog", ())):
-        called("export", kind, str(source), "-o", str(tmp_path / f"b.{kind}"), *more)
-        assert is_antialiased(tmp_path / f"b.{kind}")
+    kinds = ("ply", "compressed-ply", "spz", "sog")
+    for kind, more in (*((kind, ()) for kind in kinds), ("spz", ("--harmonic-bits", "5", "4"))):
+        written = tmp_path / f"b.{kind.replace('-', '.')}"
+        called("export", kind, str(source), "-o", str(written), *more)
+        assert is_antialiased(written)
+        called("import", "splats", str(written), "-o", str(tmp_path / "c.ply"))
+        assert is_antialiased(tmp_path / "c.ply")
     assert not caplog.messages
-    called("export", "ply", str(source), "-o", str(tmp_path / "b.ply"))
+    called("export", "splat", str(source), "-o", str(tmp_path / "b.splat"))
     assert "cannot ask for antialiasing" in caplog.text
 
 

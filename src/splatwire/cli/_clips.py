@@ -146,7 +146,7 @@ def write_frames(
     width, written, concealed = len(str(count - 1)), 0, 0
     for frame in shown:
         name = folder / f"frame_{frame.number:0{width}}{suffix}" if folder.is_dir() else folder
-        write_splats([frame.scene.drawn()], name, antialiased=clip.antialiased)
+        write_splats([frame.scene.drawn()], name, antialiased=clip.antialiased, origin=clip.origin)
         written, concealed = written + 1, concealed + int(frame.concealed.sum())
         report("writing frames", written / (1 if only is not None else count))
     lost = int((~clip.tracks.received).sum())

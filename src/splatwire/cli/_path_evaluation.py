@@ -73,6 +73,7 @@ def evaluate_path(options: "EvaluateOptions", stream: "SceneStream", report: "Re
 
     from splatwire.cli._datagrams import into_datagrams
     from splatwire.cli._scenes import chosen_background
+    from splatwire.codec.origin import origin_of_stream
     from splatwire.data import load_cameras
     from splatwire.evaluate.pixels import to_pixels
     from splatwire.files.whole import write_whole
@@ -83,7 +84,7 @@ def evaluate_path(options: "EvaluateOptions", stream: "SceneStream", report: "Re
 
     assert options.path is not None
     assert options.reference is not None
-    cameras, link = load_cameras(options.path), link_of(options)
+    cameras, link = load_cameras(options.path).relative_to(origin_of_stream(stream)), link_of(options)
     walk = Walk(cameras, max(cameras.num_views - 1, 1) if options.seconds is None else options.seconds)
     if options.loss and not stream.manifest.packetization.hashed:  # as it is sent where datagrams are lost
         stream = into_datagrams(stream, report)

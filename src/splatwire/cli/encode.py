@@ -139,7 +139,7 @@ class Encode:
         if refine is not None and schema.explicit:
             raise InvalidValueError("--refine fits a context model, which explicit Gaussians do not have")
         scene = scene if background is None else replace(scene, background=background)
-        cameras = self._cameras()
+        cameras = self._cameras(scene)
         with progress_bars() as report, output_path(self.output, suffix=".swz", json=self.json) as path:
             if refine is not None:
                 scene = refine(scene, progress=lambda share: report("fitting the context model", share))
@@ -232,15 +232,18 @@ class Encode:
             return self.up
         return up_of(scene) if cameras is None else "-y"
 
-    def _cameras(self) -> "Cameras | None":
-        """Where the scene is looked at from, if the user says so."""
+    def _cameras(self, scene: "Scene") -> "Cameras | None":
+        """Cameras that the user named, relative to the scene's origin; None if there are none."""
         from splatwire.data import load_cameras, open_dataset
+        from splatwire.model.appearance import origin_of
 
         if self.data is not None and self.cameras is not None:
             raise InvalidValueError("give either --cameras FILE or --data FOLDER")
         if self.cameras is not None:
-            return load_cameras(self.cameras)
-        return None if self.data is None else open_dataset(self.data, split="train").cameras
+            return load_cameras(self.cameras).relative_to(origin_of(scene))
+        if self.data is None:
+            return None
+        return open_dataset(self.data, split="train").cameras.relative_to(origin_of(scene))
 
     def _tiers(self, scene: "Scene", cameras: "Cameras | None") -> "Tensor | None":
         """Tier of every element; None if there is one."""

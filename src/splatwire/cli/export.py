@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,7 +15,6 @@ from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.data import Dataset
-    from splatwire.model import SplatScene
     from splatwire.model.appearance import Scene
     from splatwire.scene import Cameras
     from splatwire.scene.splats import Splats
@@ -59,9 +59,7 @@ class Export:
         """Runs the verb."""
         from splatwire.conceal import create_concealer
         from splatwire.exporters import FitCounts
-        from splatwire.formats import is_antialiased, read_splats
-        from splatwire.model import SplatScene
-        from splatwire.model.appearance import antialiased, explicit_gaussians
+        from splatwire.model.appearance import explicit_gaussians
         from splatwire.ops.spherical_harmonics import num_functions
         from splatwire.render import create_renderer
         from splatwire.scene_io import drawable_scene
@@ -81,15 +79,14 @@ class Export:
                 assert views is not None
                 degree = self._degree
                 draw = create_renderer("cpu")
-                self._write(fit_splats(scene, views.fitted_to, draw, degree=degree, counts=counts, progress=show))
+                parts = fit_splats(scene, views.fitted_to, draw, degree=degree, counts=counts, progress=show)
+                self._write(parts, scene)
             else:
                 degree = min(splats.degree, self._degree)
-                parts, asked = iter([splats.at_most_degree(degree)]), antialiased(scene)
-                counts.possible = counts.written = self._write(parts, asked)
+                counts.possible = counts.written = self._write(iter([splats.at_most_degree(degree)]), scene)
                 tell_lost_harmonics(scene, self.output)
             if views is not None:
-                written = SplatScene(read_splats(self.output), antialiased=is_antialiased(self.output))
-                measured = measure(scene, written, views.measured_on, views.photos, show)
+                measured = measure(scene, self._written(scene), views.measured_on, views.photos, show)
         result = {
             "output": str(self.output),
             "num_gaussians": counts.written,
@@ -132,14 +129,26 @@ class Export:
     def _degree(self) -> int:
         return self.degree if self.degree is not None else 0 if self.kind == "splat" else 3
 
-    def _write(self, parts: "Iterator[Splats]", antialiased: bool = False) -> int:
-        from splatwire.formats.kinds import WRITERS, antialiasing
-        from splatwire.formats.spz_writer import FULL_BITS, write_spz
+    def _write(self, parts: "Iterator[Splats]", scene: "Scene") -> int:
+        from splatwire.formats.kinds import WRITERS, stating
+        from splatwire.formats.spz_writer import FULL_BITS
+        from splatwire.model.appearance import antialiased, origin_of
 
+        writer: Any = stating(
+            WRITERS[self.kind.replace("-", ".")], self.output, antialiased=antialiased(scene), origin=origin_of(scene)
+        )
         if self.kind == "spz":
-            bits, version = self.harmonic_bits or FULL_BITS, self.spz_version or 4
-            return write_spz(parts, self.output, bits, antialiased=antialiased, version=version)
-        return antialiasing(WRITERS[self.kind.replace("-", ".")], self.output, antialiased)(parts, self.output)
+            writer = partial(writer, harmonic_bits=self.harmonic_bits or FULL_BITS, version=self.spz_version or 4)
+        return writer(parts, self.output)
+
+    def _written(self, scene: "Scene") -> "Scene":
+        """The Gaussians of the export as they are drawn, relative to the scene's origin."""
+        from splatwire.model.appearance import origin_of
+        from splatwire.scene.origin import NO_ORIGIN
+        from splatwire.scene_io import open_scene
+
+        written: Any = open_scene(self.output)
+        return written if written.origin != NO_ORIGIN else replace(written, origin=origin_of(scene))
 
     def _views(self, scene: "Scene") -> "_Views | None":
         """Where the scene is looked at from; None for Gaussians of which nobody wants it."""
@@ -169,7 +178,7 @@ class _Views:
 
 
 def measure(
-    scene: "Scene", written: "SplatScene", cameras: "Cameras", photos: "Dataset | None", show: Reporter
+    scene: "Scene", written: "Scene", cameras: "Cameras", photos: "Dataset | None", show: Reporter
 ) -> dict[str, Any]:
     """Compares pictures of an export with those of the scene that it was made of, and with photos.
 

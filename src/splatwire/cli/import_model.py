@@ -61,8 +61,12 @@ class Import:
         return {"num_anchors": scene.anchors.num_anchors, "digest": scene_digest(scene.anchors)}
 
     def _explicit(self, path: Path) -> dict[str, object]:
-        from splatwire.formats import read_splats
+        from splatwire.formats import read_content
         from splatwire.formats.ply import write_ply
 
-        splats = read_splats(self.model_dir)
-        return {"num_gaussians": write_ply([splats], path), "degree": splats.degree}
+        content = read_content(self.model_dir)
+        splats, antialiased, origin = content.splats, content.antialiased, content.origin
+        count = write_ply([splats], path, antialiased=antialiased, origin=origin)
+        return {
+            "num_gaussians": count, "degree": splats.degree, "antialiased": antialiased, "origin": list(origin)
+        }  # fmt: skip

@@ -2,7 +2,7 @@
 
 import dataclasses
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -210,9 +210,10 @@ class Train:
     def _datasets(self, config: "TrainConfig") -> "tuple[Dataset, Dataset | None]":
         from splatwire.data import open_dataset
         from splatwire.errors import DatasetError
+        from splatwire.scene.origin import NO_ORIGIN
 
         def opened(split: str) -> "Dataset":
-            return open_dataset(
+            found = open_dataset(
                 Path(self.data),
                 split=split,
                 images=self.images,
@@ -220,6 +221,7 @@ class Train:
                 test_views=config.test_views,
                 background=config.background,
             )
+            return replace(found, cameras=found.cameras.relative_to(NO_ORIGIN))  # anchors have no origin
 
         train = opened("train")
         try:

@@ -151,7 +151,7 @@ def posed(clip: ClipScene, poses: GroupPoses, index: int, number: int, hints: Re
     tracks = poses.tracks[here]
     offsets = poses.at(index)
     splats = moved(clip.tracks.splats, tracks, offsets if len(here) == len(offsets) else offsets[here])
-    scene = SplatScene(splats, background=clip.background, antialiased=clip.antialiased)
+    scene = SplatScene(splats, background=clip.background, antialiased=clip.antialiased, origin=clip.origin)
     if hints is not None:
         opacity = None if hints.opacity_gain is None else hints.opacity_gain[tracks]
         own = RenderHints(hints.size_gain[tracks], torch.zeros(len(tracks), dtype=torch.bool), opacity)

@@ -15,6 +15,7 @@ from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.options import USUAL, ClipOptions
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
 from splatwire.codec.antialiasing import antialiasing_sections
+from splatwire.codec.origin import origin_sections, read_origin
 from splatwire.codec.schemas.gaussians.quality import quality_of
 from splatwire.codec.schemas.tracks.encoder import ClipWriter
 from splatwire.codec.schemas.tracks.track_group import TrackGroup
@@ -114,7 +115,8 @@ class ClipEncoder:
                 f"a frame has harmonics of degree {taken.splats.degree}, those before of {self._degree}"
             )
         if self._degree is None:
-            self._sections |= antialiasing_sections(taken.antialiased)
+            self._sections |= {**antialiasing_sections(taken.antialiased), **origin_sections(taken.origin)}
+        taken = taken.relative_to(read_origin(self._sections))
         self._degree = taken.splats.degree
         self._last = taken.splats
         self._frames.add(self._tracker.add(taken))

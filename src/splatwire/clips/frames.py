@@ -5,7 +5,7 @@ import logging
 import os
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +13,12 @@ import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.kinds import SPLATV, STREAMS, file_kind
-from splatwire.formats import format_of, is_antialiased, read_rows, read_splatv
+from splatwire.formats import format_of, read_all_rows, read_splatv
 from splatwire.formats.splatv import MovingSplats
 from splatwire.model import SplatScene
 from splatwire.packets.limits import MAX_FRAMES
 from splatwire.scene.background import BLACK, Background
+from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
@@ -141,28 +142,39 @@ class Frame:
         splats: All rows.
         drawn: Rows that draw something, bool (M).
         antialiased: Whether the file asks for antialiasing.
+        origin: World coordinates that positions are relative to.
     """
 
     splats: Splats
     drawn: np.ndarray
     antialiased: bool = False
+    origin: Origin = NO_ORIGIN
 
     @staticmethod
-    def of(splats: Splats, where: object = "a frame", antialiased: bool = False) -> "Frame":
+    def of(
+        splats: Splats, where: object = "a frame", antialiased: bool = False, origin: Origin = NO_ORIGIN
+    ) -> "Frame":  # fmt: skip
         """A frame of some Gaussians; what cannot be drawn is told."""
         rows = rows_of_splats(splats)
         rows.tell(where, "Gaussians")
-        return Frame.judged(splats, rows, antialiased)
+        return Frame.judged(splats, rows, antialiased, origin)
 
     @staticmethod
-    def judged(splats: Splats, rows: Rows, antialiased: bool = False) -> "Frame":
+    def judged(splats: Splats, rows: Rows, antialiased: bool = False, origin: Origin = NO_ORIGIN) -> "Frame":
         """A frame of some Gaussians of which it is known what can be drawn."""
-        return Frame(splats, (rows.kept & (splats.opacities >= FAINTEST)).numpy(), antialiased)
+        return Frame(splats, (rows.kept & (splats.opacities >= FAINTEST)).numpy(), antialiased, origin)
+
+    def relative_to(self, origin: Origin) -> "Frame":
+        """Returns the same frame with positions relative to another origin."""
+        return replace(self, splats=self.splats.moved_origin(self.origin, origin), origin=origin)
 
     def scene(self, background: Background = BLACK) -> SplatScene:
         """What is drawn of it."""
         return SplatScene(
-            self.splats.select(torch.from_numpy(self.drawn)), background=background, antialiased=self.antialiased
+            self.splats.select(torch.from_numpy(self.drawn)),
+            background=background,
+            antialiased=self.antialiased,
+            origin=self.origin,
         )
 
 
@@ -174,14 +186,15 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
     """
     degree: int | None = None
     for path in files:
-        splats, _ = read_rows(path)
+        content, _ = read_all_rows(path)
+        splats = content.splats
         if degree is None:
             degree = splats.degree
         if splats.degree != degree:
             raise DatasetError(
                 f"{path} has harmonics of degree {splats.degree}, {files[0].name} of {degree}: frames share one"
             )
-        yield Frame.of(splats, path, is_antialiased(path))
+        yield Frame.of(splats, path, content.antialiased, content.origin)
 
 
 def is_frame(path: Path) -> bool:

@@ -10,6 +10,7 @@ import torch
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.scene import Cameras
 from splatwire.scene.cameras import check_size
+from splatwire.scene.origin import choose_origin
 
 _MAX_NUMBER = 1e12
 _MIN_FOCAL_PX = 1e-3
@@ -20,6 +21,8 @@ def make_cameras(
     source: Path, names: Sequence[str], viewmats: np.ndarray, intrinsics: np.ndarray, width: int, height: int
 ) -> Cameras:
     """Builds cameras after checking that they are finite, rigid and look through a positive focal length.
+
+    Cameras far from 0 get an origin: float32 matrices do not hold map coordinates.
 
     Args:
         source: The file they come from, for messages.
@@ -42,12 +45,16 @@ def make_cameras(
         check_rigid(source, name, viewmat)
         if not (np.abs(K) < _MAX_NUMBER).all() or min(K[0, 0], K[1, 1]) < _MIN_FOCAL_PX:
             raise DatasetError(f"{source}: view '{name}' has no positive, finite focal length")
+    poses = np.array(viewmats, dtype=np.float64)
+    origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), wide=False)
+    poses[:, :3, 3] += poses[:, :3, :3] @ np.array(origin)
     return Cameras(
-        viewmats=torch.from_numpy(np.asarray(viewmats, dtype=np.float32)),
+        viewmats=torch.from_numpy(poses.astype(np.float32)),
         Ks=torch.from_numpy(np.asarray(intrinsics, dtype=np.float32)),
         width=width,
         height=height,
         names=tuple(names),
+        origin=origin,
     )
 
 

@@ -1,6 +1,7 @@
 """Cameras as JSON: our own file, and the `cameras.json` beside official HAC++ results."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from splatwire.files.capped import read_json
 from splatwire.files.kinds import is_not
 from splatwire.files.whole import write_whole
 from splatwire.scene import Cameras
+from splatwire.scene.origin import NO_ORIGIN
 
 FORMAT = "splatwire-cameras"
 VERSION = 1
@@ -21,12 +23,15 @@ _CONVENTION = "viewmat: world to camera, OpenCV axes; K: pixels, the centre of t
 def save_cameras(cameras: Cameras, path: Path) -> None:
     """Writes cameras so that `load_cameras` returns the same float32 numbers; the file appears when it is complete.
 
+    Matrices in the file are of world coordinates, float64.
+
     Raises:
         OSError: If the file cannot be written.
     """
+    world = replace(cameras, viewmats=cameras.viewmats.double()).relative_to(NO_ORIGIN)
     views = [
         {"name": name, "viewmat": viewmat.tolist(), "K": K.tolist()}
-        for name, viewmat, K in zip(cameras.names, cameras.viewmats, cameras.Ks, strict=True)
+        for name, viewmat, K in zip(cameras.names, world.viewmats, cameras.Ks, strict=True)
     ]
     content = {
         "format": FORMAT,

@@ -14,6 +14,7 @@ from splatwire.model import AnchorScene, Scene
 from splatwire.ops.quaternions import rotation_rows
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, num_functions, sh_basis
 from splatwire.scene import Cameras
+from splatwire.scene.origin import NO_ORIGIN
 from splatwire.scene.splats import Splats
 
 MAX_VIEWS = 128
@@ -74,6 +75,7 @@ def fit_splats(
     """
     assert isinstance(scene, AnchorScene)
     num_functions(degree)
+    cameras = cameras.relative_to(NO_ORIGIN)
     if cameras.num_views < 1:
         raise InvalidValueError("a fit needs at least one view")
     if cameras.num_views > MAX_VIEWS:

@@ -14,6 +14,7 @@ _MAX_HEADER_BYTES = 65_536
 _MAX_PROPERTIES = 1024
 _MAX_ELEMENTS = 16
 _MAX_LINE = 120
+_REMARKS = (b"comment", b"obj_info")
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
     "char": "i1",
@@ -45,11 +46,13 @@ class PlyHeader:
         order: Of bytes, `<` or `>`; empty for text.
         elements: Number and type of the rows of each element, in the order of the file, up to the first with lists.
         lists: Name of that one, which is not read, nor what follows it; None if there is none.
+        comments: Text of each comment, without the word `comment`; characters that are not ASCII are replaced.
     """
 
     order: str
     elements: dict[str, tuple[int, np.dtype]]
     lists: str | None
+    comments: tuple[str, ...] = ()
 
     @property
     def num_bytes(self) -> int:
@@ -87,7 +90,8 @@ def read_header(path: Path, source: Iterator[bytes]) -> tuple[PlyHeader, bytes]:
 
 def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
     lines = [line.strip() for line in head.split(newline)]
-    lines = [line for line in lines if line and not line.startswith((b"comment", b"obj_info"))]
+    comments = tuple(_comment(line) for line in lines if line.startswith(_REMARKS))
+    lines = [line for line in lines if line and not line.startswith(_REMARKS)]
     try:
         texts = [line.decode("ascii") for line in lines]
     except UnicodeDecodeError as error:
@@ -100,7 +104,11 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
         raise DatasetError(is_not(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}"))
     order = _ORDERS[form[1]]
     rows, lists = _elements(path, words[2:], order or "<")
-    return PlyHeader(order, rows, lists)
+    return PlyHeader(order, rows, lists, comments)
+
+
+def _comment(line: bytes) -> str:
+    return line.partition(b" " if b"\t" not in line[:9] else b"\t")[2].strip().decode("ascii", "replace")
 
 
 def _elements(path: Path, lines: list[list[str]], order: str) -> tuple[dict[str, tuple[int, np.dtype]], str | None]:

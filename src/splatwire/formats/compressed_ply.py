@@ -13,8 +13,17 @@ import numpy as np
 from splatwire.errors import DatasetError
 from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count, join
+from splatwire.formats.content import FileContent
+from splatwire.formats.ply_comments import (
+    OFFSET,
+    antialiasing_comments,
+    origin_comments,
+    stated_origin,
+    states_antialiasing,
+)
 from splatwire.formats.ply_file import PlyElement
 from splatwire.ops.spherical_harmonics import DC, num_functions
+from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.splats import Splats
 
 CHUNK = 256
@@ -27,8 +36,8 @@ _SH_RANGE = 8.0
 _DEGREES = {3 * (num_functions(degree) - 1): degree for degree in range(4)}
 
 
-def splats_of_chunks(elements: dict[str, PlyElement]) -> Splats:
-    """Makes Gaussians of the elements of a compressed PLY.
+def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
+    """Makes Gaussians of the elements of a compressed PLY; comments may hold an offset and ask for antialiasing.
 
     Raises:
         DatasetError: If an element or property is missing or of a wrong size, or numbers are no Gaussian.
@@ -48,7 +57,7 @@ def splats_of_chunks(elements: dict[str, PlyElement]) -> Splats:
     harmonics = [((color - 0.5) / np.float32(DC))[:, None]]
     if "sh" in elements:
         harmonics.append(_harmonics(elements["sh"], count))
-    return build_splats(
+    splats = build_splats(
         path,
         means=_within(chunks, _BOUNDS[0], chunk, _unpack(positions, _WIDE)),
         quats=_rotations(rotations),
@@ -56,6 +65,8 @@ def splats_of_chunks(elements: dict[str, PlyElement]) -> Splats:
         opacities=rgba[:, 3],
         sh=np.concatenate(harmonics, axis=1),
     )
+    offset = stated_origin(OFFSET, chunks.comments) or NO_ORIGIN
+    return FileContent(splats, offset, states_antialiasing(chunks.comments))
 
 
 def _word(vertices: PlyElement, name: str) -> np.ndarray:
@@ -94,11 +105,14 @@ def _harmonics(element: PlyElement, count: int) -> np.ndarray:
     return ((share - 0.5) * _SH_RANGE).astype(np.float32).reshape(count, 3, -1).transpose(0, 2, 1)
 
 
-def write_compressed_ply(parts: Iterable[Splats], path: Path) -> int:
+def write_compressed_ply(
+    parts: Iterable[Splats], path: Path, *, antialiased: bool = False, origin: Origin = NO_ORIGIN
+) -> int:
     """Writes a compressed PLY; Gaussians keep their order, so sort them in space first if they are not.
 
-    See `splatwire.formats.write_splats`.
+    Positions are written relative to the origin, which is a comment. See `splatwire.formats.write_splats`.
     """
+    remarks = antialiasing_comments(antialiased) + origin_comments(OFFSET, origin)
     splats = join(path, parts)
     means, quats, scales, sh = (t.numpy() for t in (splats.means, splats.quats, splats.scales, splats.sh))
     color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities.numpy()[:, None]], axis=1)
@@ -109,7 +123,7 @@ def write_compressed_ply(parts: Iterable[Splats], path: Path) -> int:
     rest = sh[:, 1:].transpose(0, 2, 1).reshape(len(means), -1)
     codes = np.trunc((rest / _SH_RANGE + 0.5) * CHUNK).clip(0, CHUNK - 1).astype(np.uint8)
     with written_whole(path) as unfinished, unfinished.open("wb") as file:
-        file.write(_header(len(means), rest.shape[1]))
+        file.write(_header(len(means), rest.shape[1], remarks))
         file.write(np.concatenate(bounds, axis=1).astype("<f4").tobytes())
         file.write(words.T.astype("<u4").tobytes())
         file.write(codes.tobytes())
@@ -142,12 +156,13 @@ def _packed_rotations(quats: np.ndarray) -> np.ndarray:
     return largest.astype(np.uint32) << np.uint32(30) | _pack(shares.clip(0, 1), _TENS[1:])
 
 
-def _header(count: int, rest: int) -> bytes:
+def _header(count: int, rest: int, remarks: list[str]) -> bytes:
     bounds = [f"property float {side}_{name}" for names in _BOUNDS for side in ("min", "max") for name in names]
     lines = [
         "ply",
         "format binary_little_endian 1.0",
         "comment splatwire",
+        *(f"comment {remark}" for remark in remarks),
         f"element chunk {-(-count // CHUNK)}",
         *bounds,
     ]

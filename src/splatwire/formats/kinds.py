@@ -3,6 +3,7 @@
 import logging
 import os
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -28,18 +29,21 @@ from splatwire.files.kinds import (
 )
 from splatwire.formats import sog, spz, streamed_sog
 from splatwire.formats._sog_writer import write_sog
-from splatwire.formats.compressed_ply import splats_of_chunks, write_compressed_ply
+from splatwire.formats.compressed_ply import content_of_chunks, write_compressed_ply
+from splatwire.formats.content import FileContent
 from splatwire.formats.gltf import read_gltf
 from splatwire.formats.gltf_writer import write_gltf
 from splatwire.formats.ksplat import read_ksplat
-from splatwire.formats.ply import splats_of_vertices, write_ply
-from splatwire.formats.ply_file import read_ply_elements
+from splatwire.formats.ply import content_of_vertices, write_ply
+from splatwire.formats.ply_comments import states_antialiasing
+from splatwire.formats.ply_file import read_ply_comments, read_ply_elements
 from splatwire.formats.ply_note import PlyNote
 from splatwire.formats.sog import read_sog
 from splatwire.formats.splat import read_splat, write_splat
 from splatwire.formats.spz import read_spz
 from splatwire.formats.spz_writer import write_spz
 from splatwire.formats.streamed_sog import read_streamed_sog
+from splatwire.scene.origin import NO_ORIGIN, Origin, describe_origin
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
@@ -55,16 +59,16 @@ KINDS = {
     "glb": (GLB,),
 }
 """What may hold explicit Gaussians, by reader, which says more of it."""
-READERS: dict[str, Callable[[Path], Splats]] = {
+READERS: dict[str, Callable[[Path], FileContent]] = {
     "ply": lambda path: _read_ply(path),
-    "spz": read_spz,
-    "sog": read_sog,
-    "streamed sog": read_streamed_sog,
-    "splat": read_splat,
-    "ksplat": read_ksplat,
-    "glb": read_gltf,
+    "spz": lambda path: FileContent(read_spz(path), antialiased=spz.is_antialiased(path)),
+    "sog": lambda path: FileContent(read_sog(path), antialiased=sog.is_antialiased(path)),
+    "streamed sog": lambda path: FileContent(read_streamed_sog(path), antialiased=streamed_sog.is_antialiased(path)),
+    "splat": lambda path: FileContent(read_splat(path)),
+    "ksplat": lambda path: FileContent(read_ksplat(path)),
+    "glb": lambda path: FileContent(read_gltf(path)),
 }
-"""Of all rows of a file; `read_rows` judges them."""
+"""Of all rows of a file; `read_all_rows` judges them."""
 WRITERS: dict[str, Writer] = {
     "ply": write_ply,
     "compressed.ply": write_compressed_ply,
@@ -92,34 +96,59 @@ def splats_kind(path: Path) -> str | None:
 
 
 def read_splats(path: Path) -> Splats:
+    """Reads explicit Gaussians of any format that is known, in world coordinates; see `read_content`.
+
+    Raises:
+        DatasetError: See `read_content`.
+    """
+    return read_content(path).relative_to(NO_ORIGIN).splats
+
+
+def read_content(path: Path) -> FileContent:
     """Reads explicit Gaussians of any format that is known, with axes as in a 3DGS PLY (RDF).
 
-    Rows that draw nothing or cannot be drawn are left out, which is logged (`splatwire.scene.rows`).
+    Rows that draw nothing or cannot be drawn are left out, which is logged (`splatwire.scene.rows`). Positions far from
+    0 are relative to an origin near them, so that float32 holds them.
 
     Raises:
         DatasetError: If the file is of none of them, damaged, or has no Gaussian that can be drawn; the message names
             what is wrong with which field.
     """
-    splats, rows = read_rows(path)
+    content, rows = read_all_rows(path)
     rows.tell(path, "Gaussians")
     if not bool(rows.kept.any()):
         found = f"{rows.num_invisible:,} draw nothing, {rows.num_invalid:,} cannot be drawn"
         raise DatasetError(f"{path}: none of its {len(rows.kept):,} Gaussians is left: {found}")
-    return splats if rows.complete else splats.gathered(rows.kept)
+    return content if rows.complete else replace(content, splats=content.splats.gathered(rows.kept))
 
 
 def is_antialiased(path: Path) -> bool:
-    """Whether a file that was read says that its Gaussians lose opacity as they are widened to a pixel.
+    """True if a file that was read says that its Gaussians lose opacity as they are widened to a pixel.
 
-    SPZ and SOG can say so; in 3DGS, whose files are PLY, they keep it.
+    SPZ and SOG have a flag, PLY has comments of training programs (`splatwire.formats.ply_comments`).
     """
-    say = {"spz": spz.is_antialiased, "sog": sog.is_antialiased, "streamed sog": streamed_sog.is_antialiased}
+    say: dict[str, Callable[[Path], bool]] = {
+        "ply": lambda file: states_antialiasing(read_ply_comments(file)),
+        "spz": spz.is_antialiased,
+        "sog": sog.is_antialiased,
+        "streamed sog": streamed_sog.is_antialiased,
+    }
     asked = say.get(splats_kind(path) or "")
     return asked is not None and asked(path)
 
 
 def read_rows(path: Path) -> tuple[Splats, Rows]:
-    """Reads all rows of a file of explicit Gaussians, and judges them.
+    """Reads all rows of a file of explicit Gaussians in world coordinates, and judges them.
+
+    Raises:
+        DatasetError: If the file is of no format that is known, or damaged.
+    """
+    content, rows = read_all_rows(path)
+    return content.relative_to(NO_ORIGIN).splats, rows
+
+
+def read_all_rows(path: Path) -> tuple[FileContent, Rows]:
+    """Reads all rows of a file of explicit Gaussians, and judges them; positions are relative to the content's origin.
 
     Raises:
         DatasetError: If the file is of no format that is known, or damaged.
@@ -129,19 +158,19 @@ def read_rows(path: Path) -> tuple[Splats, Rows]:
         raise DatasetError(is_not(path, "a file of explicit Gaussians"))
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # numbers may lie; what comes out of them is judged
-            splats = READERS[kind](path)
+            content = READERS[kind](path).with_chosen_origin()
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
-    return splats, rows_of_splats(splats)
+    return content, rows_of_splats(content.splats)
 
 
-def _read_ply(path: Path) -> Splats:
+def _read_ply(path: Path) -> FileContent:
     elements = read_ply_elements(path)
     if "chunk" in elements:
-        return splats_of_chunks(elements)
+        return content_of_chunks(elements)
     if "vertex" not in elements:
         raise DatasetError(f"{path}: has no element vertex")
-    return splats_of_vertices(elements["vertex"])
+    return content_of_vertices(elements["vertex"])
 
 
 def writer_for(path: str | os.PathLike[str]) -> Writer:
@@ -157,7 +186,14 @@ def writer_for(path: str | os.PathLike[str]) -> Writer:
     raise UnknownNameError("format of explicit Gaussians", name, WRITERS)
 
 
-def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = None, *, antialiased: bool = False) -> int:
+def write_splats(
+    parts: Iterable[Splats],
+    path: Path,
+    note: PlyNote | None = None,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+) -> int:
     """Writes explicit Gaussians in the format that the end of the file's name says (`WRITERS`).
 
     Args:
@@ -165,8 +201,10 @@ def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = Non
             part.
         path: The file; it appears under its name when it is complete.
         note: What is noted of them, in a PLY; other formats have no room for it.
-        antialiased: Whether they lose opacity as they are widened to a pixel. SPZ and SOG say so; where a format
+        antialiased: Whether they lose opacity as they are widened to a pixel. PLY, SPZ and SOG say so; where a format
             cannot, a warning does.
+        origin: World coordinates that positions are relative to. A PLY has float64 world coordinates; a warning says
+            where a format cannot hold them.
 
     Returns:
         How many Gaussians were written.
@@ -176,15 +214,24 @@ def write_splats(parts: Iterable[Splats], path: Path, note: PlyNote | None = Non
         InvalidValueError: If there is none, a number is not finite, or degrees differ.
         OSError: If the file cannot be written.
     """
-    writer = antialiasing(writer_for(path), path, antialiased)
-    return write_ply(parts, path, note) if writer is write_ply else writer(parts, path)
+    writer = writer_for(path)
+    more = {} if note is None or writer is not write_ply else {"note": note}
+    return partial(stating(writer, path, antialiased=antialiased, origin=origin), **more)(parts, path)
 
 
-def antialiasing(writer: Writer, path: Path, antialiased: bool) -> Writer:
-    """The writer that says that Gaussians are antialiased if they are; where its format cannot, that is logged."""
-    if not antialiased:
-        return writer
-    if writer in (write_spz, write_sog):
-        return partial(writer, antialiased=True)
-    LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: SPZ and SOG can", path)
-    return writer
+def stating(writer: Writer, path: Path, *, antialiased: bool = False, origin: Origin = NO_ORIGIN) -> Writer:
+    """Returns a writer whose files state antialiasing and origin as its format can; what it cannot is logged."""
+    stated: dict[str, object] = {}
+    if antialiased and writer in (write_ply, write_compressed_ply, write_spz, write_sog):
+        stated["antialiased"] = True
+    elif antialiased:
+        LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
+    if origin != NO_ORIGIN and writer in (write_ply, write_compressed_ply):
+        stated["origin"] = origin
+    if origin != NO_ORIGIN and writer is not write_ply:
+        where = "only a comment in such files holds" if "origin" in stated else "such files do not hold"
+        LOG.warning(
+            "%s: positions are relative to the scene's origin (%s), which %s; PLY has world coordinates",
+            path, describe_origin(origin).replace(" ", ", "), where,
+        )  # fmt: skip
+    return partial(writer, **stated) if stated else writer

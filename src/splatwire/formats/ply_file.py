@@ -30,11 +30,13 @@ class PlyElement:
         path: Where they come from, for messages.
         name: Its name, `vertex` for most.
         rows: A record for each row, with a field for each property; floats may be NaN or infinite.
+        comments: Text of each comment of the file's header.
     """
 
     path: Path
     name: str
     rows: np.ndarray
+    comments: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -67,10 +69,21 @@ class PlyElement:
         Raises:
             DatasetError: If one of them is missing.
         """
+        return self._select(wanted, np.float32)
+
+    def select_wide(self, wanted: list[str]) -> np.ndarray:
+        """Returns the properties of these names as float64 (N, len(wanted)).
+
+        Raises:
+            DatasetError: If one of them is missing.
+        """
+        return self._select(wanted, np.float64)
+
+    def _select(self, wanted: list[str], dtype: type[np.floating]) -> np.ndarray:
         missing = [name for name in wanted if name not in self.names]
         if missing:
             raise DatasetError(f"{self.path}: property {missing[0]} is missing")
-        columns = np.empty((len(self.rows), len(wanted)), np.float32)
+        columns = np.empty((len(self.rows), len(wanted)), dtype)
         for place, name in enumerate(wanted):
             columns[:, place] = self.rows[name]
         return columns
@@ -114,11 +127,29 @@ def read_ply_elements(path: Path) -> dict[str, PlyElement]:
         raise DatasetError(f"{path}: cannot be read: {error}") from error
 
 
-def _read_elements(path: Path, file: BinaryIO, file_bytes: int) -> dict[str, PlyElement]:
+def read_ply_comments(path: Path) -> tuple[str, ...]:
+    """Reads the comments of a header, also of an xz archive; the rows are not looked at.
+
+    Raises:
+        DatasetError: If the file is absent or no PLY.
+    """
+    try:
+        with open_regular(path, DatasetError) as file:
+            return read_header(path, _source(path, file, path.stat().st_size)[0])[0].comments
+    except (OSError, lzma.LZMAError, EOFError) as error:
+        raise DatasetError(f"{path}: cannot be read: {error}") from error
+
+
+def _source(path: Path, file: BinaryIO, file_bytes: int) -> tuple[Iterator[bytes], int]:
+    """Pieces of a file, unpacked if it is an archive, and the limit on their bytes together."""
     packed = file.read(len(XZ_MAGIC)) == XZ_MAGIC
     file.seek(0)
     limit = max(_FREE_BYTES, _MAX_RATIO * file_bytes) if packed else file_bytes
-    source = _unpacked(path, file, limit) if packed else _plain(file)
+    return _unpacked(path, file, limit) if packed else _plain(file), limit
+
+
+def _read_elements(path: Path, file: BinaryIO, file_bytes: int) -> dict[str, PlyElement]:
+    source, limit = _source(path, file, file_bytes)
     header, body = read_header(path, source)
     if header.num_bytes > limit:
         raise DatasetError(
@@ -129,7 +160,7 @@ def _read_elements(path: Path, file: BinaryIO, file_bytes: int) -> dict[str, Ply
     if header.lists is not None and "vertex" not in elements:
         why = f"element {header.lists} has lists, so neither it nor what follows is read"
         raise DatasetError(f"{path}: no vertices: {why}")
-    return {name: PlyElement(path, name, rows) for name, rows in elements.items()}
+    return {name: PlyElement(path, name, rows, header.comments) for name, rows in elements.items()}
 
 
 def _plain(file: BinaryIO) -> Iterator[bytes]:

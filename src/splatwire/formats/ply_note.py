@@ -19,9 +19,13 @@ from splatwire.files.capped import open_regular
 DIGEST_DIGITS = 32
 _HEAD_BYTES = 8192
 _COMMENT = re.compile(rb"\ncomment splatwire-steps ([0-9a-f]{32}) ([A-Za-z0-9+/=]{1,2000})\n")
+_TYPES = {b"float": "<f4", b"double": "<f8"}
 _ROWS = re.compile(rb"\nelement vertex ([0-9]{1,9})\n")
-_NORMAL = 3
-"""Column of the first component of the normal."""
+_NORMAL = "nx"
+"""Property that holds the marks."""
+_COLUMN = 3
+"""Its column among those that are written."""
+_PROPERTY = re.compile(rb"\nproperty (float|double) (\w+)(?=\n)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,25 +57,28 @@ def read_note(path: Path) -> PlyNote | None:
         comment, count = _COMMENT.search(head), _ROWS.search(head)
         if not mark or comment is None or count is None:
             return None
-        width = head.count(b"\nproperty float ")
-        size = int(count[1]) * width * 4
+        fields = [(name.decode(), _TYPES[kind]) for kind, name in _PROPERTY.findall(head)]
+        if len({name for name, _ in fields}) < len(fields) or _NORMAL not in dict(fields):
+            return None
+        record = np.dtype(fields)
+        size = int(count[1]) * record.itemsize
         file.seek(0, 2)
-        if width <= _NORMAL or file.tell() != len(head) + len(mark) + size:
+        if file.tell() != len(head) + len(mark) + size:
             return None
         file.seek(len(head) + len(mark))
-        rows = np.frombuffer(file.read(size), "<f4").reshape(-1, width)
-    if hashlib.sha256(rows.data).hexdigest()[:DIGEST_DIGITS] != comment[1].decode():
+        rows = np.frombuffer(file.read(size), record)
+    if hashlib.sha256(rows.view(np.uint8).data).hexdigest()[:DIGEST_DIGITS] != comment[1].decode():
         return None
     try:
         content = base64.b64decode(comment[2], validate=True)
     except binascii.Error:
         return None
     with np.errstate(invalid="ignore"):
-        return PlyNote(content, rows[:, _NORMAL].astype(np.uint8))
+        return PlyNote(content, rows[_NORMAL].astype(np.uint8))
 
 
 def marked(rows: np.ndarray, marks: np.ndarray) -> np.ndarray:
     """Rows with a mark each."""
     found = rows.copy()
-    found[:, _NORMAL] = marks
+    found[:, _COLUMN] = marks
     return found

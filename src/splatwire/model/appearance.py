@@ -15,6 +15,7 @@ from splatwire.model.partial import Partial
 from splatwire.model.scene import Scene
 from splatwire.model.splat_scene import SplatScene
 from splatwire.scene import Cameras, Gaussians
+from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.splats import Splats
 
 
@@ -27,6 +28,8 @@ def scene_of(loaded: Scene | Partial) -> Scene:
 def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
     """What camera `view` sees of a scene, as its hints say; for drawing, without gradients.
 
+    Gaussians are relative to the scene's origin, as `cameras.relative_to(origin_of(scene))` are.
+
     Raises:
         InvalidValueError: If it is no scene.
     """
@@ -35,7 +38,7 @@ def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
 
 @gaussians_of_view.register
 def _(scene: SplatScene, cameras: Cameras, view: int) -> Gaussians:
-    splats = scene.drawn()
+    splats, cameras = scene.drawn(), cameras.relative_to(scene.origin)
     return splats.seen_from(cameras.centers[view].to(splats.means))
 
 
@@ -57,6 +60,7 @@ def spawned_gaussians(scene: Scene, cameras: Cameras, view: int) -> SpawnedGauss
 @spawned_gaussians.register
 def _(scene: SplatScene, cameras: Cameras, view: int) -> SpawnedGaussians:
     own = torch.arange(scene.num_elements)
+    cameras = cameras.relative_to(scene.origin)
     seen = scene.splats.seen_from(cameras.centers[view].to(scene.positions))
     return SpawnedGaussians(seen, own, torch.zeros_like(own))
 
@@ -77,6 +81,17 @@ def antialiased(scene: Scene) -> bool:
 @antialiased.register
 def _(scene: SplatScene) -> bool:
     return scene.antialiased
+
+
+@singledispatch
+def origin_of(scene: Scene) -> Origin:
+    """World coordinates that the positions of a scene are relative to."""
+    return NO_ORIGIN
+
+
+@origin_of.register
+def _(scene: SplatScene) -> Origin:
+    return scene.origin
 
 
 @singledispatch

@@ -13,6 +13,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.model.scene import Coverage, RenderHints
 from splatwire.model.splat_scene import SplatScene
 from splatwire.scene.background import BLACK, Background
+from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.rows import Rows
 from splatwire.scene.splats import Splats
 
@@ -117,6 +118,7 @@ class ClipScene:
         count: Elements, N.
         background: RGB behind everything.
         antialiased: See `SplatScene`.
+        origin: See `SplatScene`.
     """
 
     ELEMENTS: ClassVar[str] = "tracks"
@@ -128,6 +130,7 @@ class ClipScene:
     background: Background = BLACK
     antialiased: bool = False
     hints: RenderHints | None = None
+    origin: Origin = NO_ORIGIN
 
     @property
     def elements(self) -> Splats:
@@ -171,7 +174,9 @@ class ClipScene:
 
     def bases(self) -> SplatScene:
         """The bases as a scene of their own."""
-        return SplatScene(self.tracks.splats, background=self.background, antialiased=self.antialiased)
+        return SplatScene(
+            self.tracks.splats, background=self.background, antialiased=self.antialiased, origin=self.origin
+        )
 
     def select(self, index: Tensor) -> "ClipScene":
         """The clip itself: which of its elements are there is for its motion to say."""

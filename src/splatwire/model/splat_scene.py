@@ -9,6 +9,7 @@ from torch import Tensor
 
 from splatwire.model.scene import Coverage, RenderHints
 from splatwire.scene.background import BLACK, Background
+from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
@@ -50,6 +51,7 @@ class SplatScene:
         background: RGB behind everything.
         coding: What its Gaussians were rounded to, if the scene was decoded: it is encoded in the same steps again.
         antialiased: Whether its Gaussians were trained to lose opacity as they are widened to a pixel (Mip-Splatting).
+        origin: World coordinates that positions are relative to.
     """
 
     ELEMENTS: ClassVar[str] = "Gaussians"
@@ -62,6 +64,7 @@ class SplatScene:
     background: Background = BLACK
     coding: SplatCoding | None = None
     antialiased: bool = False
+    origin: Origin = NO_ORIGIN
 
     @property
     def elements(self) -> Splats:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
-from splatwire.model.appearance import Scene, explicit_gaussians, spawned_gaussians
+from splatwire.model.appearance import Scene, explicit_gaussians, origin_of, spawned_gaussians
 from splatwire.model.projection import project
 from splatwire.render.reference import rotation_matrices
 from splatwire.scene import Cameras, Gaussians
@@ -27,6 +27,7 @@ def footprint_importance(scene: Scene, cameras: Cameras) -> Importance:
         scene: The complete scene.
         cameras: Where it is looked at from; training cameras, or `surrounding_cameras`.
     """
+    cameras = cameras.relative_to(origin_of(scene))
     footprint = torch.zeros(scene.num_elements, dtype=torch.float64)
     for view in range(cameras.num_views):
         spawned = spawned_gaussians(scene, cameras, view)
@@ -61,7 +62,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     splats = explicit_gaussians(scene)
     if splats is None:
         return cameras_around(scene.positions, num_views, size)
-    near = cameras_around(splats.means, num_views, size)
+    near = replace(cameras_around(splats.means, num_views, size), origin=origin_of(scene))
     far, outwards = _moved(near, splats.means, _FAR), _turned(near)
     poses = near.viewmats.clone()
     poses[1::2] = far.viewmats[1::2]

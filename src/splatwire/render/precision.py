@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
-from splatwire.model.appearance import Scene, explicit_gaussians
+from splatwire.model.appearance import Scene, explicit_gaussians, origin_of
 from splatwire.ops.kd_order import kd_order
 from splatwire.ops.rising import rising
 from splatwire.ops.threads import one_torch_thread, share
@@ -70,7 +70,7 @@ def classes_of(scene: Scene, cameras: Cameras | None = None, *, anew: bool = Fal
     return (
         None
         if splats is None or (getattr(scene, "coding", None) is not None and not anew)
-        else precision_classes(splats, cameras)
+        else precision_classes(splats, None if cameras is None else cameras.relative_to(origin_of(scene)))
     )
 
 

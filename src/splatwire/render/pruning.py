@@ -13,7 +13,7 @@ from jaxtyping import Float64
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
-from splatwire.model.appearance import Scene, spawned_gaussians
+from splatwire.model.appearance import Scene, origin_of, spawned_gaussians
 from splatwire.render.backends import create_renderer
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.render import iterate_views
@@ -85,6 +85,7 @@ def removal_errors(
         progress: Called with the share of views that is done.
     """
     draw, rng = create_renderer(renderer), torch.Generator().manual_seed(seed)
+    cameras = cameras.relative_to(origin_of(scene))
     behind, total = torch.tensor(scene.background), torch.zeros(scene.num_elements, dtype=torch.float64)
     for view in range(cameras.num_views):
         with torch.no_grad():

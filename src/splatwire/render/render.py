@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.model.appearance import Scene, antialiased, gaussians_of_view
+from splatwire.model.appearance import Scene, antialiased, gaussians_of_view, origin_of
 from splatwire.ops.threads import one_torch_thread
 from splatwire.render.antialiasing import compensated
 from splatwire.render.backends import create_renderer
@@ -41,7 +41,7 @@ def iterate_views(
     """
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
     behind = torch.tensor(scene.background) if background is None else background
-    return _views(scene, cameras, draw, behind)
+    return _views(scene, cameras.relative_to(origin_of(scene)), draw, behind)
 
 
 def _views(

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
+from splatwire.scene.origin import NO_ORIGIN, Origin
 
 MAX_PIXELS = 1 << 27
 """More than any camera has (134 million); as float32 a picture of them takes 1.6 GB."""
@@ -36,6 +37,7 @@ class Cameras:
         width: Image width in pixels.
         height: Image height in pixels.
         names: One name per view, without a file suffix.
+        origin: World coordinates that the matrices are relative to.
     """
 
     viewmats: Float[Tensor, "C 4 4"]
@@ -43,6 +45,7 @@ class Cameras:
     width: int
     height: int
     names: tuple[str, ...]
+    origin: Origin = NO_ORIGIN
 
     def __post_init__(self) -> None:
         if not len(self.names) == self.viewmats.shape[0] == self.Ks.shape[0]:
@@ -56,9 +59,18 @@ class Cameras:
 
     @property
     def centers(self) -> Float[Tensor, "C 3"]:
-        """Camera centres in world coordinates."""
+        """Camera centres in world coordinates, relative to `origin`."""
         rotation, translation = self.viewmats[:, :3, :3], self.viewmats[:, :3, 3]
         return -torch.einsum("cij,ci->cj", rotation, translation)
+
+    def relative_to(self, origin: Origin) -> "Cameras":
+        """Returns the same cameras with matrices that are relative to another origin."""
+        if origin == self.origin:
+            return self
+        shift = torch.tensor(origin, dtype=torch.float64) - torch.tensor(self.origin, dtype=torch.float64)
+        poses = self.viewmats.double()
+        poses[:, :3, 3] += torch.einsum("cij,j->ci", poses[:, :3, :3], shift.to(poses.device))
+        return replace(self, viewmats=poses.to(self.viewmats.dtype), origin=origin)
 
     def select(self, views: list[int]) -> "Cameras":
         """Returns the cameras at the given indices, in that order."""

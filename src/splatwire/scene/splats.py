@@ -13,6 +13,7 @@ from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
 from splatwire.scene.anchors import MIN_SIZE
 from splatwire.scene.erasures import Erasures
 from splatwire.scene.gaussians import Gaussians
+from splatwire.scene.origin import Origin
 
 ROWS = 1 << 16
 """So many rows are copied at a time."""
@@ -87,6 +88,19 @@ class Splats:
             InvalidValueError: If there is no such degree.
         """
         return dataclasses.replace(self, sh=self.sh[:, : num_functions(degree)])
+
+    def moved_origin(self, before: Origin, after: Origin) -> "Splats":
+        """Returns the Gaussians with positions relative to `after`, given those relative to `before`.
+
+        Sums are made in float64 and rounded once.
+        """
+        if before == after:
+            return self
+        shift = torch.tensor(before, dtype=torch.float64) - torch.tensor(after, dtype=torch.float64)
+        means = torch.from_numpy(large_empty((self.num_gaussians, 3), np.float32))
+        for begin in range(0, self.num_gaussians, ROWS):
+            means[begin : begin + ROWS] = (self.means[begin : begin + ROWS].double() + shift).float()
+        return dataclasses.replace(self, means=means)
 
     @property
     def log_axes(self) -> Float[Tensor, "G 3"]:

@@ -10,7 +10,7 @@ from splatwire.codec.schemas.gaussians.coding import coding_from_bytes
 from splatwire.conceal import Concealer, concealed, create_concealer
 from splatwire.errors import BitstreamError
 from splatwire.files.kinds import SCENE_FILES, SOG_LEVELS, SPLATS_PLY, STREAMS, Kind, file_kind, is_not
-from splatwire.formats import format_of, is_antialiased, read_note, read_splats
+from splatwire.formats import format_of, read_content, read_note
 from splatwire.model import SplatCoding, SplatScene
 from splatwire.model.appearance import Partial, Scene, scene_of
 from splatwire.model.scene_file import load_background, load_scene_file
@@ -121,9 +121,14 @@ def background_of_file(path: Path) -> Background:
 
 def _read(path: Path, kind: Kind) -> SceneFile:
     if format_of(kind) is not None:
-        splats = read_splats(path)
-        coding, antialiased = _coding(path, kind, splats), is_antialiased(path)
-        return SceneFile(kind, SplatScene(splats, coding=coding, antialiased=antialiased), None)
+        content = read_content(path)
+        scene = SplatScene(
+            content.splats,
+            coding=_coding(path, kind, content.splats),
+            antialiased=content.antialiased,
+            origin=content.origin,
+        )
+        return SceneFile(kind, scene, None)
     if kind in STREAMS:
         partial = decode_stream(read_stream(path)[0].still(path))
         return SceneFile(kind, partial, partial.erasures)

@@ -9,7 +9,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.formats import PlyNote, write_splats
 from splatwire.formats.kinds import READERS, WRITERS
 from splatwire.model import Partial, Prior, SplatCoding
-from splatwire.model.appearance import Scene, antialiased, explicit_gaussians
+from splatwire.model.appearance import Scene, antialiased, explicit_gaussians, origin_of
 from splatwire.model.scene_file import save_partial
 from splatwire.model.scene_file import save_scene as save_anchors
 from splatwire.packets.stream import FILE_SUFFIX
@@ -39,7 +39,7 @@ def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures
     if isinstance(scene, Partial) and scene.find(Prior) is None:
         scene = conceal(scene, "drop")
     if not isinstance(scene, Partial) and (splats := explicit_gaussians(scene)) is not None:
-        write_splats([splats], target, _note_of(scene), antialiased=antialiased(scene))
+        write_splats([splats], target, _note_of(scene), antialiased=antialiased(scene), origin=origin_of(scene))
         return
     if target.name.lower().endswith(_OTHERS):
         raise InvalidValueError(

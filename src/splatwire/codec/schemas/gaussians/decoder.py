@@ -9,6 +9,7 @@ import torch
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import read_background
 from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.origin import read_origin
 from splatwire.codec.schema import Rows, Run
 from splatwire.codec.schemas.gaussians.attributes import empty_rows, to_splats, update_digest
 from splatwire.codec.schemas.gaussians.copies import read_copies
@@ -108,6 +109,7 @@ class GaussianDecoder:
             background=read_background(self.sections),
             coding=coding_of(self._info, self._levels),
             antialiased=ANTIALIASED in self.sections,
+            origin=read_origin(self.sections),
         )
         return Partial(scene, self._erasures, concealer_sections(self.sections), self._said)
 

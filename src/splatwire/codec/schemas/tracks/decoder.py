@@ -10,6 +10,7 @@ from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import read_background
 from splatwire.codec.memory import check_memory
 from splatwire.codec.named_sections import concealer_sections
+from splatwire.codec.origin import read_origin
 from splatwire.codec.schema import Rows, Run
 from splatwire.codec.schemas.gaussians.attributes import empty_rows as empty_bases
 from splatwire.codec.schemas.gaussians.attributes import update_digest as digest_bases
@@ -147,7 +148,10 @@ class TracksDecoder:
         blocks = self._spans.blocks_of_tracks()
         tracks = Tracks(self._splats, self._spans.born, self._received.numpy(), blocks, self._rounding, *self._lives)
         background, antialiased = read_background(self.sections), ANTIALIASED in self.sections
-        clip = ClipScene(self.info.timeline, tracks, self._motion, self._num, background, antialiased)
+        clip = ClipScene(
+            self.info.timeline, tracks, self._motion, self._num, background, antialiased,
+            origin=read_origin(self.sections),
+        )  # fmt: skip
         return Partial(clip, self._erasures, concealer_sections(self.sections))
 
     def _motion(self, group: int, there: np.ndarray) -> GroupMotion:

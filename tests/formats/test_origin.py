@@ -1,0 +1,114 @@
+"""Positions of geo-referenced scenes: float64 in files, float32 relative to an origin in memory."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from formats.handmade import some_splats
+from splatwire.errors import DatasetError
+from splatwire.formats import read_content, read_rows, read_splats, write_splats
+from splatwire.scene.origin import NO_ORIGIN, Origin
+from splatwire.scene.splats import Splats
+
+UTM: Origin = (451234.0, 5411876.0, 118.0)
+ECEF: Origin = (4199474.0, 868431.0, -4705921.0)
+
+
+def geo_ply(splats: Splats, shift: np.ndarray, path: Path, kind: str = "double") -> Path:
+    """A PLY of another program with float64 (or other) coordinates and no comment."""
+    write_splats([splats], path)
+    head, mark, data = path.read_bytes().partition(b"end_header\n")
+    rows = np.frombuffer(data, "<f4").reshape(splats.num_gaussians, -1)
+    record = np.dtype([("means", "<f8" if kind == "double" else "<f4", 3), ("rest", "<f4", rows.shape[1] - 3)])
+    records = np.empty(len(rows), record)
+    records["means"], records["rest"] = splats.means.double().numpy() + shift, rows[:, 3:]
+    for axis in "xyz":
+        head = head.replace(f"property float {axis}\n".encode(), f"property {kind} {axis}\n".encode())
+    path.write_bytes(head + mark + records.tobytes())
+    return path
+
+
+@pytest.mark.parametrize("near", [UTM, ECEF, (0.0, 7e6, 0.0)])
+def test_float64_coordinates_keep_their_precision(near: Origin, tmp_path: Path) -> None:
+    splats, shift = some_splats(500, 1), np.array(near) + np.array([0.5, 0.25, 0.125])
+    content = read_content(geo_ply(splats, shift, tmp_path / "a.ply"))
+    world = content.splats.means.double().numpy() + np.array(content.origin)
+    assert np.abs(world - (splats.means.double().numpy() + shift)).max() < 1e-6
+    assert max(abs(a - b) for a, b in zip(content.origin, near, strict=True)) < 2
+    for name in ("quats", "scales", "opacities", "sh"):
+        assert torch.allclose(getattr(content.splats, name), getattr(splats, name), atol=1e-5)
+
+
+def test_float32_coordinates_far_from_zero_are_as_they_were(tmp_path: Path) -> None:
+    splats, shift = some_splats(500, 0), np.array([4000.0, 2500.0, 100.0])
+    content = read_content(geo_ply(splats, shift, tmp_path / "a.ply", "float"))
+    there = (splats.means.double().numpy() + shift).astype(np.float32)
+    assert content.origin != NO_ORIGIN
+    assert np.array_equal((content.splats.means.double().numpy() + content.origin).astype(np.float32), there)
+
+
+@pytest.mark.parametrize("kind", ["float", "double"])
+def test_scenes_around_zero_have_no_origin(kind: str, tmp_path: Path) -> None:
+    splats = some_splats(500, 0)
+    splats.means[::50] += 1e6  # distant Gaussians are no reason to move the others
+    for shift in (0.0, 1.5):
+        content = read_content(geo_ply(splats, np.array([shift, 0, 0]), tmp_path / "a.ply", kind))
+        assert content.origin == NO_ORIGIN
+
+
+def test_a_written_ply_has_float64_coordinates_and_its_origin(tmp_path: Path) -> None:
+    splats, origin = some_splats(300, 2), (451234.5, 5411876.25, -118.0)
+    write_splats([splats.run(0, 100), splats.run(100, 300)], tmp_path / "a.ply", origin=origin)
+    text = (tmp_path / "a.ply").read_bytes().partition(b"end_header")[0].decode()
+    assert "property double x\nproperty double y\nproperty double z\nproperty float nx" in text
+    content = read_content(tmp_path / "a.ply")
+    assert content.origin == origin
+    assert torch.allclose(content.splats.means, splats.means, atol=1e-9, rtol=0)
+    for name in ("quats", "scales", "opacities", "sh"):
+        assert torch.allclose(getattr(content.splats, name), getattr(splats, name), atol=1e-5)
+
+
+def test_a_compressed_ply_has_its_origin_in_a_comment(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_splats([some_splats(300, 0)], tmp_path / "plain.compressed.ply")
+    write_splats([some_splats(300, 0)], tmp_path / "a.compressed.ply", origin=UTM)
+    assert "451234, 5411876, 118" in caplog.text
+    content = read_content(tmp_path / "a.compressed.ply")
+    assert content.origin == UTM
+    assert torch.equal(content.splats.means, read_splats(tmp_path / "plain.compressed.ply").means)
+
+
+@pytest.mark.parametrize("name", ["a.spz", "a.sog", "a.splat"])
+def test_formats_without_room_for_an_origin_warn_with_its_numbers(
+    name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_splats([some_splats(300, 0)], tmp_path / name, origin=UTM)
+    assert "origin (451234, 5411876, 118)" in caplog.text
+    assert read_content(tmp_path / name).origin == NO_ORIGIN
+    assert float(read_splats(tmp_path / name).means.abs().max()) < 10
+
+
+def test_readers_of_world_coordinates_get_them(tmp_path: Path) -> None:
+    splats = some_splats(300, 0)
+    write_splats([splats], tmp_path / "a.ply", origin=UTM)
+    expected = splats.means.double() + torch.tensor(UTM, dtype=torch.float64)
+    for found in (read_splats(tmp_path / "a.ply"), read_rows(tmp_path / "a.ply")[0]):
+        assert torch.equal(found.means, expected.float())
+
+
+def test_impossible_coordinates_and_origins_are_judged(tmp_path: Path) -> None:
+    splats = some_splats(300, 0)
+    shift = np.tile(np.array(UTM), (300, 1))
+    shift[3], shift[7] = np.nan, np.inf
+    path = geo_ply(splats, shift, tmp_path / "a.ply")
+    content = read_content(path)
+    assert content.splats.num_gaussians == 298
+    assert max(abs(a - b) for a, b in zip(content.origin, UTM, strict=True)) < 2
+    data = path.read_bytes()
+    for words in ("1 2", "nan 0 0", "1e300 0 0", "a b c"):
+        path.write_bytes(data.replace(b"comment splatwire", f"comment splatwire-origin {words}\ncomment x".encode(), 1))
+        assert read_content(path).origin == content.origin
+    gone = geo_ply(splats, np.full(3, np.nan), tmp_path / "b.ply")
+    with pytest.raises(DatasetError, match="none of its 300"):
+        read_content(gone)
