@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-MODEL_IDS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "OPENCV_FISHEYE": 5, "FULL_OPENCV": 6}
+MODEL_IDS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "EQUIRECTANGULAR": 17}
 
 
 class Capture:

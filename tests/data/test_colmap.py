@@ -5,6 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from splatwire.data import dataset_layout, open_dataset
 from splatwire.data.colmap import find_reconstruction, read_points, read_views
 from splatwire.errors import DatasetError
 
@@ -30,11 +31,55 @@ def test_simple_pinhole_has_one_focal_length(capture):
     assert view.K.tolist() == [[31, 0, 19], [0, 31, 11], [0, 0, 1]]
 
 
-@pytest.mark.parametrize(("model", "count"), [("OPENCV_FISHEYE", 8), ("FULL_OPENCV", 12)])
-def test_a_bending_lens_is_refused_and_the_fix_is_named(capture, model, count):
-    folder = capture.write_binary(model, (30.0,) * count)
-    with pytest.raises(DatasetError, match=f"{model}.*image_undistorter"):
+def test_a_panorama_is_refused_by_name(capture):
+    folder = capture.write_binary("EQUIRECTANGULAR", (40.0, 24.0))
+    with pytest.raises(DatasetError, match=r"EQUIRECTANGULAR.*perspective"):
         read_views(folder)
+
+
+def _texts(capture, second, newline="\n", extra=""):
+    """Text files whose images have this second line; None for no second line."""
+    folder = capture.write_text()
+    lines = (folder / "images.txt").read_text().splitlines()
+    images = [line for line in lines[1:] if len(line.split()) >= 10]
+    assert len(images) == 12
+    rows = [row for image in images for row in ([image] if second is None else [image, second])]
+    (folder / "images.txt").write_bytes((newline.join([lines[0], extra, *rows]) + newline).encode())
+    return folder
+
+
+MANY = " ".join(["512 384.25 -1", "17.5 20 9", "3 4 5", "8 9 12"])
+
+
+@pytest.mark.parametrize("second", [None, "", "  ", "0.5 0.5 -1", MANY, MANY + " " + MANY])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_all_images_are_read_whatever_their_second_line_is(capture, second, newline):
+    expected = read_views(capture.write_text())
+    found = read_views(_texts(capture, second, newline))
+    assert [view.name for view in found] == [view.name for view in expected]
+    assert all(np.array_equal(a.viewmat, b.viewmat) for a, b in zip(found, expected, strict=True))
+
+
+@pytest.mark.parametrize("names", ["{:04d}", "2024 shot {}.png", "{} {} 3.png"])
+@pytest.mark.parametrize("second", [None, "", MANY])
+def test_names_of_numbers_and_spaces_are_no_points(capture, names, second):
+    capture.names = [names.format(i, i) for i in range(12)]
+    assert sorted(view.name for view in read_views(_texts(capture, second))) == sorted(capture.names)
+
+
+def test_a_line_that_is_neither_image_nor_points_is_refused(capture):
+    with pytest.raises(DatasetError, match="line 4 is not an image"):
+        read_views(_texts(capture, "1.5 2.5"))
+
+
+@pytest.mark.parametrize("photos", ["images", "."])
+def test_a_text_model_may_lie_in_the_folder_itself(capture, photos):
+    for file in capture.write_text().iterdir():
+        file.rename(capture.root / file.name)
+    capture.write_images(photos)
+    dataset = open_dataset(capture.root, split="all")
+    assert (dataset.num_views, dataset.points.num_points) == (12, 5)
+    assert dataset_layout(capture.root) == "colmap"
 
 
 def test_points_are_optional(capture):

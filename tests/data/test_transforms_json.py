@@ -3,12 +3,13 @@ import json
 import numpy as np
 import pytest
 
+from splatwire.data import open_dataset
 from splatwire.data.transforms_json import read_transforms
 from splatwire.errors import DatasetError
 
 
 def test_blender_poses_become_opencv(capture):
-    views = read_transforms(capture.write_blender() / "transforms_test.json")
+    views = read_transforms(capture.write_blender() / "transforms_test.json").views
     assert [view.name for view in views] == [f"test/r_{i}" for i in range(8, 12)]
     for i, view in enumerate(views, start=8):
         np.testing.assert_allclose(view.viewmat, capture.viewmat(i), atol=1e-9)
@@ -17,7 +18,7 @@ def test_blender_poses_become_opencv(capture):
 
 
 def test_nerfstudio_intrinsics_are_taken_as_given(capture):
-    views = read_transforms(capture.write_nerfstudio() / "transforms.json")
+    views = read_transforms(capture.write_nerfstudio() / "transforms.json").views
     for i, view in enumerate(views):
         np.testing.assert_allclose(view.viewmat, capture.viewmat(i), atol=1e-9)
         assert view.K.tolist() == [[33, 0, 19.5], [0, 35, 12.25], [0, 0, 1]]
@@ -28,7 +29,7 @@ def test_intrinsics_of_a_frame_win(capture):
     content = json.loads(path.read_text())
     content["frames"][5]["fl_x"] = 50
     path.write_text(json.dumps(content))
-    assert [view.K[0, 0] for view in read_transforms(path)] == [33] * 5 + [50] + [33] * 6
+    assert [view.K[0, 0] for view in read_transforms(path).views] == [33] * 5 + [50] + [33] * 6
 
 
 def frame(**values):
@@ -47,8 +48,18 @@ def frame(**values):
         (frame(transform_matrix=None), "expected 4 x 4 numbers"),
         (frame(transform_matrix=[[float("nan")] * 4] * 4), "not finite"),
         (frame(transform_matrix=(3 * np.eye(4)).tolist()), "not a rotation"),
-        (frame(k3=0.1), "a lens \\(k3\\)"),
-        (frame(camera_model="OPENCV_FISHEYE"), "a lens \\(camera_model\\)"),
+        (frame(k4=0.1), "a lens \\(k4\\)"),
+        (frame(is_fisheye=True, p1=0.1), "a lens \\(p1\\)"),
+        (frame(camera_model="EQUIRECTANGULAR"), "'camera_model' 'EQUIRECTANGULAR'"),
+        (frame(camera_model="VR180_L", fl_x=None), "'camera_model' 'VR180_L'"),
+        (frame(camera_model="FISHEYE624"), "'camera_model' 'FISHEYE624'"),
+        (frame(latlong=True), "'latlong'"),
+        (lambda content: content.update(equirectangular=True), "'equirectangular'"),
+        (lambda content: content.update(ply_file_path="gone.ply"), "point cloud 'gone.ply'"),
+        (lambda content: content.update(ply_file_path="../gone.ply"), "does not stay inside"),
+        (lambda content: content.update(ply_file_path=3), "'ply_file_path' is not a path"),
+        (lambda content: content.update(train_filenames=["images/other.png"]), "'train_filenames' lists 'images/other"),
+        (lambda content: content.update(val_filenames="images/view_00.png"), "'val_filenames' is not a list"),
         (frame(fl_x="wide"), "'fl_x' is not a sensible number"),
         (frame(w=0), "image size of 0 x 24"),
         (lambda content: content.pop("fl_x"), "neither 'fl_x' nor"),
@@ -62,3 +73,72 @@ def test_wrong_files_are_refused(spoil, reason, capture):
     with pytest.raises(DatasetError, match=reason) as caught:
         read_transforms(path)
     assert "transforms.json" in str(caught.value)
+
+
+def test_a_vertical_angle_of_view_is_as_good_as_a_horizontal_one(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    content = json.loads(path.read_text())
+    del content["fl_x"], content["fl_y"]
+    content["camera_angle_y"] = 2 * np.arctan(12 / 35)
+    path.write_text(json.dumps(content))
+    assert read_transforms(path).views[0].K[[0, 1], [0, 1]] == pytest.approx([35, 35])
+
+
+def test_poses_of_three_rows_and_absolute_paths_inside_the_folder_are_read(capture):
+    path = capture.write_nerfstudio() / "transforms.json"
+    expected = read_transforms(path).views
+    content = json.loads(path.read_text())
+    for one in content["frames"]:
+        one["transform_matrix"] = one["transform_matrix"][:3]
+        one["file_path"] = str((capture.root / one["file_path"]).absolute())
+    path.write_text(json.dumps(content))
+    found = read_transforms(path).views
+    assert [view.image_path.resolve() for view in found] == [view.image_path.resolve() for view in expected]
+    assert all(np.array_equal(a.viewmat, b.viewmat) for a, b in zip(found, expected, strict=True))
+
+
+def _with_splits(capture, **splits):
+    capture.write_nerfstudio(
+        **{f"{name}_filenames": [f"./images/view_{i:02d}.png" for i in v] for name, v in splits.items()}
+    )
+    return {s: [n[-2:] for n in open_dataset(capture.root, split=s).cameras.names] for s in ("train", "test", "all")}
+
+
+def test_listed_splits_are_taken(capture):
+    found = _with_splits(capture, train=(0, 1, 5), val=(7,), test=(2, 3))
+    assert found["train"] == ["00", "01", "05"]
+    assert found["test"] == ["02", "03"]
+    assert len(found["all"]) == 12
+    assert len(open_dataset(capture.root, split="test", test_views="every_8th").cameras.names) == 2
+
+
+def test_validation_views_test_where_no_others_do_and_one_list_leaves_the_rest(capture):
+    assert _with_splits(capture, train=(0, 1), val=(7, 8))["test"] == ["07", "08"]
+    assert len(_with_splits(capture, train=range(9))["test"]) == 3
+    assert len(_with_splits(capture, test=range(9))["train"]) == 3
+
+
+@pytest.mark.parametrize("form", ["bytes", "text", "grey"])
+def test_the_point_cloud_is_read(capture, form):
+    points = np.array([[0.5, 1, 2], [3, -4, 5]])
+    colors = ["property uchar red", "property uchar green", "property uchar blue"] * (form != "grey")
+    kind = "ascii" if form == "text" else "binary_little_endian"
+    head = [
+        f"ply\nformat {kind} 1.0",
+        "element vertex 2",
+        *(f"property float {a}" for a in "xyz"),
+        *colors,
+        "end_header",
+    ]
+    if form == "text":
+        body = b"0.5 1 2 255 0 51\n3 -4 5 0 255 51\n"
+    else:
+        ends = (bytes((255, 0, 51)), bytes((0, 255, 51))) if colors else (b"", b"")
+        body = b"".join(p.astype("<f4").tobytes() + end for p, end in zip(points, ends, strict=True))
+    capture.root.mkdir()
+    (capture.root / "sparse_pc.ply").write_bytes(("\n".join(head) + "\n").encode() + body)
+    capture.write_nerfstudio(ply_file_path="sparse_pc.ply")
+    found = open_dataset(capture.root, split="train").points
+    assert np.array_equal(found.positions.numpy(), points.astype(np.float32))
+    expected = [[0.5] * 3] * 2 if form == "grey" else [[1, 0, 0.2], [0, 1, 0.2]]
+    np.testing.assert_allclose(found.colors.numpy(), expected, rtol=1e-6)

@@ -1,9 +1,9 @@
 """Posed photos and cameras, read from the layouts that datasets are published in."""
 
 from splatwire.data.camera_file import load_cameras, save_cameras
-from splatwire.data.colmap import SparsePoints
 from splatwire.data.dataset import Dataset, dataset_layout, open_dataset
 from splatwire.data.photos import load_photo
+from splatwire.data.point_cloud import SparsePoints
 
 __all__ = [
     "Dataset",

@@ -101,12 +101,15 @@ def matrix(source: Path, name: str, value: Any, shape: tuple[int, int]) -> np.nd
 
 
 def child(root: Path, name: str, source: Path) -> Path:
-    """Returns the path of `name` below `root`.
+    """Returns the path of `name` below `root`; an absolute name is taken if it is below `root`, too.
 
     Raises:
         DatasetError: If `name` leads out of `root`.
     """
     pure = PurePosixPath(name.replace("\\", "/"))
+    for folder in (root, root.absolute(), root.resolve()):
+        if pure.is_absolute() and pure.is_relative_to(PurePosixPath(folder.as_posix())):
+            pure = pure.relative_to(PurePosixPath(folder.as_posix()))
     if not pure.parts or pure.is_absolute() or ".." in pure.parts or "\0" in name or ":" in name:
         raise DatasetError(f"{source}: image name {name[:120]!r} does not stay inside the dataset's folder")
     return root.joinpath(*pure.parts)

@@ -50,20 +50,47 @@ def read_cameras(path: Path) -> list[RawCamera]:
 
 
 def read_images(path: Path) -> list[RawImage]:
-    """Reads `images.txt`; the lines of 2D points are skipped."""
-    images = []
-    lines = _lines(path)
-    for number, line in lines:
-        if not line:
-            continue
-        words = line.split(maxsplit=9)
-        try:
-            pose = tuple(float(word) for word in words[1:8])
-            images.append(RawImage(words[9], int(words[8]), pose[:4], pose[4:]))
-        except (IndexError, ValueError) as error:
-            raise DatasetError(f"{path}: line {number} is not an image: {line[:80]!r}") from error
-        next(lines, None)
+    """Reads `images.txt`; the lines of 2D points are skipped.
+
+    COLMAP writes a line of 2D points after each image, which is empty where there are none. Other programs leave that
+    line out.
+
+    Raises:
+        DatasetError: If a line is neither an image nor the 2D points of the image above it.
+    """
+    images: list[RawImage] = []
+    points_may_follow = False
+    for number, line in _lines(path):
+        if points_may_follow and _is_points(line):
+            points_may_follow = False
+        elif line:
+            images.append(_image(path, number, line))
+            points_may_follow = True
     return images
+
+
+def _image(path: Path, number: int, line: str) -> RawImage:
+    words = line.split(maxsplit=9)
+    try:
+        int(words[0])
+        pose = tuple(float(word) for word in words[1:8])
+        return RawImage(words[9], int(words[8]), pose[:4], pose[4:])
+    except (IndexError, ValueError) as error:
+        raise DatasetError(f"{path}: line {number} is not an image: {line[:80]!r}") from error
+
+
+def _is_points(line: str) -> bool:
+    """Returns True for the 2D points of an image: triples of x, y and the number of a 3D point, or nothing."""
+    words = line.split()
+    return len(words) % 3 == 0 and all(map(_is_number, (*words[:12], *words[-1:])))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def read_points3d(path: Path) -> tuple[np.ndarray, np.ndarray]:

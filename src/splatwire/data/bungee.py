@@ -71,4 +71,4 @@ def _view(path: Path, row: np.ndarray, photo: Path, full_width: float) -> Transf
     focal *= actual_width / full_width
     K = pinhole(focal, focal, actual_width / 2, actual_height / 2)
     viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
-    return TransformsView(photo.stem, photo, viewmat, K, actual_width, actual_height)
+    return TransformsView(photo.stem, photo, viewmat, K, actual_width, actual_height, size_is_known=False)

@@ -1,43 +1,44 @@
-"""Reads COLMAP reconstructions, binary or text: cameras with simple lenses, poses and sparse points."""
+"""Reads COLMAP reconstructions, binary or text: cameras with their lenses, poses and sparse points."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from splatwire.data import _colmap_binary, _colmap_text
 from splatwire.data._checks import pinhole
 from splatwire.data._colmap_types import RawCamera, RawImage
-from splatwire.data.lens import NO_LENS, Lens
+from splatwire.data.fisheye import DivisionLens, EucmLens, FisheyeLens, FovLens, RadTanThinPrismLens
+from splatwire.data.lens import NO_LENS, Lens, LensModel
+from splatwire.data.point_cloud import SparsePoints
 from splatwire.errors import DatasetError
 from splatwire.ops.quaternions import rotation_rows
 
 _MAX_SIDE = 1 << 20
 _MAX_POSE = 1e12
 _MAX_BEND = 1e3
-_SIMPLE = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2}
-"""Models that are read, and how many focal lengths they have; centre and terms of the lens follow."""
-
-
-@dataclass(frozen=True, eq=False)
-class SparsePoints:
-    """Points of a reconstruction.
-
-    Attributes:
-        positions: World coordinates.
-        colors: RGB in [0, 1].
-    """
-
-    positions: Float[Tensor, "P 3"]
-    colors: Float[Tensor, "P 3"]
-
-    @property
-    def num_points(self) -> int:
-        """Number of points, P."""
-        return int(self.positions.shape[0])
+_LENSES: dict[str, tuple[int, Callable[..., LensModel]]] = {
+    "SIMPLE_PINHOLE": (1, Lens),
+    "PINHOLE": (2, Lens),
+    "SIMPLE_RADIAL": (1, Lens),
+    "RADIAL": (1, Lens),
+    "OPENCV": (2, Lens),
+    "FULL_OPENCV": (2, Lens),
+    "SIMPLE_FISHEYE": (1, FisheyeLens),
+    "FISHEYE": (2, FisheyeLens),
+    "SIMPLE_RADIAL_FISHEYE": (1, FisheyeLens),
+    "RADIAL_FISHEYE": (1, FisheyeLens),
+    "OPENCV_FISHEYE": (2, FisheyeLens),
+    "THIN_PRISM_FISHEYE": (2, lambda k1, k2, p1, p2, k3, k4, *prism: FisheyeLens(k1, k2, k3, k4, p1, p2, *prism)),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (2, RadTanThinPrismLens),
+    "FOV": (2, FovLens),
+    "SIMPLE_DIVISION": (1, DivisionLens),
+    "DIVISION": (2, DivisionLens),
+    "EUCM": (2, EucmLens),
+}
+"""Number of focal lengths and lens of each model; the centre and the terms of the lens follow the focal lengths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +59,19 @@ class ColmapView:
     K: np.ndarray
     width: int
     height: int
-    lens: Lens = NO_LENS
+    lens: LensModel = NO_LENS
 
 
 def find_reconstruction(root: Path) -> Path | None:
     """Returns the folder below `root` that holds a COLMAP reconstruction, or None."""
     for name in ("sparse/0", "sparse", "colmap/sparse/0"):
-        folder = root / name
-        if any((folder / f"images.{suffix}").is_file() for suffix in ("bin", "txt")):
-            return folder
-    return None
+        if _has(root / name, "images"):
+            return root / name
+    return root if _has(root, "images") and _has(root, "cameras") else None  # as RealityScan exports it
+
+
+def _has(folder: Path, what: str) -> bool:
+    return any((folder / f"{what}.{suffix}").is_file() for suffix in ("bin", "txt"))
 
 
 def read_views(folder: Path) -> list[ColmapView]:
@@ -102,7 +106,7 @@ def read_points(folder: Path) -> SparsePoints | None:
     Raises:
         DatasetError: If the file is damaged or a point is not finite.
     """
-    if not any((folder / f"points3D.{suffix}").is_file() for suffix in ("bin", "txt")):
+    if not _has(folder, "points3D"):
         return None
     positions, colors = _read(folder, "points3D")
     with np.errstate(over="ignore"):
@@ -134,16 +138,16 @@ def _viewmat(folder: Path, image: RawImage) -> np.ndarray:
     return viewmat
 
 
-def _optics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, Lens]:
-    """Intrinsics and lens; radial terms come first in COLMAP's parameters, as in ours."""
-    if camera.model not in _SIMPLE:
+def _optics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, LensModel]:
+    """Intrinsics and lens."""
+    if camera.model not in _LENSES:
         raise DatasetError(
-            f"{folder}: camera {camera.camera_id} is of the model {camera.model}; {', '.join(_SIMPLE)} are read. Run "
-            "`colmap image_undistorter` and use its output folder"
+            f"{folder}: camera {camera.camera_id} is of the model {camera.model}, a panorama: cut the photos into "
+            "perspective ones first, for example with COLMAP's `panorama_sfm.py`"
         )
-    focals = _SIMPLE[camera.model]
+    focals, lens = _LENSES[camera.model]
     fx, fy, (cx, cy) = camera.parameters[0], camera.parameters[focals - 1], camera.parameters[focals : focals + 2]
     bend = camera.parameters[focals + 2 :]
     if not (np.abs(bend) < _MAX_BEND).all():
         raise DatasetError(f"{folder}: camera {camera.camera_id} has lens parameters that are no sensible numbers")
-    return pinhole(fx, fy, cx, cy), Lens(*bend)
+    return pinhole(fx, fy, cx, cy), lens(*bend)

@@ -1,7 +1,9 @@
-"""Lenses that bend rays: what photos through them look like to a pinhole camera."""
+"""Undistortion: the photo that a pinhole camera would have taken instead of one through a lens."""
 
 import functools
+from abc import ABC, abstractmethod
 from dataclasses import astuple, dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -14,37 +16,74 @@ _STEP = 1.01
 _MOST_ZOOM = 2.0
 _BORDER_SAMPLES, _INNER_SAMPLES = 129, 33
 _CACHED = 4
+_DERIVATIVE_STEP = 1e-5
+
+
+class LensModel(ABC):
+    """A lens: maps rays to the picture plane."""
+
+    least_zoom: ClassVar[float] = 1.0
+    """Smallest factor on the focal length of the pinhole camera that replaces the lens; 1 keeps the resolution of the
+    middle, because a pinhole camera would spread the border of a fisheye without end."""
+
+    @property
+    def bends(self) -> bool:
+        """True if the lens differs from a pinhole."""
+        return True
+
+    @abstractmethod
+    def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the picture plane at distance 1 that rays (x, y, 1) meet; NaN where there is none."""
+
+    def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Determinant of the derivative of `distort`; the picture is folded where it is not positive."""
+        step = _DERIVATIVE_STEP * (1 + np.hypot(x, y))
+        right, left = self.distort(x + step, y), self.distort(x - step, y)
+        below, above = self.distort(x, y + step), self.distort(x, y - step)
+        (xx, yx), (xy, yy) = ([a - b for a, b in zip(*pair, strict=True)] for pair in ((right, left), (below, above)))
+        return np.asarray((xx * yy - xy * yx) / (4 * step * step))
 
 
 @dataclass(frozen=True)
-class Lens:
-    """Radial and tangential distortion as in OpenCV (`calib3d`, "pinhole camera model") and COLMAP's model OPENCV.
+class Lens(LensModel):
+    """Radial and tangential distortion as in OpenCV (`calib3d`, "pinhole camera model") and COLMAP's FULL_OPENCV.
 
     A ray (x, y, 1) with r^2 = x^2 + y^2 meets the picture where the undistorted ray (x', y', 1) would:
-    x' = x (1 + k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2),
-    y' = y (1 + k1 r^2 + k2 r^4) + p1 (r^2 + 2 y^2) + 2 p2 x y.
+    x' = x R + 2 p1 x y + p2 (r^2 + 2 x^2),
+    y' = y R + p1 (r^2 + 2 y^2) + 2 p2 x y,
+    R = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
 
     Attributes:
         k1: Radial, of the second power.
         k2: Radial, of the fourth power.
         p1: Tangential, vertical.
         p2: Tangential, horizontal.
+        k3: Radial, of the sixth power.
+        k4: Radial, of the second power, of the denominator.
+        k5: Radial, of the fourth power, of the denominator.
+        k6: Radial, of the sixth power, of the denominator.
     """
 
     k1: float = 0.0
     k2: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    least_zoom: ClassVar[float] = 1 / _MOST_ZOOM
 
     @property
     def bends(self) -> bool:
-        """Whether it does anything."""
+        """True if the lens differs from a pinhole."""
         return any(astuple(self))
 
     def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where rays (x, y, 1) meet the picture plane at distance 1."""
+        """Points of the picture plane at distance 1 that rays (x, y, 1) meet."""
         square = x * x + y * y
-        radial = 1 + square * (self.k1 + self.k2 * square)
+        above, below = self._fraction(square)
+        radial = above / below
         tangential_x = 2 * self.p1 * x * y + self.p2 * (square + 2 * x * x)
         tangential_y = self.p1 * (square + 2 * y * y) + 2 * self.p2 * x * y
         return x * radial + tangential_x, y * radial + tangential_y
@@ -52,11 +91,19 @@ class Lens:
     def stretch(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Determinant of the derivative of `distort`: where it is not positive, the picture is folded."""
         square = x * x + y * y
-        radial, growth = 1 + square * (self.k1 + self.k2 * square), 2 * (self.k1 + 2 * self.k2 * square)
+        above, below = self._fraction(square)
+        above_slope = self.k1 + square * (2 * self.k2 + 3 * self.k3 * square)
+        below_slope = self.k4 + square * (2 * self.k5 + 3 * self.k6 * square)
+        radial, growth = above / below, 2 * (above_slope - above / below * below_slope) / below
         xx = radial + growth * x * x + 2 * self.p1 * y + 6 * self.p2 * x
         yy = radial + growth * y * y + 6 * self.p1 * y + 2 * self.p2 * x
         xy = growth * x * y + 2 * self.p1 * x + 2 * self.p2 * y
-        return np.asarray(xx * yy - xy * xy)
+        return np.where(below > 0, xx * yy - xy * xy, -1.0)
+
+    def _fraction(self, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Numerator and denominator of R for squares of r."""
+        above = 1 + square * (self.k1 + square * (self.k2 + square * self.k3))
+        return above, 1 + square * (self.k4 + square * (self.k5 + square * self.k6))
 
 
 NO_LENS = Lens()
@@ -75,7 +122,7 @@ class Undistortion:
         height: Of both, pixels.
     """
 
-    lens: Lens
+    lens: LensModel
     photo: tuple[float, float, float, float]
     zoom: float
     width: int
@@ -96,7 +143,7 @@ class Undistortion:
         return _sampled(mask[:, :, None].float(), _grid(self), "nearest")[:, :, 0] > 0.5
 
 
-def undistortion(lens: Lens, K: np.ndarray, width: int, height: int) -> Undistortion:
+def undistortion(lens: LensModel, K: np.ndarray, width: int, height: int) -> Undistortion:
     """The pinhole camera that sees as much of a photo as fills its picture.
 
     Args:
@@ -111,20 +158,19 @@ def undistortion(lens: Lens, K: np.ndarray, width: int, height: int) -> Undistor
     photo = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
     zoom = 1.0
     if _fits(lens, photo, zoom, width, height):
-        while zoom > 1 / _MOST_ZOOM and _fits(lens, photo, zoom / _STEP, width, height):
+        while zoom > lens.least_zoom and _fits(lens, photo, zoom / _STEP, width, height):
             zoom /= _STEP
     else:
         while zoom <= _MOST_ZOOM and not _fits(lens, photo, zoom, width, height):
             zoom *= _STEP
         if zoom > _MOST_ZOOM:
             raise DatasetError(
-                f"the lens bends too much (k1 {lens.k1:g}, k2 {lens.k2:g}, p1 {lens.p1:g}, p2 {lens.p2:g}); "
-                "run `colmap image_undistorter` and use its output folder"
+                f"the lens bends too much ({lens}); run `colmap image_undistorter` and use its output folder"
             )
     return Undistortion(lens, photo, zoom, width, height)
 
 
-def _fits(lens: Lens, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
+def _fits(lens: LensModel, photo: tuple[float, ...], zoom: float, width: int, height: int) -> bool:
     """Whether every pixel of the pinhole camera's picture lies in the photo, and none is folded over another."""
     fx, fy, cx, cy = photo
     across, along = (np.linspace(0, size, _BORDER_SAMPLES) for size in (width, height))

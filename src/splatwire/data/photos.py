@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Bool, Float
-from PIL import Image
+from PIL import Image, ImageOps
 from torch import Tensor
 
 from splatwire.errors import MALFORMED, DatasetError
@@ -18,22 +18,50 @@ _ALPHA_MODES = ("LA", "PA", "RGBA")
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF")
 _FREE_PIXELS, _FREE_MASK_PIXELS = 16 << 20, 64 << 20
 """So many pixels are believed of a photo, and of a mask, whatever its file's size."""
+_ORIENTATION_TAG = 0x112
+_ORIENTATIONS = range(2, 9)
+"""EXIF orientations that turn or mirror."""
+_TURNS = range(5, 9)
+"""EXIF orientations that swap width and height."""
 _PIXELS_PER_BYTE = 32
 """Beyond, a byte of file may stand for so many: photos have 10 at most."""
 
 
-def photo_size(path: Path) -> tuple[int, int]:
+def photo_size(path: Path, *, upright: bool = False) -> tuple[int, int]:
     """Returns width and height of an image; only its header is read.
+
+    Args:
+        path: The file.
+        upright: True for the size after the turn that its EXIF orientation demands.
 
     Raises:
         DatasetError: If there is no such file, or it is not an image.
     """
     with _open(path) as image:
-        return image.size
+        return image.size[::-1] if upright and _orientation(image) in _TURNS else image.size
+
+
+def is_turned(path: Path) -> bool:
+    """Returns True if viewers turn or mirror an image, because its EXIF orientation is not 1.
+
+    Raises:
+        DatasetError: If there is no such file, or it is not an image.
+    """
+    with _open(path) as image:
+        return _orientation(image) in _ORIENTATIONS
+
+
+def _orientation(image: Image.Image) -> object:
+    if image.format == "PNG" and "exif" not in image.info:
+        return None  # Pillow would decode the whole image in search of a late one
+    try:
+        return image.getexif().get(_ORIENTATION_TAG)
+    except (OSError, SyntaxError, struct.error, *MALFORMED):
+        return None  # no program turns an image by metadata that cannot be read
 
 
 def load_photo(
-    path: Path, size: tuple[int, int] | None = None, background: Background = BLACK
+    path: Path, size: tuple[int, int] | None = None, background: Background = BLACK, *, upright: bool = False
 ) -> Float[Tensor, "H W 3"]:
     """Loads an image as RGB in [0, 1].
 
@@ -41,6 +69,7 @@ def load_photo(
         path: The file: 8 bits per channel, grey, palette or RGB, with or without alpha.
         size: Width and height to resize to (bicubic, on 8-bit values, as HAC++ does); None keeps the size.
         background: RGB that shows where alpha is below 1.
+        upright: True to turn the image as its EXIF orientation demands, before it is resized.
 
     Raises:
         DatasetError: If there is no such file, or it is not such an image.
@@ -51,7 +80,8 @@ def load_photo(
             raise DatasetError(f"{path}: images in mode {image.mode} are not read; convert it to 8-bit RGB")
         _check_pixels(path, image, _FREE_PIXELS)
         try:
-            whole = image.convert("RGBA" if has_alpha else "RGB")
+            turned = ImageOps.exif_transpose(image) if upright else image
+            whole = turned.convert("RGBA" if has_alpha else "RGB")
         except (OSError, SyntaxError, struct.error, *MALFORMED) as error:
             raise DatasetError(f"{path}: the image is damaged: {error}") from error
     if not has_alpha and size not in (None, whole.size):

@@ -1,0 +1,168 @@
+"""Lenses of wide angles, as COLMAP and OpenCV define them (COLMAP, "Camera Models"; OpenCV, `fisheye`)."""
+
+from dataclasses import astuple, dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from splatwire.data.lens import LensModel
+
+
+@dataclass(frozen=True)
+class FisheyeLens(LensModel):
+    """Equidistant projection with polynomial: COLMAP's OPENCV_FISHEYE and, with fewer terms, its other fisheyes.
+
+    A ray at angle t to the axis meets the picture t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) from the centre.
+    The tangential and thin-prism terms of THIN_PRISM_FISHEYE are added to that.
+
+    Attributes:
+        k1: Radial, of the second power.
+        k2: Radial, of the fourth power.
+        k3: Radial, of the sixth power.
+        k4: Radial, of the eighth power.
+        p1: Tangential, vertical.
+        p2: Tangential, horizontal.
+        sx1: Thin prism, horizontal.
+        sy1: Thin prism, vertical.
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    sx1: float = 0.0
+    sy1: float = 0.0
+
+    def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the picture plane that rays (x, y, 1) meet."""
+        u, v = _equidistant(x, y)
+        square = u * u + v * v
+        radial = 1 + square * (self.k1 + square * (self.k2 + square * (self.k3 + square * self.k4)))
+        bent_u = u * radial + 2 * self.p1 * u * v + self.p2 * (square + 2 * u * u) + self.sx1 * square
+        bent_v = v * radial + 2 * self.p2 * u * v + self.p1 * (square + 2 * v * v) + self.sy1 * square
+        return bent_u, bent_v
+
+
+@dataclass(frozen=True)
+class RadTanThinPrismLens(LensModel):
+    """COLMAP's RAD_TAN_THIN_PRISM_FISHEYE, the model of Project Aria ("Fisheye62" with thin prism).
+
+    Attributes:
+        k0: Radial, of the second power of the angle; k1 to k5 are of the next even powers.
+        k1: Of the fourth.
+        k2: Of the sixth.
+        k3: Of the eighth.
+        k4: Of the tenth.
+        k5: Of the twelfth.
+        p0: Tangential, horizontal.
+        p1: Tangential, vertical.
+        s0: Thin prism, horizontal, of the second power of the bent radius.
+        s1: Thin prism, horizontal, of the fourth power.
+        s2: Thin prism, vertical, of the second power.
+        s3: Thin prism, vertical, of the fourth power.
+    """
+
+    k0: float
+    k1: float
+    k2: float
+    k3: float
+    k4: float
+    k5: float
+    p0: float
+    p1: float
+    s0: float
+    s1: float
+    s2: float
+    s3: float
+
+    def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the picture plane that rays (x, y, 1) meet."""
+        u, v = _equidistant(x, y)
+        angle = u * u + v * v
+        radial = np.polynomial.polynomial.polyval(angle, (1.0, *astuple(self)[:6]))
+        u, v = u * radial, v * radial
+        square = u * u + v * v
+        bent_u = u + 2 * self.p1 * u * v + self.p0 * (square + 2 * u * u) + square * (self.s0 + self.s1 * square)
+        bent_v = v + 2 * self.p0 * u * v + self.p1 * (square + 2 * v * v) + square * (self.s2 + self.s3 * square)
+        return bent_u, bent_v
+
+
+@dataclass(frozen=True)
+class FovLens(LensModel):
+    """COLMAP's FOV (Devernay and Faugeras 2001): r' = atan(2 r tan(omega / 2)) / omega.
+
+    Attributes:
+        omega: Field of view of the ideal lens, radians; below 0.001 the lens is taken as a pinhole.
+    """
+
+    omega: float
+
+    @property
+    def bends(self) -> bool:
+        """True if the lens differs from a pinhole."""
+        return abs(self.omega) >= 1e-3
+
+    def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the picture plane that rays (x, y, 1) meet."""
+        radius, wide = np.hypot(x, y), 2 * np.tan(self.omega / 2)
+        safe = np.maximum(radius, 1e-12)
+        factor = np.where(radius > 1e-9, np.arctan(safe * wide) / (safe * self.omega), wide / self.omega)
+        return x * factor, y * factor
+
+
+@dataclass(frozen=True)
+class DivisionLens(LensModel):
+    """COLMAP's DIVISION (Fitzgibbon 2001): the ray of a point at (x', y') is (x', y', 1 + k r'^2).
+
+    Attributes:
+        k: Of the second power of the bent radius.
+    """
+
+    k: float
+    least_zoom: ClassVar[float] = 0.5
+
+    @property
+    def bends(self) -> bool:
+        """True if the lens differs from a pinhole."""
+        return self.k != 0
+
+    def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the picture plane that rays (x, y, 1) meet; NaN where there is none."""
+        with np.errstate(invalid="ignore"):
+            factor = 2 / (1 + np.sqrt(1 - 4 * self.k * (x * x + y * y)))
+        return x * factor, y * factor
+
+
+@dataclass(frozen=True)
+class EucmLens(LensModel):
+    """COLMAP's EUCM, the enhanced unified camera model (Khomutenko, Garcia and Martinet 2016).
+
+    Attributes:
+        alpha: Share of the sphere in the projection, 0 to 1.
+        beta: Shape of the ellipsoid, positive.
+    """
+
+    alpha: float
+    beta: float
+
+    @property
+    def bends(self) -> bool:
+        """True if the lens differs from a pinhole."""
+        return self.alpha != 0
+
+    def distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the picture plane that rays (x, y, 1) meet; NaN where there is none."""
+        with np.errstate(invalid="ignore"):
+            depth = self.alpha * np.sqrt(self.beta * (x * x + y * y) + 1) + 1 - self.alpha
+            depth = np.where(depth > 0, depth, np.nan)
+        return x / depth, y / depth
+
+
+def _equidistant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Scales rays (x, y, 1) so that their length is their angle to the axis, radians."""
+    radius = np.hypot(x, y)
+    safe = np.maximum(radius, 1e-12)
+    factor = np.where(radius > 1e-9, np.arctan(safe) / safe, 1.0)
+    return x * factor, y * factor
