@@ -70,6 +70,7 @@ SOG_FOLDER = Kind("sog folder", "a folder of SOG", _EXPLICIT)
 SOG_META = Kind("sog meta", "the meta.json of a folder of SOG", _EXPLICIT)
 SOG_LEVELS = Kind("streamed sog", "a streamed SOG with levels", _EXPLICIT)
 GLB = Kind("glb", "a glTF file", "`import splats` reads it if it holds Gaussians")
+GLTF = Kind("gltf", "a glTF document", GLB.use)
 CAMERAS = Kind("cameras", "a cameras file", "it is for --cameras")
 TRANSFORMS = Kind("transforms", "a list of camera poses", "--data takes the folder that it is in")
 JSON = Kind("json", "a JSON file")
@@ -193,7 +194,8 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
         return SPLAT
     if suffix == ".ksplat" and head[0] == 0:
         return KSPLAT
-    return _weak_kind(head)
+    kind = _weak_kind(head)
+    return GLTF if suffix == ".gltf" and kind in (JSON, CAMERAS, TRANSFORMS) else kind
 
 
 def _glb_json_end(head: bytes) -> int:
@@ -273,7 +275,9 @@ def _parsed(data: bytes) -> Any:
 def _json_kind(plain: bytes) -> Kind:
     if re.search(rb'"splatwire-cameras"|"w2c"\s*:', plain):
         return CAMERAS
-    return TRANSFORMS if re.search(rb'"(frames|camera_angle_x|poses)"\s*:', plain) else JSON
+    if re.search(rb'"(frames|camera_angle_x|poses)"\s*:', plain):
+        return TRANSFORMS
+    return GLTF if re.search(rb'"(accessors|bufferViews|extensionsUsed)"\s*:', plain) else JSON
 
 
 def _folder_kind(folder: Path) -> Kind:

@@ -79,21 +79,27 @@ def harmonic_transform(orthogonal: np.ndarray, degree: int) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(after, before, rcond=None)[0])
 
 
+def is_similarity(matrix: np.ndarray) -> bool:
+    """True if a matrix (3, 3) scales all directions alike."""
+    stretch = np.linalg.svd(matrix, compute_uv=False)
+    return bool(stretch[0] - stretch[2] <= _SIMILAR * stretch[0])
+
+
 def transform_splats(splats: Splats, matrix: np.ndarray, translation: np.ndarray | None = None) -> Splats:
     """Applies an affine map of the world to Gaussians.
 
-    Covariances are exact for every invertible matrix. Harmonics turn with the nearest orthogonal matrix, which is exact
+    Covariances are exact for every matrix. Harmonics turn with the nearest orthogonal matrix, which is exact
     for rotations, reflections and equal scales on all axes.
 
     Args:
         splats: The Gaussians.
-        matrix: float64 (3, 3), invertible.
+        matrix: float64 (3, 3), not 0.
         translation: float64 (3), world units; none where absent.
     """
     left, stretch, right = np.linalg.svd(matrix)
     orthogonal = left @ right
     harmonics = harmonic_transform(orthogonal, splats.degree)
-    similar = stretch[0] - stretch[2] <= _SIMILAR * stretch[0]
+    similar = is_similarity(matrix)
     found = Splats.empty(splats.num_gaussians, splats.degree)
     for begin in range(0, splats.num_gaussians, _ROWS):
         part = splats.run(begin, min(begin + _ROWS, splats.num_gaussians))

@@ -1,14 +1,15 @@
 """From the columns of a file to Gaussians: what every reader checks, and how much memory a file may ask for."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import fields
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.scene.splats import Splats
+from splatwire.ops.spherical_harmonics import num_functions
+from splatwire.scene.splats import ROWS, Splats
 
 MAX_GAUSSIANS = 20_000_000
 FREE_GAUSSIANS = 1 << 18
@@ -98,6 +99,29 @@ def _sizes_of_logs(logs: np.ndarray) -> np.ndarray:
 
 def _tensor(values: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32))
+
+
+def concatenate(parts: Sequence[Splats]) -> Splats:
+    """All Gaussians of some parts, at least one, with harmonics of the highest degree among them.
+
+    Missing harmonics are 0, so that Gaussians of a lower degree look as they did.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    found = Splats.empty(sum(part.num_gaussians for part in parts), max(part.degree for part in parts))
+    at = 0
+    for part in parts:
+        for begin in range(0, part.num_gaussians, ROWS):
+            run = part.run(begin, min(begin + ROWS, part.num_gaussians))
+            found.fill(at, of_degree(run, found.degree))
+            at += run.num_gaussians
+    return found
+
+
+def of_degree(splats: Splats, degree: int) -> Splats:
+    """Gaussians with harmonics of a degree that is not lower than theirs; new ones are 0."""
+    missing = num_functions(degree) - splats.sh.shape[1]
+    return splats if not missing else replace(splats, sh=torch.nn.functional.pad(splats.sh, (0, 0, 0, missing)))
 
 
 def filled(path: Path, parts: Iterable[Splats]) -> Iterator[Splats]:

@@ -1,46 +1,58 @@
-"""Binary glTF with KHR_gaussian_splatting; axes of the file are LUF.
+"""glTF with KHR_gaussian_splatting, binary or as a document with its buffers; axes of the file are LUF.
 
 Attributes of a primitive of points: POSITION, and under the extension's name ROTATION (x, y, z, w), SCALE (standard
-deviations), OPACITY and SH_DEGREE_l_COEF_n. Integers are normalised.
+deviations), OPACITY and SH_DEGREE_l_COEF_n. Integers are normalised. Nodes move what they show.
 """
 
+import base64
+import binascii
 import json
+import logging
+import re
 import struct
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 
 from splatwire.errors import DatasetError
-from splatwire.formats._axes import GLTF_FLIPS, harmonic_signs
-from splatwire.formats._columns import build_splats, check_count
+from splatwire.files.capped import read_at_most, read_json
+from splatwire.formats._axes import GLTF_FLIPS, harmonic_signs, is_similarity, transform_splats
+from splatwire.formats._columns import MAX_LOG_SCALE, build_splats, check_count, concatenate
 from splatwire.formats._files import mapped_file
+from splatwire.formats._gltf_nodes import Instance, entry, shown_instances
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
 from splatwire.scene.splats import Splats
 
+LOG = logging.getLogger(__name__)
 MAGIC = b"glTF"
 EXTENSION = "KHR_gaussian_splatting"
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _MAX_JSON_BYTES = 4 << 20
-_STILL = {
-    "matrix": np.eye(4).ravel().tolist(),
-    "translation": [0, 0, 0],
-    "rotation": [0, 0, 0, 1],
-    "scale": [1, 1, 1],
-}
 _TYPES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5126: "<f4"}
+_KNOWN = {"kernel": ("ellipse",), "colorSpace": ("srgb_rec709_display",)}
+"""Settings of the extension that are drawn as they say."""
+_SMALLEST = float(np.exp(-MAX_LOG_SCALE))
 
 
 def read_gltf(path: Path) -> Splats:
-    """Reads the only primitive with Gaussians of a binary glTF file.
+    """Reads all Gaussians that the scene of a glTF file shows, moved as its nodes say.
+
+    Args:
+        path: A binary glTF, or a document whose buffers are files beside it or `data:` URIs.
 
     Raises:
-        DatasetError: If it is damaged, has no Gaussians, compressed ones or more than one set, or a node above them
-            moves them.
+        DatasetError: If it is damaged, has no Gaussians, compressed ones, or a buffer that is not in its folder.
         OSError: If it cannot be read.
     """
-    document, binary = _chunks(path, mapped_file(path))
+    if read_at_most(path, len(MAGIC), DatasetError) == MAGIC:
+        document, binary = _chunks(path, mapped_file(path))
+    else:
+        document, binary = read_json(path, DatasetError), None
+        if not isinstance(document, dict):
+            raise DatasetError(f"{path}: the glTF document is no object")
     try:
         return _Gltf(path, document, binary).splats()
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
@@ -75,15 +87,104 @@ def _chunks(path: Path, data: memoryview) -> tuple[dict[str, Any], memoryview]:
 
 
 class _Gltf:
-    """The document and its binary chunk."""
+    """The document and its buffers."""
 
-    def __init__(self, path: Path, document: dict[str, Any], binary: memoryview) -> None:
+    def __init__(self, path: Path, document: dict[str, Any], binary: memoryview | None) -> None:
         self._path, self._document, self._binary = path, document, binary
+        self._buffers: dict[int, memoryview] = {}
+        self._resources: dict[str, memoryview] = {}
 
     def splats(self) -> Splats:
-        attributes = self._attributes()
+        """Gaussians of all primitives, each as often as nodes show it."""
+        meshes = self._document.get("meshes", [])
+        found = {index: self._primitives(mesh) for index, mesh in enumerate(meshes)}
+        found = {index: primitives for index, primitives in found.items() if primitives}
+        if not found:
+            raise DatasetError(f"{self._path}: no primitive with {EXTENSION}, which says that points are Gaussians")
+        shown = [instance for instance in self._instances(found) if instance.mesh in found]
+        counts = {index: sum(map(self._count, found[index])) for index in {instance.mesh for instance in shown}}
+        # Counted are bytes, not names of them: two buffers may be one file.
+        held = sum({id(data): len(data) for data in self._buffers.values()}.values())
+        check_count(self._path, sum(counts[instance.mesh] for instance in shown), held)
+        read = {index: [self._primitive(primitive) for primitive in found[index]] for index in {s.mesh for s in shown}}
+        return concatenate([self._moved(part, instance) for instance in shown for part in read[instance.mesh]])
+
+    def _instances(self, found: dict[int, list[dict[str, Any]]]) -> list[Instance]:
+        """Where the scene shows meshes with Gaussians; logs what is not read."""
+        shown = [instance for instance in shown_instances(self._path, self._document) if instance.mesh in found]
+        if not shown:
+            LOG.warning("%s: no node of its scene shows the Gaussians: they are read as they are", self._path)
+            return [Instance(mesh, np.eye(4), None) for mesh in found]
+        if hidden := len(found) - len({instance.mesh for instance in shown}):
+            LOG.warning("%s: %d meshes of Gaussians that its scene does not show are left out", self._path, hidden)
+        if self._document.get("animations"):
+            LOG.warning("%s: its animations are left out", self._path)
+        vanished = [instance for instance in shown if not instance.matrix[:3, :3].any()]
+        if vanished:
+            LOG.warning("%s: %d nodes that are scaled to nothing are left out", self._path, len(vanished))
+        return [instance for instance in shown if instance.matrix[:3, :3].any()]
+
+    def _primitives(self, mesh: dict[str, Any]) -> list[dict[str, Any]]:
+        """Primitives of a mesh that are Gaussians.
+
+        Raises:
+            DatasetError: If one is compressed.
+        """
+        own = [one for one in mesh.get("primitives", []) if EXTENSION in one.get("extensions", {})]
+        for primitive in own:
+            settings = primitive["extensions"][EXTENSION]
+            if packed := settings.get("extensions"):
+                names = ", ".join(map(str, packed))[:80]
+                raise DatasetError(f"{self._path}: Gaussians compressed by {names} are not read")
+            for name, values in _KNOWN.items():
+                if settings.get(name, values[0]) not in values:
+                    LOG.warning("%s: %s %.40r is read as %s", self._path, name, settings[name], values[0])
+        return own
+
+    def _count(self, primitive: dict[str, Any]) -> int:
+        """Number of a primitive's Gaussians, as the document says; finds the buffers that they are in.
+
+        Raises:
+            DatasetError: If an attribute names none, or there is no such number.
+        """
+        counts = {}
+        for name, index in primitive["attributes"].items():
+            if type(index) is not int:
+                raise DatasetError(f"{self._path}: attribute {name[:80]} names no accessor")
+            accessor = entry(self._path, self._document["accessors"], index, "accessor")
+            counts[name] = accessor["count"]
+            if name == "POSITION" or name.startswith(EXTENSION):
+                view = entry(self._path, self._document["bufferViews"], accessor["bufferView"], "buffer view")
+                self._buffer(view["buffer"])
+        count = counts.get("POSITION", 0)
+        if type(count) is not int or count < 0:
+            raise DatasetError(f"{self._path}: attribute POSITION has {count!r:.40} rows")
+        return count
+
+    def _moved(self, splats: Splats, instance: Instance) -> Splats:
+        """Gaussians as a node shows them.
+
+        Raises:
+            DatasetError: If the node moves them out of the range of numbers.
+        """
+        if np.array_equal(instance.matrix, np.eye(4)):
+            return splats
+        flips = np.diag(GLTF_FLIPS)
+        matrix, shift = flips @ instance.matrix[:3, :3] @ flips, flips @ instance.matrix[:3, 3]
+        if not np.isfinite(matrix).all() or not np.isfinite(shift).all():
+            raise DatasetError(f"{self._path}: node {instance.node} moves its Gaussians too far")
+        if splats.degree and not is_similarity(matrix):
+            LOG.warning(
+                "%s: node %s stretches its Gaussians: their shape follows, and their harmonics only turn",
+                self._path, instance.node,
+            )  # fmt: skip
+        moved = transform_splats(splats, matrix, shift)
+        moved.scales.clamp_(min=_SMALLEST)
+        return moved
+
+    def _primitive(self, primitive: dict[str, Any]) -> Splats:
+        attributes = primitive["attributes"]
         means = self._accessor(attributes, "POSITION", 3)
-        check_count(self._path, len(means), len(self._binary))
         names = [
             f"{EXTENSION}:SH_DEGREE_{band}_COEF_{i}" for band in range(MAX_DEGREE + 1) for i in range(2 * band + 1)
         ]
@@ -91,6 +192,8 @@ class _Gltf:
         functions = there.index(False) if False in there else len(there)
         if any(there[functions:]) or functions not in (1, 4, 9, 16):
             raise DatasetError(f"{self._path}: {sum(there)} attributes SH_DEGREE_* are not those of a degree of 0 to 3")
+        if higher := sum(name.startswith(f"{EXTENSION}:SH_DEGREE_") for name in attributes) - functions:
+            LOG.warning("%s: %d attributes of harmonics above degree %d are left out", self._path, higher, MAX_DEGREE)
         quats = self._accessor(attributes, f"{EXTENSION}:ROTATION", 4)
         sh = np.empty((len(means), functions, 3), np.float32)
         signs = harmonic_signs(GLTF_FLIPS, int(functions**0.5) - 1)
@@ -108,65 +211,65 @@ class _Gltf:
             sh=sh,
         )
 
-    def _attributes(self) -> dict[str, int]:
-        found = [
-            (mesh, primitive)
-            for mesh, content in enumerate(self._document.get("meshes", []))
-            for primitive in content.get("primitives", [])
-            if EXTENSION in primitive.get("extensions", {})
-        ]
-        if len(found) != 1:
-            raise DatasetError(f"{self._path}: {len(found)} primitives with {EXTENSION}, exactly one is read")
-        mesh, primitive = found[0]
-        packed = primitive["extensions"][EXTENSION].get("extensions")
-        if packed:
-            raise DatasetError(f"{self._path}: Gaussians compressed by {', '.join(map(str, packed))[:80]} are not read")
-        self._refuse_moved(mesh)
-        attributes = dict(primitive["attributes"])
-        if odd := [name for name, index in attributes.items() if type(index) is not int]:
-            raise DatasetError(f"{self._path}: attribute {odd[0][:80]} names no accessor")
-        return attributes
+    def _buffer(self, index: int) -> memoryview:
+        """A buffer's bytes.
 
-    def _refuse_moved(self, mesh: int) -> None:
-        nodes = self._document.get("nodes", [])
-        todo = [index for index, node in enumerate(nodes) if node.get("mesh") == mesh]
-        if len(todo) > 1:
-            raise DatasetError(f"{self._path}: {len(todo)} nodes show the Gaussians, one is read")
-        parents: dict[int, list[int]] = {}
-        for index, node in enumerate(nodes):
-            for child in node.get("children", []):
-                parents.setdefault(child, []).append(index)
-        above: set[int] = set()
-        while todo:
-            if (index := todo.pop()) not in above:
-                above.add(index)
-                todo += parents.get(index, [])
-        for index in sorted(above):
-            for name, value in _STILL.items():
-                if nodes[index].get(name, value) != value:
-                    raise DatasetError(f"{self._path}: node {index} has a {name}: apply it to the Gaussians first")
+        Raises:
+            DatasetError: If it is missing, or elsewhere than in the file, its folder or a `data:` URI.
+        """
+        if index not in self._buffers:
+            uri = entry(self._path, self._document["buffers"], index, "buffer").get("uri")
+            if uri is not None:
+                if not isinstance(uri, str):
+                    raise DatasetError(f"{self._path}: {uri!r:.60} is no URI of a buffer")
+                if uri not in self._resources:
+                    self._resources[uri] = self._resource(uri)
+                self._buffers[index] = self._resources[uri]
+            elif self._binary is not None and index == 0:
+                self._buffers[index] = self._binary
+            else:
+                raise DatasetError(f"{self._path}: buffer {index} has no URI")
+        return self._buffers[index]
+
+    def _resource(self, uri: str) -> memoryview:
+        if uri.startswith("data:"):
+            head, _, content = uri.partition(",")
+            try:
+                if not re.search(";base64$", head):
+                    raise binascii.Error("it is not base64")
+                return memoryview(base64.b64decode(content, validate=True))
+            except (binascii.Error, ValueError) as error:
+                raise DatasetError(f"{self._path}: a buffer's data: URI is damaged: {error}") from error
+        parts, name = urlsplit(uri), PurePosixPath(unquote(urlsplit(uri).path))
+        if parts.scheme or parts.netloc or name.is_absolute() or ".." in name.parts or "\\" in uri or "\0" in str(name):
+            raise DatasetError(f"{self._path}: buffer {uri!r:.80} is no file in the folder of the document")
+        return mapped_file(self._path.parent / name)
 
     def _accessor(self, attributes: dict[str, int], name: str, width: int) -> np.ndarray:
         """An attribute as float32 (N, width)."""
         if name not in attributes:
             raise DatasetError(f"{self._path}: attribute {name} is missing")
-        accessor = self._document["accessors"][attributes[name]]
+        accessor = entry(self._path, self._document["accessors"], attributes[name], "accessor")
         code, count = accessor["componentType"], accessor["count"]
         if code not in _COMPONENTS or _TYPES.get(accessor["type"]) != width or "sparse" in accessor:
             raise DatasetError(f"{self._path}: attribute {name} is no plain array of {width} numbers per Gaussian")
         dtype = np.dtype(_COMPONENTS[code])
         if dtype.kind != "f" and not accessor.get("normalized"):
             raise DatasetError(f"{self._path}: attribute {name} has integers that are not normalised")
-        view = self._document["bufferViews"][accessor["bufferView"]]
+        view = entry(self._path, self._document["bufferViews"], accessor["bufferView"], "buffer view")
+        if packed := view.get("extensions"):
+            names = ", ".join(map(str, packed))[:80]
+            raise DatasetError(f"{self._path}: attribute {name} is compressed by {names}, which is not read")
         start, offset = view.get("byteOffset", 0), accessor.get("byteOffset", 0)
         stride = view.get("byteStride", dtype.itemsize * width)
         size, item = view["byteLength"], dtype.itemsize * width
         sizes = (start, offset, stride, size, count)
-        if not all(isinstance(value, int) and 0 <= value < 1 << 40 for value in sizes) or view.get("buffer") != 0:
+        if not all(isinstance(value, int) and 0 <= value < 1 << 40 for value in sizes):
             raise DatasetError(f"{self._path}: attribute {name} has impossible sizes {sizes}")
-        if start + size > len(self._binary) or offset + stride * max(count - 1, 0) + item > size or stride < item:
+        binary = self._buffer(view.get("buffer"))
+        if start + size > len(binary) or offset + stride * max(count - 1, 0) + item > size or stride < item:
             raise DatasetError(f"{self._path}: attribute {name} of {count} rows ends after its buffer")
-        rows = np.ndarray((count, width), dtype, self._binary, start + offset, (stride, dtype.itemsize))
+        rows = np.ndarray((count, width), dtype, binary, start + offset, (stride, dtype.itemsize))
         if dtype.kind == "f":
             return rows.astype(np.float32)
         return np.maximum(rows.astype(np.float32) / np.float32(np.iinfo(dtype).max), -1)

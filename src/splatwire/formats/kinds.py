@@ -14,6 +14,7 @@ from splatwire.files.kinds import (
     ANCHORS_PLY,
     COMPRESSED_PLY,
     GLB,
+    GLTF,
     KSPLAT,
     OTHER_PLY,
     SOG,
@@ -56,7 +57,7 @@ KINDS = {
     "streamed sog": (SOG_LEVELS,),
     "splat": (SPLAT,),
     "ksplat": (KSPLAT,),
-    "glb": (GLB,),
+    "glb": (GLB, GLTF),
 }
 """What may hold explicit Gaussians, by reader, which says more of it."""
 READERS: dict[str, Callable[[Path], FileContent]] = {

@@ -7,7 +7,7 @@ environment, which has no levels.
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -17,9 +17,8 @@ from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
 from splatwire.files.kinds import SOG_LEVELS_NAME, SOG_META_NAME
 from splatwire.formats import sog
-from splatwire.formats._columns import check_count
+from splatwire.formats._columns import check_count, of_degree
 from splatwire.formats.sog import read_sog
-from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.scene.splats import ROWS, Splats
 
 LOG = logging.getLogger(__name__)
@@ -161,7 +160,7 @@ def _joined(index: Path, chunks: list[Path], pieces: dict[int, list[Piece]]) -> 
         if joined is None or part.degree > joined.degree:
             joined = _widened(joined, at, total, part.degree)
         # Missing harmonics are 0: a chunk of a lower degree looks as it did.
-        joined.fill(at, _of_degree(part, joined.degree))
+        joined.fill(at, of_degree(part, joined.degree))
         at += part.num_gaussians
     assert joined is not None
     return joined
@@ -172,14 +171,8 @@ def _widened(joined: Splats | None, count: int, total: int, degree: int) -> Spla
     room = Splats.empty(total, degree)
     for begin in range(0, 0 if joined is None else count, ROWS):
         assert joined is not None
-        room.fill(begin, _of_degree(joined.run(begin, min(begin + ROWS, count)), degree))
+        room.fill(begin, of_degree(joined.run(begin, min(begin + ROWS, count)), degree))
     return room
-
-
-def _of_degree(part: Splats, degree: int) -> Splats:
-    """The Gaussians with harmonics of a degree that is not lower than theirs; new ones are 0."""
-    missing = num_functions(degree) - part.sh.shape[1]
-    return part if not missing else replace(part, sh=torch.nn.functional.pad(part.sh, (0, 0, 0, missing)))
 
 
 def _gathered(index: Path, folder: Path, runs: list[Piece]) -> Splats:
