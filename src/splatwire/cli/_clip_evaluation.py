@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatwire.cli._output import refuse_options
+from splatwire.cli._terminal import print_table
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -77,7 +78,6 @@ def evaluate_clip(options: "EvaluateOptions", stream: "SceneStream", report: "Re
 
 def print_clip_rows(content: dict[str, Any], title: str) -> None:
     """Prints the rows as a table on standard output."""
-    from rich.console import Console
     from rich.table import Table
 
     from splatwire.clips.report import HEADINGS, cells
@@ -90,7 +90,7 @@ def print_clip_rows(content: dict[str, Any], title: str) -> None:
         table.add_column(HEADINGS[number], justify="left" if number == 0 else "right")
     for row in content["rows"]:
         table.add_row(*(cells(row)[number] for number in shown))
-    Console().print(table)
+    print_table(table)
 
 
 def _rows(options: "EvaluateOptions", *, complete: bool) -> "list[ClipRow]":

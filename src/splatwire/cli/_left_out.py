@@ -5,6 +5,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from splatwire.cli._terminal import one_line
+
 _DAMAGE = "splatwire.packets.stream"
 _TELLING = ("splatwire.scene.rows", "splatwire.codec.schemas.gaussians.outliers", _DAMAGE)
 
@@ -24,7 +26,7 @@ class InputWarnings(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """One line on standard error."""
         self.damaged |= record.name == _DAMAGE
-        text = record.getMessage()
+        text = one_line(record.getMessage())
         if text not in self._said:
             self._said.add(text)
             kind = "warning: " if record.levelno > logging.INFO else ""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import tyro
 
+from splatwire.cli._terminal import console, one_line, printable_streams
 from splatwire.errors import InvalidValueError
 from splatwire.files.json_text import json_text
 
@@ -48,7 +49,7 @@ def print_json(content: Mapping[str, Any]) -> None:
 
 def print_summary(text: str, output: str = "") -> None:
     """Prints a line for a person; on standard error when standard output carries the data."""
-    print(text, file=sys.stderr if output == "-" or sys.stdout is None else sys.stdout)
+    print(one_line(text), file=sys.stderr if output == "-" or sys.stdout is None else sys.stdout)
 
 
 def tell_lost_harmonics(scene: "Scene", path: str | Path) -> None:
@@ -68,23 +69,21 @@ def tell_lost_harmonics(scene: "Scene", path: str | Path) -> None:
 def progress_bars() -> Iterator[Reporter]:
     """Shows progress on standard error: bars on a terminal, a line per task elsewhere and where rich is not there."""
     try:
-        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
     except ModuleNotFoundError:
         yield _lines()
         return
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    shown = console(stderr=True)
+    if not shown.is_terminal:
         yield _lines()
         return
-    columns = (TextColumn("{task.description:<34}"), BarColumn(bar_width=30), TimeElapsedColumn())
+    columns = (TextColumn("{task.description:<34}", markup=False), BarColumn(bar_width=30), TimeElapsedColumn())
     tasks: dict[str, TaskID] = {}
-    with Progress(*columns, console=console) as progress:
+    with Progress(*columns, console=shown) as progress, printable_streams():  # rich has put its own streams there
 
         def report(task: str, share: float) -> None:
             if task not in tasks:
-                tasks[task] = progress.add_task(task, total=1.0)
+                tasks[task] = progress.add_task(one_line(task), total=1.0)
             progress.update(tasks[task], completed=share)
 
         yield report

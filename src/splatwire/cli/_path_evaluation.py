@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splatwire.cli._output import refuse_options
+from splatwire.cli._terminal import print_table
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -138,10 +139,9 @@ def _moment(moment: dict[str, Any]) -> str:
 
 def print_path_facts(content: dict[str, Any], title: str) -> None:
     """Prints what was seen as a table on standard output."""
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", show_header=False)
     for name, value in path_facts(content):
         table.add_row(name, value)
-    Console().print(table)
+    print_table(table)

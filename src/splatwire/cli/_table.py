@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from splatwire.cli._terminal import print_table
+
 
 def print_rows(rows: Sequence[Mapping[str, Any]], title: str, *, lpips_note: str) -> None:
     """Prints rows as a table on standard output.
@@ -12,7 +14,6 @@ def print_rows(rows: Sequence[Mapping[str, Any]], title: str, *, lpips_note: str
         title: Headline.
         lpips_note: Why there is no LPIPS, or on which views it is.
     """
-    from rich.console import Console
     from rich.table import Table
 
     best = max((row["psnr"] for row in rows if row["num_lost"] and row["psnr"] is not None), default=None)
@@ -32,7 +33,7 @@ def print_rows(rows: Sequence[Mapping[str, Any]], title: str, *, lpips_note: str
             f"{row['seconds']:.1f}",
             style="bold green" if best is not None and row["psnr"] == best and row["num_lost"] else None,
         )
-    Console().print(table)
+    print_table(table)
 
 
 def _caption(rows: Sequence[Mapping[str, Any]], lpips_note: str) -> str:

@@ -10,6 +10,7 @@ from datetime import timedelta
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+from splatwire.cli._terminal import console, printable_streams
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -63,12 +64,11 @@ def check_same_recipe(given: Iterable[str], asked: "TrainConfig", kept: "TrainCo
 @contextmanager
 def watch(on_test: Any) -> "Iterator[Listener]":
     """Shows progress on standard error, and turns the first Ctrl-C into a polite stop."""
-    from rich.console import Console
     from rich.progress import Progress as Bars
 
     from splatwire.train import Listener
 
-    console = Console(stderr=True)
+    shown = console(stderr=True)
     stop: list[bool] = []
     tests: list[str] = []
     printed = [time.monotonic()]
@@ -77,18 +77,18 @@ def watch(on_test: Any) -> "Iterator[Listener]":
         if stop:
             raise KeyboardInterrupt
         stop.append(True)
-        console.print("stopping after this iteration; press Ctrl-C again to stop at once without a checkpoint")
+        shown.print("stopping after this iteration; press Ctrl-C again to stop at once without a checkpoint")
 
-    with Bars(*columns(), console=console, expand=True, disable=not console.is_terminal) as bars:
+    with Bars(*columns(), console=shown, expand=True, disable=not shown.is_terminal) as bars, printable_streams():
         task = bars.add_task("starting", total=None, left=_UNKNOWN)
 
         def progress(now: "Progress") -> None:
             text = line(now) + "".join(tests[-1:])
             bars.update(task, completed=now.iteration, total=now.iterations, description=text, left=time_left(now))
-            if not console.is_terminal and time.monotonic() - printed[0] > _PLAIN_INTERVAL_S:
+            if not shown.is_terminal and time.monotonic() - printed[0] > _PLAIN_INTERVAL_S:
                 printed[0] = time.monotonic()
                 plain = f"{now.iteration}/{now.iterations} {text}, {time_left(now)} left"
-                console.print(plain, markup=False, highlight=False, soft_wrap=True)
+                shown.print(plain, soft_wrap=True)
 
         def tested(report: "QualityReport") -> None:
             tests.append(f", test {report.psnr:.2f} dB")
@@ -112,9 +112,9 @@ def columns() -> "tuple[ProgressColumn, ...]":
     whole, rest = Column(no_wrap=True), Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return (
         MofNCompleteColumn(table_column=whole),
-        TextColumn("{task.fields[left]}", table_column=whole),
+        TextColumn("{task.fields[left]}", markup=False, table_column=whole),
         BarColumn(bar_width=10),
-        TextColumn("{task.description}", table_column=rest),
+        TextColumn("{task.description}", markup=False, table_column=rest),
     )
 
 

@@ -9,6 +9,7 @@ import tyro
 
 from splatwire.cli._files import input_path, is_stream, read_report_json
 from splatwire.cli._output import JsonFlag, print_json
+from splatwire.cli._terminal import print_table
 
 if TYPE_CHECKING:
     from splatwire.packets import ReadReport, SceneStream
@@ -149,7 +150,6 @@ def _size(path: Path) -> int:
 
 
 def _print_table(source: str, content: Mapping[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(title=f"{source} ({content['kind']})", show_header=False, title_justify="left")
@@ -164,7 +164,7 @@ def _print_table(source: str, content: Mapping[str, Any]) -> None:
             table.add_section()
         elif key != "kind":
             table.add_row(key, _text(value))
-    Console().print(table)
+    print_table(table)
 
 
 def _text(value: Any) -> str:

@@ -8,8 +8,10 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from types import TracebackType
 from typing import Any
 
 import tyro
@@ -19,6 +21,7 @@ from splatwire.cli._former import answer_former_words
 from splatwire.cli._help import tell
 from splatwire.cli._left_out import input_warnings
 from splatwire.cli._output import DAMAGED
+from splatwire.cli._terminal import one_line, printable_streams
 from splatwire.cli._waiting import telling_why_it_takes_long
 from splatwire.errors import SplatwireError, how_to_install
 
@@ -67,6 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # Before any library starts OpenMP: its threads spin while they wait, which on busy processors costs others their
     # turn and the work itself several times its length.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    if arguments is None:
+        sys.excepthook = _print_traceback
     try:
         with _standard_streams(), _ended_in_order(), _few_collections():
             status = _run(list(sys.argv[1:] if arguments is None else arguments))
@@ -76,6 +81,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
     sys.exit(status)
+
+
+def _print_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    with printable_streams():
+        traceback.print_exception(kind, error, trace)
 
 
 @contextmanager
@@ -133,7 +143,8 @@ def _run(arguments: list[str]) -> int:
         return 0
     try:
         verb = _parse(arguments)
-        with telling_why_it_takes_long(arguments[0] if arguments else ""), input_warnings() as warnings:
+        waits = telling_why_it_takes_long(arguments[0] if arguments else "")
+        with printable_streams(), waits, input_warnings() as warnings:
             verb.run()
     except BrokenPipeError:
         raise
@@ -197,5 +208,5 @@ def settings_of(verb: str) -> Any:
 
 
 def _complain(message: str) -> int:
-    print("splatwire: error: " + " ".join(message.split()), file=sys.stderr)
+    print(f"splatwire: error: {one_line(message)}", file=sys.stderr)
     return 2

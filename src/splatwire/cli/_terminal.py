@@ -1,0 +1,108 @@
+"""The way of all text to the terminal: characters that control it are made visible.
+
+Names of files and streams, messages of servers and contents of files come from other people. An escape sequence in them
+could rewrite the screen, the title or the clipboard, and a bidirectional override could show another file name.
+"""
+
+import contextlib
+import sys
+import unicodedata
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+_KEPT = "\n\t"
+"""Control characters that structure our own text."""
+
+
+def printable(text: str) -> str:
+    """Returns a text in which every character that may control a terminal is replaced by its escape sequence.
+
+    These are control characters (C0 but for line feed and tab, and C1), format characters such as bidirectional
+    overrides and zero-width characters, line and paragraph separators, lone surrogates, and unassigned characters.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(c if _is_harmless(c) else _escaped(c) for c in text)
+
+
+def one_line(text: str) -> str:
+    """Returns a printable text without line breaks: runs of white space become one space each."""
+    return printable(" ".join(text.split()))
+
+
+def _is_harmless(character: str) -> bool:
+    return character.isprintable() or character in _KEPT or unicodedata.category(character) == "Zs"
+
+
+def _escaped(character: str) -> str:
+    code = ord(character)
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+class PrintableStream:
+    """A text stream that makes all that is written to it printable; bytes for its `buffer` stay as they are.
+
+    Args:
+        target: Stream that the text goes on to.
+
+    Attributes:
+        target: See there.
+    """
+
+    def __init__(self, target: Any) -> None:
+        self.target = target
+
+    def write(self, text: str) -> int:
+        """Writes a text; returns its length."""
+        self.target.write(printable(text))
+        return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        """Writes several texts."""
+        for line in lines:
+            self.write(line)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.target, name)
+
+
+@contextlib.contextmanager
+def printable_streams() -> Iterator[None]:
+    """Makes all that is printed on standard output and standard error printable; a closed stream stays closed."""
+    with contextlib.ExitStack() as stack:
+        if sys.stdout is not None:
+            stack.enter_context(contextlib.redirect_stdout(PrintableStream(sys.stdout)))
+        if sys.stderr is not None:
+            stack.enter_context(contextlib.redirect_stderr(PrintableStream(sys.stderr)))
+        yield
+
+
+def console(*, stderr: bool = False) -> "Console":
+    """Returns a rich console, whose own control sequences reach the terminal and whose texts have no markup."""
+    from rich.console import Console
+
+    stream = sys.stderr if stderr else sys.stdout
+    while isinstance(stream, PrintableStream):
+        stream = stream.target
+    return Console(file=stream, markup=False, emoji=False, highlight=False)
+
+
+def print_table(table: "RenderableType") -> None:
+    """Prints a rich table on standard output, its texts made printable."""
+    console().print(_Printable(table))
+
+
+class _Printable:
+    """A rich renderable whose texts are made printable."""
+
+    def __init__(self, inner: Any) -> None:
+        self._inner = inner
+
+    def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
+        from rich.segment import Segment
+
+        for segment in console.render(self._inner, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)

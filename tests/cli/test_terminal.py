@@ -1,0 +1,184 @@
+"""Text of others on the terminal: nothing in names, messages or files controls it, and JSON stays JSON."""
+
+import ast
+import contextlib
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+import unicodedata
+from collections.abc import Iterator
+from pathlib import Path
+from unittest.mock import patch
+
+import splatwire.cli
+from splatwire.cli import _terminal, main
+from splatwire.cli._output import print_summary, progress_bars
+from splatwire.cli._table import print_rows
+from splatwire.cli._terminal import PrintableStream, console, one_line, print_table, printable, printable_streams
+from splatwire.errors import InvalidValueError
+
+EVIL = "a\x1b[2J\x1b]0;title\x07\x9b31m\r\x08\x7f\u202egnp.exe\u2066\u200b\ufeff\u2028\udcff\x00z"
+"""Screen, title, C1, carriage return, backspace, bidirectional overrides, zero width, separators, a lone surrogate."""
+GOOD = "plan à 東京\u3000Größe żółć עברית 👍 ±3 → “x”"
+
+
+def controls(text: str, kept: str = "\n\t") -> list[str]:
+    return [c for c in text if unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") and c not in kept]
+
+
+def test_every_character_that_controls_a_terminal_becomes_visible():
+    assert printable(GOOD) == GOOD
+    assert printable("two\nlines\t") == "two\nlines\t"
+    assert printable("\x1b[2J\u202e\x9b") == "\\x1b[2J\\u202e\\x9b"
+    assert not controls(printable(EVIL))
+    assert not controls(printable("".join(map(chr, range(0x110000)))))
+    assert one_line("a\r\n\n b\x1b") == "a b\\x1b"
+    assert printable(EVIL).encode("utf-8").startswith(b"a\\x1b[2J")
+
+
+def test_all_that_is_printed_meanwhile_is_printable(capsys):
+    with printable_streams():
+        print(EVIL, file=sys.stdout)
+        print(EVIL, file=sys.stderr)
+        sys.stdout.writelines([EVIL, EVIL])
+        print_summary(EVIL)
+    shown = capsys.readouterr()
+    assert "\\x1b" in shown.out
+    assert "\\x1b" in shown.err
+    assert not controls(shown.out + shown.err)
+    print("\x1b[1m")
+    assert capsys.readouterr().out == "\x1b[1m\n"
+
+
+def test_bytes_and_facts_of_a_stream_stay_what_they_are():
+    raw = io.BytesIO()
+    stream = PrintableStream(io.TextIOWrapper(raw, "utf-8"))
+    stream.buffer.write(b"\x1b\x00")
+    assert stream.encoding == "utf-8"
+    assert not stream.isatty()
+    stream.flush()
+    assert raw.getvalue() == b"\x1b\x00"
+
+
+class Terminal(io.StringIO):
+    encoding = "utf-8"
+
+    def isatty(self) -> bool:
+        return True
+
+
+@contextlib.contextmanager
+def at_a_terminal() -> Iterator[Terminal]:
+    found = Terminal()
+    with (
+        patch.dict(os.environ, {"TERM": "xterm-256color"}),
+        contextlib.redirect_stdout(found),
+        contextlib.redirect_stderr(found),
+    ):
+        os.environ.pop("NO_COLOR", None)
+        yield found
+
+
+def own_sequences(text: str) -> str:
+    """Without the sequences of rich: colours, and movements of the cursor over bars."""
+    return re.sub(r"\x1b\[(\?25[lh]|[0-9;]*m|[12]?[KAG]|1A|2K)", "", text)
+
+
+def test_tables_on_a_terminal_have_colours_and_cells_without_control():
+    row = {
+        "method": f"{EVIL}[red]x[/red][link=https://evil.example]y[/link]", "psnr": 30.0, "exact": False, "ssim": 0.9,
+        "lpips": None, "num_lost": 3, "num_bytes": 10, "seconds": 1.0, "parts": {EVIL: 3},
+    }  # fmt: skip
+    with at_a_terminal() as terminal, printable_streams():
+        print_rows([row], EVIL, lpips_note=EVIL)
+    shown = terminal.getvalue()
+    assert "\x1b[1;32m" in shown, "the best row is bold and green"
+    assert "\x1b]" not in shown
+    assert "[red]" in re.sub(r"\s", "", own_sequences(shown))
+    assert not controls(own_sequences(shown))
+
+
+def test_progress_on_a_terminal_shows_names_without_control():
+    with at_a_terminal() as terminal:
+        with printable_streams(), progress_bars() as report:
+            report(EVIL, 0.5)
+            print(EVIL, file=sys.stderr)
+            print(EVIL)
+            report(EVIL, 1.0)
+        assert sys.stdout is terminal
+    shown = own_sequences(terminal.getvalue())
+    assert "\\x1b[2J" in shown
+    assert not controls(shown.replace("\r", ""))
+
+
+def test_errors_are_one_line_without_control(run, tmp_path):
+    path = tmp_path / "x\x1b[2J\u202e\nsecond.swz"
+    path.write_bytes(b"nothing")
+    for words in (("inspect", path), ("decode", path, "-o", tmp_path / "o.ply"), ("inspect", f"{path}.gone")):
+        outcome = run(*words)
+        assert outcome.status != 0
+        assert not controls(outcome.err)
+        assert outcome.err.count("\n") == 1
+        assert "\\x1b[2J\\u202e" in outcome.err
+
+
+def test_what_a_file_says_of_itself_is_shown_without_control(run, tmp_path, monkeypatch):
+    from splatwire.cli import inspect as module
+
+    content = {"kind": EVIL, "writer": EVIL, EVIL: {"a": EVIL, EVIL: [EVIL, EVIL]}}
+    monkeypatch.setattr(module, "describe", lambda path: content)
+    path = tmp_path / "name[red].swz"
+    path.write_bytes(b"")
+    shown = run("inspect", path).out
+    assert not controls(shown)
+    assert "\\u202e" in shown
+    assert json.loads(run("inspect", path, "--json").out) == json.loads(json.dumps(content))
+
+
+def test_a_defect_of_ours_prints_a_traceback_without_control():
+    code = (
+        "import sys\nfrom splatwire.cli import main, inspect\n"
+        f"def run(self): raise RuntimeError({EVIL!r})\n"
+        "inspect.Inspect.run = run\nsys.argv = ['splatwire', 'inspect', 'x']\nmain.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    shown = done.stderr.decode("utf-8")
+    assert done.returncode == 1
+    assert "RuntimeError: a\\x1b[2J" in shown
+    assert not controls(shown)
+
+
+def test_every_console_is_made_in_one_place():
+    """One that is made elsewhere would print texts of others as they are."""
+    found = []
+    for path in Path(splatwire.cli.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [a.name for a in node.names] if isinstance(node, ast.ImportFrom) and node.module else []
+            if "Console" in names:
+                found.append(path.name)
+    assert found == [Path(_terminal.__file__).name] * 2
+
+
+def test_a_closed_stream_stays_closed(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "stdout", None)
+    with printable_streams():
+        assert sys.stdout is None
+        print("x", file=sys.stderr)
+    assert capsys.readouterr().err == "x\n"
+
+
+def test_messages_of_the_command_line_are_one_line(capsys):
+    assert main._complain(str(InvalidValueError(f"{EVIL}\nsplatwire: all is well"))) == 2
+    shown = capsys.readouterr().err
+    assert shown.count("\n") == 1
+    assert not controls(shown)
+
+
+def test_a_console_writes_past_our_own_streams():
+    with at_a_terminal() as terminal, printable_streams(), printable_streams():
+        assert console().file is terminal
+        print_table("a[red]b\x1b")
+    assert own_sequences(terminal.getvalue()).strip() == "a[red]b\\x1b"
