@@ -8,6 +8,7 @@ import torch
 
 from splatwire.data import load_cameras, open_dataset, save_cameras
 from splatwire.errors import DatasetError
+from splatwire.files.kinds import CAMERAS, file_kind
 
 DATA = Path(os.environ.get("SPLATWIRE_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 
@@ -79,6 +80,55 @@ def test_what_is_no_json_is_refused(tmp_path):
         load_cameras(tmp_path / "c.json")
     with pytest.raises(DatasetError, match="no such file"):
         load_cameras(tmp_path / "absent.json")
+
+
+def cameras_of_3dgs(cameras):
+    """The list that 3DGS writes, by hand: poses are camera to world."""
+    entries = []
+    for number, (name, K, viewmat) in enumerate(zip(cameras.names, cameras.Ks, cameras.viewmats, strict=True)):
+        rotation = viewmat[:3, :3].double().T
+        position = -rotation @ viewmat[:3, 3].double()
+        entries.append({"id": number, "img_name": name, "width": 40, "height": 24, "position": position.tolist(),
+                        "rotation": rotation.tolist(), "fx": float(K[0, 0]), "fy": float(K[1, 1])})  # fmt: skip
+    return entries
+
+
+def test_the_cameras_of_a_model_folder_of_3dgs_are_read(cameras, tmp_path):
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras_of_3dgs(cameras)))
+    back = load_cameras(tmp_path / "cameras.json")
+    torch.testing.assert_close(back.viewmats, cameras.viewmats, rtol=1e-6, atol=1e-6)
+    assert torch.equal(back.Ks, cameras.Ks)
+    assert (back.names, back.width, back.height) == (cameras.names, 40, 24)
+    assert file_kind(tmp_path / "cameras.json") == CAMERAS
+
+
+def entry(**values):
+    return lambda content: content[3].update(values)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda content: content.clear(), "has no views"),
+        (lambda content: content.append(3), "a list must hold cameras"),
+        (lambda content: content[3].pop("fy"), "a list must hold cameras"),
+        (lambda content: content[3].pop("width"), "width and height must be whole numbers"),
+        (entry(width=41), "2 different image sizes"),
+        (entry(fx="wide"), "'view_03': expected"),
+        (entry(fx=-3), "'view_03' has no positive"),
+        (entry(position=[1, 2]), "'view_03': expected"),
+        (entry(rotation=[[1, 0], [0, 1]]), "'view_03': expected 3 x 3 numbers"),
+        (entry(rotation=(2 * np.eye(3)).tolist()), "'view_03' is not a rotation"),
+        (entry(position=[float("nan")] * 3), "'view_03' is not finite"),
+    ],
+)
+def test_wrong_cameras_of_3dgs_are_refused(spoil, reason, cameras, tmp_path):
+    content = cameras_of_3dgs(cameras)
+    spoil(content)
+    (tmp_path / "cameras.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=reason) as caught:
+        load_cameras(tmp_path / "cameras.json")
+    assert "cameras.json" in str(caught.value)
 
 
 @pytest.mark.data

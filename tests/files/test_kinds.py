@@ -4,6 +4,7 @@ import contextlib
 import gzip
 import json
 import os
+import pickle
 import random
 import struct
 
@@ -64,6 +65,15 @@ def zoo(tmp_path_factory):
     (folder / "unknown").write_bytes(bytes(range(256)) * 3)
     (folder / "empty folder").mkdir()
     (folder / "hacpp" / "point_cloud").mkdir(parents=True)
+    for number in (700, 7000, 30000):
+        (folder / "3dgs" / "point_cloud" / f"iteration_{number}").mkdir(parents=True)
+        write_splats([splats], folder / "3dgs" / "point_cloud" / f"iteration_{number}" / "point_cloud.ply")
+    (folder / "3dgs" / "point_cloud" / "iteration_9000000").mkdir()
+    torch.save({"step": 3, "splats": {"means": one, "sh0": one}}, folder / "gsplat checkpoint.pt")
+    torch.save({"step": 3, "pipeline": {"_model.gauss_params.means": one}}, folder / "nerfstudio checkpoint.ckpt")
+    torch.save(((one, one), 30000), folder / "pytorch")
+    torch.save([one], folder / "pytorch.pth", _use_new_zipfile_serialization=False)
+    (folder / "pickle").write_bytes(pickle.dumps({"means": [1, 2]}))
     (folder / "dataset" / "sparse").mkdir(parents=True)
     (folder / "folder" / "photos").mkdir(parents=True)
     os.mkfifo(folder / "device")
@@ -146,3 +156,23 @@ def test_hostile_headers_are_only_safetensors(metadata):
     assert kind_of_bytes(struct.pack("<Q", len(header)) + header, 10_000) == kinds.TENSORS
     for text in (b"{" * 4000, b'{"__metadata__": 3}', b'{"__metadata__": {"splatwire": 3}}'):
         assert kind_of_bytes(struct.pack("<Q", len(text)) + text, 10_000) == kinds.TENSORS
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("gsplat checkpoint.pt", ["gsplat", "never opened", "export_splats", "PLY"]),
+        ("nerfstudio checkpoint.ckpt", ["nerfstudio", "never opened", "ns-export gaussian-splat"]),
+        ("pytorch", ["PyTorch", "never opened", "point_cloud.ply"]),
+        ("pickle", ["pickle", "never opened"]),
+    ],
+)
+def test_checkpoints_of_other_programs_are_named_with_the_way_to_a_ply(zoo, name, told):
+    with pytest.raises(SplatwireError) as caught:
+        read_splats(zoo / name)
+    assert all(word in str(caught.value) for word in told), str(caught.value)
+
+
+def test_a_model_folder_of_3dgs_is_read_as_the_ply_of_its_last_iteration(zoo):
+    assert kinds.trained_ply(zoo / "3dgs") == zoo / "3dgs" / "point_cloud" / "iteration_30000" / "point_cloud.ply"
+    assert read_splats(zoo / "3dgs").num_gaussians == 5

@@ -10,6 +10,7 @@ import tyro
 from splatwire.cli._files import input_path, is_stream, read_report_json
 from splatwire.cli._output import JsonFlag, print_json
 from splatwire.cli._terminal import print_table
+from splatwire.files.kinds import trained_ply
 
 if TYPE_CHECKING:
     from splatwire.packets import ReadReport, SceneStream
@@ -145,7 +146,8 @@ def _describe_gaussians(path: Path, kind: str) -> dict[str, Any]:
 
 
 def _size(path: Path) -> int:
-    """Bytes of a file, or of all files in a folder."""
+    """Bytes of a file, or of all files in a folder; of a model folder of 3DGS, those of the PLY that is read."""
+    path = (trained_ply(path) if path.is_dir() else None) or path
     return sum(file.stat().st_size for file in path.iterdir()) if path.is_dir() else path.stat().st_size
 
 

@@ -1,4 +1,4 @@
-"""Cameras as JSON: our own file, and the `cameras.json` beside official HAC++ results."""
+"""Cameras as JSON: our own file, and the `cameras.json` of HAC++ results and of model folders of 3DGS."""
 
 import json
 from dataclasses import replace
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.data._checks import make_cameras, matrix
+from splatwire.data._checks import check_rigid, make_cameras, matrix, pinhole
 from splatwire.errors import DatasetError
 from splatwire.files.capped import read_json
 from splatwire.files.kinds import is_not
@@ -17,6 +17,7 @@ from splatwire.scene.origin import NO_ORIGIN
 
 FORMAT = "splatwire-cameras"
 VERSION = 1
+_MAX_NAME = 200
 _CONVENTION = "viewmat: world to camera, OpenCV axes; K: pixels, the centre of the top-left pixel is (0.5, 0.5)"
 
 
@@ -45,15 +46,19 @@ def save_cameras(cameras: Cameras, path: Path) -> None:
 
 
 def load_cameras(path: Path) -> Cameras:
-    """Reads our own cameras file or the `cameras.json` of an official HAC++ result.
+    """Reads our own cameras file, the `cameras.json` of an official HAC++ result, or that of a model folder of 3DGS.
 
     Args:
-        path: The file. The official one has `w2c`, `K`, `width` and `height` in every camera.
+        path: The file. That of HAC++ has `w2c`, `K`, `width` and `height` in every camera. That of 3DGS is a list of
+            cameras with `img_name`, `width`, `height`, `fx`, `fy` (pixels), `position` and `rotation` (camera to world,
+            OpenCV axes); their principal point is the middle of the image.
 
     Raises:
-        DatasetError: If it is absent, neither of the two, of a newer version, or a camera is not rigid and finite.
+        DatasetError: If it is absent, none of the three, of a newer version, or a camera is not rigid and finite.
     """
     content = read_json(path, DatasetError)
+    if isinstance(content, list):
+        return _cameras_of_3dgs(path, content)
     if not isinstance(content, dict) or not isinstance(content.get("cameras"), list):
         raise DatasetError(is_not(path, "a cameras file", "it has no list 'cameras'"))
     own = content.get("format") == FORMAT
@@ -70,6 +75,25 @@ def load_cameras(path: Path) -> Cameras:
     intrinsics = np.stack([matrix(path, view["name"], view.get("K"), (3, 3)) for view in views])
     width, height = _size(path, [content] if own else views)
     return make_cameras(path, names, viewmats, intrinsics, width, height)
+
+
+def _cameras_of_3dgs(path: Path, views: list[Any]) -> Cameras:
+    """Cameras of the list that 3DGS writes."""
+    if not views:
+        raise DatasetError(f"{path}: has no views")
+    if not all(isinstance(view, dict) and {"position", "rotation", "fx", "fy"} <= set(view) for view in views):
+        raise DatasetError(is_not(path, "a cameras file", "a list must hold cameras with position, rotation, fx, fy"))
+    names = [str(view.get("img_name", view.get("id", number)))[:_MAX_NAME] for number, view in enumerate(views)]
+    width, height = _size(path, views)
+    poses = np.tile(np.eye(4), (len(views), 1, 1))
+    intrinsics = np.empty((len(views), 3, 3))
+    for number, (name, view) in enumerate(zip(names, views, strict=True)):
+        poses[number, :3, :3] = matrix(path, name, view["rotation"], (3, 3))
+        poses[number, :3, 3] = matrix(path, name, [view["position"]], (1, 3))[0]
+        check_rigid(path, name, poses[number])
+        fx, fy = matrix(path, name, [[view["fx"], view["fy"]]], (1, 2))[0]
+        intrinsics[number] = pinhole(fx, fy, width / 2, height / 2)
+    return make_cameras(path, names, np.linalg.inv(poses), intrinsics, width, height)
 
 
 def _size(path: Path, holders: list[dict[str, Any]]) -> tuple[int, int]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 _HEAD_BYTES = 1 << 16
+_MAX_DIGITS = 20
 _MAX_SAFETENSORS_HEADER = 1 << 22
 _SPLAT_BYTES = 32
 _SOG_SUFFIXES = (".sog", ".zip")
@@ -78,6 +79,24 @@ LFS = Kind("lfs", "a pointer of Git LFS, not the file itself", "fetch it with `g
 HTML = Kind("html", "an HTML page", "a download may have gone wrong")
 TEXT = Kind("text", "a text file")
 UNKNOWN = Kind("unknown", "of no kind that is known here")
+PYTORCH = "a PyTorch file, which is a pickle and never opened, because it could run any program"
+GSPLAT_CHECKPOINT = Kind(
+    "gsplat checkpoint",
+    f"a checkpoint of gsplat ({PYTORCH})",
+    "write its Gaussians as PLY with `gsplat.export_splats`, or train with `simple_trainer.py ... --save_ply`",
+)
+NERFSTUDIO_CHECKPOINT = Kind(
+    "nerfstudio checkpoint",
+    f"a checkpoint of nerfstudio ({PYTORCH})",
+    "`ns-export gaussian-splat --load-config config.yml --output-dir FOLDER` writes its Gaussians as PLY",
+)
+TORCH = Kind(
+    "pytorch",
+    PYTORCH,
+    "write Gaussians as PLY with the program that trained them; 3DGS has point_cloud/iteration_*/point_cloud.ply",
+)
+PICKLE = Kind("pickle", "a pickle, which is never opened, because it could run any program", TORCH.use)
+MODEL_3DGS = Kind("3dgs", "a model folder of 3DGS", f"{_EXPLICIT} (the PLY of the last iteration)")
 HACPP = Kind("hacpp", "a model folder of HAC++ or Scaffold-GS", "`import hacpp` and `import scaffold` read it")
 DATASET = Kind("dataset", "a folder of posed photos", "`train` reads it, and `--data` of other verbs")
 PHOTOS = Kind(
@@ -114,6 +133,8 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"\x4b\x67\0\0", SPLATV),
     (b"version https://git-lfs", LFS),
 )
+_OLD_TORCH = b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19."
+"""First bytes of what `torch.save` wrote before release 1.6: a pickled number."""
 _PLY = (b"ply\n", b"ply\r")
 XZ_MAGIC = b"\xfd7zXZ\0"
 _XZ_MEMORY_LIMIT = 80 << 20
@@ -122,6 +143,7 @@ _OF_SCENES = {
     ("splatwire-scene", "partial"): PARTIAL,
     ("splatwire-checkpoint", None): CHECKPOINT,
 }
+_CAMERAS_3DGS = (b'"position"', b'"rotation"', b'"fx"', b'"fy"')
 _DATASET_NAMES = ("sparse", "colmap", "poses_enu.json", "transforms.json", "transforms_train.json")
 _PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 _CONTROL = bytes(set(range(32)) - set(b"\t\n\r\f\x1b"))
@@ -148,6 +170,16 @@ def file_kind(path: Path) -> Kind:
         return UNREADABLE
     kind = kind_of_bytes(head, status.st_size, path.suffix.lower())
     return _BY_NAME.get(path.name, kind) if kind == JSON else kind
+
+
+def trained_ply(folder: Path) -> Path | None:
+    """Returns `point_cloud/iteration_N/point_cloud.ply` of a model folder, of the highest N; None without one."""
+    found = {}
+    for ply in folder.glob("point_cloud/iteration_*/point_cloud.ply"):
+        number = ply.parent.name.removeprefix("iteration_")
+        if number.isascii() and number.isdigit() and len(number) < _MAX_DIGITS and ply.is_file():
+            found[int(number)] = ply
+    return found[max(found)] if found else None
 
 
 def is_not(path: Path, wanted: str, why: str = "") -> str:
@@ -185,7 +217,9 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
         if head.startswith(magic):
             return kind
     if head.startswith(b"PK\x03\x04"):
-        return SOG if suffix in _SOG_SUFFIXES else Kind("zip", "a ZIP archive, as PyTorch, NumPy and SOG files are")
+        if (torch := _torch_kind(head)) is not None:
+            return torch
+        return SOG if suffix in _SOG_SUFFIXES else Kind("zip", "a ZIP archive, as NumPy and SOG files are")
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         return Kind("picture", "a WebP picture", _PICTURE_USE)
     if head[8:9] == b"{" and struct.unpack("<Q", head[:8])[0] < size:
@@ -204,10 +238,24 @@ def _glb_json_end(head: bytes) -> int:
     return 20 + size if 0 < size <= MAX_GLB_JSON_BYTES else 0
 
 
+def _torch_kind(head: bytes) -> Kind | None:
+    """Kind of an archive of PyTorch, by its first entry's name and texts of its pickle; None for another archive."""
+    (length,) = struct.unpack("<H", head[26:28]) if len(head) >= 28 else (0,)
+    if not re.fullmatch(
+        rb"[^/]+/(data\.pkl|data/\d+|constants\.pkl|version|byteorder|code/.*)", head[30 : 30 + length]
+    ):
+        return None
+    if b"gauss_params" in head or b"_model." in head:
+        return NERFSTUDIO_CHECKPOINT
+    return GSPLAT_CHECKPOINT if b"splats" in head and b"means" in head else TORCH
+
+
 def _weak_kind(head: bytes) -> Kind:
     """Kinds of which a file of numbers can have the first bytes by chance."""
     if head.startswith(b"\x1f\x8b"):
         return SPZ if _unpacked(head).startswith(b"NGSP") else Kind("gzip", "a gzip archive")
+    if re.match(rb"\x80[\x02-\x05]", head):
+        return TORCH if head.startswith(_OLD_TORCH) else PICKLE
     if head.startswith(b"BM"):
         return Kind("picture", "a BMP picture", _PICTURE_USE)
     plain = head.lstrip(b"\xef\xbb\xbf \t\r\n")
@@ -273,7 +321,7 @@ def _parsed(data: bytes) -> Any:
 
 
 def _json_kind(plain: bytes) -> Kind:
-    if re.search(rb'"splatwire-cameras"|"w2c"\s*:', plain):
+    if re.search(rb'"splatwire-cameras"|"w2c"\s*:', plain) or all(key in plain for key in _CAMERAS_3DGS):
         return CAMERAS
     if re.search(rb'"(frames|camera_angle_x|poses)"\s*:', plain):
         return TRANSFORMS
@@ -292,7 +340,8 @@ def _folder_kind(folder: Path) -> Kind:
     if SOG_LEVELS_NAME in names:
         return SOG_LEVELS
     if "point_cloud" in names and (folder / "point_cloud").is_dir():
-        return HACPP
+        ply = trained_ply(folder)
+        return MODEL_3DGS if ply is not None and file_kind(ply) in (SPLATS_PLY, COMPRESSED_PLY) else HACPP
     if any(name in names for name in _DATASET_NAMES):
         return DATASET
     if names & {"manifest.json", "side_info.bin"} or any(name.endswith(".pak") for name in names):

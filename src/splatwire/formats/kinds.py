@@ -16,6 +16,7 @@ from splatwire.files.kinds import (
     GLB,
     GLTF,
     KSPLAT,
+    MODEL_3DGS,
     OTHER_PLY,
     SOG,
     SOG_FOLDER,
@@ -27,6 +28,7 @@ from splatwire.files.kinds import (
     Kind,
     file_kind,
     is_not,
+    trained_ply,
 )
 from splatwire.formats import sog, spz, streamed_sog
 from splatwire.formats._sog_writer import write_sog
@@ -58,6 +60,7 @@ KINDS = {
     "splat": (SPLAT,),
     "ksplat": (KSPLAT,),
     "glb": (GLB, GLTF),
+    "3dgs": (MODEL_3DGS,),
 }
 """What may hold explicit Gaussians, by reader, which says more of it."""
 READERS: dict[str, Callable[[Path], FileContent]] = {
@@ -68,6 +71,7 @@ READERS: dict[str, Callable[[Path], FileContent]] = {
     "splat": lambda path: FileContent(read_splat(path)),
     "ksplat": lambda path: FileContent(read_ksplat(path)),
     "glb": lambda path: FileContent(read_gltf(path)),
+    "3dgs": lambda path: _read_ply(_trained(path)),
 }
 """Of all rows of a file; `read_all_rows` judges them."""
 WRITERS: dict[str, Writer] = {
@@ -130,6 +134,7 @@ def is_antialiased(path: Path) -> bool:
     """
     say: dict[str, Callable[[Path], bool]] = {
         "ply": lambda file: states_antialiasing(read_ply_comments(file)),
+        "3dgs": lambda folder: states_antialiasing(read_ply_comments(_trained(folder))),
         "spz": spz.is_antialiased,
         "sog": sog.is_antialiased,
         "streamed sog": streamed_sog.is_antialiased,
@@ -163,6 +168,18 @@ def read_all_rows(path: Path) -> tuple[FileContent, Rows]:
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
     return content, rows_of_splats(content.splats)
+
+
+def _trained(folder: Path) -> Path:
+    """The PLY of the last iteration of a model folder of 3DGS.
+
+    Raises:
+        DatasetError: If it was removed since the folder was recognised.
+    """
+    path = trained_ply(folder)
+    if path is None:
+        raise DatasetError(f"{folder}: has no point_cloud/iteration_*/point_cloud.ply")
+    return path
 
 
 def _read_ply(path: Path) -> FileContent:

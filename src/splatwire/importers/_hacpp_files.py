@@ -13,7 +13,7 @@ from torch import Tensor
 from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.archive import open_archive
 from splatwire.files.capped import read_capped, read_json
-from splatwire.files.kinds import is_not
+from splatwire.files.kinds import MODEL_3DGS, file_kind, is_not
 from splatwire.files.tensors import MAX_TENSOR_FILE_BYTES, check_tensor_file
 from splatwire.scene.background import BLACK, WHITE, Background
 
@@ -29,6 +29,8 @@ def newest_iteration(model_dir: Path) -> Path:
     """
     if not model_dir.is_dir():
         raise DatasetError(is_not(model_dir, "a model folder"))
+    if file_kind(model_dir) is MODEL_3DGS:
+        raise DatasetError(is_not(model_dir, "a model folder of HAC++ or Scaffold-GS"))
     found = {}
     for folder in (model_dir / "point_cloud").glob("iteration_*"):
         match = re.fullmatch(r"iteration_(\d{1,9})", folder.name)

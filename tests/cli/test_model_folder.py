@@ -1,0 +1,41 @@
+"""A model folder of 3DGS, with its cameras.json, is taken by the verbs that take Gaussians."""
+
+import json
+
+import pytest
+
+from formats.handmade import some_splats
+from splatwire.formats import write_splats
+
+
+@pytest.fixture
+def model(tmp_path):
+    """A folder as 3DGS leaves it after two saved iterations."""
+    for iteration, count in ((7000, 20), (30000, 60)):
+        folder = tmp_path / "model" / "point_cloud" / f"iteration_{iteration}"
+        folder.mkdir(parents=True)
+        write_splats([some_splats(count, 0)], folder / "point_cloud.ply")
+    (tmp_path / "model" / "cfg_args").write_text("Namespace(sh_degree=3, model_path='model', white_background=False)")
+    write_splats([some_splats(5, 0)], tmp_path / "model" / "input.ply")
+    camera = {"id": 0, "img_name": "one", "width": 32, "height": 24, "position": [0, 0, -4], "fx": 30, "fy": 30,
+              "rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}  # fmt: skip
+    (tmp_path / "model" / "cameras.json").write_text(json.dumps([camera]))
+    return tmp_path / "model"
+
+
+def test_the_verbs_take_the_folder_and_its_cameras(run, model, tmp_path):
+    found = run("inspect", model, "--json").json
+    ply = model / "point_cloud" / "iteration_30000" / "point_cloud.ply"
+    assert (found["num_gaussians"], found["num_bytes"]) == (60, ply.stat().st_size)
+    encoded = run("encode", model, "-o", tmp_path / "a.swz", "--cameras", model / "cameras.json", "--json")
+    assert encoded.json["num_elements"] == 60
+    drawn = run("render", model, "-o", tmp_path / "out", "--cameras", model / "cameras.json", "--json")
+    assert drawn.json["pictures"] == ["one.png"]
+    assert run("import", "splats", model, "-o", tmp_path / "b.ply", "--json").json["num_gaussians"] == 60
+
+
+@pytest.mark.parametrize("kind", ["hacpp", "scaffold"])
+def test_neural_importers_name_what_the_folder_is(run, model, tmp_path, kind):
+    done = run("import", kind, model, "-o", tmp_path / "b.scene")
+    assert done.status == 2
+    assert "a model folder of 3DGS" in done.err
