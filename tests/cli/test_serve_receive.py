@@ -1,11 +1,13 @@
 """The verbs `serve` and `receive`: a server process, and clients in this one."""
 
+import asyncio
 import contextlib
 import json
 import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -34,6 +36,7 @@ from splatwire.packets import PRESETS, Packetization, read_stream, write_stream
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
 from splatwire.transport import Protection
+from splatwire.transport.wire import DATA, decode, kind_of
 
 
 @pytest.fixture(scope="module")
@@ -290,3 +293,63 @@ def test_what_a_camera_sees_is_all_that_comes(tmp_path: Path, capsys: pytest.Cap
     assert 0 < told["packets"]["num_received"] < told["packets"]["num_expected"]
     shown = conceal(decode_stream(read_stream(tmp_path / "seen.swz")[0]), "coarse").drawn()
     assert shown.num_gaussians > 0
+
+
+@pytest.mark.parametrize(("words", "status"), [((), 2), (("--partial",), 0), (("--deadline", "30s"), 2)])
+def test_a_stream_that_stays_incomplete_is_no_success(stream_file: Path, tmp_path: Path, capsys, words, status):
+    """A relay on the way loses one packet for good; what arrived is written."""
+    target = tmp_path / "part.swz"
+    with serving(str(stream_file)) as facts, losing_one(facts["port"]) as port:
+        assert call("receive", f"udp://127.0.0.1:{port}", "-o", str(target), "--no-nack", *words) == status
+    told = capsys.readouterr()
+    assert "(sent) -> " in told.out
+    assert ("the stream is incomplete (sent: " in told.err) == (status != 0)
+    stream, whole = read_stream(target)[0], read_stream(stream_file)[0]
+    assert len(stream.packets) == len(whole.packets) - 1
+
+
+@contextlib.contextmanager
+def losing_one(server_port: int) -> Iterator[int]:
+    """A relay that never passes a packet of the last place that it sees first."""
+    ready, ports, loops = threading.Event(), [], []
+
+    async def relay() -> None:
+        front, loop = socket.socket(socket.AF_INET, socket.SOCK_DGRAM), asyncio.get_running_loop()
+        front.bind(("127.0.0.1", 0))
+        back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        back.connect(("127.0.0.1", server_port))
+        clients, lost = [], []
+
+        def up() -> None:
+            data, address = front.recvfrom(2048)
+            clients[:] = [address]
+            back.send(data)
+
+        def down() -> None:
+            data = back.recv(2048)
+            if kind_of(data) == DATA:
+                place = decode(data).place
+                lost[:] = lost or [place]
+                if place == lost[0]:
+                    return
+            front.sendto(data, clients[0])
+
+        loop.add_reader(front, up)
+        loop.add_reader(back, down)
+        ports.append(front.getsockname()[1])
+        stop = asyncio.Event()
+        loops.append((loop, stop))
+        ready.set()
+        await stop.wait()
+        front.close()
+        back.close()
+
+    thread = threading.Thread(target=lambda: asyncio.run(relay()), daemon=True)
+    thread.start()
+    assert ready.wait(10)
+    try:
+        yield ports[0]
+    finally:
+        loop, stop = loops[0]
+        loop.call_soon_threadsafe(stop.set)
+        thread.join(10)

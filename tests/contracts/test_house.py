@@ -1,4 +1,4 @@
-"""The measures of the house: short files and functions, no circles, nobody reaches into another's private parts."""
+"""The measures of the house: short functions, no circles, nobody reaches into another's private parts."""
 
 import ast
 from collections.abc import Iterator

@@ -49,6 +49,13 @@ class Relay:
     def port(self) -> int:
         return int(self._front.getsockname()[1])
 
+    def rebind(self) -> None:
+        """Gives clients another address towards the server, as a router does that forgot them."""
+        for sock in self._back.values():
+            self._loop.remove_reader(sock)
+            sock.close()
+        self._back.clear()
+
     def close(self) -> None:
         for sock in (self._front, *self._back.values()):
             self._loop.remove_reader(sock)

@@ -27,6 +27,7 @@ from splatwire.transport import (
     make_program,
 )
 from splatwire.transport.address import Address, parse_url
+from splatwire.transport.events import Resumed
 from transport.network import OopsError, at_most, bernoulli, bursts, datagram_stream, oops
 from transport.relay import Relay
 
@@ -287,3 +288,65 @@ def test_addresses_and_trust():
     ):
         with pytest.raises(InvalidValueError):
             Trust(**wrong)
+
+
+@pytest.mark.parametrize("how", ["restarted", "silent", "another address"])
+def test_a_transfer_goes_on_over_another_connection(how):
+    """The connection ends, and another one to the same address brings what is missing."""
+
+    async def work() -> None:
+        events: list[Any] = []
+        limits = ServerLimits(fixed_rate=400_000.0, silence_s=2.0)
+        first = await QuicServer(PROGRAMS, "127.0.0.1", 0, identity=IDENTITY, limits=limits).start()
+        servers, dark, port = [first], [False], first.port
+        relay = Relay(port, lambda: dark[0], lambda: dark[0])
+
+        async def disturb() -> None:
+            while sum(isinstance(event, PacketArrived) for event in events) < len(STREAM.packets) // 4:
+                await asyncio.sleep(0.01)
+            if how == "another address":
+                relay.rebind()
+            elif how == "silent":
+                dark[0] = True
+                await asyncio.sleep(4.0)  # both ends give the connection up
+                dark[0] = False
+            else:
+                servers.pop().close()
+                await asyncio.sleep(0.3)
+                servers.append(await QuicServer(PROGRAMS, "127.0.0.1", port, identity=IDENTITY, limits=limits).start())
+
+        disturbing = asyncio.create_task(disturb())
+        try:
+            receiver = await fetch(relay.port, ReceiverOptions(silence_s=2.0), on_event=events.append)
+            await disturbing
+        finally:
+            disturbing.cancel()
+            relay.close()
+            for server in servers:
+                server.close()
+        assert receiver.finished.reason == "complete"
+        assert receiver.stream() == STREAM
+        kept = [event.kept for event in events if isinstance(event, Resumed)]
+        assert all(kept)
+        assert kept or how == "another address"  # QUIC migrates by itself
+
+    run(work())
+
+
+def test_a_server_that_does_not_come_back_is_given_up():
+    async def work() -> None:
+        events: list[Any] = []
+        server = await QuicServer(
+            PROGRAMS, "127.0.0.1", 0, identity=IDENTITY, limits=ServerLimits(fixed_rate=200_000.0)
+        ).start()
+
+        def note(event: Any) -> None:
+            events.append(event)
+            if isinstance(event, SideInfoArrived):
+                server.close()
+
+        receiver = await fetch(server.port, ReceiverOptions(silence_s=0.5, reconnect_s=1.5), on_event=note)
+        assert receiver.finished.reason != "complete"
+        assert receiver.finished.ok
+
+    run(work())

@@ -2,9 +2,12 @@
 
 import asyncio
 import contextlib
+import errno
+import math
 import signal
 import socket
 import sys
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +21,9 @@ if TYPE_CHECKING:
     from splatwire.transport.certificate import Identity
     from splatwire.transport.quic_server import QuicServer
     from splatwire.transport.udp import UdpServer
+
+REPORT_S = 5.0
+"""Least time between two reports of errors that no request waits for, seconds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +90,7 @@ class Listening:
         if self.json:
             print_json({"host": self.host, "port": port, **more, **facts})
         else:
-            print(f"{what} on {'quic' if self.over_quic else 'udp'}://{self.host}:{port}")
+            print(f"{what} on {'quic' if self.over_quic else 'udp'}://{url_host(self.host)}:{port}")
             for name, value in facts.items():
                 print(f"{name}: {value}")
         sys.stdout.flush()
@@ -168,11 +174,52 @@ async def open_server(
 
 
 def stop_on_signals() -> asyncio.Event:
-    """Is set when somebody ends the program."""
-    stop = asyncio.Event()
+    """Event that is set by Ctrl-C or a request to end; the second one ends the process whatever it waits for.
+
+    Errors that the event loop meets outside of any request, such as file descriptors that run out, are one line each.
+    """
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+
+    def end(number: int) -> None:
+        stop.set()
+        loop.remove_signal_handler(number)
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+        loop.add_signal_handler(number, end, number)
+    loop.set_exception_handler(LoopErrors())
     return stop
+
+
+class LoopErrors:
+    """Reports errors of the system that no request waits for, at most one line each `REPORT_S`; others as asyncio does.
+
+    Args:
+        clock: Gives the time, seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._next_at = clock, -math.inf
+
+    def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Takes what asyncio says of an error."""
+        error = context.get("exception")
+        if not isinstance(error, (OSError, MemoryError)):
+            loop.default_exception_handler(context)
+            return
+        now = self._clock()
+        if now < self._next_at:
+            return
+        self._next_at = now + REPORT_S
+        advice = ""
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            advice = "; no more connections are accepted until some end: raise `ulimit -n`"
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        print(f"splatwire: error: {reason}{advice}", file=sys.stderr, flush=True)
+
+
+def url_host(host: str) -> str:
+    """A host as it stands in an address: numbers of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host and not host.startswith("[") else host
 
 
 def _told_renewed(identity: "Identity") -> None:

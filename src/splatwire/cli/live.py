@@ -2,20 +2,20 @@
 
 import asyncio
 import contextlib
-import gc
-import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
-from splatwire.cli._arriving import files_of, names_of_a_pipe
+from splatwire.cli._arriving import FolderSource, FrameSource, PipeSource
+from splatwire.cli._background import first_of, start_thread
 from splatwire.cli._files import STANDARD
 from splatwire.cli._listening import Listening, open_server, stop_on_signals
+from splatwire.cli._live_encoding import LiveEncoding, Warnings, few_warnings, new_stream_id, print_if_read
 
 if TYPE_CHECKING:
     from splatwire.clips import ClipOptions
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 NAME = "live"
 LAST_S = 3.0
 """What clients lack when the last frame was encoded is sent for so long."""
+STOP_S = 10.0
+"""Longest time that the encoder has to end after Ctrl-C, seconds: a file it reads may never come."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,9 @@ class Live(Listening):
     """Encode frames as they appear and serve them while they do; Ctrl-C, or the end of a pipe, ends it."""
 
     frames: tyro.conf.Positional[str]
-    """Folder that somebody writes a file a frame into, under names that sort in time; a file that is written elsewhere
-    and moved in is never read half. Or -: names of such files, one a line, on standard input."""
+    """Folder that a file for each frame is written into, under names that sort in time; or -: names of such files, one
+    a line, on standard input. Frames that cannot be read are skipped, and frames that come faster than they are encoded
+    are dropped; both are reported. Files that are written elsewhere and moved in are never read half."""
     fps: float | None = None
     """Frames a second; 30 where absent. Frames that are there already are taken no faster."""
     group: int | None = None
@@ -76,7 +79,7 @@ class Live(Listening):
     async def _serve(self, options: "ClipOptions", protection: "Protection") -> None:
         from splatwire.transport import ServerLimits
 
-        stop, loop = stop_on_signals(), asyncio.get_running_loop()
+        stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
         async with contextlib.AsyncExitStack() as stack:
             limits = ServerLimits(fixed_rate=self.fixed_rate)
             server, facts = await open_server({}, self, limits, stack, live=NAME)
@@ -85,13 +88,32 @@ class Live(Listening):
             def renew(program: "Program") -> None:
                 loop.call_soon_threadsafe(server.renew, NAME, program)
 
-            source = (
-                names_of_a_pipe(stop.is_set) if self.frames == STANDARD else files_of(Path(self.frames), stop.is_set)
-            )
-            frames = await asyncio.to_thread(_encode, source, options, protection, renew, stop.is_set)
-            await _last(server)
+            work = self._encoding(options, protection, renew, stop.is_set, warn)
+            with few_warnings(warn):
+                encoding = start_thread(work.run, "encoding")
+                await first_of(encoding, stop, STOP_S)
+            if encoding.done():
+                encoding.result()
+                await _last(server)
+            else:
+                warn(f"the encoder did not end within {STOP_S:g} s: left alone")
             served = f"served {server.core.num_served} clients, {server.bytes_sent:,} bytes"
-        print(f"{frames} frames, {served}", file=sys.stderr)
+        left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
+        print_if_read(f"{work.num_frames} frames{left_out}, {served}")
+
+    def _encoding(
+        self, options: "ClipOptions", protection: "Protection", renew: "Callable[[Program], None]",
+        stop: Callable[[], bool], warn: Warnings,
+    ) -> LiveEncoding:  # fmt: skip
+        from splatwire.clips.chapters import EndlessClip
+
+        source: FrameSource
+        if self.frames == STANDARD:
+            source = PipeSource(sys.stdin.fileno(), warn)
+        else:
+            source = FolderSource(Path(self.frames), warn)
+        clip = EndlessClip(options, new_stream_id, protection)
+        return LiveEncoding(source, clip, options, renew, stop, warn)
 
 
 async def _last(server: "UdpServer | QuicServer") -> None:
@@ -99,31 +121,3 @@ async def _last(server: "UdpServer | QuicServer") -> None:
     end = time.monotonic() + LAST_S
     while server.core.num_transfers and time.monotonic() < end:
         await asyncio.sleep(0.05)
-
-
-def _encode(
-    files: Iterator[Path | None], options: "ClipOptions", protection: "Protection",
-    renew: "Callable[[Program], None]", stop: Callable[[], bool],
-) -> int:  # fmt: skip
-    """Encodes frames at their rate, and hands on what is served after each group; how many they were."""
-    from splatwire.clips import read_frames
-    from splatwire.clips.chapters import EndlessClip
-
-    clip = EndlessClip(options, lambda: int.from_bytes(os.urandom(4), "little"), protection)
-    due, behind = time.monotonic(), options.group_frames / float(options.rate)
-    for path in files:
-        if stop():
-            break
-        if path is None:
-            continue
-        due = max(due, time.monotonic() - behind)  # what coding a group takes is made up for, a pause is not
-        edition = clip.push(next(read_frames([path])))
-        if clip.num_frames == options.group_frames:
-            gc.freeze()  # to look at all that modules and kernels made would hold a group up by a tenth of a second
-        if edition is not None:
-            renew(edition)
-        due += 1 / float(options.rate)
-        time.sleep(max(due - time.monotonic(), 0.0))
-    for edition in clip.end():
-        renew(edition)
-    return clip.num_frames

@@ -5,6 +5,7 @@ import contextlib
 import itertools
 import re
 import signal
+import sys
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
@@ -50,6 +51,9 @@ class Receive:
     deadline: str | None = None
     """Take what is there after this time, e.g. 2s or 500ms; without it, wait for everything. Ctrl-C takes what is
     there, too."""
+    partial: bool = False
+    """Exit with status 0 if packets are missing; without it that is an error, unless --deadline or --camera was given.
+    What arrived is written either way. A server that falls silent is greeted again for a minute."""
     no_nack: bool = False
     """Do not ask for lost packets again."""
     camera: Path | None = None
@@ -66,7 +70,7 @@ class Receive:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.cli._clips import check_concealer
-        from splatwire.errors import MissingSideInfoError
+        from splatwire.errors import MissingSideInfoError, TruncatedStreamError
         from splatwire.packets import write_stream
         from splatwire.transport import ReceiverOptions, StreamLeft
         from splatwire.transport.address import parse_url
@@ -103,6 +107,11 @@ class Receive:
         self._tell(receiver, stream, reason, moments)
         if stopped:
             raise KeyboardInterrupt  # for the exit status; what arrived is written
+        if not (self.partial or _is_all(receiver, reason)):
+            raise TruncatedStreamError(
+                f"{self.url}: the stream is incomplete ({reason}: {receiver.lacking()}); what arrived is in "
+                f"{self.output}. --partial accepts that"
+            )
 
     def _look(self, camera: Path) -> "Look":
         """Where the first camera of a file looks from."""
@@ -207,6 +216,14 @@ class Receive:
             print_summary(f"{text} -> {self.output}", self.output)
 
 
+def _is_all(receiver: "Receiver", reason: str) -> bool:
+    """Whether all has arrived that can be had: everything, what a camera sees, or what was there by a deadline.
+
+    Of a live clip, motion from before the client came is never sent: it is all there when the server has ended it.
+    """
+    return reason in ("complete", "seen", "deadline") or (reason == "sent" and receiver.is_live)
+
+
 class Moments:
     """When what happened, in seconds from the beginning."""
 
@@ -225,11 +242,19 @@ class Moments:
     def note(self, event: "Event", show: Reporter) -> None:
         """Takes an event of the receiver."""
         from splatwire.transport import Finished, PacketArrived, SideInfoArrived, Welcomed
+        from splatwire.transport.events import Interrupted, Resumed
 
         match event:
             case Welcomed():
                 self._expected = max(event.num_packets, 1)
-                self.preview = time.perf_counter() - self._began if event.preview else None
+                if event.preview and self.preview is None:
+                    self.preview = time.perf_counter() - self._began
+            case Interrupted():
+                print("splatwire: warning: the server fell silent; greeting it again", file=sys.stderr, flush=True)
+            case Resumed():
+                how = "going on" if event.kept else "it sends another stream, which begins anew"
+                print(f"splatwire: warning: the server answers again: {how}", file=sys.stderr, flush=True)
+                self._packets = self._packets if event.kept else 0
             case SideInfoArrived():
                 self.side_info = self.side_info or time.perf_counter() - self._began
             case PacketArrived():

@@ -35,7 +35,7 @@ class EndlessClip:
         self._options, self._new_id, self._protection = options, new_id, protection
         self._chapter_groups = chapter_groups
         self._begin(ClipEncoder(options, live=True))
-        self.num_frames = 0
+        self.num_frames = self._num_served = 0
 
     def push(self, frame: Frame | Splats) -> Edition | None:
         """Takes the next frame; what is served from now on if it is the last of a group.
@@ -50,7 +50,19 @@ class EndlessClip:
         with one_torch_thread() if self.num_frames > self._options.group_frames else nullcontext():
             packets = self.encoder.push(taken)
             self.num_frames += 1
-            return None if self.num_frames % self._options.group_frames else self._add(packets)
+            if self.num_frames % self._options.group_frames:
+                return None
+            edition = self._add(packets)
+            self._num_served = self.num_frames
+            return edition
+
+    def restart(self) -> None:
+        """Drops the group that frames are being gathered for, and begins a chapter that shares nothing with before.
+
+        For frames of another kind (degree of harmonics), and after a group that could not be encoded.
+        """
+        self.num_frames = self._num_served
+        self._begin(self.encoder.restarted(self.num_frames))
 
     def end(self) -> list[Edition]:
         """What is served at the end, one after the other: the frames since the last group, and that nothing follows."""

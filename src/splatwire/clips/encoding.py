@@ -14,6 +14,7 @@ from splatwire.clips.gathering import Gathering, group_of
 from splatwire.clips.grouping import NamedFrame
 from splatwire.clips.options import USUAL, ClipOptions
 from splatwire.clips.tracking import SECTION, Tracker, TrackingReport
+from splatwire.codec.antialiasing import SECTION as ANTIALIASING
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.origin import origin_sections, read_origin
 from splatwire.codec.schemas.gaussians.quality import quality_of
@@ -97,6 +98,22 @@ class ClipEncoder:
         if self._known is not None:
             _, there, at = np.intersect1d(names, self._known[0], assume_unique=True, return_indices=True)
             other._known = there, self._known[1][at]
+        return other
+
+    def restarted(self, first_frame: int) -> "ClipEncoder":
+        """An encoder of a clip of its own that shares nothing with this one but its options and its upward direction.
+
+        Args:
+            first_frame: Number of its first frame.
+        """
+        other = ClipEncoder(self._options, self._classes, live=self._live)
+        other._first_frame = other._num_frames = first_frame
+        other._told = self._told
+        other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
+        number = ByteWriter()
+        number.unsigned(first_frame)
+        if first_frame:
+            other._sections[FIRST_FRAME] = number.bytes()
         return other
 
     def push(self, frame: Frame | Splats) -> list[Packet]:

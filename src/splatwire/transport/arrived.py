@@ -28,10 +28,12 @@ class Arrived:
         self._manifest: Manifest | None = None
         self._side_info = b""
         self._newer: list[Data] = []
+        self._grew = False
 
     def _begin(self, welcome: Welcome, *, anew: bool) -> None:
         """Waits for what a checked welcome declares: all of it, or what is new of a stream that has grown."""
         self._welcome, self._head = welcome, HeadCollector(welcome)
+        self._grew = welcome.open or (self._grew and not anew)
         if anew or self._collector is None:
             self._collector, self._manifest, self._side_info = PacketCollector(welcome), None, b""
         else:
@@ -39,6 +41,20 @@ class Arrived:
         newer, self._newer = self._newer, []
         for frame in newer:
             self._collector.add(frame)
+
+    def _resume(self, before: Welcome, welcome: Welcome) -> bool:
+        """Goes on with what is there in another transfer of the same stream; returns False if it cannot be kept."""
+        if self._collector is None or welcome.stream_id != before.stream_id:
+            return False
+        same = welcome.digest == before.digest and _layout(welcome) == _layout(before)
+        grown = before.open and welcome.num_packets >= before.num_packets
+        if not same and not grown:
+            return False
+        if same:
+            self._welcome = welcome
+        else:
+            self._begin(welcome, anew=False)
+        return True
 
     def _ahead(self, frame: Data) -> bool:
         """Whether a packet of a stream that grows is ahead of the welcome that tells of it, for which it waits."""
@@ -49,6 +65,11 @@ class Arrived:
         if not told and len(self._newer) < MOST_NEWER:
             self._newer.append(frame)
         return not told
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the stream grew while it was received: nobody can have what was sent before."""
+        return self._grew
 
     @property
     def welcome(self) -> Welcome | None:
@@ -85,3 +106,8 @@ class Arrived:
             return packets
         missing, total = self._head.num_missing, self._head.num_symbols
         return f"of the side information at least {missing} of {total} pieces are missing; {packets}"
+
+
+def _layout(welcome: Welcome) -> tuple[object, ...]:
+    """Facts of a stream by which packets have their places."""
+    return welcome.object_bytes, welcome.symbol_bytes, welcome.num_packets, welcome.carried, welcome.tiers

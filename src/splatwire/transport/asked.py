@@ -26,6 +26,13 @@ class Asked:
         """How often one was asked for."""
         return self._last.get(index, (0.0, 0))[1]
 
+    def forget(self, index: int) -> None:
+        """Forgets one that nobody will ask for."""
+        self._last.pop(index, None)
+
+    def __bool__(self) -> bool:
+        return bool(self._last)
+
     def due(self, missing: Iterable[int], now: float) -> list[int]:
         """Those of the missing packets that are asked for now, the first ones: not those of a moment ago."""
         out: list[int] = []

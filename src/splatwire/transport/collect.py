@@ -4,11 +4,13 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from splatwire.errors import BitstreamError
 from splatwire.packets import Manifest, Packet, PacketIntake, packet_from_bytes
 from splatwire.packets.container import check_side_info
 from splatwire.transport import fec
-from splatwire.transport.frames import Data, Parity, Side, Welcome
+from splatwire.transport.frames import MAX_HELD_BYTES, Data, Parity, Side, Welcome
 from splatwire.transport.layout import GroupFinder, Segments, split_head_object
 from splatwire.transport.program import MAX_PACKET_BYTES
 from splatwire.transport.protection import MIN_SYMBOL_BYTES
@@ -244,6 +246,16 @@ class PacketCollector:
         while at >= 0:
             yield at
             at = self._have.find(0, at + 1, stop)
+
+    def held(self) -> Iterator[tuple[int, bytes]]:
+        """Packets that are there, as runs of a datagram each: index of the first one, and a bit for each.
+
+        Runs in which nothing is there are left out.
+        """
+        for first in range(0, len(self._have), 8 * MAX_HELD_BYTES):
+            some = np.frombuffer(self._have[first : first + 8 * MAX_HELD_BYTES], np.uint8)
+            if some.any():
+                yield first, np.packbits(some, bitorder="little").tobytes()
 
     def _take(self, index: int, data: bytes) -> Packet | None:
         """Believes a packet if its checksum and stream hold, and the manifest's plan has it."""

@@ -69,6 +69,22 @@ class StreamLeft:
 
 
 @dataclass(frozen=True)
+class Interrupted:
+    """The server fell silent, or the connection to it ended: the receiver greets again."""
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """The server answers again.
+
+    Attributes:
+        kept: Whether what arrived before is kept; else the server sends another stream, and all begins again.
+    """
+
+    kept: bool
+
+
+@dataclass(frozen=True)
 class Finished:
     """Nothing more will come.
 
@@ -82,4 +98,4 @@ class Finished:
     ok: bool
 
 
-Event = Welcomed | SideInfoArrived | PacketArrived | StreamLeft | Finished
+Event = Welcomed | SideInfoArrived | PacketArrived | StreamLeft | Interrupted | Resumed | Finished

@@ -1,6 +1,7 @@
 """A receiver over QUIC: the same core, in a TLS session."""
 
 import asyncio
+import socket
 import ssl
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Any
 from aioquic.asyncio.protocol import QuicConnectionProtocol
 from aioquic.quic import events
 from aioquic.quic.connection import QuicConnection
+from aioquic.quic.packet import QuicErrorCode
 
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.address import Address
@@ -23,10 +25,14 @@ from splatwire.transport.quic import (
     on_stream,
     stream_frame,
 )
-from splatwire.transport.receiver import Receiver
+from splatwire.transport.receiver import SMALL_PATH, Receiver
 from splatwire.transport.receiver_options import ReceiverOptions
 from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
 
+FIRST_PAUSE_S, LAST_PAUSE_S = 0.25, 2.0
+"""Pauses before another connection, seconds; each is twice the one before."""
+CALM_S = 5.0
+"""A connection that lasted so long is followed by another one after the shortest pause, seconds."""
 UNTRUSTED = range(0x100 + 42, 0x100 + 49)
 """QUIC errors of TLS alerts about certificates, bad_certificate to unknown_ca (RFC 9001, 4.8; RFC 8446, 6)."""
 
@@ -84,12 +90,22 @@ async def receive_quic(
     settings.cadata = trust.authority
     settings.verify_mode = ssl.CERT_NONE if trust.insecure or trust.fingerprint else ssl.CERT_REQUIRED
     receiver = Receiver(new_nonce(), loop.time(), options, reliable=True)
-    connection = connected_socket(family, target)
-    client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
-    await loop.create_datagram_endpoint(lambda: client, sock=connection)
-    if stop is not None:
-        stop.add_done_callback(lambda _: client.stop("stopped"))
-    return await client.run(target)
+    pause = FIRST_PAUSE_S
+    while True:
+        client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
+        if stop is not None:
+            stop.add_done_callback(client.stopped)
+        began = loop.time()
+        await client.run(connected_socket(family, target))
+        if stop is not None:
+            stop.remove_done_callback(client.stopped)
+        if receiver.finished is not None:
+            return receiver
+        pause = FIRST_PAUSE_S if loop.time() - began > CALM_S else min(2 * pause, LAST_PAUSE_S)
+        await asyncio.wait([stop or loop.create_future()], timeout=pause)
+        for event in receiver.greet_again(loop.time()):
+            if on_event:
+                on_event(event)
 
 
 class _Client(QuicConnectionProtocol):
@@ -105,11 +121,12 @@ class _Client(QuicConnectionProtocol):
         self._reader = FrameReader()
         self._alarm: asyncio.TimerHandle | None = None
         self._over = self._loop.create_future()
-        self._established = False
+        self._established = self._lost = False
         self._gone = asyncio.Event()
 
-    async def run(self, target: Any) -> Receiver:
-        self.connect(target)
+    async def run(self, connection: socket.socket) -> Receiver:
+        await self._loop.create_datagram_endpoint(lambda: self, sock=connection)
+        self.connect(self._target)
         try:
             self._tick()
             await self._over
@@ -117,7 +134,7 @@ class _Client(QuicConnectionProtocol):
             if self._alarm:
                 self._alarm.cancel()
             try:
-                self._act(*self._receiver.stop())
+                self._act(*(([], []) if self._lost else self._receiver.stop()))
             finally:
                 self.transmit()  # farewells: closing drops what has not left
                 self.close(0, "")
@@ -142,7 +159,12 @@ class _Client(QuicConnectionProtocol):
             self._fail(error)
 
     def error_received(self, exc: Exception) -> None:
-        if isinstance(exc, ConnectionRefusedError) and not self._established:
+        if not isinstance(exc, ConnectionRefusedError) or self._established:
+            return
+        if self._receiver.may_resume(self._loop.time()):  # the server is being started again
+            self._lost = True
+            self._finish()
+        else:
             self.stop("nothing listens there")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
@@ -155,8 +177,16 @@ class _Client(QuicConnectionProtocol):
             case events.DatagramFrameReceived() if self._established:
                 self._act(*self._receiver.receive(event.data, now))
             case events.ConnectionTerminated():
-                self.stop(_ending(event))
+                self._ended(event)
         self._rearm()
+
+    def _ended(self, event: events.ConnectionTerminated) -> None:
+        """Ends the transfer, or this connection only if the transfer can go on over another one."""
+        if event.error_code not in UNTRUSTED and self._receiver.may_resume(self._loop.time()):
+            self._lost = True
+            self._finish()
+        else:
+            self.stop(_ending(event, established=self._established))
 
     def _check_certificate(self) -> None:
         """Goes on if the server is the one that was meant."""
@@ -176,6 +206,10 @@ class _Client(QuicConnectionProtocol):
             return
         for frame in frames:
             self._act(*self._receiver.receive(frame, self._loop.time()))
+
+    def stopped(self, _: asyncio.Future[None]) -> None:
+        """Ends the transfer because its owner does."""
+        self.stop("stopped")
 
     def stop(self, reason: str) -> None:
         """Ends the transfer here."""
@@ -227,9 +261,11 @@ class _Client(QuicConnectionProtocol):
             self._tap(*(ends if outgoing else ends[::-1]), data)
 
 
-def _ending(event: events.ConnectionTerminated) -> str:
-    """Why a session is over, and what can be done about a certificate that is not trusted."""
+def _ending(event: events.ConnectionTerminated, *, established: bool) -> str:
+    """Why a session is over, and what can be done about it."""
     reason = event.reason_phrase or hex(event.error_code)
+    if not established and event.error_code == QuicErrorCode.INTERNAL_ERROR and "timeout" in reason.lower():
+        return f"no answer: nothing seems to serve QUIC there, or {SMALL_PATH}"
     if event.error_code in UNTRUSTED:
         return (
             f"the server's certificate is not trusted: {reason}. --fingerprint takes what the server told when it "

@@ -7,32 +7,50 @@ from splatwire.packets.view import BUDGET, Look
 from splatwire.transport.arrived import Arrived
 from splatwire.transport.asked import MOST_TRIES, Asked
 from splatwire.transport.collect import check_welcome, read_head
-from splatwire.transport.events import Event, Finished, PacketArrived, SideInfoArrived, StreamLeft, Welcomed
+from splatwire.transport.events import (
+    Event,
+    Finished,
+    Interrupted,
+    PacketArrived,
+    Resumed,
+    SideInfoArrived,
+    StreamLeft,
+    Welcomed,
+)
 from splatwire.transport.frames import (
     NOT_YET,
     REFUSALS,
-    TOKEN_BYTES,
     Bye,
     Challenge,
     Data,
     End,
     Feedback,
     Frame,
-    Hello,
+    Have,
     Parity,
     Refuse,
-    Request,
     Side,
     View,
     Welcome,
 )
 from splatwire.transport.gaps import Gaps
+from splatwire.transport.greeting import RETRY_S, Greeting
 from splatwire.transport.receiver_options import ReceiverOptions
-from splatwire.transport.wire import decode, encode
+from splatwire.transport.wire import MAX_DATAGRAM, decode, encode
 
 CONNECT_S = 10.0
 """A server that has not answered for so long is not there."""
-RETRY_S = 0.2
+SUSPECT_S = 2.0
+"""Silence after which a client greets again, seconds: its address may be another one, or the server."""
+MAX_VAIN = 5
+"""Transfers in a row that bring nothing new before the client gives up."""
+HAVE_TIMES, HAVE_S = 3, 0.3
+"""How often and at which interval the server is sent a list of what is there: a datagram may be lost."""
+MISSING_STREAM = 1
+"""The one refusal that will not change."""
+ATTEMPT_S = 4.0
+"""Time after which an attempt has another name, seconds: a server begins one transfer for each name."""
+SMALL_PATH = f"the path carries no datagrams of {MAX_DATAGRAM:,} bytes (its MTU is below {MAX_DATAGRAM + 28:,})"
 FEEDBACK_S = 0.02
 REORDER = 48
 """Packets this far behind the furthest one that arrived are taken for lost."""
@@ -69,16 +87,18 @@ class Receiver(Arrived):
         super().__init__()
         self.options = options or ReceiverOptions()
         self._nonce = nonce
-        self._began = self._asking_since = self._heard_at = self._retry_at = self._largest_at = self._feedback_at = now
+        self._began = self._asking_since = self._heard_at = self._feedback_at = now
         self._reliable = reliable
-        self._token: bytes | None = bytes(TOKEN_BYTES) if reliable else None
-        self._largest = -1
-        self._received = 0
-        self._asked, self._gaps = Asked(), Gaps()
+        self._last_greeting = Greeting(nonce, now, self.options.name, reliable=reliable)
+        self._greeting: Greeting | None = self._last_greeting
+        self._refusal = ""
         self._view: View | None = None
-        self._view_number, self._view_at, self._told = 0, -math.inf, 0
-        self._ended_at: float | None = None
-        self._ends_in_vain = 0
+        self._view_number, self._view_at = 0, -math.inf
+        self._have: list[bytes] = []
+        self._have_left, self._have_at = 0, now
+        self._vain, self._before = 0, 0
+        self._longest = 0
+        self._begin_session(now)
         self._stream_before: int | None = None
         if self.options.look is not None:
             self.look(self.options.look)
@@ -88,7 +108,8 @@ class Receiver(Arrived):
         if self.finished:
             return None
         end = math.inf if self.options.deadline_s is None else self._began + self.options.deadline_s
-        return min(self._retry_at if self._welcome is None else self._feedback_at, end)
+        greeting = math.inf if self._greeting is None else self._greeting.next_at
+        return min(greeting, math.inf if self._welcome is None else self._feedback_at, end)
 
     def poll(self, now: float) -> tuple[list[bytes], list[Event]]:
         """Does what is due: greets again, reports, gives up."""
@@ -96,14 +117,13 @@ class Receiver(Arrived):
             return [], []
         if reason := self._over(now):
             return self._finish(reason)
-        if self._welcome is None:
-            if now < self._retry_at:
-                return [], []
-            self._retry_at = now + (RETRY_S if not self._reliable else RETRY_S + CONNECT_S)
-            return [self._greeting()], []
-        if now < self._feedback_at:
-            return [], []
-        return [self._feedback(now), *self._looking(now)], []
+        events: list[Event] = []
+        if self._is_silent(now):
+            events = self.greet_again(now)
+        greetings = self._greeting.poll(now) if self._greeting is not None else []
+        if self._welcome is None or now < self._feedback_at:
+            return greetings, events
+        return [*greetings, *self._having(now), self._feedback(now), *self._looking(now)], events
 
     def receive(self, data: bytes, now: float) -> tuple[list[bytes], list[Event]]:
         """Takes a datagram; anything at all may come."""
@@ -115,6 +135,7 @@ class Receiver(Arrived):
             self.num_rejected += 1
             return [], []
         self.num_bytes += len(data)
+        self._longest = len(data) if self._welcome is not None and len(data) > self._longest else self._longest
         if isinstance(frame, (Side, Data, Parity, End)):
             return self._transferred(frame, now)
         return self._greeted(frame, now)
@@ -126,37 +147,113 @@ class Receiver(Arrived):
         self._view = View(0, self._view_number, budget, look.width, look.height, look.focal, rows)
         self._feedback_at = min(self._feedback_at, self._heard_at)
 
+    def greet_again(self, now: float) -> list[Event]:
+        """Begins another attempt: the server fell silent, or the connection to it ended. What arrived is kept.
+
+        Args:
+            now: Time, seconds.
+        """
+        events: list[Event] = [] if self._greeting is not None else [Interrupted()]
+        self._greeting = self._last_greeting = self._last_greeting.again(now)
+        return events
+
+    def may_resume(self, now: float) -> bool:
+        """Returns True if a transfer that broke off is worth another attempt.
+
+        Args:
+            now: Time, seconds.
+        """
+        within = now - self._heard_at <= self.options.reconnect_s
+        return self.finished is None and self._welcome is not None and within
+
     def stop(self, reason: str = "stopped") -> tuple[list[bytes], list[Event]]:
         """Ends the transfer here; what arrived stays."""
         return ([], []) if self.finished else self._finish(reason)
 
     def _greeted(self, frame: Frame, now: float) -> tuple[list[bytes], list[Event]]:
         """The handshake; answers to other attempts are ignored."""
-        if getattr(frame, "nonce", None) != self._nonce or (self._welcome and not isinstance(frame, Welcome)):
+        nonce, greeting = getattr(frame, "nonce", None), self._greeting
+        if self._welcome is not None and nonce == self._nonce and isinstance(frame, Welcome):
+            return self._told_again(self._welcome, frame, now)
+        if greeting is None or nonce != greeting.nonce:
             self.num_rejected += 1
             return [], []
         match frame:
             case Challenge():
-                self._token = frame.token
-                self._retry_at = now + RETRY_S
-                return [self._greeting()], []
-            case Refuse() if frame.reason == NOT_YET:
-                self._asking_since, self._retry_at = now, now + RETRY_S
-                self._token = self._token if self._reliable else None  # one does not hold for long
-                return [], []
+                return [greeting.challenged(frame.token, now)], []
             case Refuse():
-                reason = REFUSALS[frame.reason] if 0 < frame.reason < len(REFUSALS) else "the server refused"
-                return self._finish(reason)
-            case Welcome() if self._welcome is not None:
-                return self._told_again(self._welcome, frame, now)
-            case Welcome() if self._token is not None:
+                return self._refused(greeting, frame.reason, now)
+            case Welcome() if greeting.shown:
                 if problem := check_welcome(frame, self.options.limits):
                     return self._finish(problem)
-                self._begin(frame, anew=True)
-                self._heard_at, self._feedback_at = now, now + FEEDBACK_S
-                return [self._feedback(now), *self._looking(now)], [Welcomed.of(frame)]
+                return self._welcomed(frame, now)
         self.num_rejected += 1
         return [], []
+
+    def _refused(self, greeting: Greeting, reason: int, now: float) -> tuple[list[bytes], list[Event]]:
+        """Takes a refusal: it may not last where nothing is there yet, or a transfer that broke off holds the place."""
+        if reason == NOT_YET:
+            self._asking_since = now
+            greeting.refused(now, RETRY_S)
+            return [], []
+        self._refusal = REFUSALS[reason] if 0 < reason < len(REFUSALS) else "the server refused"
+        if self._welcome is None or reason == MISSING_STREAM:
+            return self._finish(self._refusal)
+        greeting.refused(now)
+        return [], []
+
+    def _welcomed(self, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
+        """Begins a transfer, or goes on with one that broke off."""
+        before, events = self._welcome, list[Event]()
+        known = 0 if self._collector is None else self._collector.num_packets
+        if before is None:
+            self._begin(frame, anew=True)
+        else:
+            self._vain = self._vain + 1 if known == self._before else 0
+            if self._vain > MAX_VAIN:
+                return self._finish("the server fell silent again and again")
+            kept = self._resume(before, frame)
+            if not kept and before.open and (stream := self.stream()) is not None:
+                events.append(StreamLeft(stream))
+            if not kept:
+                self._begin(frame, anew=True)
+            events.append(Resumed(kept))
+        assert self._greeting is not None
+        self._nonce, self._greeting, self._refusal = self._greeting.nonce, None, ""
+        self._before = 0 if self._collector is None else self._collector.num_packets
+        self._begin_session(now)
+        if before is not None:
+            self._list_held(now)
+        self._asked.most = MOST_TRIES if before is not None and frame.open else self._asked.most
+        self._heard_at, self._feedback_at = now, now + FEEDBACK_S
+        out = [] if before is None else [encode(Bye(before.session))]
+        out += [*self._having(now), self._feedback(now), *self._looking(now)]
+        return out, [*events, Welcomed.of(frame)]
+
+    def _begin_session(self, now: float) -> None:
+        """Forgets what belongs to one transfer: its sequence numbers, and what was asked for in it."""
+        self._largest, self._received, self._largest_at = -1, 0, now
+        self._asked, self._gaps = Asked(), Gaps()
+        self._told, self._ends_in_vain = 0, 0
+        self._ended_at: float | None = None
+        if self._collector is not None:
+            self._collector.highest = -1
+
+    def _having(self, now: float) -> list[bytes]:
+        """What was there when the transfer was gone on with, for a server that would send it again."""
+        if not self._have_left or now < self._have_at:
+            return []
+        self._have_left, self._have_at = self._have_left - 1, now + HAVE_S
+        return self._have
+
+    def _list_held(self, now: float) -> None:
+        """Lists what is there, which the server does not count as sent; a stream that grows has no such list."""
+        assert self._welcome is not None
+        assert self._collector is not None
+        nonce, stream_id, head = self._nonce, self._welcome.stream_id, int(self._head is None)
+        held = [] if self._welcome.open else list(self._collector.held())
+        self._have = [encode(Have(nonce, stream_id, head, first, bits)) for first, bits in held]
+        self._have_left, self._have_at = HAVE_TIMES, now
 
     def _told_again(self, before: Welcome, frame: Welcome, now: float) -> tuple[list[bytes], list[Event]]:
         """What there is by now of a stream that grows, or the one that follows; else an answer that came twice."""
@@ -191,7 +288,8 @@ class Receiver(Arrived):
                 self._gaps.came(frame.sequence, self._largest)
             if frame.sequence > self._largest:
                 self._largest, self._largest_at = frame.sequence, now
-        events: list[Event] = []
+        events: list[Event] = [] if self._greeting is None else [Resumed(True)]
+        self._greeting = None
         match frame:
             case Data() if not self._ahead(frame):
                 repaired = self._collector.num_repaired
@@ -238,9 +336,12 @@ class Receiver(Arrived):
         if self.options.deadline_s is not None and now >= self._began + self.options.deadline_s:
             return "deadline"
         if self._welcome is None:
-            return "no answer: nothing seems to serve there" if now - self._asking_since > CONNECT_S else None
-        if now - self._heard_at > self.options.silence_s:
-            return "the server fell silent"
+            late = now - self._asking_since > CONNECT_S
+            return f"no answer: nothing seems to serve there, or {SMALL_PATH}" if late else None
+        if now - self._heard_at > max(self.options.silence_s, self.options.reconnect_s):
+            return f"the server fell silent{f', then: {self._refusal}' if self._refusal else ''}"
+        if self._ends_in_vain >= ENDS_IN_VAIN and self._is_cut_off:
+            return f"only small datagrams arrive: {SMALL_PATH}"
         ended = self._ended_at is not None and now - self._ended_at > GRACE_S and not self._welcome.open
         if self._viewing:
             seen = ended and self._manifest is not None and not (self._gaps and self.options.nack)
@@ -254,10 +355,20 @@ class Receiver(Arrived):
         out = [encode(Bye(self._welcome.session))] * BYES if self._welcome else []
         return out, [self.finished]
 
-    def _greeting(self) -> bytes:
-        if self._token is None:
-            return encode(Hello(self._nonce, self.options.name))
-        return encode(Request(self._nonce, self._token, self.options.name))
+    def _is_silent(self, now: float) -> bool:
+        """Whether it is time for another attempt: nothing came for long, and the last attempt brought nothing."""
+        if self._welcome is None or now - self._heard_at <= min(SUSPECT_S, self.options.silence_s):
+            return False
+        if self._greeting is None:
+            return self.options.reconnect_s > 0
+        return not self._reliable and now - self._greeting.began_at > ATTEMPT_S
+
+    @property
+    def _is_cut_off(self) -> bool:
+        """Whether no packet has arrived in this transfer, and no datagram as long as one is."""
+        assert self._welcome is not None
+        assert self._collector is not None
+        return self._collector.highest < 0 and self._longest < min(MAX_DATAGRAM // 2, self._welcome.packet_bytes)
 
     def _feedback(self, now: float) -> bytes:
         assert self._welcome is not None

@@ -1,0 +1,367 @@
+"""`live` goes on whatever becomes of single frames: damaged, cut, removed, odd, late, too many."""
+
+import itertools
+import os
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+import torch
+
+from moving_clips import moving_frames
+from splatwire.cli._arriving import LOOK_S, Backlog, FolderSource, PipeSource
+from splatwire.cli._live_encoding import OTHERS, WARN_S, LiveEncoding, Warnings
+from splatwire.clips import ClipOptions
+from splatwire.clips.chapters import EndlessClip
+from splatwire.clips.live import LiveDecoder
+from splatwire.errors import InvalidValueError
+from splatwire.formats import write_splats
+from splatwire.packets import packet_from_bytes
+from splatwire.scene.splats import Splats
+from splatwire.transport import fec
+from splatwire.transport.layout import Segments, split_head_object
+
+GROUP = 2
+RATE = 10
+
+
+@dataclass
+class FakeClip:
+    """Takes frames without encoding them; remembers how many Gaussians each has."""
+
+    counts: list[int] = field(default_factory=list)
+    restarts: list[int] = field(default_factory=list)
+    refuses: int | None = None
+    seconds: float = 0.0
+    world: "World | None" = None
+
+    @property
+    def num_frames(self) -> int:
+        return len(self.counts)
+
+    def push(self, frame):
+        if frame.splats.num_gaussians == self.refuses:
+            raise InvalidValueError("these tracks are too many")
+        self.counts.append(frame.splats.num_gaussians)
+        if self.world is not None:
+            self.world.pass_time(self.seconds)
+
+    def restart(self):
+        self.restarts.append(len(self.counts))
+
+    def end(self):
+        return []
+
+
+class World:
+    """A folder with a writer, and a clock that runs while the encoder waits."""
+
+    def __init__(self, folder: Path, clip=None) -> None:
+        folder.mkdir()
+        self.folder, self.now, self.said = folder, 0.0, list[str]()
+        self.clip = FakeClip() if clip is None else clip
+        self.plan: list[tuple[float, object]] = []
+        self.end = 3.0
+        self.editions = list[object]()
+        source = FolderSource(folder, self.said.append, wall=lambda: 0.0)  # no file is old
+        self.live = LiveEncoding(
+            source, self.clip, ClipOptions(Fraction(RATE), GROUP), self.editions.append,
+            lambda: self.now >= self.end, self.said.append, clock=lambda: self.now, sleep=self.pass_time,
+        )  # fmt: skip
+
+    def pass_time(self, seconds: float) -> None:
+        self.now += max(seconds, 1e-4)
+        while self.plan and self.plan[0][0] <= self.now:
+            self.plan.pop(0)[1]()
+
+    def at(self, seconds: float, action) -> None:
+        self.plan.append((seconds, action))
+        self.plan.sort(key=lambda item: item[0])
+
+    def frame(self, number: int, count: int | None = None, suffix: str = ".ply") -> Path:
+        """Moves a frame in whose number of Gaussians says which one it is."""
+        target = self.folder / f"frame_{number:04}{suffix}"
+        made = self.folder / f".making{suffix}"
+        write_splats([splats(count or 100 + number)], made)
+        return made.replace(target)
+
+    def run(self, seconds: float | None = None):
+        self.end = self.end if seconds is None else seconds
+        self.live.run()
+        return self.clip.counts
+
+
+def splats(count: int, degree: int = 0) -> Splats:
+    made = moving_frames(count, 1)[0]
+    shown = Splats(made.means, made.quats, made.scales, made.opacities.clamp(min=0.5), made.sh)
+    if degree:
+        sh = torch.zeros(count, (degree + 1) ** 2, 3)
+        shown = Splats(shown.means, shown.quats, shown.scales, shown.opacities, sh)
+    return shown
+
+
+def half(path: Path) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+
+
+def not_numbers(path: Path) -> None:
+    header, rows = path.read_bytes().split(b"end_header\n")
+    path.write_bytes(header + b"end_header\n" + b"\xff" * len(rows))
+
+
+ODD = {
+    "truncated": half,
+    "empty": lambda path: path.write_bytes(b""),
+    "text": lambda path: path.write_text("nothing of this kind"),
+    "removed": lambda path: path.unlink(),
+    "a folder": lambda path: (path.unlink(), path.mkdir()),
+    "a folder with a file": lambda path: (path.unlink(), path.mkdir(), (path / "a.png").write_bytes(b"x")),
+    "a symlink to itself": lambda path: (path.unlink(), path.symlink_to(path.name)),
+    "a symlink to nothing": lambda path: (path.unlink(), path.symlink_to("nowhere")),
+    "a named pipe": lambda path: (path.unlink(), os.mkfifo(path)),
+    "no row but NaN": not_numbers,
+    "another degree": lambda path: write_splats([splats(30, degree=2)], path),
+    "rows beyond its header": lambda path: path.write_bytes(path.read_bytes().replace(b"vertex 101", b"vertex 999")),
+    "a count without end": lambda path: path.write_bytes(path.read_bytes().replace(b"x 101", b"x 99999999999")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", ODD)
+def test_an_odd_frame_is_skipped_with_a_warning_and_the_others_follow(tmp_path, how):
+    world = World(tmp_path / "in")
+    for number in (0, 1, 2, 3):
+        world.frame(number)
+    ODD[how](world.folder / "frame_0001.ply")
+    assert world.run() == [100, 102, 103]
+    if how not in ("removed", "a symlink to nothing"):
+        assert len(world.said) == 1
+        assert "frame_0001.ply" in world.said[0]
+
+
+def test_an_unreadable_file_is_skipped(tmp_path, monkeypatch):
+    world = World(tmp_path / "in")
+    for number in (0, 1, 2):
+        world.frame(number)
+    real = Path.open
+
+    def guarded(path, *arguments, **more):
+        if path.name == "frame_0001.ply":
+            raise PermissionError(13, "Permission denied", str(path))
+        return real(path, *arguments, **more)
+
+    monkeypatch.setattr(Path, "open", guarded)
+    (world.folder / "frame_0001.ply").chmod(0)
+    assert world.run() == [100, 102]
+    assert world.live.num_skipped == 1
+
+
+def test_files_that_are_no_frames_are_ignored_without_a_word(tmp_path):
+    world = World(tmp_path / "in")
+    world.frame(0)
+    (world.folder / "notes.txt").write_text("x")
+    (world.folder / "frame_0001.ply.part").write_bytes((world.folder / "frame_0000.ply").read_bytes())
+    (world.folder / ".frame_0001.ply").write_bytes((world.folder / "frame_0000.ply").read_bytes())
+    world.frame(2)
+    assert world.run() == [100, 102]
+    assert world.said == []
+
+
+@pytest.mark.parametrize("pause", [0.1, 0.3, 2.0])
+def test_a_writer_that_pauses_in_the_middle_of_a_file_loses_no_frame(tmp_path, pause):
+    world = World(tmp_path / "in")
+    world.frame(0)
+    data = world.frame(1).read_bytes()
+    path = world.folder / "frame_0001.ply"
+    path.write_bytes(data[: len(data) // 2])
+    world.at(pause, lambda: path.write_bytes(data))
+    world.at(pause + 0.03, lambda: world.frame(2))
+    assert world.run(4.0) == [100, 101, 102]
+    assert world.said == []
+
+
+def test_half_a_file_of_a_format_without_a_count_is_waited_for(tmp_path):
+    world = World(tmp_path / "in")
+    data = world.frame(0, suffix=".splat").read_bytes()
+    path = world.folder / "frame_0000.splat"
+    path.write_bytes(data[: 32 * 40])
+    world.at(0.3, lambda: path.write_bytes(data))
+    assert world.run() == [100]
+
+
+def test_a_file_that_grows_without_end_does_not_hold_the_others_up_for_ever(tmp_path):
+    world = World(tmp_path / "in")
+    path = world.folder / "frame_0000.ply"
+    for tick in range(400):
+        world.at(tick * 0.05, lambda tick=tick: path.write_bytes(b"ply\n" + b"x" * tick))
+    world.at(0.1, lambda: world.frame(1))
+    assert world.run(15.0) == [101]
+    assert len(world.said) == 1
+    assert "frame_0000.ply" in world.said[0]
+
+
+def test_a_stall_of_the_writer_is_no_end(tmp_path):
+    world = World(tmp_path / "in")
+    world.frame(0)
+    world.at(30.0, lambda: world.frame(1))
+    assert world.run(31.0) == [100, 101]
+
+
+def test_a_folder_that_vanishes_for_a_while_is_waited_for(tmp_path):
+    world = World(tmp_path / "in")
+    world.frame(0)
+
+    def vanish():
+        for path in world.folder.iterdir():
+            path.unlink()
+        world.folder.rmdir()
+
+    world.at(0.5, vanish)
+    world.at(1.0, lambda: (world.folder.mkdir(), world.frame(1)))
+    assert world.run() == [100, 101]
+    assert "waiting for it" in world.said[0]
+
+
+@pytest.mark.parametrize("how", ["moved in", "written in place", "removed before"])
+def test_a_name_that_repeats_is_a_new_frame(tmp_path, how):
+    world = World(tmp_path / "in")
+    path = world.frame(0)
+
+    def again():
+        if how == "moved in":
+            world.frame(0, 150)
+            return
+        if how == "removed before":
+            path.unlink()
+        write_splats([splats(150)], path)
+
+    world.at(0.5, again)
+    assert world.run() == [100, 150]
+
+
+def test_a_group_that_cannot_be_encoded_is_dropped_and_the_next_begins_anew(tmp_path):
+    world = World(tmp_path / "in", FakeClip(refuses=102))
+    for number in range(5):
+        world.frame(number)
+    assert world.run() == [100, 101, 103, 104]
+    assert world.clip.restarts == [2]
+    assert "too many" in world.said[0]
+
+
+def test_frames_that_keep_another_degree_are_gone_on_with(tmp_path):
+    ids = itertools.count(7)
+    clip = EndlessClip(ClipOptions(Fraction(RATE), GROUP), lambda: next(ids))
+    world = World(tmp_path / "in", clip)
+    world.frame(0)
+    world.frame(1)
+    for number in range(2, 2 + OTHERS + 3):
+        write_splats([splats(40, degree=1)], world.folder / f"frame_{number:04}.ply")
+    world.end = 6.0
+    world.live.run()
+    assert world.live.num_skipped == OTHERS - 1
+    streams = {edition.stream_id: edition for edition in world.editions}
+    assert list(streams) == [7, 8]
+    shown = decoded(world.editions)
+    assert [frame.number for frame in shown] == list(range(2 + 4))
+    assert [frame.scene.splats.degree for frame in shown] == [0, 0, 1, 1, 1, 1]
+
+
+def decoded(editions):
+    """Frames that a viewer of all editions sees."""
+    decoder, frames, known = LiveDecoder(), [], set()
+    for edition in editions:
+        manifest, side_info, _ = split_head_object(b"".join(head_of(edition)))
+        frames += decoder.grow(manifest, side_info)
+        new = [data for data in edition.packets if data and data not in known]
+        known.update(new)
+        frames += decoder.add([packet_from_bytes(data, edition.stream_id) for data in new])
+    return frames + list(decoder.finish())
+
+
+def head_of(edition):
+    """Bytes of manifest and side information, of the source symbols of a program."""
+    segments = Segments(edition.head_bytes, edition.symbol_bytes)
+    for number in range(segments.num_segments):
+        span, size = segments.span(number), segments.size(number)
+        symbols = dict(list(enumerate(edition.head[number]))[:size])
+        yield b"".join(fec.recover(symbols, size, edition.symbol_bytes))[: span.stop - span.start]
+
+
+def test_a_slow_encoder_drops_frames_and_its_delay_stays_bounded(tmp_path):
+    world = World(tmp_path / "in")
+    world.clip.world, world.clip.seconds = world, 0.3  # three times as long as a frame lasts
+    delays = []
+    real = world.clip.push
+
+    def push(frame):
+        delays.append(world.now - (frame.splats.num_gaussians - 100) / RATE)
+        real(frame)
+
+    world.clip.push = push
+    for number in range(300):
+        world.at(number / RATE, lambda number=number: world.frame(number))
+    world.run(30.0)
+    assert max(delays) < 8.0
+    assert max(delays[len(delays) // 2 :]) <= max(delays[: len(delays) // 2]) + 1.0
+    assert world.live.num_dropped > 100
+    assert "dropped" in world.said[0]
+
+
+def test_a_queue_that_drains_is_not_cut_and_one_that_stands_is():
+    drains, stands = Backlog(30.0, 15), Backlog(30.0, 15)
+    steps = [n * LOOK_S for n in range(500)]
+    assert not any(drains.surplus(600 - round(30 * now), now) for now in steps)
+    cut = [stands.surplus(300, now) for now in steps]
+    assert max(cut) == 297
+    assert sum(map(bool, cut[:99])) == 0
+
+
+def test_frames_that_lie_there_from_the_beginning_are_all_shown_at_their_rate(tmp_path):
+    world = World(tmp_path / "in")
+    for number in range(40):
+        world.frame(number)
+    assert world.run(10.0) == [100 + number for number in range(40)]
+    assert world.live.num_dropped == 0
+
+
+def test_names_of_a_pipe_come_whole_and_end_with_it():
+    read, write = os.pipe()
+    said = []
+    source = PipeSource(read, said.append)
+    os.write(write, b"a.ply\nb.p")
+    assert source.poll(0.0) == [Path("a.ply")]
+    os.write(write, b"ly\n\n\0\n")
+    assert source.poll(0.0) == [Path("b.ply"), Path("\0")]
+    os.write(write, b"last.ply")
+    os.close(write)
+    assert source.poll(0.0) == [Path("last.ply")]
+    assert source.over
+    os.close(read)
+
+
+def test_names_of_a_pipe_that_are_no_files_are_skipped(tmp_path):
+    world = World(tmp_path / "in")
+    read, write = os.pipe()
+    good = world.frame(0)
+    os.mkfifo(tmp_path / "blocks.ply")
+    names = (str(good), "nowhere.ply", "\0.ply", str(tmp_path / "blocks.ply"), "/dev/zero", str(tmp_path), str(good))
+    os.write(write, "\n".join(names).encode())
+    os.close(write)
+    world.live._source = PipeSource(read, world.said.append)
+    assert world.run(30.0) == [100, 100]
+    assert world.live.num_skipped == 5
+    os.close(read)
+
+
+def test_warnings_are_few_and_count_those_between():
+    now, shown = [0.0], []
+    warn = Warnings(lambda: now[0], shown.append)
+    for number in range(100):
+        warn(f"frame {number}")
+    now[0] = WARN_S
+    warn("frame\n100")
+    assert shown == [
+        "splatwire: warning: frame 0",
+        "splatwire: warning: frame 100 (99 other warnings since the last one)",
+    ]

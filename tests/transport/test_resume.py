@@ -1,0 +1,240 @@
+"""A transfer outlives an outage, another address of its client, and another server."""
+
+import heapq
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import pytest
+
+from splatwire.transport import Receiver, ReceiverOptions, Server, ServerLimits, StreamLeft, make_program
+from splatwire.transport.events import Finished, Interrupted, Resumed
+from splatwire.transport.frames import BY_SEQUENCE
+from splatwire.transport.gaps import MOST_GAPS, TRIES, Gaps
+from splatwire.transport.protection import Protection
+from transport.network import SECRET, datagram_stream
+
+pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+STREAM = datagram_stream()
+OTHER = datagram_stream(seed=1)
+PROGRAM = make_program(STREAM)
+LIMITS = ServerLimits(fixed_rate=250_000.0)
+
+
+@dataclass
+class Path:
+    """A path between a receiver and a server, either of which may change while time passes.
+
+    Attributes:
+        server: The server; None while there is none.
+        address: Address of the client that the server sees.
+        is_up: Whether anything arrives.
+        most_bytes: Longest datagram that arrives.
+        delay_s: One way, seconds.
+    """
+
+    server: Server | None
+    address: str = "client"
+    is_up: bool = True
+    most_bytes: int = 1 << 16
+    delay_s: float = 0.02
+    plan: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
+    events: list[object] = field(default_factory=list)
+    datagrams_down: int = 0
+    now: float = 0.0
+
+    def run(self, receiver: Receiver, most_s: float = 200.0) -> Receiver:
+        queue: list[tuple[float, int, str | None, bytes]] = []
+        count = 0
+
+        def send(to: str | None, data: bytes) -> None:
+            nonlocal count
+            self.datagrams_down += to is not None
+            if self.is_up and len(data) <= self.most_bytes:
+                count += 1
+                heapq.heappush(queue, (self.now + self.delay_s, count, to, data))
+
+        while receiver.finished is None and self.now < most_s:
+            times = [receiver.next_at(), self.server.next_at() if self.server else None]
+            times += [queue[0][0] if queue else None, self.plan[0][0] if self.plan else None]
+            self.now = max(self.now, min(at for at in times if at is not None))
+            while self.plan and self.plan[0][0] <= self.now:
+                self.plan.pop(0)[1]()
+            for address, data in self.server.poll(self.now) if self.server else ():
+                send(str(address), data)
+            out, events = receiver.poll(self.now)
+            self.events += events
+            for data in out:
+                send(None, data)
+            while queue and queue[0][0] <= self.now and receiver.finished is None:
+                _, _, to, data = heapq.heappop(queue)
+                if to is None:
+                    answer = self.server.receive(self.address, data, self.now) if self.server else None
+                    if answer is not None:
+                        send(self.address, answer)
+                elif to == self.address:
+                    out, events = receiver.receive(data, self.now)
+                    self.events += events
+                    for reply in out:
+                        send(None, reply)
+        return receiver
+
+
+def serving(program=PROGRAM, seed: int = 0, limits: ServerLimits = LIMITS) -> Server:
+    secret = bytes([seed]) * len(SECRET)
+    return Server({"scene": program}, secret=secret, random=random.Random(seed).randbytes, limits=limits)
+
+
+def kinds(path: Path) -> list[object]:
+    return [event for event in path.events if isinstance(event, (Interrupted, Resumed, Finished, StreamLeft))]
+
+
+@pytest.mark.parametrize("begins", [0.03, 0.3, 1.0])
+@pytest.mark.parametrize("lasts", [0.5, 3.0, 6.0, 10.0, 40.0])
+def test_a_transfer_goes_on_after_an_outage(begins, lasts):
+    path = Path(serving())
+    path.plan = [
+        (begins, lambda: setattr(path, "is_up", False)),
+        (begins + lasts, lambda: setattr(path, "is_up", True)),
+    ]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    if begins == 0.03 and lasts >= 10.0:  # before any answer nothing is known to serve there
+        assert "no answer" in receiver.finished.reason
+        return
+    assert receiver.finished == Finished("complete", True)
+    assert receiver.stream() == STREAM
+    assert path.now < begins + lasts + 7.0
+
+
+def test_what_has_arrived_is_not_sent_again():
+    path = Path(serving())
+    path.plan = [(1.2, lambda: setattr(path, "is_up", False)), (11.2, lambda: setattr(path, "is_up", True))]
+    receiver = Receiver(5, 0.0, ReceiverOptions())
+    seen: list[int] = []
+    path.plan.insert(1, (2.0, lambda: seen.append(receiver.collector.num_packets)))
+    path.run(receiver)
+    assert receiver.finished == Finished("complete", True)
+    assert 0 < seen[0] < len(STREAM.packets)
+    assert receiver.collector.num_duplicate < 0.1 * seen[0] + 8
+    assert kinds(path) == [Interrupted(), Resumed(True), Finished("complete", True)]
+
+
+def test_a_client_whose_address_changes_goes_on():
+    path = Path(serving(limits=ServerLimits(fixed_rate=250_000.0, per_network=1)))
+    path.plan = [(1.0, lambda: setattr(path, "address", "another"))]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert receiver.finished == Finished("complete", True)
+    assert receiver.stream() == STREAM
+    assert path.now < 15.0
+
+
+@pytest.mark.parametrize("pause", [0.0, 3.0, 20.0])
+def test_a_restarted_server_of_the_same_stream_is_gone_on_with(pause):
+    path = Path(serving())
+    path.plan = [
+        (1.0, lambda: setattr(path, "server", None)),
+        (1.0 + pause, lambda: setattr(path, "server", serving(seed=1))),
+    ]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert receiver.finished == Finished("complete", True)
+    assert receiver.stream() == STREAM
+    assert Resumed(True) in path.events
+
+
+@pytest.mark.parametrize(
+    ("program", "stream"),
+    [(make_program(OTHER), OTHER), (make_program(STREAM, Protection(side_repair=1.0, tier_repair=(0.5,))), STREAM)],
+    ids=["another stream", "another protection"],
+)
+def test_a_restarted_server_of_something_else_is_begun_anew_with(program, stream):
+    path = Path(serving())
+    path.plan = [(1.0, lambda: setattr(path, "server", serving(program, seed=1)))]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert receiver.finished == Finished("complete", True)
+    assert receiver.stream() == stream
+    assert Resumed(False) in path.events
+
+
+def test_a_server_that_never_comes_back_ends_the_transfer_with_its_reason():
+    path = Path(serving())
+    path.plan = [(1.0, lambda: setattr(path, "server", None))]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions(reconnect_s=30.0)))
+    assert receiver.finished == Finished("the server fell silent", True)
+    assert 30.0 < path.now < 33.0
+    assert len(receiver.stream().packets) < len(STREAM.packets)
+
+
+def test_without_reconnecting_silence_ends_the_transfer():
+    path = Path(serving())
+    path.plan = [(1.0, lambda: setattr(path, "server", None))]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions(reconnect_s=0.0)))
+    assert receiver.finished == Finished("the server fell silent", True)
+    assert path.now < 6.0
+
+
+def test_a_deadline_ends_an_outage():
+    path = Path(serving())
+    path.plan = [(1.0, lambda: setattr(path, "is_up", False))]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions(deadline_s=4.0)))
+    assert (receiver.finished.reason, path.now) == ("deadline", 4.0)
+
+
+def test_a_restarted_server_without_the_stream_ends_the_transfer():
+    path = Path(serving())
+    other = Server({"other": PROGRAM}, secret=SECRET, random=random.Random(3).randbytes, limits=LIMITS)
+    path.plan = [(1.0, lambda: setattr(path, "server", other))]
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions(name="scene")))
+    assert receiver.finished.reason == "no such stream"
+
+
+def test_many_outages_and_addresses_one_after_another():
+    path, rng = Path(serving()), random.Random(4)
+    at = 0.4
+    for number in range(12):
+        length = rng.uniform(0.1, 8.0)
+        path.plan.append((at, lambda: setattr(path, "is_up", False)))
+        if number % 2:
+            path.plan.append((at + length, lambda number=number: setattr(path, "address", f"client {number}")))
+        path.plan.append((at + length, lambda: setattr(path, "is_up", True)))
+        at += length + 2.6
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert receiver.finished == Finished("complete", True)
+    assert receiver.stream() == STREAM
+
+
+def test_a_path_that_carries_only_small_datagrams_is_named():
+    path = Path(serving(), most_bytes=1100)
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert "MTU" in receiver.finished.reason  # not even a greeting arrives
+    path = Path(serving())
+    path.plan = [(0.05, lambda: setattr(path, "most_bytes", 300))]  # only what the server sends is too long
+    receiver = path.run(Receiver(5, 0.0, ReceiverOptions()))
+    assert "MTU" in receiver.finished.reason
+    assert path.now < 15.0
+
+
+def test_a_jump_of_the_sequence_is_one_range_of_gaps():
+    gaps, largest = Gaps(), -1
+    for jump in range(1, 20_000):  # 2.6 billion numbers, which would take minutes one by one
+        gaps.came(jump << 17, largest)
+        largest = jump << 17
+    assert bool(gaps)
+    assert len(gaps._starts) == 1
+    assert len(gaps.due(largest, 1.0)) == 250
+
+
+def test_gaps_are_what_did_not_come():
+    rng = random.Random(7)
+    gaps, missing, largest = Gaps(), set(), -1
+    for _ in range(5000):
+        number = (
+            max(largest + rng.choice((1, 1, 1, 2, 9, 300)), 0) if rng.random() < 0.7 else rng.randrange(largest + 2)
+        )
+        gaps.came(number, largest)
+        missing |= set(range(largest + 1, number))
+        missing.discard(number)
+        missing = set(sorted(missing)[-MOST_GAPS:])
+        largest = max(largest, number)
+        assert set(gaps._below(largest)) == missing
+    for turn in range(TRIES):
+        assert gaps.due(largest, 10.0 * turn)[0] == min(missing) + BY_SEQUENCE
