@@ -295,7 +295,7 @@ def test_what_a_camera_sees_is_all_that_comes(tmp_path: Path, capsys: pytest.Cap
     assert shown.num_gaussians > 0
 
 
-@pytest.mark.parametrize(("words", "status"), [((), 2), (("--partial",), 0), (("--deadline", "30s"), 2)])
+@pytest.mark.parametrize(("words", "status"), [((), 3), (("--partial",), 0), (("--deadline", "30s"), 3)])
 def test_a_stream_that_stays_incomplete_is_no_success(stream_file: Path, tmp_path: Path, capsys, words, status):
     """A relay on the way loses one packet for good; what arrived is written."""
     target = tmp_path / "part.swz"

@@ -19,6 +19,7 @@ from splatwire.errors import InvalidValueError
 if TYPE_CHECKING:
     from splatwire.transport import Program, ServerLimits
     from splatwire.transport.certificate import Identity
+    from splatwire.transport.page import PageServer
     from splatwire.transport.quic_server import QuicServer
     from splatwire.transport.udp import UdpServer
 
@@ -122,11 +123,33 @@ def check_port(port: int) -> None:
         raise InvalidValueError(f"a port is a number from 0 to 65535, {port} is not")
 
 
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A server that listens.
+
+    Attributes:
+        server: Serves over UDP or QUIC.
+        facts: Facts that clients need, by name.
+        page: Serves the page and streams over HTTP; None without one.
+    """
+
+    server: "UdpServer | QuicServer"
+    facts: dict[str, str]
+    page: "PageServer | None" = None
+
+    def served(self) -> str:
+        """Counts of clients, answers and bytes, as text."""
+        text = f"served {self.server.core.num_served} clients, {self.server.bytes_sent:,} bytes"
+        if self.page is None:
+            return text
+        return f"{text}, and {self.page.num_answers:,} requests over HTTP, {self.page.bytes_sent:,} bytes"
+
+
 async def open_server(
     programs: "Mapping[str, Program]", listening: Listening, limits: "ServerLimits", stack: contextlib.AsyncExitStack,
     *, origins: tuple[str, ...] = (), live: str | None = None,
-) -> "tuple[UdpServer | QuicServer, dict[str, str]]":  # fmt: skip
-    """A server, and what its clients have to know of it.
+) -> "Opened":  # fmt: skip
+    """Opens a server, and the page beside it.
 
     Args:
         programs: Streams by name.
@@ -142,7 +165,7 @@ async def open_server(
 
         plain = UdpServer(programs, host, port, limits=limits)
         stack.callback(plain.close)
-        return plain, {}
+        return Opened(plain, {})
     from splatwire.transport.quic import WEBTRANSPORT_PATH, QuicLimits, need_aioquic
 
     need_aioquic()
@@ -155,7 +178,7 @@ async def open_server(
     server = QuicServer(programs, host, port, identity=identity, limits=limits, quic_limits=spent)
     stack.callback(server.close)
     await server.start()
-    facts = {"fingerprint": identity().fingerprint}
+    facts, page = {"fingerprint": identity().fingerprint}, None
     if listening.page is not None:
 
         def link() -> Link:
@@ -170,7 +193,7 @@ async def open_server(
         if origins:  # the page itself opens sessions, too
             own = (public or f"http://localhost:{page.port}", page.url.rstrip("/"))
             server.limits = replace(server.limits, origins=(*origins, *own))
-    return server, facts
+    return Opened(server, facts, page)
 
 
 def stop_on_signals() -> asyncio.Event:

@@ -82,8 +82,9 @@ class Live(Listening):
         stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
         async with contextlib.AsyncExitStack() as stack:
             limits = ServerLimits(fixed_rate=self.fixed_rate)
-            server, facts = await open_server({}, self, limits, stack, live=NAME)
-            self.tell_ready(server.port, facts, "live")
+            opened = await open_server({}, self, limits, stack, live=NAME)
+            server = opened.server
+            self.tell_ready(server.port, opened.facts, "live")
 
             def renew(program: "Program") -> None:
                 loop.call_soon_threadsafe(server.renew, NAME, program)
@@ -97,9 +98,8 @@ class Live(Listening):
                 await _last(server)
             else:
                 warn(f"the encoder did not end within {STOP_S:g} s: left alone")
-            served = f"served {server.core.num_served} clients, {server.bytes_sent:,} bytes"
         left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
-        print_if_read(f"{work.num_frames} frames{left_out}, {served}")
+        print_if_read(f"{work.num_frames} frames{left_out}, {opened.served()}")
 
     def _encoding(
         self, options: "ClipOptions", protection: "Protection", renew: "Callable[[Program], None]",

@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits.
 
     The exit status is 0, or 2 for a mistake that one line on standard error explains, or 3 if the result comes from a
-    damaged input, or 130 after Ctrl-C (143 when the process was ended by SIGTERM).
+    damaged input or an incomplete transfer, or 130 after Ctrl-C (143 when the process was ended by SIGTERM).
 
     Args:
         arguments: Words after the program's name; None for those of the process.

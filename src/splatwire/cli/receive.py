@@ -17,6 +17,7 @@ import tyro
 from splatwire.cli._files import STANDARD, STREAM_SUFFIX, output_path, prepared_output, read_report_json
 from splatwire.cli._live_frames import LiveFrames
 from splatwire.cli._output import (
+    DAMAGED,
     JsonFlag,
     Reporter,
     print_json,
@@ -52,8 +53,8 @@ class Receive:
     """Take what is there after this time, e.g. 2s or 500ms; without it, wait for everything. Ctrl-C takes what is
     there, too."""
     partial: bool = False
-    """Exit with status 0 if packets are missing; without it that is an error, unless --deadline or --camera was given.
-    What arrived is written either way. A server that falls silent is greeted again for a minute."""
+    """Exit with status 0 if packets are missing; without it the status is 3, unless --deadline has passed. What arrived
+    is written either way. A server that falls silent is greeted again for a minute, and the transfer resumed."""
     no_nack: bool = False
     """Do not ask for lost packets again."""
     camera: Path | None = None
@@ -70,7 +71,7 @@ class Receive:
     def run(self) -> None:
         """Runs the verb."""
         from splatwire.cli._clips import check_concealer
-        from splatwire.errors import MissingSideInfoError, TruncatedStreamError
+        from splatwire.errors import MissingSideInfoError
         from splatwire.packets import write_stream
         from splatwire.transport import ReceiverOptions, StreamLeft
         from splatwire.transport.address import parse_url
@@ -108,10 +109,11 @@ class Receive:
         if stopped:
             raise KeyboardInterrupt  # for the exit status; what arrived is written
         if not (self.partial or _is_all(receiver, reason)):
-            raise TruncatedStreamError(
-                f"{self.url}: the stream is incomplete ({reason}: {receiver.lacking()}); what arrived is in "
-                f"{self.output}. --partial accepts that"
-            )
+            print(
+                f"splatwire: error: {self.url}: the stream is incomplete ({reason}: {receiver.lacking()}); what "
+                f"arrived is in {self.output}. Receive it again, or accept this with --partial", file=sys.stderr,
+            )  # fmt: skip
+            sys.exit(DAMAGED)
 
     def _look(self, camera: Path) -> "Look":
         """Where the first camera of a file looks from."""

@@ -140,14 +140,14 @@ class Serve(Listening):
     async def _serve(self, programs: "dict[str, Program]") -> None:
         stop = stop_on_signals()
         async with contextlib.AsyncExitStack() as stack:
-            server, facts = await open_server(programs, self, self.limits(), stack, origins=self.allowed_origins())
+            opened = await open_server(programs, self, self.limits(), stack, origins=self.allowed_origins())
             sizes = {name: program.sizes() for name, program in programs.items()}
             for name, parts in () if self.json else sizes.items():
                 print(f"{name}: {sum(parts.values()):,} bytes, of which protection "
                       f"{parts['side_protection'] + parts['packet_protection']:,}")  # fmt: skip
-            self.tell_ready(server.port, facts, "serving", streams=sizes)
+            self.tell_ready(opened.server.port, opened.facts, "serving", streams=sizes)
             await stop.wait()
-        print(f"served {server.core.num_served} clients, {server.bytes_sent:,} bytes", file=sys.stderr)
+        print(opened.served(), file=sys.stderr)
 
 
 def plan_of_file(path: Path) -> "tuple[Protection, int]":

@@ -52,6 +52,10 @@ class PageServer:
         port: TCP port; 0 lets the system choose.
         limits: What is spent on clients.
 
+    Attributes:
+        num_answers: Requests that were answered.
+        bytes_sent: Bytes of answers that were handed to the system.
+
     Raises:
         InvalidValueError: If it is taken.
     """
@@ -64,6 +68,7 @@ class PageServer:
         self._clients: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
         self._waiting = Places(self._limits.waiting)
         self._places = Places(self._limits.places, self._limits.per_network)
+        self.num_answers = self.bytes_sent = 0
 
     async def __aenter__(self) -> "PageServer":
         host = self._content.host
@@ -119,6 +124,7 @@ class PageServer:
                 await self._send(make_answer("503 Service Unavailable", headers="Retry-After: 1\r\n"), writer)
                 return
             try:
+                self.num_answers += 1
                 await self._send(self._content.answer(head), writer)
             finally:
                 self._places.leave(network, writer.transport)
@@ -149,5 +155,7 @@ class PageServer:
         body = memoryview(data)
         for at in range(0, len(body), CHUNK_BYTES):
             async with asyncio.timeout(self._limits.chunk_s):
-                writer.write(body[at : at + CHUNK_BYTES])
+                piece = body[at : at + CHUNK_BYTES]
+                writer.write(piece)
+                self.bytes_sent += len(piece)
                 await writer.drain()
