@@ -30,6 +30,7 @@ from splatwire.byte_io import ByteReader, ByteWriter
 from splatwire.clips import ClipOptions, Frame, encode_clip
 from splatwire.clips.concealers import clip_concealer
 from splatwire.clips.decoding import decode_frames
+from splatwire.codec import encode_scene
 from splatwire.codec.decoding import decode_stream, open_decoder
 from splatwire.codec.schema import Run
 from splatwire.codec.schemas.tracks.lifetimes import SECTION as LIFETIMES
@@ -51,6 +52,7 @@ from splatwire.packets.limits import GROUPINGS, ORDERS, PACKAGINGS, SCHEMAS
 from splatwire.packets.sections import add_concealment, sections_of
 from splatwire.packets.tile_index import SECTION
 from web.node import WEB, lacking
+from web.sketched import with_copies
 
 CASES = int(os.environ.get("SPLATWIRE_FUZZ_CASES", "600"))
 PART = 6000
@@ -242,6 +244,33 @@ def hostile_lifetimes(stream: SceneStream, cases: int, rng: random.Random) -> li
     return found
 
 
+def hostile_views(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, bool]]:
+    """Side information with other sections of where a scene is looked at, and of copies, and whether it is taken."""
+    found = []
+    sketch = sections_of(stream).get("sketch")
+    for _ in range(cases):
+        name = rng.choice(["viewpoint", "viewpoint", "up", "extent", "background", *(["sketch"] if sketch else [])])
+        if name == "sketch":
+            data = mutated_bytes(sketch, rng)
+        elif name == "up":
+            data = rng.choice([b"y", b"-z", b"x", b"", b"--y", b"-", b"w", b"y\n", b"\xef\xbb\xbfy", b"\xff", b"-yy"])
+        else:
+            count = {"viewpoint": 9, "extent": 4, "background": 3}[name]
+            numbers = [rng.choice([0.0, 1.0, 0.25, -1.0, 3.0, math.nan, math.inf, 3e38]) for _ in range(count)]
+            if rng.random() < 0.7:
+                numbers = [rng.choice([0.0, 0.25, 1.0]) for _ in range(count)]
+            data = np.array(numbers, "<f4").tobytes()
+            data = data if rng.random() < 0.9 else mutated_bytes(data, rng)
+        changed = add_concealment(stream, name, data)
+        try:
+            open_decoder(changed.manifest, changed.side_info)
+        except SplatwireError:
+            found.append((base64.b64encode(changed.side_info).decode(), False))
+        else:
+            found.append((base64.b64encode(changed.side_info).decode(), True))
+    return found
+
+
 def hostile_indexes(stream: SceneStream, cases: int, rng: random.Random) -> list[tuple[str, dict[str, Any] | None]]:
     """Side information with another index of tiles, and what it says; None where it is refused."""
     section, found = sections_of(stream)[SECTION], []
@@ -309,6 +338,15 @@ def test_python_and_the_page_agree(tmp_path: Path, part: int) -> None:
     lives = hostile_lifetimes(streams["tiny_clip"], cases, rng)
     assert cases / 20 < sum(fine for _, fine in lives) < cases * 0.95, "too few lifetimes of one kind"
     heads[str(tmp_path / "tiny_clip.swz")] += lives
+    sketched = with_copies(encode_scene(SplatScene(some_splats(300)), Packetization(block_size=200, lanes=1)))
+    write_stream(sketched, tmp_path / "sketched.swz")
+    views = {str(tmp_path / "sketched.swz"): hostile_views(sketched, cases // 2, rng)}
+    for name in ("tiny_clip", "tiny_causal", "tiny_levels"):
+        views[str(tmp_path / f"{name}.swz")] = hostile_views(streams[name], cases // 4, rng)
+    judged = [fine for some in views.values() for _, fine in some]
+    assert len(judged) / 20 < sum(judged) < len(judged) * 0.95, "too few views of one kind"
+    for name, some in views.items():
+        heads[name] = [*heads.get(name, []), *some]
     manifests = [mutated_manifest(rng.choice(bases()), rng) for _ in range(cases)]
     said = [accepted(data) for data in manifests]
     assert cases / 10 < sum(said) < cases * 0.9, "too few cases of one kind"

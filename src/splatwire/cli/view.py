@@ -1,6 +1,7 @@
 """`splatwire view`: a page on this machine that shows a stream, its losses and how they are hidden."""
 
 import asyncio
+import sys
 import webbrowser
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
+from splatwire.cli._background import start_thread
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, is_stream, stream_name
 from splatwire.cli._listening import check_port, stop_on_signals
@@ -78,6 +80,10 @@ class View:
             await relay.begun()
             if receiving.done():
                 await receiving  # raises what went wrong
+            if relay.is_live:
+                print(
+                    f"splatwire: {self.stream} is live: the page shows what there is when it is loaded", file=sys.stderr
+                )
             await self._serve(page_of_relay(name, relay, cameras, self.host), receiving)
         finally:
             receiving.cancel()
@@ -96,7 +102,7 @@ class View:
             else:
                 print_summary(f"{page.url} (Ctrl-C ends it)")
                 if self.open:
-                    await asyncio.to_thread(webbrowser.open, page.url)
+                    start_thread(lambda: webbrowser.open(page.url), "browser")  # one in a terminal returns at its end
             await stop.wait()
         if receiving is not None and receiving.done():
             receiving.result()

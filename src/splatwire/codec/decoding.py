@@ -3,13 +3,16 @@
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
 
+from splatwire.codec.background import read_background
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
 from splatwire.codec.schema import CHUNK, Decoder, Rows, Run
 from splatwire.codec.threads import ordered_map
+from splatwire.codec.viewpoint import check_viewpoint
 from splatwire.errors import DesyncError, check_kind
 from splatwire.model.partial import Partial
 from splatwire.packets import Manifest, Packet, SceneStream, arrived_blocks
+from splatwire.packets.sections import split_sections
 
 
 def decode_stream(
@@ -74,6 +77,9 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
         BitstreamError: If it is damaged or contradicts the manifest.
     """
     schema = schema_named(manifest.codec)
+    sections = split_sections(side_info, manifest.codec)[1]
+    read_background(sections)
+    check_viewpoint(sections)
     return schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)
 
 

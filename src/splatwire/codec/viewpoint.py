@@ -9,6 +9,8 @@ from splatwire.scene import Cameras
 
 SECTION = "viewpoint"
 """Name of the section."""
+MIN_UP, MAX_UP = 0.5, 2.0
+"""Bounds of the length of the upward direction of a viewpoint."""
 UP_SECTION = "up"
 """Name of the section that says only which axis is up: its name as text, `y`, `-z`, ...; `-y` where it is absent."""
 AXES = (b"x", b"-x", b"y", b"-y", b"z", b"-z")
@@ -61,6 +63,27 @@ def read_extent(sections: Mapping[str, bytes]) -> tuple[tuple[float, float, floa
     if not (all(map(math.isfinite, (x, y, z, radius))) and radius > 0):
         raise BitstreamError(f"section '{EXTENT_SECTION}': an impossible ball")
     return (x, y, z), radius
+
+
+def check_viewpoint(sections: Mapping[str, bytes]) -> None:
+    """Checks the sections that say from where a scene is looked at, as the page does when it opens a stream.
+
+    Args:
+        sections: Named sections of a stream.
+
+    Raises:
+        BitstreamError: If they name no axis, no ball, or an eye that is where it looks.
+    """
+    up_axis(sections)
+    read_extent(sections)
+    if SECTION not in sections:
+        return
+    reader = ByteReader(sections[SECTION], f"section '{SECTION}'")
+    eye, target, up = (tuple(reader.f32() for _ in range(3)) for _ in range(3))
+    reader.finish()
+    apart, length = math.hypot(*(a - b for a, b in zip(eye, target, strict=True))), math.hypot(*up)
+    if not (0 < apart < math.inf and MIN_UP < length < MAX_UP):
+        raise BitstreamError(f"section '{SECTION}': an impossible viewpoint")
 
 
 def viewpoint_section(cameras: Cameras) -> bytes:

@@ -40,7 +40,7 @@ from splatwire.transport.wire import MAX_DATAGRAM, decode, encode
 
 CONNECT_S = 10.0
 """A server that has not answered for so long is not there."""
-SUSPECT_S = 2.0
+SUSPECT_S = 3.0
 """Silence after which a client greets again, seconds: its address may be another one, or the server."""
 MAX_VAIN = 5
 """Transfers in a row that bring nothing new before the client gives up."""
@@ -357,7 +357,8 @@ class Receiver(Arrived):
 
     def _is_silent(self, now: float) -> bool:
         """Whether it is time for another attempt: nothing came for long, and the last attempt brought nothing."""
-        if self._welcome is None or now - self._heard_at <= min(SUSPECT_S, self.options.silence_s):
+        suspect_s = min(SUSPECT_S, self.options.silence_s) + self._reliable * self.options.silence_s  # after QUIC itself
+        if self._welcome is None or now - self._heard_at <= suspect_s:
             return False
         if self._greeting is None:
             return self.options.reconnect_s > 0

@@ -22,7 +22,9 @@ class Relay:
     """Receives a stream, and gives every page that asks all that has arrived, then what still comes.
 
     What browsers do not decode (format 1) is decoded here, packet by packet, and handed on as columns. Everything
-    happens in the event loop that `run` runs in, but for decoding.
+    happens in the event loop that `run` runs in, but for decoding. Of a live clip a page gets the running chapter as it
+    is when the page asks: a file has one head, and a live clip gets a new one with each group of frames. One chapter is
+    kept.
 
     Args:
         url: Where from, for messages.
@@ -33,7 +35,8 @@ class Relay:
         self._url, self._receive = url, receive
         self._pieces: list[bytes] = []
         self._changed = asyncio.Condition()
-        self._over = False
+        self._over = self.is_live = False
+        self._stream_id: int | None = None
         self._events: asyncio.Queue[Event | None] = asyncio.Queue()
         self._columns: tuple[ProgressiveDecoder, Manifest] | None = None
         self._begun = asyncio.Event()
@@ -69,25 +72,44 @@ class Relay:
     async def pieces(self) -> AsyncIterator[bytes]:
         """The file from its beginning, as far as it is there and then as it grows, until the transfer is over."""
         given = 0
-        while given < len(self._pieces) or not self._over:
-            while given == len(self._pieces) and not self._over:
+        while not self._pieces and not self._over:
+            async with self._changed:
+                await self._changed.wait()
+        pieces = list(self._pieces) if self.is_live else self._pieces
+        while given < len(pieces) or self._grows(pieces):
+            while given == len(pieces) and self._grows(pieces):
                 async with self._changed:
                     await self._changed.wait()
             begin, size = given, 0
-            while given < len(self._pieces) and size < AT_ONCE:
-                size, given = size + len(self._pieces[given]), given + 1
-            yield b"".join(self._pieces[begin:given])
+            while given < len(pieces) and size < AT_ONCE:
+                size, given = size + len(pieces[given]), given + 1
+            yield b"".join(pieces[begin:given])
+
+    def _grows(self, pieces: list[bytes]) -> bool:
+        """Whether more of a file will come: it is the one that is being received."""
+        return not self._over and pieces is self._pieces
 
     async def _hand_on(self) -> None:
         while (event := await self._events.get()) is not None:
-            if isinstance(event, Welcomed) and event.preview:
-                self.preview = event.preview
-                self._begun.set()
+            if isinstance(event, Welcomed):
+                self.is_live = event.open or self.is_live
+                if event.preview:
+                    self.preview = event.preview
+                    self._begun.set()
             elif isinstance(event, SideInfoArrived):
-                await self._add(await asyncio.to_thread(self._head, event))
+                await self._begin_file(event.manifest.stream_id, await asyncio.to_thread(self._head, event))
                 self._begun.set()
             elif isinstance(event, PacketArrived):
                 await self._add(await asyncio.to_thread(self._record, event.packet))
+
+    async def _begin_file(self, stream_id: int, head: bytes) -> None:
+        """Begins the file of another stream, or gives that of a clip that has grown its new head."""
+        async with self._changed:
+            if stream_id == self._stream_id:
+                self._pieces[0] = head
+            else:
+                self._stream_id, self._pieces = stream_id, [head]
+            self._changed.notify_all()
 
     async def _add(self, piece: bytes) -> None:
         async with self._changed:

@@ -57,6 +57,7 @@ export class StreamDecoder {
     this.schema = schemaOf(head, plan);
     this.intake = new Intake(plan);
     this.#numBytes = head.sideInfo.length;
+    this.#checkView();
   }
 
   /** Goes on with the head of the same stream that has grown. Throws where it says other things of what was there. */
@@ -70,6 +71,14 @@ export class StreamDecoder {
     this.schema.grow(head.sideInfo, plan);
     this.intake.plan = plan;
     this.head = head;
+  }
+
+  /** Refuses what no view can begin with, as Python does, before anything is shown. */
+  #checkView(): void {
+    void this.background;
+    void this.viewpoint;
+    void this.extent;
+    void this.up;
   }
 
   /** RGB behind the scene. */
@@ -119,8 +128,9 @@ export class StreamDecoder {
   /** Which axis is up: `y`, `-z`, ...; null where nobody said. */
   get up(): string | null {
     const section = this.schema.sections.get("up"),
-      up = section && new TextDecoder().decode(section);
-    if (up && !/^-?[xyz]$/.test(up)) throw new BitstreamError("side information: an impossible direction that is up");
+      up = section && new TextDecoder("utf-8", { ignoreBOM: true }).decode(section);
+    if (up !== undefined && !/^-?[xyz]$/.test(up))
+      throw new BitstreamError("side information: an impossible direction that is up");
     return up ?? null;
   }
 

@@ -35,6 +35,7 @@ export class GaussianSchema implements Schema<GaussianPart> {
   ) {
     this.info = readSideInfo(sideInfo, plan.numBlocks);
     this.#packets = new PacketDecoder(this.info);
+    if (this.info.sections.has("sketch")) this.#readCopies(); // damaged ones are refused at once, as Python does
     const sketch = grown((elements, pause) => sceneFree(elements, pause, this.#readCopies().growth));
     this.concealers = this.info.sections.has("sketch") ? { ...SPLAT_CONCEALERS, sketch } : SPLAT_CONCEALERS;
   }
