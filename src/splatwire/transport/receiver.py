@@ -357,7 +357,8 @@ class Receiver(Arrived):
 
     def _is_silent(self, now: float) -> bool:
         """Whether it is time for another attempt: nothing came for long, and the last attempt brought nothing."""
-        suspect_s = min(SUSPECT_S, self.options.silence_s) + self._reliable * self.options.silence_s  # after QUIC itself
+        suspect_s = min(SUSPECT_S, self.options.silence_s)
+        suspect_s += self.options.silence_s if self._reliable else 0.0  # QUIC itself ends the connection before
         if self._welcome is None or now - self._heard_at <= suspect_s:
             return False
         if self._greeting is None:
