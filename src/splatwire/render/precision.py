@@ -36,6 +36,9 @@ BRIGHTEST = 4.0
 """Colours count as no brighter than this, which is the most that a view of five real files has: one absurd colour would
 else decide how precise all Gaussians are that it shines through."""
 _UNSEEN = 1e-30
+_SHAPE = ("scale0", "scale1", "scale2", "direction", "spin")
+_MOST_THIN, _MOST_SMALL = 10.0, 16.0
+"""Octaves from an axis of a Gaussian to the next one, and from its size to the usual one, that slopes hold for."""
 # In the order of the kernel's columns.
 _SLOPES = {
     "position": (-0.33, -0.2, 0.0, 0.0),
@@ -113,13 +116,21 @@ def precision_classes(
 def _classes(splats: Splats, cameras: Cameras, probes: int, seed: int, renderer: str) -> np.ndarray:
     found = _sensitivities(splats, cameras, probes, seed, renderer)
     low, middle, high = (np.log2(scales.astype(np.float64)) for scales in rising(splats.scales.numpy()))
-    area, long, thin = high + middle, high - middle, middle - low
+    least = np.median(high) - _MOST_SMALL
+    size, width = np.maximum(high, least), np.maximum(middle, np.maximum(high, least) - _MOST_THIN)
+    area, long, thin = size + width, size - width, np.minimum(np.maximum(width - low, 0), _MOST_THIN)
     shape = np.stack([area, long, thin, np.log2(np.maximum(splats.opacities.numpy().astype(np.float64), 1 / 512))])
     weights = {**_WEIGHTS, "colour": 12.0 if splats.degree else 3.0}
-    octaves = np.zeros(splats.num_gaussians)
+    # Of flat disks, needles and points only what their missing axes leave alone says how much of them is seen.
+    odd = (high < least) | (middle < size - _MOST_THIN) | (low < width - _MOST_THIN)
+    octaves, total = np.zeros(splats.num_gaussians), np.full(splats.num_gaussians, sum(weights.values()))
     for name, weight in weights.items():
-        octaves += weight * (np.log2(found[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape)
-    octaves /= sum(weights.values())
+        own = weight * (np.log2(found[name] + _UNSEEN) / 2 - _BASES[name] - np.array(_SLOPES[name]) @ shape)
+        if name in _SHAPE:
+            own[odd] = 0
+            total[odd] -= weight
+        octaves += own
+    octaves /= total
     finest = np.quantile(octaves, FINEST_SHARE)
     return np.rint(octaves - finest).clip(-100, 100).astype(np.int8)
 

@@ -71,6 +71,8 @@ TRANSFORM_UNIT = 127
 MAX_RESIDUAL = 1 << 24
 MAX_THIN = 5903
 """Largest value of a companded ratio of scales, `(1 - 2**-r) / ln 2`: a ratio of 2**10."""
+MAX_THINNESS = 10
+"""log2 of that ratio."""
 
 WIDE = 24
 """Entries of the scale table between the two normals of a residual; together they are nearly a Laplacian."""

@@ -30,8 +30,10 @@ from splatwire.codec.schemas.gaussians.layout import (
     BITS,
     COEFFICIENTS,
     MAX_CELL_BITS,
+    MAX_THINNESS,
     S_POSITION,
     S_SCALE0,
+    S_SCALE2,
     STEP_BITS,
 )
 from splatwire.codec.schemas.gaussians.outliers import ROOM, tell_cut_colours, within_reach
@@ -48,6 +50,11 @@ from splatwire.scene.splats import Splats
 
 FITTED_BLOCKS = 32
 """The transform of harmonics and the tables are fitted to parts of at most so many blocks, spread over the scene."""
+
+_FLAT_SHIFT = 8
+"""log2 of the coarsest step of companded ratios of scales for flat Gaussians."""
+SMALLEST = 20
+"""Octaves below the scene's size from which on Gaussians are points, which steps are not fitted to."""
 
 
 class BlockSource(NamedTuple):
@@ -125,7 +132,8 @@ class SourceScene:
             splats = within_reach(splats, size_log)
             tell_cut_colours(splats)
             bases = _bases(splats, quality, size_log)
-            levels = levels_of(classes, splats.num_gaussians, quality.classes_of(splats.degree) - 1)
+            most = quality.classes_of(splats.degree) - 1
+            levels = _levels_of_flat(splats, levels_of(classes, splats.num_gaussians, most), most, bases, size_log)
             unit = min(_lattice_unit(splats, levels, bases, size_log), most_unit)
             coarsest = typical_cell(splats.means.numpy(), unit, size_log)
         centres = _centres(splats, levels, bases, size_log, unit, coarsest)
@@ -244,13 +252,57 @@ def levels_of(classes: np.ndarray | None, count: int, most: int) -> np.ndarray:
     return levels
 
 
+def _levels_of_flat(splats: Splats, levels: np.ndarray, most: int, bases: np.ndarray, size_log: int) -> np.ndarray:
+    """Classes as they are sent, finer where the step of the smallest scale would make flat Gaussians thick.
+
+    Multiples of a coarse step end well before the thinnest shape that a stream holds: at `1 << _FLAT_SHIFT` the
+    smallest scale is at most 0.4 % of the next one, at 11 bits it is up to 31 %.
+
+    Args:
+        splats: The Gaussians.
+        levels: uint8 (N), see `levels_of`.
+        most: The finest class.
+        bases: Exponents of steps.
+        size_log: log2 of the scene's size.
+    """
+    flat = np.concatenate(
+        [np.flatnonzero(_is_flat(some)) + n * ROWS for n, some in enumerate(runs(splats.scales.numpy()))]
+    )
+    if not len(flat):
+        return levels
+    logs = to_logs(splats.select(torch.from_numpy(flat)), size_log) / (1 << BITS)
+    opacity, s0, long = logs[:, 0], logs[:, 1], logs[:, 1] - logs[:, 2]
+    known = np.stack([2 * s0 - long, long, np.zeros(len(flat)), opacity])
+    exponents = (COEFFICIENTS[S_SCALE2] @ known + bases[S_SCALE2]) / (1 << STEP_BITS)
+    # An exponent is rounded, and made of numbers that are rounded before.
+    least = np.ceil(BITS - _FLAT_SHIFT - 0.25 - exponents)
+    raised = levels.copy()
+    raised[flat] = np.maximum(levels[flat], np.clip(least, 0, most)).astype(np.uint8)
+    return raised
+
+
+def _is_flat(scales: np.ndarray) -> np.ndarray:
+    """Mask of Gaussians that are flatter than a stream holds, bool (N)."""
+    low, middle, _ = rising(scales)
+    return low < middle * np.float32(2.0**-MAX_THINNESS)
+
+
 def _bases(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     """Exponents of steps; that of the largest scale is as fine as its mean over the scene asks for."""
     bases = quality.bases(splats.degree)
     parts = list(runs(splats.scales.numpy()))
-    totals = share(lambda some: float(np.log2(some.astype(np.float64).max(axis=1)).sum()), parts)
+    least = np.float32(2.0 ** (size_log - SMALLEST))
+
+    def sizes(some: np.ndarray) -> tuple[float, int]:
+        largest = some.max(axis=1)
+        largest = largest[largest > least].astype(np.float64)
+        return float(np.log2(largest).sum()), len(largest)
+
+    totals = share(sizes, parts)
     # One after another: `sum` rounds in another way from Python 3.12 on.
-    mean = functools.reduce(operator.add, totals, 0.0) / splats.num_gaussians - size_log
+    total = functools.reduce(operator.add, (logs for logs, _ in totals), 0.0)
+    count = sum(number for _, number in totals)
+    mean = total / count - size_log if count else -SMALLEST
     bases[S_SCALE0] += np.rint(COEFFICIENTS[S_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
     return bases
 
