@@ -220,7 +220,7 @@ def test_a_link_that_drops_is_tried_again_and_a_page_that_is_loaded_again_goes_o
         page.open("about:blank")
         page.open(f"{host.url}one")
         assert page.wait_for(f"window.events && {LOADED}")[1] == {"complete": True, "verified": True}
-        assert host.sent - before <= 64, "what was there came again"
+        assert 0 < host.sent - before < 1000, "the manifest is compared, and nothing else comes again"
         assert "kept by this browser" in page.evaluate(PANEL)
 
     hosted(stream, work)
@@ -272,7 +272,7 @@ def test_what_moves_and_what_has_levels_comes_moves_and_goes_as_well(kind: str, 
             assert page.evaluate(f"{ELEMENT}.view === view") is True
             page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
             page.wait_for("window.workers === 0")
-        page.resolve("caches.delete('splatwire-1')")
+        page.resolve("caches.delete('splatwire-2')")
         begun = len(host.asked)
         host.deliver = lambda request, body: len(body) * 6 // 10 if len(host.asked) == begun + 1 else None
         host.cut.set()

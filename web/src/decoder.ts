@@ -141,10 +141,6 @@ class Transfer {
     options.signal?.addEventListener("abort", () => this.#wake());
   }
 
-  get headOfHeld(): Head | null {
-    return this.held.begun ? (this.#received?.decoder.head ?? null) : null;
-  }
-
   /** Resolves when there is something to decode, or nothing will come any more. */
   more(): Promise<void> {
     if (this.#waiting.length || this.ended || this.stopped()) return Promise.resolve();
@@ -189,7 +185,7 @@ class Transfer {
   head(head: Head, file: Uint8Array): void {
     const known = this.#received?.decoder.head.manifest.streamId === head.manifest.streamId,
       received = known ? this.#received : new Received(head);
-    if (!this.held.begun) this.held.begin(file);
+    if (!known || !this.held.begun) this.held.begin(file, head);
     if (known) return;
     this.#received = received;
     this.#waiting = [];

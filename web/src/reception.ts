@@ -10,6 +10,7 @@ import type { Arrived, Counts, Fetching } from "./transport/events.ts";
 import { Held } from "./transport/held.ts";
 import { Kept } from "./transport/kept.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
+import { isIntact } from "./transport/packet_reader.ts";
 import { Received } from "./transport/received.ts";
 import { nextTurn, pausing, SLICE_MS } from "./turns.ts";
 
@@ -51,8 +52,11 @@ export class Reception implements Receiver {
   readonly #began = performance.now();
   #countedAt = 0;
   #moved: (() => void)[] = [];
-  #waiting: { readonly bytes: Uint8Array; readonly of: Received }[] = [];
+  /** Packets that are not decoded yet, and the work that decodes them until there are none. */
+  readonly #waiting: { readonly bytes: Uint8Array; readonly of: Received }[] = [];
   #working: Promise<void> | null = null;
+  /** True while all packets are from an earlier visit, and the file may have been replaced since. */
+  #unconfirmed = false;
 
   /** One that is no preview is nothing to fail for. */
   preview(bytes: Uint8Array): void {
@@ -72,15 +76,36 @@ export class Reception implements Receiver {
       received = known ? this.#received : new Received(head);
     if (!keep) this.kept = null;
     if (live && received?.decoder.schema.moving) return this.#lives(head, received, known);
-    if (!this.held.begun) {
-      this.held.begin(file);
+    if (!known || !this.held.begun) {
+      this.held.begin(file, head);
       this.kept?.begin(file);
     }
     if (!received || known) return;
     this.#received = received;
     this.#pieces.clear();
-    this.#waiting = []; // of another stream
+    this.#waiting.length = 0; // of another stream
+    this.#look = this.#looked = 0;
+    this.#unconfirmed = false;
     this.#tellFacts(received);
+  }
+
+  /** Shows the kept packets: they are of the stream as it is now. */
+  confirmed(): void {
+    if (!this.#unconfirmed) return;
+    this.#unconfirmed = false;
+    this.#tellFacts(this.#received!);
+    void this.#draw();
+  }
+
+  /** Forgets everything: it is of a file that was replaced. */
+  changed(): void {
+    this.held.clear();
+    void this.kept?.clear();
+    this.#received = this.#before = null;
+    this.#waiting.length = 0;
+    this.#pieces.clear();
+    this.#look = this.#looked = 0;
+    this.#unconfirmed = false;
   }
 
   /** A live clip begins, goes on with more groups, or with its next chapter. */
@@ -133,32 +158,34 @@ export class Reception implements Receiver {
     this.#working ??= this.#decode();
   }
 
-  /** Begins with what a page before kept of this file. */
+  /** Begins with the packets that an earlier visit kept of this file. They are shown once the file is compared. */
   async resume(file: string): Promise<void> {
     this.kept = await Kept.open(file);
-    const before = await this.kept?.read().catch(() => null),
-      container = new ContainerReader();
+    const before = (await this.kept?.read()) ?? null;
+    if (!before) return;
     try {
-      container.feed(before?.head ?? new Uint8Array());
-      if (before && container.head) {
-        this.held.begin(before.head);
-        this.head(container.head, before.head, true);
-        this.#take(this.held.add(before.packets));
-        const { count } = this.held,
-          expected = container.head.manifest.numPackets;
-        this.#counts = { way: KEPT, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
-        if (count === expected) this.#before = this.#received;
-      }
+      const container = new ContainerReader();
+      container.feed(before.head);
+      if (!container.head) throw new Error("a part of a head was kept");
+      this.#resume(container.head, before.head, before.packets);
     } catch {
-      this.held.clear();
-      await this.kept?.clear(); // damaged there, or kept by another version
+      this.changed(); // damaged there, or kept by another version
     }
-    await this.kept?.tidy();
   }
 
-  /** The head of the file of which a part is there. */
-  get headOfHeld(): Head | null {
-    return this.held.begun ? (this.#received?.decoder.head ?? null) : null;
+  #resume(head: Head, file: Uint8Array, kept: readonly Arrived[]): void {
+    const expected = head.manifest.numPackets,
+      intact = kept.filter(({ place, bytes }) => place < expected && isIntact(bytes, head));
+    this.#received = new Received(head);
+    this.#unconfirmed = true;
+    this.held.begin(file, head);
+    this.#take(this.held.add(intact));
+    const { count } = this.held;
+    this.#counts = { way: KEPT, bytes: 0, packets: count, expected, lost: 0, rejected: 0, seconds: 0 };
+    if (count === expected) this.#before = this.#received;
+    if (intact.length === kept.length) return;
+    this.kept?.begin(file); // without what is damaged
+    this.kept?.add(this.held.packets);
   }
 
   counts(counts: Counts): void {
@@ -168,6 +195,7 @@ export class Reception implements Receiver {
   }
 
   #tell(counts: Counts): void {
+    if (this.#unconfirmed) return;
     this.#countedAt = performance.now();
     const intake = this.#received?.decoder.intake,
       packets = Math.max(counts.packets, intake?.size ?? 0),
@@ -185,7 +213,7 @@ export class Reception implements Receiver {
 
   /** Resolves when everything that came is decoded and handed over. */
   async settled(): Promise<void> {
-    await this.#working;
+    while (this.#working) await this.#working;
     await this.#draw();
     await this.kept?.flush();
     if (this.#counts) this.#tell(this.#counts);
@@ -193,11 +221,12 @@ export class Reception implements Receiver {
 
   /** Decodes what waits, a little at a time: the session must be served meanwhile. What takes too much ends it. */
   async #decode(): Promise<void> {
-    for (let next = 0; next < this.#waiting.length && !this.failed; ) {
+    await nextTurn(); // so that this work is known before it can end
+    while (this.#waiting.length && !this.failed) {
       const began = performance.now();
       try {
-        while (next < this.#waiting.length && performance.now() - began < SLICE_MS) {
-          const { bytes, of } = this.#waiting[next++];
+        while (this.#waiting.length && performance.now() - began < SLICE_MS) {
+          const { bytes, of } = this.#waiting.shift()!;
           of.take(bytes);
         }
       } catch (error) {
@@ -208,7 +237,7 @@ export class Reception implements Receiver {
       if (performance.now() - this.#shownAt > SHOW_MS) void this.#draw();
       await nextTurn();
     }
-    this.#waiting = [];
+    this.#waiting.length = 0;
     this.#working = null;
   }
 
@@ -216,7 +245,9 @@ export class Reception implements Receiver {
     say({ kind: "note", text });
   }
 
+  /** Also shows kept packets, which are better than nothing while the server cannot be reached. */
   lost(reason: string, retryMs: number): void {
+    this.confirmed();
     void this.settled().then(() => say({ kind: "lost", reason, retryMs }));
   }
 
@@ -227,6 +258,7 @@ export class Reception implements Receiver {
   look({ camera, ask }: ToWorker & { kind: "look" }): void {
     this.#camera = camera;
     this.#look = ask;
+    if (this.#looked === ask) this.#looked = 0; // the count begins again with another stream
     void this.#draw().then(() => {
       for (const resolve of this.#moved.splice(0)) resolve();
     });
@@ -238,18 +270,25 @@ export class Reception implements Receiver {
   }
 
   async #drawAll(): Promise<void> {
-    const received = this.#received;
     this.#shownAt = performance.now();
-    if (!received || received.decoder.schema.moving || (received.decoder.schema.viewDependent && !this.#look)) return;
-    if (received.decoder.schema.tiling) return this.#drawTiles(received);
+    for (let drawn: Received | null = null; drawn !== this.#received; ) {
+      drawn = this.#received;
+      if (drawn) await this.#drawOne(drawn); // another stream may take its place meanwhile
+    }
+  }
+
+  async #drawOne(received: Received): Promise<void> {
+    const { schema } = received.decoder;
+    if (this.#unconfirmed || schema.moving || (schema.viewDependent && !this.#look)) return;
+    if (schema.tiling) return this.#drawTiles(received);
     while (received.hasNew || this.#looked !== this.#look) {
       const ask = this.#look,
         shown = await received.seen(this.#camera, this.#looked !== ask, pausing());
-      if (!shown) return;
+      if (!shown || received !== this.#received) return;
       this.#looked = ask;
       const { parts, instead, fresh, elements } = shown,
         gains = instead ? received.gains : null,
-        { degree, size } = received.decoder.schema;
+        { degree, size } = schema;
       const packed = pack(parts, degree, size),
         hand = [...buffersOf(packed), ...(gains ? [gains.buffer as ArrayBuffer] : [])];
       say({ kind: "splats", packed, instead, fresh, elements, gains, ask }, hand);
@@ -268,6 +307,7 @@ export class Reception implements Receiver {
         for (const tile of gone) this.#pieces.delete(tile);
         for (const tile of come) {
           await pause();
+          if (received !== this.#received) return;
           const parts = tiling!.splatsOf(tile);
           tiles.push({ tile, packed: pack(parts, degree, size) });
           this.#pieces.set(tile, parts.length);
@@ -347,15 +387,16 @@ export class Reception implements Receiver {
       get packets() {
         return intake.size;
       },
-      moved: async () => {
+      missing: (tile) => tiling.tiles.packets[tile] - (intake.blocks.get(tile)?.length ?? 0),
+      moved: async (isGivenUp) => {
         await this.#draw();
-        if (wanted().length) return; // it looks from elsewhere by now
+        if (wanted().some((tile) => !isGivenUp(tile))) return; // it looks from elsewhere by now
         if (this.#counts) this.#tell(this.#counts);
         if (this.#look) this.note(SEEN);
         await new Promise<void>((resolve) => this.#moved.push(resolve));
       },
       taken: async () => {
-        await this.#working;
+        while (this.#working) await this.#working;
         await this.#draw();
       },
     };

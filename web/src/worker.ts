@@ -9,7 +9,7 @@ import { warmUp } from "./warm.ts";
 const reception = new Reception();
 
 async function open({ bytes, ...source }: ToWorker & { kind: "open" }): Promise<string> {
-  if (bytes) return receiveBytes(bytes, reception);
+  if (bytes) return receiveBytes(bytes, reception, reception.held);
   void warmUp(() => !reception.begun);
   await reception.resume(source.file);
   return receiveAll(source, reception);

@@ -6,6 +6,7 @@ import { test } from "node:test";
 import type { Head } from "../src/packets/container.ts";
 import type { Arrived, Counts, Listener } from "../src/transport/events.ts";
 import { Held } from "../src/transport/held.ts";
+import { HttpFile } from "../src/transport/http_file.ts";
 import { partOf, recordsOf } from "../src/transport/kept.ts";
 import { Refused } from "../src/transport/refused.ts";
 import { receiveFile } from "../src/transport/reliable.ts";
@@ -14,16 +15,24 @@ import { fileOf, STREAMS } from "./vectors.ts";
 
 const packet = (place: number, size: number): Arrived => ({ place, bytes: new Uint8Array(size).fill(place) });
 
-test("the rest of a file begins at its first gap", () => {
+const HEAD = { manifest: { numPackets: 5 }, sideInfo: new Uint8Array() } as unknown as Head;
+
+test("gaps of a file are known as far as the sizes before them", () => {
   const held = new Held();
-  assert.equal(held.rest, null);
-  held.begin(new Uint8Array(100));
-  assert.deepEqual([held.rest!.place, held.rest!.offset], [0, 100]);
+  assert.deepEqual(held.gaps, []);
+  held.begin(new Uint8Array(100), HEAD);
+  assert.deepEqual(held.gaps, [{ place: 0, offset: 100, end: null }]);
   assert.equal(held.add([packet(1, 30), packet(2, 40)]).length, 2);
-  assert.deepEqual([held.rest!.place, held.rest!.offset], [0, 100]);
+  assert.deepEqual(held.gaps, [{ place: 0, offset: 100, end: null }]);
+  held.noteSize(0, 20); // it came damaged
+  assert.deepEqual(held.gaps, [
+    { place: 0, offset: 100, end: 124 },
+    { place: 3, offset: 202, end: null },
+  ]);
   assert.equal(held.add([packet(0, 20), packet(1, 30)]).length, 1);
-  assert.deepEqual([held.rest!.place, held.rest!.offset, held.count], [3, 100 + 3 * 4 + 90, 3]);
-  assert.deepEqual([...held.rest!.tail], new Array(40).fill(2));
+  assert.deepEqual(held.gaps, [{ place: 3, offset: 202, end: null }]);
+  held.add([packet(3, 1), packet(4, 1)]);
+  assert.deepEqual([held.gaps, held.complete], [[], true]);
 });
 
 test("what is kept is read again, as far as it is whole", () => {
@@ -66,7 +75,7 @@ class Notes implements Listener {
 
   head(head: Head, file: Uint8Array): void {
     this.head_ = head;
-    if (!this.held.begun) this.held.begin(file);
+    if (!this.held.begun) this.held.begin(file, head);
   }
 
   packets(packets: readonly Arrived[]): void {
@@ -104,49 +113,46 @@ async function served(answers: Answer[], work: (url: string) => Promise<void>): 
 for (const path of STREAMS.slice(0, 1)) {
   const file = fileOf(path);
   const whole: Answer = (_, response) => void response.end(file);
-  const cut: Answer = (_, response) => {
-    response.setHeader("Content-Length", file.length);
-    response.write(file.subarray(0, Math.floor(0.7 * file.length)), () => response.destroy());
+  const bounds = (request: IncomingMessage): [number, number] => {
+    const [, from, to] = /bytes=(\d+)-(\d*)/.exec(request.headers.range!)!;
+    return [Number(from), Math.min(to ? Number(to) + 1 : Infinity, file.length)];
   };
   const part: Answer = (request, response) => {
-    const from = Number(/bytes=(\d+)-/.exec(request.headers.range!)![1]);
-    response.writeHead(206, { "Content-Range": `bytes ${from}-${file.length - 1}/${file.length}` });
-    response.end(file.subarray(from));
+    const [from, end] = bounds(request);
+    response.writeHead(206, { "Content-Range": `bytes ${from}-${end - 1}/${file.length}` });
+    response.end(file.subarray(from, end));
   };
-  const other: Answer = (request, response) => {
-    const from = Number(/bytes=(\d+)-/.exec(request.headers.range!)![1]);
-    response.writeHead(206);
-    response.end(file.subarray(from).map((byte) => byte ^ 1));
+  const cut: Answer = (request, response) => {
+    const [from, end] = bounds(request);
+    response.writeHead(206, { "Content-Length": end - from });
+    response.write(file.subarray(from, from + Math.floor(0.7 * (end - from))), () => response.destroy());
   };
 
   test("a file that broke off is asked for from there on", async () => {
     const held = new Held(),
       notes = new Notes(held);
     const ranges = await served([cut, part], async (url) => {
-      await assert.rejects(receiveFile(url, notes, held, null));
+      const visit = new HttpFile(url);
+      await assert.rejects(receiveFile(visit, notes, held));
       assert.ok(held.count > 0 && held.count < notes.head_!.manifest.numPackets);
-      const { offset, tail } = held.rest!;
-      assert.equal(await receiveFile(url, notes, held, notes.head_), "complete");
+      const { offset } = held.gaps[0];
+      assert.equal(await receiveFile(visit, notes, held), "complete");
       assert.equal(held.count, notes.head_!.manifest.numPackets);
-      assert.equal(notes.seen!.bytes, file.length - offset + tail.length);
+      assert.equal(notes.seen!.bytes, file.length - offset);
     });
-    assert.equal(ranges[0], undefined);
+    assert.match(ranges[0]!, /^bytes=0-\d+$/);
     assert.match(ranges[1]!, /^bytes=\d+-$/);
   });
 
-  test("nothing is taken for the rest of another file; one without ranges comes whole", async () => {
-    for (const answers of [
-      [cut, other, whole],
-      [cut, whole],
-    ]) {
-      const held = new Held(),
-        notes = new Notes(held);
-      await served(answers, async (url) => {
-        await assert.rejects(receiveFile(url, notes, held, null));
-        assert.equal(await receiveFile(url, notes, held, notes.head_), "complete");
-      });
-      assert.equal(held.count, notes.head_!.manifest.numPackets);
-    }
+  test("where the rest does not come by itself, the whole file is read", async () => {
+    const held = new Held(),
+      notes = new Notes(held);
+    await served([cut, whole, whole], async (url) => {
+      const visit = new HttpFile(url);
+      await assert.rejects(receiveFile(visit, notes, held));
+      assert.equal(await receiveFile(visit, notes, held), "complete");
+    });
+    assert.equal(held.count, notes.head_!.manifest.numPackets);
   });
 }
 
@@ -159,7 +165,7 @@ test("a server's refusal is final where asking again cannot help", async () => {
     const refuse: Answer = (_, response) => void response.writeHead(status).end();
     await served([refuse], async (url) => {
       const held = new Held();
-      await assert.rejects(receiveFile(url, new Notes(held), held, null), (error: unknown) => {
+      await assert.rejects(receiveFile(new HttpFile(url), new Notes(held), held), (error: unknown) => {
         assert.ok(error instanceof Refused);
         assert.equal(error.final, final);
         return true;

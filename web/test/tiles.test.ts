@@ -10,10 +10,13 @@ import { test } from "node:test";
 import type { Camera } from "../src/model/camera.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 import type { Fetching, Listener } from "../src/transport/events.ts";
+import { Held } from "../src/transport/held.ts";
+import { HttpFile, RangeUnsupported } from "../src/transport/http_file.ts";
 import { Received } from "../src/transport/received.ts";
-import { NoRanges, receiveTiles } from "../src/transport/tiles.ts";
+import { DamagedTiles, receiveTiles } from "../src/transport/tiles.ts";
 
 const file = readFileSync("../tests/golden/tiny_levels.swz");
+const LIMITS = { idleMs: 8000, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000 };
 const LOOK: Camera = {
   viewmat: [
     [1, 0, 0, -3],
@@ -28,14 +31,16 @@ const LOOK: Camera = {
 };
 
 /** A view that stands still until it has what it wants, and then wants everything. */
-function visitor(): { listener: Listener; view: Fetching; begin: number; places: number[] } {
+function visitor(): { listener: Listener; view: Fetching; held: Held; places: number[] } {
   const container = new ContainerReader(),
+    held = new Held(),
     places: number[] = [];
   container.feed(file);
   const head = container.head!,
     received = new Received(head),
     { tiling } = received.decoder.schema;
   assert.ok(tiling);
+  held.begin(container.headBytes, head);
   tiling.look(LOOK);
   const listener: Listener = {
     preview: () => undefined,
@@ -58,10 +63,11 @@ function visitor(): { listener: Listener; view: Fetching; begin: number; places:
     get packets() {
       return received.decoder.intake.size;
     },
+    missing: (tile) => tiling.tiles.packets[tile] - (received.decoder.intake.blocks.get(tile)?.length ?? 0),
     moved: () => Promise.resolve(void tiling.look(null)),
     taken: () => Promise.resolve(void tiling.look(LOOK)),
   };
-  return { listener, view, begin: container.headBytes.length, places };
+  return { listener, view, held, places };
 }
 
 async function served(answer: RequestListener, work: (url: string) => Promise<void>): Promise<void> {
@@ -81,10 +87,10 @@ const ranged: RequestListener = ({ headers }, answer) => {
 };
 
 test("all tiles come, what the view wants first", async () => {
-  const { listener, view, begin, places } = visitor(),
+  const { listener, view, held, places } = visitor(),
     first = view.wanted[0];
   await served(ranged, async (url) => {
-    assert.equal(await receiveTiles(url, listener, begin, view, 2000), "complete");
+    assert.equal(await receiveTiles(new HttpFile(url, LIMITS), listener, held, view), "complete");
   });
   assert.equal(places[0], view.tiles.firstPackets[first]);
   assert.deepEqual(
@@ -94,33 +100,33 @@ test("all tiles come, what the view wants first", async () => {
 });
 
 test("a broken link takes nothing that came", async () => {
-  const { listener, view, begin, places } = visitor();
+  const { listener, view, held, places } = visitor();
   let answers = 0;
   const failing: RequestListener = (request, answer) =>
     ++answers > 1 ? void request.socket.destroy() : ranged(request, answer);
   await served(failing, async (url) => {
-    await assert.rejects(receiveTiles(url, listener, begin, view, 2000));
+    await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, held, view));
   });
   const before = places.length;
   assert.ok(before > 0 && before < view.head.manifest.numPackets);
   await served(ranged, async (url) => {
-    assert.equal(await receiveTiles(url, listener, begin, view, 2000), "complete");
+    assert.equal(await receiveTiles(new HttpFile(url, LIMITS), listener, held, view), "complete");
   });
   assert.equal(new Set(places).size, places.length);
 });
 
 test("a server without ranges is told from others, and a damaged tile is an error", async () => {
-  const { listener, view, begin } = visitor();
+  const { listener, view, held } = visitor();
   await served(
     (_, answer) => void answer.writeHead(200).end(file),
     async (url) => {
-      await assert.rejects(receiveTiles(url, listener, begin, view, 2000), NoRanges);
+      await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, held, view), RangeUnsupported);
     },
   );
   await served(
     (_, answer) => void answer.writeHead(206).end(new Uint8Array(500)),
     async (url) => {
-      await assert.rejects(receiveTiles(url, listener, begin, view, 2000), /damaged/);
+      await assert.rejects(receiveTiles(new HttpFile(url, LIMITS), listener, held, view), DamagedTiles);
     },
   );
 });

@@ -22,6 +22,11 @@ export function checkHead(manifest: Manifest, sideInfo: Uint8Array): Head {
   return { manifest, sideInfo };
 }
 
+/** Returns True if bytes begin as every stream's file does. */
+export function isStream(bytes: Uint8Array): boolean {
+  return MAGIC.every((byte, n) => byte === bytes[n]);
+}
+
 /** A file up to its first packet. */
 export function fileHead(manifest: Uint8Array, sideInfo: Uint8Array): Uint8Array {
   const bytes = new Uint8Array(PREFIX + manifest.length + sideInfo.length);

@@ -30,8 +30,10 @@ export interface Fetching {
   readonly wanted: readonly number[];
   /** Packets that are there. */
   readonly packets: number;
-  /** Resolves when the view wants other tiles. */
-  moved(): Promise<void>;
+  /** Number of packets of a tile that are missing. */
+  missing(tile: number): number;
+  /** Resolves when the view wants tiles that are not given up. */
+  moved(isGivenUp: (tile: number) => boolean): Promise<void>;
   /** Resolves when all that came is decoded. */
   taken(): Promise<void>;
 }
@@ -43,6 +45,10 @@ export interface Listener {
   readonly looking?: Look | null;
   /** All that they look at was sent. */
   sawAll?(): void;
+  /** Held packets are of the stream as it is now. */
+  confirmed?(): void;
+  /** The stream was replaced: all held packets have to be forgotten. */
+  changed?(): void;
   preview(bytes: Uint8Array): void;
   /**
    * `file` has the bytes of the stream's file up to its first packet; `keep`: whether the file will be the same later;

@@ -4,10 +4,14 @@
 import type { Arrived } from "./events.ts";
 import { viewOf } from "./frames.ts";
 
-const NAME = "splatwire-1",
-  MOST_STREAMS = 8,
-  WRITE_MS = 1000,
-  HEAD = 0xffffffff;
+/** The cache, whose name changes with the layout of its entries, and those of earlier layouts. */
+const NAME = "splatwire-2";
+const OLD_NAMES = ["splatwire-1"];
+const MOST_STREAMS = 8;
+/** Delay before packets are written, and longest wait for a browser's cache, milliseconds. */
+const WRITE_MS = 1000;
+const PATIENCE_MS = 3000;
+const HEAD = 0xffffffff;
 
 /** What was kept of a stream. */
 export interface Before {
@@ -17,10 +21,14 @@ export interface Before {
 
 export class Kept {
   readonly #prefix: string;
+  /** Entries of two tabs have different names. */
+  readonly #writer = crypto.randomUUID();
   #parts = 0;
   #waiting: Arrived[] = [];
   #timer: ReturnType<typeof setTimeout> | null = null;
   #writing: Promise<void> = Promise.resolve();
+  /** True once the browser had no room: a later part is worth nothing without the earlier ones. */
+  #full = false;
 
   private constructor(
     readonly cache: Cache,
@@ -32,69 +40,103 @@ export class Kept {
   /** The store for a file; null where the browser has none, or lets this page have none. */
   static async open(file: string): Promise<Kept | null> {
     if (typeof caches === "undefined") return null;
-    const cache = await caches.open(NAME).catch(() => null);
+    for (const name of OLD_NAMES) void caches.delete(name).catch(() => undefined);
+    const cache = await timely(caches.open(NAME)).catch(() => null);
     return cache && new Kept(cache, file);
   }
 
-  /** What is there; null without a head. */
+  /** Unverified records of the stream; null if they cannot be read, or have no head and are forgotten. */
   async read(): Promise<Before | null> {
-    const packets: Arrived[] = [],
-      mine = (await this.cache.keys()).filter(({ url }) => url.startsWith(this.#prefix));
+    try {
+      const before = await this.#read();
+      if (!before) void this.clear();
+      void this.#tidy().catch(() => undefined);
+      return before;
+    } catch {
+      return null;
+    }
+  }
+
+  async #read(): Promise<Before | null> {
+    const packets: Arrived[] = [];
     let head: Uint8Array | null = null;
-    for (const key of mine) {
-      const part = await this.cache.match(key);
-      for (const one of recordsOf(new Uint8Array(part ? await part.arrayBuffer() : []))) {
+    for (const key of await timely(this.#keys())) {
+      const part = await timely(this.cache.match(key)),
+        bytes = part ? await timely(part.arrayBuffer()) : [];
+      for (const one of recordsOf(new Uint8Array(bytes))) {
         if (one.place === HEAD) head = one.bytes;
         else packets.push(one);
       }
-      this.#parts = Math.max(this.#parts, 1 + Number(key.url.slice(this.#prefix.length)));
     }
     return head && { head, packets };
   }
 
-  /** Begins anew with a stream: what was kept of another one is forgotten. */
+  async #keys(): Promise<Request[]> {
+    return (await this.cache.keys()).filter(({ url }) => url.startsWith(this.#prefix));
+  }
+
+  /** Starts again with a stream: records of an earlier one are deleted. */
   begin(head: Uint8Array): void {
     void this.clear();
     this.add([{ place: HEAD, bytes: head }]);
   }
 
+  /** Takes verified packets. */
   add(packets: readonly Arrived[]): void {
+    if (this.#full) return;
     for (const packet of packets) this.#waiting.push(packet);
     this.#timer ??= setTimeout(() => void this.flush(), WRITE_MS);
   }
 
-  /** Writes what waits. A browser that has no room keeps nothing. */
+  /**
+   * Writes what waits; resolves when that is done or takes too long. A browser that has no room keeps what it has of
+   * the stream, and nothing more.
+   */
   flush(): Promise<void> {
     if (this.#timer) clearTimeout(this.#timer);
     this.#timer = null;
     const bytes = partOf(this.#waiting.splice(0));
     if (bytes.length) {
-      const key = `${this.#prefix}${this.#parts++}`;
-      this.#writing = this.#writing.then(() => this.cache.put(key, new Response(bytes))).catch(() => undefined);
+      const key = `${this.#prefix}${this.#writer}-${this.#parts++}`;
+      this.#writing = this.#writing
+        .then(() => (this.#full ? undefined : this.cache.put(key, new Response(bytes))))
+        .then(
+          () => undefined,
+          () => void (this.#full = true),
+        );
     }
-    return this.#writing;
+    return timely(this.#writing).catch(() => undefined);
   }
 
   /** Forgets this stream. */
   clear(): Promise<void> {
-    const before = this.#parts;
     this.#waiting = [];
+    this.#full = false;
     this.#writing = this.#writing
       .then(async () => {
-        for (let n = 0; n < before; n++) await this.cache.delete(`${this.#prefix}${n}`);
+        for (const key of await this.#keys()) await this.cache.delete(key);
       })
       .catch(() => undefined);
     return this.#writing;
   }
 
   /** Forgets the oldest streams beyond the most that are kept. */
-  async tidy(): Promise<void> {
+  async #tidy(): Promise<void> {
     const keys = await this.cache.keys(),
       folder = ({ url }: Request): string => url.slice(0, url.lastIndexOf("/") + 1),
       folders = [...new Set(keys.map(folder))].filter((name) => name !== this.#prefix);
     const old = new Set(folders.slice(0, Math.max(folders.length - MOST_STREAMS + 1, 0)));
     for (const key of keys) if (old.has(folder(key))) await this.cache.delete(key);
   }
+}
+
+/** Result of a promise. Throws where it takes so long that a page is better off without. */
+function timely<T>(work: Promise<T>): Promise<T> {
+  let timer: ReturnType<typeof setTimeout>;
+  const late = new Promise<never>((_, reject) => {
+    timer = setTimeout(() => reject(new Error("the browser's cache does not answer")), PATIENCE_MS);
+  });
+  return Promise.race([work, late]).finally(() => clearTimeout(timer));
 }
 
 /** Records: place, size, bytes. */

@@ -1,160 +1,219 @@
 // The reliable way: the stream as a file, over HTTP or out of the page itself; packets are taken as they come.
 
-import { ContainerReader, type Head } from "../packets/container.ts";
-import type { Arrived, Listener } from "./events.ts";
-import type { Held, Rest } from "./held.ts";
-import { Refused } from "./refused.ts";
-import { NoRanges, receiveTiles } from "./tiles.ts";
+import { BitstreamError } from "../bytes.ts";
+import { isStream } from "../packets/container.ts";
+import type { Listener } from "./events.ts";
+import type { Gap, Held } from "./held.ts";
+import { type Answer, type HttpFile, PastEnd, RangeUnsupported, readBytes } from "./http_file.ts";
+import { Damaged, PacketReader } from "./packet_reader.ts";
+import { DamagedTiles, receiveTiles } from "./tiles.ts";
 
-const PIECE = 1 << 16,
-  TELL_MS = 50,
-  SILENCE_MS = 20_000;
 const WAY = "HTTP, in order and without loss";
-/** Bytes that come in order of a scene with levels, the coarsest first, before its view asks for what it wants. */
-const FIRST = 1 << 18,
-  FIRST_CAME = "the first of it came";
+/** How often damaged bytes are requested again without any progress, and how often a file may be replaced meanwhile. */
+const MAX_REPEATS = 2;
+const MAX_CHANGES = 3;
 
-/** The file is another one than that of which a part is there. */
+const NO_STREAM = "the server answers with something that is no splatwire stream";
+
+/** The file is another one than that of the packets that are held. */
 class Changed extends Error {}
 
-interface From {
-  readonly way: string;
-  readonly keep: boolean;
-  readonly head: Head | null;
-  readonly rest: Rest | null;
-  /** So many bytes are enough of a scene with levels; all where absent. */
-  readonly enough?: number;
-}
-
 /**
- * Fetches what is lacking of a stream's file; gives the words for how it ended. Throws where the connection breaks, the
- * server refuses, or the file is no stream.
+ * Fetches the missing packets of a stream's file; returns the words for how it ended. Bytes that are damaged are
+ * requested again, a file that was replaced is received from its beginning, and a server without ranges gives the whole
+ * file. Throws where the connection breaks, the server refuses, or the file is no stream.
  */
-export async function receiveFile(url: string, listener: Listener, held: Held, head: Head | null): Promise<string> {
-  const { rest } = held,
-    { fetching } = listener;
-  if (fetching) {
+export async function receiveFile(file: HttpFile, listener: Listener, held: Held): Promise<string> {
+  let fallback = false;
+  for (;;) {
+    const { count } = held;
     try {
-      return await receiveTiles(url, listener, held.headBytes, fetching);
+      if (file.ranges === "unusable" && !(held.complete && file.compared))
+        return await receiveWhole(file, listener, held);
+      if (!held.begun) return await receiveFresh(file, listener, held);
+      if (!file.compared) await compare(file, listener, held);
+      if (file.ranges === "unusable" && !held.complete) continue;
+      const { fetching } = listener;
+      return fetching ? await receiveTiles(file, listener, held, fetching) : await receiveGaps(file, listener, held);
     } catch (error) {
-      if (!(error instanceof NoRanges)) throw error;
+      if (held.count > count) file.damages = file.useless = 0;
+      if (error instanceof RangeUnsupported && file.ranges !== "unusable") {
+        file.ranges = "unusable";
+        fallback = true;
+      } else if (error instanceof Changed) {
+        if (++file.changes > MAX_CHANGES)
+          throw new BitstreamError(`${file.url} is replaced again and again while it is read`);
+        listener.changed?.();
+        file.damagedTiles.clear();
+      } else if (error instanceof DamagedTiles) {
+        file.compared = false;
+        await file.wait(1);
+      } else if (error instanceof Damaged || error instanceof PastEnd) {
+        const { cause } = error;
+        if (++file.damages > MAX_REPEATS) {
+          if (cause instanceof BitstreamError) throw cause;
+          if (!held.begun) throw new BitstreamError(error.message);
+          return missingIn(held);
+        }
+        if (!held.begun) file.ranges = "unusable"; // a part may be another one than the server declares
+        file.compared = false;
+        await file.wait(file.damages);
+      } else {
+        if (fallback && error instanceof TypeError) file.ranges = "unknown"; // the connection was at fault
+        throw error;
+      }
     }
   }
-  if (rest && head) {
-    const aborted = new AbortController(),
-      headers = { Range: `bytes=${rest.offset - rest.tail.length}-` };
-    const answer = await fetch(url, { headers, cache: "no-store", signal: aborted.signal });
-    try {
-      if (answer.status === 206)
-        return await receiveStream(answer, aborted, listener, { way: WAY, keep: true, head, rest });
-      if (answer.status !== 416 && !answer.ok) throw new Refused(url, answer);
-      if (answer.ok) return await receiveStream(answer, aborted, listener, whole(answer));
-    } catch (error) {
-      if (!(error instanceof Changed)) throw error;
-    } finally {
-      aborted.abort();
-    }
-    held.clear();
-  }
-  const aborted = new AbortController(),
-    answer = await fetch(url, { cache: "no-store", signal: aborted.signal }); // it may be cut: what came is kept here
-  if (!answer.ok || !answer.body) throw new Refused(url, answer);
-  const ended = await receiveStream(answer, aborted, listener, {
-    ...whole(answer),
-    enough: fetching ? Infinity : FIRST,
-  });
-  if (ended !== FIRST_CAME) return ended;
-  aborted.abort();
-  return receiveFile(url, listener, held, head);
 }
 
-/** Of a file that still grows, which has no length yet, nothing is kept. */
-const whole = ({ headers }: Response): From => ({
-  way: WAY,
-  keep: headers.has("content-length") || headers.has("content-encoding"),
-  head: null,
-  rest: null,
-});
+/** Compares the file's manifest with the one that is held. Throws `Changed` where they differ. */
+async function compare(file: HttpFile, listener: Listener, held: Held): Promise<void> {
+  const known = held.manifestBytes,
+    answer = await file.request(0, known.length, file.cache === "default" ? "no-cache" : file.cache);
+  try {
+    const bytes = await readBytes(answer, known.length);
+    if (bytes.length < known.length || !isStream(bytes)) {
+      file.noteUseless("the server gives too few bytes");
+      throw new Damaged(NO_STREAM, { cause: new BitstreamError(NO_STREAM) });
+    }
+    if (!held.isSame(bytes)) throw new Changed();
+    file.compared = true;
+    listener.confirmed?.();
+  } finally {
+    answer.cancel();
+  }
+}
+
+/** Reads the file from its beginning: a first part and, unless a view chooses what it needs, the rest. */
+async function receiveFresh(file: HttpFile, listener: Listener, held: Held): Promise<string> {
+  const { firstBytes } = file.limits;
+  let answer = await file.request(0, firstBytes),
+    begin = 0,
+    end = 0;
+  const reader = new PacketReader(listener, held, answer.keep),
+    tally = new Tally(listener, held);
+  for (;;) {
+    try {
+      for (let piece = await answer.read(); piece; piece = await answer.read()) {
+        end += piece.length;
+        if (listener.stopped()) return "stopped";
+        reader.feed(piece);
+        if (reader.head) file.compared = true;
+        tally.add(piece.length);
+        if (held.complete) return "complete";
+      }
+    } finally {
+      answer.cancel();
+    }
+    if (answer.whole || end === answer.total || end - begin < firstBytes) break;
+    if (reader.head && listener.fetching) return receiveTiles(file, listener, held, listener.fetching);
+    begin = end;
+    try {
+      answer = await file.request(end, reader.head ? null : end + firstBytes);
+    } catch (error) {
+      if (error instanceof PastEnd) break; // the last part ended with the file
+      throw error;
+    }
+  }
+  throw new Damaged(reader.head ? missingIn(held) : "the file ends before its side information does");
+}
+
+/** Reads the missing packets of a file, run by run. */
+async function receiveGaps(file: HttpFile, listener: Listener, held: Held): Promise<string> {
+  const tally = new Tally(listener, held);
+  tally.add(0);
+  for (const gap of held.gaps) {
+    if (listener.stopped()) return "stopped";
+    await receiveGap(file, gap, listener, held, tally);
+  }
+  if (!held.complete) throw new Damaged(missingIn(held));
+  return "complete";
+}
+
+async function receiveGap(file: HttpFile, gap: Gap, listener: Listener, held: Held, tally: Tally): Promise<void> {
+  const answer = await file.request(gap.offset, gap.end),
+    reader = new PacketReader(listener, held, answer.keep, held.head, gap.place);
+  try {
+    for (let piece = await answer.read(); piece; piece = await answer.read()) {
+      reader.feed(piece);
+      tally.add(piece.length);
+      if (reader.intact) file.ranges = "usable";
+      if (held.complete || listener.stopped()) return;
+    }
+  } catch (error) {
+    if (!(error instanceof Damaged)) throw error;
+    if (gap.end !== null) return;
+    if (!reader.intact) file.noteUseless(error.message);
+    throw error;
+  } finally {
+    answer.cancel();
+  }
+}
+
+/** Reads the whole file by one request, and skips what is held already. */
+async function receiveWhole(file: HttpFile, listener: Listener, held: Held): Promise<string> {
+  const answer = await file.request(null);
+  try {
+    const ended = await readAll(answer, listener, held, new Tally(listener, held));
+    if (ended) return ended;
+  } finally {
+    answer.cancel();
+  }
+  throw new Damaged(missingIn(held));
+}
 
 /** The same for bytes that are there already. */
-export function receiveBytes(bytes: Uint8Array<ArrayBuffer>, listener: Listener): Promise<string> {
-  const from = { way: "in this file", keep: false, head: null, rest: null };
-  return receiveStream(new Response(bytes), new AbortController(), listener, from);
-}
-
-async function receiveStream(
-  answer: Response,
-  aborted: AbortController,
-  listener: Listener,
-  from: From,
-): Promise<string> {
-  const { way, keep, head, rest, enough = Infinity } = from,
-    reader = answer.body!.getReader(),
-    container = new ContainerReader(head),
-    began = performance.now();
-  let bytes = 0,
-    place = rest?.place ?? 0,
-    told = head !== null,
-    toldAt = 0,
-    waiting: Arrived[] = [],
-    tail = rest?.tail ?? new Uint8Array(),
-    unread = new Uint8Array();
-  let timer: ReturnType<typeof setTimeout> | undefined;
-  const tell = (): void => {
-    clearTimeout(timer);
-    timer = undefined;
-    if (container.head && !told) {
-      told = true;
-      listener.head(container.head, container.headBytes, keep);
-    }
-    if (waiting.length) listener.packets(waiting.splice(0));
-    const expected = container.head?.manifest.numPackets ?? 0,
-      seconds = (performance.now() - began) / 1000;
-    listener.counts({ way, bytes, packets: place, expected, lost: 0, rejected: 0, seconds });
-    toldAt = performance.now();
-  };
-  for (;;) {
-    const value = unread.length
-      ? unread
-      : await timely(reader.read(), aborted).then(
-          ({ value }) => value,
-          (error: unknown) => {
-            tell(); // what came before it broke is there
-            throw error;
-          },
-        );
-    if (!value || container.broken || listener.stopped()) break;
-    const piece = value.subarray(0, PIECE), // a browser hands over all that waited for a busy thread
-      again = Math.min(tail.length, piece.length);
-    unread = value.subarray(PIECE);
-    bytes += piece.length;
-    for (let n = 0; n < again; n++) if (piece[n] !== tail[n]) throw new Changed();
-    tail = tail.subarray(again);
-    const found = container.feed(piece.subarray(again)).map((packet, n) => ({ place: place + n, bytes: packet }));
-    place += found.length;
-    waiting = waiting.concat(found);
-    if ((container.head && !told) || performance.now() - toldAt > TELL_MS) tell();
-    if (bytes >= enough && listener.fetching) {
-      tell();
-      return FIRST_CAME;
-    } else timer ??= setTimeout(tell, TELL_MS);
+export async function receiveBytes(bytes: Uint8Array<ArrayBuffer>, listener: Listener, held: Held): Promise<string> {
+  const stream = new Response(bytes).body!.getReader(),
+    read = async (): Promise<Uint8Array | null> => (await stream.read()).value ?? null,
+    answer = { offset: 0, whole: true, total: bytes.length, keep: false, read, cancel: () => undefined };
+  try {
+    return (await readAll(answer, listener, held, new Tally(listener, held, "in this file"))) ?? missingIn(held);
+  } catch (error) {
+    if (!(error instanceof Damaged) || !held.begun) throw (error as Error).cause ?? error;
+    return error.message;
   }
-  clearTimeout(timer);
-  if (tail.length) throw new Changed(); // it ends before what is there already
-  tell();
-  if (!container.head) throw new Error("the file ends before its side information does");
-  if (container.broken) return "the rest of the file is damaged";
-  return place >= container.head.manifest.numPackets ? "complete" : "the file ends early";
 }
 
-/** What a promise comes to, unless that takes too long: a connection that broke somewhere far away does not say so. */
-function timely<T>(work: Promise<T>, aborted: AbortController): Promise<T> {
-  let timer: ReturnType<typeof setTimeout>;
-  const late = new Promise<never>((_, reject) => {
-    timer = setTimeout(() => {
-      reject(new Error("the server fell silent"));
-      aborted.abort();
-    }, SILENCE_MS);
-  });
-  return Promise.race([work, late]).finally(() => clearTimeout(timer));
+/** Reads an answer that begins with the file; returns how it ended, or null where packets are missing. */
+async function readAll(answer: Answer, listener: Listener, held: Held, tally: Tally): Promise<string | null> {
+  const reader = new PacketReader(listener, held, answer.keep);
+  for (let piece = await answer.read(); piece; piece = await answer.read()) {
+    if (listener.stopped()) return "stopped";
+    reader.feed(piece);
+    tally.add(piece.length);
+    if (reader.head && held.complete) return "complete";
+  }
+  if (!reader.head) throw new Damaged("the file ends before its side information does");
+  return held.complete ? "complete" : null;
+}
+
+function missingIn({ head, count }: Held): string {
+  const missing = (head?.manifest.numPackets ?? 0) - count;
+  return `${missing} ${missing === 1 ? "packet is" : "packets are"} damaged or not in the file`;
+}
+
+/** Reports bytes and packets. */
+class Tally {
+  #bytes = 0;
+  readonly #began = performance.now();
+
+  constructor(
+    readonly listener: Listener,
+    readonly held: Held,
+    readonly way = WAY,
+  ) {}
+
+  add(bytes: number): void {
+    this.#bytes += bytes;
+    this.listener.counts({
+      way: this.way,
+      bytes: this.#bytes,
+      packets: this.held.count,
+      expected: this.held.head?.manifest.numPackets ?? 0,
+      lost: 0,
+      rejected: 0,
+      seconds: (performance.now() - this.#began) / 1000,
+    });
+  }
 }

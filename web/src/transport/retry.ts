@@ -1,4 +1,4 @@
-// Trying again: what breaks a transfer is told, and after a while it goes on.
+// Repeats a transfer that breaks, after a growing wait.
 
 const FIRST_MS = 500,
   MOST_MS = 15_000;
@@ -22,7 +22,8 @@ export async function retrying<T>(attempt: () => Promise<T>, { helps, progress, 
     } catch (error) {
       if (!helps(error)) throw error;
       if (progress() > before) failures = 0;
-      const ms = Math.min(FIRST_MS * 2 ** failures, MOST_MS);
+      const least = (error as { retryMs?: number }).retryMs ?? 0, // requested by the server
+        ms = Math.max(Math.min(FIRST_MS * 2 ** failures, MOST_MS), least);
       lost((error as Error).message, ms);
       await wait(ms);
     }

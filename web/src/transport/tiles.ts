@@ -2,34 +2,32 @@
 // them.
 
 import { ContainerReader } from "../packets/container.ts";
-import type { Fetching, Listener } from "./events.ts";
-import { Refused } from "./refused.ts";
+import type { Arrived, Fetching, Listener } from "./events.ts";
+import type { Held } from "./held.ts";
+import { type HttpFile, readBytes } from "./http_file.ts";
+import { isIntact } from "./packet_reader.ts";
 
-/** Bytes of a request: enough that the way there and back costs little, few enough that who turns is soon served. */
-const REQUEST_BYTES = 1 << 16;
 /** Requests at a time: one is answered while the next one is on its way. */
 const AT_ONCE = 2;
+/** How often a tile that comes damaged is requested. */
+const MAX_TRIES = 3;
 const WAY = "HTTP, by ranges";
 
-/** The server gives no ranges. */
-export class NoRanges extends Error {}
+/** Tiles came damaged, or the file was replaced. */
+export class DamagedTiles extends Error {}
 
 /**
- * Fetches what the view wants, whatever it turns to, until everything is there. `begin` is where packets begin in the
- * file. Throws where the connection breaks, or the server refuses or gives no ranges.
+ * Fetches what the view wants, whatever it turns to, until everything is there; returns the words for how it ended.
+ * A tile that stays damaged is left out. Throws where the connection breaks, or the server refuses or gives no ranges,
+ * and `DamagedTiles` before a tile is requested again.
  */
-export async function receiveTiles(
-  url: string,
-  listener: Listener,
-  begin: number,
-  view: Fetching,
-  most = REQUEST_BYTES,
-): Promise<string> {
+export async function receiveTiles(file: HttpFile, listener: Listener, held: Held, view: Fetching): Promise<string> {
   const { head } = view,
     aborted = new AbortController(),
-    asked = new Set<number>(),
+    requested = new Set<number>(),
     began = performance.now(),
-    expected = head.manifest.numPackets;
+    expected = head.manifest.numPackets,
+    begin = held.headBytes;
   let bytes = 0;
   const tell = (): void =>
     listener.counts({
@@ -41,46 +39,62 @@ export async function receiveTiles(
       rejected: 0,
       seconds: (performance.now() - began) / 1000,
     });
+  const triesOf = (tile: number): number => file.damagedTiles.get(tile) ?? 0,
+    isGivenUp = (tile: number): boolean => triesOf(tile) >= MAX_TRIES;
   const busy = new Set<Promise<void>>();
   const start = (run: Run): void => {
     const work = fetchRun(run).finally(() => busy.delete(work));
-    work.catch(() => undefined); // whoever waits for it hears of it
+    work.catch(() => undefined); // whoever waits for it gets the error
     busy.add(work);
   };
   const fetchRun = async (run: Run): Promise<void> => {
-    for (let tile = run.first; tile < run.end; tile++) asked.add(tile);
+    const tiles = Array.from({ length: run.end - run.first }, (_, n) => run.first + n);
+    for (const tile of tiles) requested.add(tile);
     try {
-      const { offsets, firstPackets } = view.tiles,
-        headers = { Range: `bytes=${begin + offsets[run.first]}-${begin + offsets[run.end] - 1}` },
-        answer = await fetch(url, { headers, signal: aborted.signal });
-      if (answer.status === 200) throw new NoRanges();
-      if (answer.status !== 206) throw new Refused(url, answer);
-      const piece = new Uint8Array(await answer.arrayBuffer()),
-        packets = new ContainerReader(head).feed(piece);
+      const { offsets } = view.tiles,
+        size = offsets[run.end] - offsets[run.first],
+        from = begin + offsets[run.first],
+        cache = tiles.some(triesOf) ? "reload" : file.cache,
+        piece = await readBytes(await file.request(from, from + size, cache, aborted.signal), size),
+        packets = tiles.flatMap((tile) => intactPackets(piece, tile, run, view));
       bytes += piece.length;
-      listener.packets(packets.map((packet, n) => ({ place: firstPackets[run.first] + n, bytes: packet })));
+      if (packets.length) {
+        [file.ranges, file.useless] = ["usable", 0];
+        listener.packets(packets);
+      }
       tell();
       await view.taken();
+      if (!packets.length) file.noteUseless(`${file.url} answers with other bytes than were requested`);
     } finally {
-      for (let tile = run.first; tile < run.end; tile++) asked.delete(tile);
+      for (const tile of tiles) requested.delete(tile);
     }
-    if (view.wanted.some((tile) => tile >= run.first && tile < run.end)) throw new Error("a tile is damaged");
+    const damaged = tiles.filter((tile) => view.missing(tile));
+    for (const tile of damaged) file.damagedTiles.set(tile, triesOf(tile) + 1);
+    if (damaged.length) throw new DamagedTiles(`${damaged.length} tiles came damaged`);
+  };
+  const remaining = (): number => {
+    let givenUp = 0;
+    for (const tile of file.damagedTiles.keys()) if (isGivenUp(tile)) givenUp += view.missing(tile);
+    return expected - view.packets - givenUp;
   };
   try {
     await view.taken();
-    while (!listener.stopped() && view.packets < expected) {
-      const run = busy.size < AT_ONCE ? nextRun(view, asked, most) : null;
+    while (!listener.stopped() && remaining() > 0) {
+      const isFree = (tile: number): boolean => !requested.has(tile) && !isGivenUp(tile),
+        run = busy.size < AT_ONCE ? nextRun(view, isFree, file.limits.tilesBytes) : null;
       if (run) start(run);
       else if (busy.size) await Promise.race(busy);
       else {
         tell();
-        await view.moved();
+        await view.moved(isGivenUp);
       }
     }
   } finally {
     aborted.abort();
   }
-  return view.packets < expected ? "stopped" : "complete";
+  tell();
+  if (view.packets >= expected) return "complete";
+  return listener.stopped() ? "stopped" : `${expected - view.packets} packets are damaged on the server`;
 }
 
 interface Run {
@@ -89,12 +103,25 @@ interface Run {
 }
 
 /** Tiles next to one another that are wanted, the most useful and what lies behind it in the file. */
-function nextRun({ tiles, wanted }: Fetching, asked: Set<number>, most: number): Run | null {
-  const free = wanted.filter((tile) => !asked.has(tile));
+function nextRun({ tiles, wanted }: Fetching, isFree: (tile: number) => boolean, most: number): Run | null {
+  const free = wanted.filter(isFree);
   if (!free.length) return null;
   const some = new Set(free),
     first = free[0];
   let end = first + 1;
   while (some.has(end) && tiles.offsets[end + 1] - tiles.offsets[first] <= most) end++;
   return { first, end };
+}
+
+/** Intact packets of a tile, out of the bytes of its run. */
+function intactPackets(piece: Uint8Array, tile: number, run: Run, { tiles, head }: Fetching): Arrived[] {
+  const { offsets, firstPackets } = tiles,
+    begin = offsets[run.first],
+    bytes = piece.subarray(offsets[tile] - begin, offsets[tile + 1] - begin),
+    count = firstPackets[tile + 1] - firstPackets[tile];
+  return new ContainerReader(head)
+    .feed(bytes)
+    .slice(0, count)
+    .map((packet, n) => ({ place: firstPackets[tile] + n, bytes: packet }))
+    .filter((packet) => isIntact(packet.bytes, head));
 }

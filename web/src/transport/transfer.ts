@@ -31,6 +31,9 @@ const REFUSALS = [
   "the server stopped",
   "too many transfers from this network",
 ];
+const IMPOSSIBLE = "the server announces something impossible";
+/** Reasons of a server that no further attempt changes. */
+export const FINAL_REFUSALS: readonly string[] = [REFUSALS[1], IMPOSSIBLE];
 /** The one reason after which it is asked again: a live clip that has not begun. */
 const NOT_YET = 5;
 const AGAIN_MS = 120,
@@ -232,7 +235,7 @@ export class Transfer {
 
   #welcomed(bytes: Uint8Array, now: number): void {
     const welcome = readWelcome(bytes, this.nonce);
-    if (!welcome) return void (this.finished = "the server announces something impossible");
+    if (!welcome) return void (this.finished = IMPOSSIBLE);
     this.welcome = welcome;
     this.#object = new HeadObject(welcome);
     this.#there = new Uint8Array(welcome.packets);

@@ -36,11 +36,14 @@ export interface Session {
   readonly fingerprint?: string;
 }
 
+/** This browser or page cannot open sessions. */
+export class NoWebTransport extends Error {}
+
 /** Where a server says beside a stream's file that it takes sessions; none where it is no such server. */
 export async function askServer(file: URL): Promise<Session | null> {
   if (!file.pathname.includes("/streams/")) return null;
   try {
-    const answer = await fetch(new URL("../streams.json", file));
+    const answer = await fetch(new URL("../streams.json", file), { signal: AbortSignal.timeout(PATIENCE_MS) });
     const { port, path, fingerprint } = (await answer.json()) as Record<string, unknown>;
     if (!answer.ok || typeof port !== "number" || typeof path !== "string") return null;
     const url = `https://${file.hostname}:${port}${path}`;
@@ -52,23 +55,25 @@ export async function askServer(file: URL): Promise<Session | null> {
 
 /**
  * Receives a stream, or what there was not `before` of it, until it is complete; gives the words for how it ended.
- * Throws where no session comes about. `changed` hears that it is another stream by now.
+ * Throws where no session comes about. The listener is told whether it is still the stream of which there is a part.
  */
 export async function receiveDatagrams(
   session: Session,
   name: string,
   listener: Listener,
   before: Before | null = null,
-  changed: () => void = () => undefined,
 ): Promise<string> {
-  if (typeof WebTransport === "undefined") throw new Error("this browser or page has no WebTransport");
+  if (typeof WebTransport === "undefined") throw new NoWebTransport("this browser or page has no WebTransport");
   const transport = await open(session),
     transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now(), before);
   const end = (error: unknown): void =>
     void (transfer.finished ??= `the session ended: ${(error as Error)?.message ?? "closed"}`);
   transport.closed.then(end, end);
   transport.datagrams.incomingHighWaterMark = MOST_WAITING;
-  const stream = await transport.createBidirectionalStream();
+  const stream = await inTime(transport.createBidirectionalStream()).catch((error: unknown) => {
+    transport.close();
+    throw error;
+  });
   const onStream = stream.writable.getWriter(),
     datagrams = transport.datagrams.writable.getWriter(),
     request = transfer.request();
@@ -86,7 +91,7 @@ export async function receiveDatagrams(
     heardAt = performance.now();
     transfer.receive(bytes, heardAt);
   }).catch(end);
-  const progress = new Progress(transfer, listener, changed),
+  const progress = new Progress(transfer, listener),
     looker = new Looker(transfer, listener);
   while (!transfer.finished) {
     await pause(FEEDBACK_MS);
@@ -163,7 +168,6 @@ class Progress {
   constructor(
     readonly transfer: Transfer,
     readonly listener: Listener,
-    readonly changed: () => void,
   ) {}
 
   tell(): void {
@@ -171,7 +175,7 @@ class Progress {
     if (transfer.welcome && !this.#preview) {
       this.#preview = true;
       if (transfer.goesOn) this.#heads = -1;
-      else if (transfer.before) this.changed();
+      if (transfer.before) (transfer.goesOn ? listener.confirmed : listener.changed)?.call(listener);
       if (transfer.welcome.preview.length) listener.preview(transfer.welcome.preview);
     }
     this.#live ||= transfer.welcome?.open ?? false;
@@ -222,12 +226,17 @@ async function open({ url, fingerprint }: Session): Promise<WebTransport> {
     await transport.ready;
     return (found ??= transport);
   });
-  const late = pause(PATIENCE_MS).then(() => Promise.reject(new Error("no answer")));
   try {
-    return await Promise.race([Promise.any(attempts), late]);
+    return await inTime(Promise.any(attempts));
   } catch (error) {
     throw error instanceof AggregateError ? error.errors[0] : error;
   } finally {
     for (const transport of begun) if (transport !== found) transport.close();
   }
+}
+
+/** Result of a promise. Throws if a server takes too long for it. */
+function inTime<T>(work: Promise<T>): Promise<T> {
+  const late = pause(PATIENCE_MS).then(() => Promise.reject(new Error("no answer to a WebTransport session")));
+  return Promise.race([work, late]);
 }

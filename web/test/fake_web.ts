@@ -1,0 +1,238 @@
+// A server, a browser's cache and a page as tests need them: every answer is decided by the test.
+
+import assert from "node:assert/strict";
+
+import { sha256 } from "@noble/hashes/sha2.js";
+
+import { hex } from "../src/bytes.ts";
+import type { Camera } from "../src/model/camera.ts";
+import { ContainerReader, fileHead } from "../src/packets/container.ts";
+import { crc32 } from "../src/packets/crc32.ts";
+import { type Fields, parseJson, writeJson } from "../src/packets/json.ts";
+import { Reception } from "../src/reception.ts";
+import { receiveAll, type Source, type Ways } from "../src/transport/attempts.ts";
+import { viewOf } from "../src/transport/frames.ts";
+import { HttpFile } from "../src/transport/http_file.ts";
+import { recordsOf } from "../src/transport/kept.ts";
+import type { FromWorker } from "../src/transport/messages.ts";
+
+export const URL_ = "https://scenes.example/a.swz";
+/** So small that the smallest streams come in several parts. */
+export const LIMITS = { idleMs: 200, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000 };
+/** So near that everything of a scene with levels is wanted. */
+const NEAR: Camera = {
+  viewmat: [
+    [1, 0, 0, 0],
+    [0, 1, 0, 0],
+    [0, 0, 1, 3],
+    [0, 0, 0, 1],
+  ],
+  focal: 1e6,
+  width: 4e6,
+  height: 4e6,
+  margin: 0,
+};
+
+/** Bounds of a requested part, the second exclusive; null for the whole file. */
+export type Range = readonly [number, number] | null;
+
+export interface Asked {
+  readonly range: Range;
+  readonly cache: RequestCache;
+  readonly signal: AbortSignal;
+}
+
+/** Answers a request; `n` counts requests from 0. */
+export type Answering = (asked: Asked, n: number) => Response | Promise<Response>;
+
+/** Requests that a server got, and bytes that it sent in answer to them. */
+export class Server {
+  readonly asked: Asked[] = [];
+
+  constructor(public answering: Answering) {
+    globalThis.fetch = async (_, init) => {
+      const header = (init?.headers as Record<string, string> | undefined)?.["Range"],
+        bounds = /^bytes=(\d+)-(\d*)$/.exec(header ?? ""),
+        range = bounds ? ([Number(bounds[1]), bounds[2] ? Number(bounds[2]) + 1 : Infinity] as const) : null,
+        asked = { range, cache: init?.cache ?? "default", signal: init!.signal! };
+      this.asked.push(asked);
+      const answer = this.answering(asked, this.asked.length - 1);
+      return Promise.race([answer, aborted(asked.signal)]);
+    };
+  }
+
+  /** Bytes of all requests, of which a whole file counts with its size. */
+  bytes(size: number): number {
+    return this.asked.reduce((sum, { range }) => sum + (range ? Math.min(range[1], size) - range[0] : size), 0);
+  }
+}
+
+function aborted(signal: AbortSignal): Promise<never> {
+  return new Promise((_, reject) =>
+    signal.addEventListener("abort", () => reject(new DOMException("aborted", "AbortError"))),
+  );
+}
+
+/** Answers as a correct file server does. */
+export function part(file: Uint8Array, { range }: Asked, headers: Record<string, string> = {}): Response {
+  if (!range) return whole(file, headers);
+  const [first, end] = [range[0], Math.min(range[1], file.length)];
+  if (first >= file.length) return new Response(null, { status: 416 });
+  const said = { "Content-Range": `bytes ${first}-${end - 1}/${file.length}`, ...headers };
+  return new Response(file.slice(first, end), { status: 206, headers: said });
+}
+
+/** Answers with all of a file, whatever is requested, in pieces. */
+export function whole(file: Uint8Array, headers: Record<string, string> = {}, piece = 700): Response {
+  const pieces = Array.from({ length: Math.ceil(file.length / piece) }, (_, n) =>
+    file.slice(n * piece, (n + 1) * piece),
+  );
+  const body = new ReadableStream<Uint8Array>({
+    pull: (controller) => {
+      const next = pieces.shift();
+      if (next) controller.enqueue(next);
+      else controller.close();
+    },
+  });
+  return new Response(body, { headers: { "Content-Length": String(file.length), ...headers } });
+}
+
+/** An answer whose body has some bytes and then breaks, or hangs. */
+export function begun(bytes: Uint8Array, init: ResponseInit, ends: "breaks" | "hangs"): Response {
+  let sent = false;
+  const body = new ReadableStream<Uint8Array>({
+    pull: (controller) => {
+      if (!sent && bytes.length) controller.enqueue(bytes);
+      else if (ends === "breaks") controller.error(new TypeError("network error"));
+      else return new Promise<void>(() => undefined);
+      sent = true;
+      return undefined;
+    },
+  });
+  return new Response(body, init);
+}
+
+/** A file with one bit flipped. */
+export function flipped(file: Uint8Array, at: number): Uint8Array {
+  const damaged = file.slice();
+  damaged[at] ^= 16;
+  return damaged;
+}
+
+/** Offsets of the packets of a file, behind their sizes. */
+export function packetOffsets(file: Uint8Array): number[] {
+  const container = new ContainerReader(),
+    packets = container.feed(file);
+  let at = container.headBytes.length;
+  return packets.map((packet) => {
+    at += 4 + packet.length;
+    return at - packet.length;
+  });
+}
+
+/** The same scene as another stream: its id differs, and with it every packet. */
+export function otherStream(file: Uint8Array): Uint8Array {
+  const container = new ContainerReader(),
+    packets = container.feed(file),
+    size = viewOf(file).getUint32(5, true),
+    fields = parseJson(new TextDecoder().decode(file.subarray(9, 9 + size))) as Fields;
+  fields.set("stream_id", "0badcafe");
+  fields.delete("digest");
+  fields.set("digest", hex(sha256(new TextEncoder().encode(writeJson(fields)))).slice(0, 16));
+  const sorted = new Map([...fields].sort(([a], [b]) => (a < b ? -1 : 1))),
+    parts = [fileHead(new TextEncoder().encode(writeJson(sorted)), container.head!.sideInfo)];
+  for (const packet of packets) {
+    const numbers = viewOf(packet);
+    numbers.setUint32(1, 0x0badcafe, true);
+    numbers.setUint32(12, crc32(packet.subarray(16), crc32(packet.subarray(0, 12))), true);
+    const prefix = new Uint8Array(4);
+    viewOf(prefix).setUint32(0, packet.length, true);
+    parts.push(prefix, packet);
+  }
+  return new Uint8Array(Buffer.concat(parts));
+}
+
+/** Cache Storage in memory. */
+export class Caches {
+  readonly entries = new Map<string, Uint8Array<ArrayBuffer>>();
+  /** Number of entries beyond which the browser has no room. */
+  room = Infinity;
+
+  async open(): Promise<Cache> {
+    const { entries } = this,
+      nameOf = (key: RequestInfo | URL): string => (typeof key === "string" ? key : (key as Request).url);
+    const cache = {
+      keys: async () => [...entries.keys()].map((url) => ({ url })),
+      match: async (key: Request) => (entries.has(nameOf(key)) ? new Response(entries.get(nameOf(key))) : undefined),
+      put: async (key: string, answer: Response) => {
+        if (entries.size >= this.room) throw new DOMException("no room", "QuotaExceededError");
+        entries.set(key, new Uint8Array(await answer.arrayBuffer()));
+      },
+      delete: async (key: Request) => entries.delete(nameOf(key)),
+    };
+    return cache as unknown as Cache;
+  }
+
+  async delete(): Promise<boolean> {
+    return false;
+  }
+
+  /** Everything that is kept, entry by entry. */
+  get records(): { place: number; bytes: Uint8Array }[] {
+    return [...this.entries.values()].flatMap((bytes) => recordsOf(bytes));
+  }
+}
+
+/** How a visit of a page ended, and what its worker said. */
+export interface Visit {
+  /** The words for how it ended, or the error's message. */
+  readonly text: string;
+  readonly complete: boolean;
+  /** True if all decoded integers are those that were encoded. */
+  readonly verified: boolean;
+  readonly said: readonly FromWorker[];
+  readonly lost: readonly string[];
+  readonly reception: Reception;
+}
+
+/** Visits a page with a stream, as its worker does; waits between attempts end at once, and are noted in `waits`. */
+export async function visit(
+  caches: Caches | null = null,
+  source: Partial<Source> = {},
+  ways: Partial<Ways> = {},
+): Promise<Visit> {
+  const said: FromWorker[] = [],
+    world = globalThis as Record<string, unknown>;
+  world["caches"] = caches ?? undefined;
+  const reception = new Reception();
+  let looks = 0;
+  world["self"] = {
+    postMessage: (message: FromWorker): void => {
+      said.push(message);
+      if (message.kind === "facts" && message.facts.viewDependent)
+        setImmediate(() => reception.look({ kind: "look", camera: NEAR, ask: ++looks }));
+    },
+  };
+  const from = { session: null, name: "a", file: URL_, ...source },
+    all: Ways = {
+      receiveDatagrams: () => assert.fail("a session was begun"),
+      askServer: async () => null,
+      wait: async () => undefined,
+      openFile: (url) => new HttpFile(url, LIMITS),
+      ...ways,
+    };
+  let text: string;
+  try {
+    await reception.resume(from.file);
+    text = await receiveAll(from, reception, all);
+    await reception.settled();
+  } catch (error) {
+    text = (error as Error).message;
+    await reception.settled();
+  }
+  await reception.digest();
+  const verified = said.some((one) => one.kind === "digest" && one.same),
+    lost = said.flatMap((one) => (one.kind === "lost" ? [one.reason] : []));
+  await reception.kept?.flush();
+  return { text, complete: text === "complete" && reception.complete, verified, said, lost, reception };
+}
