@@ -33,6 +33,8 @@ def check_kind(value: object, kind: type, reader: str) -> None:
     """
     if not isinstance(value, kind):
         found = type(value).__name__
+        if isinstance(value, tuple) and value and isinstance(value[0], kind):
+            found = f"a pair: take its first item, as in `{kind.__name__.lower()}, report = {reader}(path)`"
         raise InvalidValueError(f"expected {kind.__name__} (`{reader}` reads one from a file), not {found}")
 
 

@@ -13,7 +13,7 @@ import splatwire
 
 SOURCE = Path(splatwire.__file__).parent
 MAY_ASK = ("codec/schemas/", "model/appearance.py", "train/", "formats/", "importers/", "exporters/",
-           "model/scene_file.py", "model/_scene_reader.py", "model/_coding_file.py",
+           "model/splat_scene.py", "model/scene_file.py", "model/_scene_reader.py", "model/_coding_file.py",
            "model/anchor_scene.py", "packets/limits.py", "view/columns.py")  # fmt: skip
 KINDS = {"AnchorScene", "SplatScene", "ClipScene", "HacppCoding", "CausalCoding", "Anchors", "Splats"}
 SCHEMAS = {"ANCHORS", "CAUSAL", "COLUMNS", "GAUSSIANS", "TRACKS"}

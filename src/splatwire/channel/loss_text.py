@@ -33,6 +33,8 @@ def parse_loss(spec: str, unit: str = UNIT) -> LossModel:
     """
     if unit not in UNITS:
         raise UnknownNameError("loss unit", unit, UNITS)
+    if not isinstance(spec, str):
+        raise InvalidValueError(f"expected the text of a loss model such as 'bernoulli:0.2', not {spec!r:.60}")
     kind, colon, text = spec.strip().partition(":")
     if kind == "none" and not colon:
         return Nothing(unit=unit)

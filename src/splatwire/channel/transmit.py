@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.channel.loss_models import LossModel
+from splatwire.channel.loss_text import parse_loss
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.packets import Packet, SceneStream, send_sequence
 
@@ -88,7 +89,7 @@ class LossMask:
 
 
 def transmit(
-    stream: SceneStream, loss: LossModel, *, seed: int, send_order: str = "interleaved"
+    stream: SceneStream, loss: LossModel | str, *, seed: int, send_order: str = "interleaved"
 ) -> tuple[SceneStream, TransmitRecord]:
     """Sends every packet of a stream once; side information and manifest always arrive (paper 3.2.2).
 
@@ -96,7 +97,7 @@ def transmit(
 
     Args:
         stream: What is sent.
-        loss: Which packets, or which datagrams of theirs, are lost.
+        loss: Which packets, or which datagrams of theirs, are lost; text is read by `parse_loss`.
         seed: Seed of the mask.
         send_order: As for `draw_mask`.
 
@@ -108,6 +109,9 @@ def transmit(
         InvalidValueError: If the seed is negative, or `stream` is none.
     """
     check_kind(stream, SceneStream, "read_stream")
+    loss = parse_loss(loss) if isinstance(loss, str) else loss
+    if not isinstance(loss, LossModel):
+        raise InvalidValueError(f"expected a loss such as 'bernoulli:0.2' (see `parse_loss`), not {loss!r:.60}")
     mask = draw_mask(stream, loss, seed=seed, send_order=send_order)
     if stream.manifest.schema.timed:
         mask = replace(mask, received=mask.received | sent_again(stream, mask, loss, seed=seed))

@@ -11,19 +11,22 @@ from splatwire.codec.registry import schema_named, schema_of
 from splatwire.codec.schema import Options, Prepared, Schema
 from splatwire.codec.threads import ordered_map
 from splatwire.errors import InvalidValueError
+from splatwire.model.appearance import as_scene
+from splatwire.model.partial import Partial
 from splatwire.model.scene import Scene
-from splatwire.packets import Packet, Packetization, SceneStream, make_packet, make_stream
+from splatwire.packets import Packet, Packetization, SceneStream, make_packet, make_stream, packetization_named
 from splatwire.packets.limits import SCHEMAS
+from splatwire.scene.splats import Splats
 from splatwire.version import __version__
 
 Progress = Callable[[float], None]
 
 
 def encode_scene(
-    scene: Scene,
-    packetization: Packetization | None = None,
+    scene: Scene | Partial | Splats,
+    packetization: Packetization | str | None = None,
     *,
-    tiers: UInt8[Tensor, "N"] | None = None,
+    tiers: UInt8[Tensor, "N"] | np.ndarray | None = None,
     quality: object = None,
     classes: np.ndarray | None = None,
     noise: float | None = None,
@@ -36,8 +39,9 @@ def encode_scene(
     logged (`splatwire.scene.rows`).
 
     Args:
-        scene: The scene; its render hints are not coded.
-        packetization: How its elements are split; None for what `packetization_named` takes without a name.
+        scene: The scene, or what `as_scene` makes one of; its render hints are not coded.
+        packetization: How its elements are split, or the name of a preset such as `datagram`; None for what
+            `packetization_named` takes without a name.
         tiers: Tier of each element, 0 for the most important (`Importance.tiers`): each tier gets packets of its own,
             so that it can be protected on its own. None for one tier. Decoded values stay the same.
         quality: How finely explicit Gaussians are quantised, `small`, `default` (where absent), `near-lossless`, or a
@@ -56,9 +60,14 @@ def encode_scene(
             an option is not for these elements, or `scene` is none.
         UnknownNameError: If there is no such quality.
     """
+    scene = as_scene(scene)
     schema, rows = schema_of(scene), scene.rows()
     rows.tell("encoding", scene.ELEMENTS)
-    per_element = {"tiers": None if tiers is None else tiers.numpy(), "classes": classes}
+    if isinstance(packetization, str):
+        packetization = packetization_named(packetization, schema.name, int(rows.kept.sum()))
+    if packetization is not None and not isinstance(packetization, Packetization):
+        raise InvalidValueError(f"expected a Packetization or the name of a preset, not {packetization!r:.60}")
+    per_element = {"tiers": None if tiers is None else np.asarray(tiers), "classes": classes}
     for name, values in per_element.items():
         if values is not None and np.shape(values) != (scene.num_elements,):
             raise InvalidValueError(f"{name} of shape {np.shape(values)} for {scene.num_elements} {scene.ELEMENTS}")

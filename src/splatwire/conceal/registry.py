@@ -160,6 +160,8 @@ def create_concealer(name: str, **options: Any) -> Concealer:
         UnknownNameError: No concealer has that name.
         InvalidValueError: It has no such option, the value makes no sense, or the package that brings it is broken.
     """
+    if not isinstance(name, str):
+        raise InvalidValueError(f"expected the name of a concealer such as 'grow', not {type(name).__name__}")
     name, colon, value = name.partition(":")
     known = _registered(name)
     if colon:

@@ -6,12 +6,14 @@ from typing import ClassVar
 from jaxtyping import Bool, Float, Int8
 from torch import Tensor
 
+from splatwire.errors import check_kind
 from splatwire.model.causal import CausalCoding
 from splatwire.model.config import ModelConfig
 from splatwire.model.networks import Mlp
 from splatwire.model.scene import Coverage, RenderHints
+from splatwire.reprs import summary_repr
 from splatwire.scene import Anchors
-from splatwire.scene.background import BLACK, Background
+from splatwire.scene.background import BLACK, Background, check_background
 from splatwire.scene.rows import Rows, rows_of_anchors
 
 
@@ -31,6 +33,8 @@ class GaussianHeads:
     covariance: Mlp
     color: Mlp
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class HashGrid:
@@ -48,6 +52,8 @@ class HashGrid:
     bounds_min: Float[Tensor, "3"]
     bounds_max: Float[Tensor, "3"]
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class ContextModel:
@@ -64,6 +70,8 @@ class ContextModel:
     prior: Mlp
     channel: tuple[Mlp, ...]
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class HacppCoding:
@@ -78,6 +86,8 @@ class HacppCoding:
     context: ContextModel
     voxel_size: float
     config: ModelConfig
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +111,12 @@ class AnchorScene:
     coding: HacppCoding | CausalCoding
     hints: RenderHints | None = None
     background: Background = BLACK
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_kind(self.anchors, Anchors, "open_scene")
+        object.__setattr__(self, "background", check_background(self.background))
 
     @property
     def elements(self) -> Anchors:

@@ -14,6 +14,7 @@ from splatwire.model.gaussian_heads import SpawnedGaussians, spawn_gaussians, vi
 from splatwire.model.partial import Partial
 from splatwire.model.scene import Scene
 from splatwire.model.splat_scene import SplatScene
+from splatwire.packets import SceneStream
 from splatwire.scene import Cameras, Gaussians
 from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.splats import Splats
@@ -22,6 +23,39 @@ from splatwire.scene.splats import Splats
 def scene_of(loaded: Scene | Partial) -> Scene:
     """The scene itself, whatever is known of its gaps."""
     return loaded.scene if isinstance(loaded, Partial) else loaded
+
+
+def as_scene(value: Scene | Partial | Splats) -> Scene:
+    """Returns the scene that a caller means.
+
+    Args:
+        value: A scene; the result of a decoder if nothing was lost; or explicit Gaussians, which become a scene on
+            black.
+
+    Raises:
+        InvalidValueError: If it is something else, or elements were lost; the message says what makes a scene of it.
+    """
+    if isinstance(value, Partial):
+        if value.erasures.num_lost:
+            lost = f"{value.erasures.num_lost:,} of {value.scene.num_elements:,} {value.scene.ELEMENTS} were lost"
+            raise InvalidValueError(
+                f"{lost}: `splatwire.conceal.conceal(partial, 'drop')` makes a scene of what arrived"
+            )
+        return value.scene
+    if isinstance(value, Splats):
+        return SplatScene(value)
+    if gaussians_of_view.dispatch(type(value)) is gaussians_of_view.dispatch(object):
+        raise InvalidValueError(f"expected a scene {_way_to_scene(value)}, not {type(value).__name__}")
+    return value
+
+
+def _way_to_scene(value: object) -> str:
+    """Returns in brackets what makes a scene of a value."""
+    if isinstance(value, SceneStream):
+        return "(`decode_stream` decodes a stream)"
+    if isinstance(value, Gaussians):
+        return "(`create_renderer(name)` draws the Gaussians of one view; a scene has `Splats`)"
+    return "(`open_scene` reads one from a file)"
 
 
 @singledispatch

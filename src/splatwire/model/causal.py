@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.model.networks import Mlp
+from splatwire.reprs import summary_repr
 from splatwire.scene import AnchorLayout
 
 OCTAVES = 4
@@ -76,6 +77,8 @@ class CausalCoding:
     voxel_size: float
     config: CausalConfig
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class CausalPrediction:
@@ -92,6 +95,8 @@ class CausalPrediction:
     exists: Float[Tensor, "M K"]
     form: tuple[Float[Tensor, "M 4"], Float[Tensor, "M 4"]]
     offset: tuple[Float[Tensor, "M O"], Float[Tensor, "M O"]]
+
+    __repr__ = summary_repr
 
 
 def place_inputs(coordinates: Float[Tensor, "M 3"]) -> Float[Tensor, "M P"]:

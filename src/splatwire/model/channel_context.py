@@ -8,6 +8,7 @@ from torch import Tensor
 
 from splatwire.model.anchor_scene import ContextModel
 from splatwire.model.prior_field import MIN_SCALE, PriorOutputs
+from splatwire.reprs import summary_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +24,8 @@ class ChannelParameters:
     mean: Float[Tensor, "N C"]
     scale: Float[Tensor, "N C"]
     weight: Float[Tensor, "N C"]
+
+    __repr__ = summary_repr
 
 
 def channel_parameters(

@@ -12,6 +12,7 @@ from torch import Tensor
 from splatwire.errors import InvalidValueError
 from splatwire.model.scene import Coverage, RenderHints
 from splatwire.model.splat_scene import SplatScene
+from splatwire.reprs import summary_repr
 from splatwire.scene.background import BLACK, Background
 from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.rows import Rows
@@ -80,6 +81,8 @@ class GroupMotion:
     complete: bool
     unchanged: bool
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
@@ -104,6 +107,8 @@ class Tracks:
     rounding: np.ndarray
     begins: np.ndarray
     ends: np.ndarray
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +136,8 @@ class ClipScene:
     antialiased: bool = False
     hints: RenderHints | None = None
     origin: Origin = NO_ORIGIN
+
+    __repr__ = summary_repr
 
     @property
     def elements(self) -> Splats:

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from splatwire.model.anchor_scene import AnchorScene, GaussianHeads
 from splatwire.model.projection import project
+from splatwire.reprs import summary_repr
 from splatwire.scene import Anchors, Cameras, Gaussians
 
 
@@ -24,6 +25,8 @@ class SpawnedGaussians:
     gaussians: Gaussians
     anchor_index: Int64[Tensor, "G"]
     offset_index: Int64[Tensor, "G"]
+
+    __repr__ = summary_repr
 
 
 def generate_gaussians(scene: AnchorScene, cameras: Cameras, view: int) -> Gaussians:

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from splatwire.model.scene import RenderHints
 from splatwire.model.splat_scene import SplatScene
+from splatwire.reprs import summary_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +20,8 @@ class LevelScene(SplatScene):
     """
 
     level_sizes: tuple[int, ...] = ()
+
+    __repr__ = summary_repr
 
     def select(self, index: Tensor) -> "LevelScene":
         """See `SplatScene.select`; elements stay in their order."""
@@ -39,6 +42,8 @@ class Levels:
 
     of: UInt8[Tensor, "N"]
     classes: UInt8[Tensor, "N"]
+
+    __repr__ = summary_repr
 
     @property
     def copied(self) -> Bool[Tensor, "N"]:

@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class Linear:
@@ -18,6 +20,8 @@ class Linear:
 
     weight: Float[Tensor, "out in"]
     bias: Float[Tensor, "out"]
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,8 @@ class Mlp:
     hidden: Linear
     output: Linear
     negative_slope: float = 0.0
+
+    __repr__ = summary_repr
 
     def __call__(self, x: Float[Tensor, "N in"]) -> Float[Tensor, "N out"]:
         """Evaluates the network on a batch."""

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from splatwire.errors import InvalidValueError
 from splatwire.model.scene import Scene
+from splatwire.reprs import summary_repr
 from splatwire.scene import Erasures
 from splatwire.scene.splats import Splats
 
@@ -44,6 +45,8 @@ class ExpectedPlaces:
 
     positions: Float[Tensor, "N 3"]
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class TierSizes:
@@ -54,6 +57,8 @@ class TierSizes:
     """
 
     sizes: Float[Tensor, "N"]
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +75,8 @@ class Copies:
     places: Int64[Tensor, "C"]
     splats: Splats
     growth: tuple[float, float, float]
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +96,8 @@ class Partial(Generic[S]):
     erasures: Erasures
     sections: Mapping[str, bytes] = field(default_factory=dict)
     said: tuple[Any, ...] = ()
+
+    __repr__ = summary_repr
 
     def __post_init__(self) -> None:
         rows = {self.scene.num_elements, len(self.erasures.received), *_rows(self.said)}

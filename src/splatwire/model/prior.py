@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
 from splatwire.scene import Anchors, Attribute, Erasures
 from splatwire.scene.anchors import mean_log_size
 
@@ -24,6 +25,8 @@ class AttributePrior:
     scale: Float[Tensor, "N D"]
     step: Float[Tensor, "N 1"]
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class Prior:
@@ -40,6 +43,8 @@ class Prior:
     scaling: AttributePrior
     offset: AttributePrior
     context: Float[Tensor, "N H"]
+
+    __repr__ = summary_repr
 
     @property
     def num_elements(self) -> int:

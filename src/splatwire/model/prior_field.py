@@ -10,6 +10,7 @@ from splatwire.model.anchor_scene import ContextModel
 from splatwire.model.config import ModelConfig
 from splatwire.model.hash_grid import interpolate_hash_grid
 from splatwire.model.prior import AttributePrior, Prior
+from splatwire.reprs import summary_repr
 
 MIN_SCALE = 1e-9
 """Floor of every predicted standard deviation."""
@@ -39,6 +40,8 @@ class PriorOutputs:
     offset_mean: Float[Tensor, "N K3"]
     offset_scale: Float[Tensor, "N K3"]
     step_logits: Float[Tensor, "N 3"]
+
+    __repr__ = summary_repr
 
 
 def split_prior_outputs(outputs: Float[Tensor, "N P"], config: ModelConfig) -> PriorOutputs:

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
 from splatwire.scene import Cameras
 
 NEAR_DEPTH = 0.2
@@ -36,6 +37,8 @@ class Projected:
     covs2d: Float[Tensor, "N 3"]
     depths: Float[Tensor, "N"]
     radii: Float[Tensor, "N"]
+
+    __repr__ = summary_repr
 
     def tile_rectangles(self, width: int, height: int) -> Float[Tensor, "N 4"]:
         """Returns the tiles that each Gaussian is listed in: left, top, right, bottom (exclusive), in tiles."""

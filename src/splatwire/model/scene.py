@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
 from splatwire.scene import Erasures
 from splatwire.scene.background import Background
 from splatwire.scene.rows import Rows
@@ -26,6 +27,8 @@ class RenderHints:
     size_gain: Float[Tensor, "N"]
     left_out: Bool[Tensor, "N"]
     opacity_gain: Float[Tensor, "N"] | None = None
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,11 @@ from typing import ClassVar, TypeVar
 from jaxtyping import Bool, Float, Int64, UInt8
 from torch import Tensor
 
+from splatwire.errors import InvalidValueError, check_kind
 from splatwire.model.scene import Coverage, RenderHints
-from splatwire.scene.background import BLACK, Background
-from splatwire.scene.origin import NO_ORIGIN, Origin
+from splatwire.reprs import summary_repr
+from splatwire.scene.background import BLACK, Background, check_background
+from splatwire.scene.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.scene.rows import Rows, rows_of_splats
 from splatwire.scene.splats import Splats
 
@@ -35,6 +37,8 @@ class SplatCoding:
     bases: tuple[int, ...]
     transform: Int64[Tensor, "K K"]
     classes: UInt8[Tensor, "N"]
+
+    __repr__ = summary_repr
 
     def select(self, index: Tensor) -> "SplatCoding":
         """The steps of the Gaussians at `index`."""
@@ -65,6 +69,18 @@ class SplatScene:
     coding: SplatCoding | None = None
     antialiased: bool = False
     origin: Origin = NO_ORIGIN
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_kind(self.splats, Splats, "read_splats")
+        if self.hints is not None and not isinstance(self.hints, RenderHints):
+            raise InvalidValueError(
+                f"hints are RenderHints of a concealer, not {type(self.hints).__name__}: name the other arguments, "
+                "e.g. SplatScene(splats, background=(1.0, 1.0, 1.0))"
+            )
+        object.__setattr__(self, "background", check_background(self.background))
+        object.__setattr__(self, "origin", check_origin(self.origin))
 
     @property
     def elements(self) -> Splats:

@@ -28,6 +28,7 @@ from splatwire.errors import (
 )
 from splatwire.packets.limits import MAX_BLOCK_SIZE, MAX_BLOCKS, MAX_HASHED_BLOCK, MAX_LANES, MAX_PACKET_BYTES
 from splatwire.packets.packet_id import PARTS, PacketId
+from splatwire.reprs import summary_repr
 
 PACKET_VERSION = 1
 HEADER_BYTES = 16
@@ -49,6 +50,8 @@ class Packet:
     id: PacketId
     num_elements: int
     data: bytes
+
+    __repr__ = summary_repr
 
     @property
     def payload(self) -> bytes:

@@ -13,6 +13,7 @@ from splatwire.packets.packet_id import PacketId
 from splatwire.packets.packetization import Packetization
 from splatwire.packets.plan import PacketPlan
 from splatwire.packets.tiers import TierShape
+from splatwire.reprs import summary_repr
 
 FILE_MAGIC = b"\x93SWZ"
 FILE_VERSION = 1
@@ -38,6 +39,8 @@ class SceneStream:
     manifest: Manifest
     side_info: bytes
     packets: tuple[Packet, ...]
+
+    __repr__ = summary_repr
 
     def __post_init__(self) -> None:
         if any(a.id >= b.id for a, b in zip(self.packets, self.packets[1:], strict=False)):

@@ -15,6 +15,7 @@ from splatwire.packets.limits import MAX_PACKET_BYTES
 from splatwire.packets.manifest import Manifest
 from splatwire.packets.scene_stream import RECORD_PREFIX, SceneStream
 from splatwire.packets.sections import add_concealment
+from splatwire.reprs import summary_repr
 
 SECTION = "tiles"
 """Name of the section."""
@@ -34,6 +35,8 @@ class TileIndex:
     packets: np.ndarray
     sizes: np.ndarray
     errors: np.ndarray
+
+    __repr__ = summary_repr
 
     @property
     def offsets(self) -> np.ndarray:

@@ -11,6 +11,7 @@ from splatwire.packets.limits import MAX_SIZE_LOG
 from splatwire.packets.manifest import Manifest
 from splatwire.packets.sections import split_sections
 from splatwire.packets.tile_index import read_tile_index
+from splatwire.reprs import summary_repr
 
 MAX_UNIT = 40
 """Largest `-log2` of the unit of boxes, relative to the scene's size."""
@@ -39,6 +40,8 @@ class Tiles:
     errors: np.ndarray
     low: np.ndarray
     high: np.ndarray
+
+    __repr__ = summary_repr
 
     @property
     def num_tiles(self) -> int:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.packets.tiles import Tiles
+from splatwire.reprs import summary_repr
 
 BUDGET = 1_000_000
 """Gaussians that a view shows at most."""
@@ -31,6 +32,8 @@ class Look:
     focal: float
     width: int
     height: int
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True)

@@ -1,36 +1,43 @@
 """From a scene to pictures, view by view."""
 
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.model.appearance import Scene, antialiased, gaussians_of_view, origin_of
+from splatwire.data.camera_file import load_cameras
+from splatwire.errors import InvalidValueError, check_kind
+from splatwire.model.appearance import Scene, antialiased, as_scene, gaussians_of_view, origin_of
+from splatwire.model.partial import Partial
 from splatwire.ops.threads import one_torch_thread
 from splatwire.render.antialiasing import compensated
 from splatwire.render.backends import create_renderer
 from splatwire.render.base import Renderer
+from splatwire.reprs import summarize
 from splatwire.scene import Cameras
+from splatwire.scene.splats import Splats
 
 Progress = Callable[[int, int], None]
 """Called with the number of views done and the number of views in all."""
 
 
 def iterate_views(
-    scene: Scene,
-    cameras: Cameras,
+    scene: Scene | Partial | Splats,
+    cameras: Cameras | str | os.PathLike[str],
     *,
     renderer: str | Renderer = "cpu",
-    background: Float[Tensor, "3"] | None = None,
+    background: Float[Tensor, "3"] | Sequence[float] | None = None,
 ) -> Iterator[Float[Tensor, "H W 3"]]:
     """Draws one view after another, so that a caller need not hold all pictures.
 
     Args:
-        scene: What to draw.
-        cameras: Where from.
+        scene: What to draw: a scene, the result of a decoder if nothing was lost, or explicit Gaussians.
+        cameras: Where from; a path is read by `splatwire.data.load_cameras`.
         renderer: A renderer or its name (`splatwire.render.backends.create_renderer`).
-        background: RGB behind everything; the scene's own where absent.
+        background: RGB behind everything, 0 to 1; the scene's own where absent.
 
     Yields:
         One picture per camera, RGB clamped to [0, 1]. No gradients: training calls the renderer itself.
@@ -38,10 +45,39 @@ def iterate_views(
     Raises:
         UnknownNameError: No renderer has that name.
         BackendUnavailableError: The renderer cannot run here.
+        InvalidValueError: An argument is something else; the message says what works.
+        DatasetError: The file of cameras is none.
     """
+    drawn, seen = as_scene(scene), cameras_of(cameras)
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
-    behind = torch.tensor(scene.background) if background is None else background
-    return _views(scene, cameras.relative_to(origin_of(scene)), draw, behind)
+    if not callable(draw):
+        raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {draw!r:.60}")
+    behind = torch.tensor(drawn.background) if background is None else _color(background)
+    return _views(drawn, seen.relative_to(origin_of(drawn)), draw, behind)
+
+
+def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
+    """Returns cameras, or reads them from a file.
+
+    Raises:
+        InvalidValueError: If it is neither cameras nor a path.
+        DatasetError: If the file has no cameras.
+    """
+    if isinstance(cameras, str | os.PathLike):
+        return load_cameras(Path(cameras))
+    check_kind(cameras, Cameras, "splatwire.data.load_cameras")
+    return cameras
+
+
+def _color(background: Float[Tensor, "3"] | Sequence[float]) -> Float[Tensor, "3"]:
+    """Returns a colour as a tensor."""
+    try:
+        found = torch.as_tensor(background, dtype=torch.float32)
+    except (TypeError, ValueError, RuntimeError):
+        found = torch.empty(0)
+    if found.shape != (3,):
+        raise InvalidValueError(f"a background is three numbers from 0 to 1, not {summarize(background)}")
+    return found
 
 
 def _views(
@@ -59,18 +95,18 @@ def _views(
 
 
 def render_scene(
-    scene: Scene,
-    cameras: Cameras,
+    scene: Scene | Partial | Splats,
+    cameras: Cameras | str | os.PathLike[str],
     *,
     renderer: str | Renderer = "cpu",
-    background: Float[Tensor, "3"] | None = None,
+    background: Float[Tensor, "3"] | Sequence[float] | None = None,
     progress: Progress | None = None,
 ) -> Float[Tensor, "C H W 3"]:
     """Draws every view of `cameras`; arguments and errors as in `iterate_views`.
 
     Args:
-        scene: What to draw.
-        cameras: Where from.
+        scene: What to draw: a scene, the result of a decoder if nothing was lost, or explicit Gaussians.
+        cameras: Where from; a path is read by `splatwire.data.load_cameras`.
         renderer: A renderer or its name.
         background: RGB behind everything; the scene's own where absent.
         progress: Called after each view.
@@ -78,6 +114,7 @@ def render_scene(
     Returns:
         RGB in [0, 1].
     """
+    cameras = cameras_of(cameras)
     images = torch.empty(cameras.num_views, cameras.height, cameras.width, 3)
     for view, image in enumerate(iterate_views(scene, cameras, renderer=renderer, background=background)):
         with one_torch_thread():  # see `_views`

@@ -7,13 +7,19 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
 from splatwire.scene.attributes import Attribute
 from splatwire.scene.erasures import Erasures
+from splatwire.scene.shapes import Shape, check_tensors
 
 MIN_SIZE = 1e-9
 """Sizes are kept above this before their logarithm is taken, world units."""
 _SMALLEST = 0.05
 """Predicted sizes are kept above this share of their median: a prediction may be negative."""
+
+_SHAPES: dict[str, Shape] = {
+    "positions": ("N", 3), "features": ("N", "F"), "scalings": ("N", 6), "offsets": ("N", "K", 3), "mask": ("N", "K"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +40,11 @@ class Anchors:
     scalings: Float[Tensor, "N 6"]
     offsets: Float[Tensor, "N K 3"]
     mask: Bool[Tensor, "N K"]
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_tensors(self, _SHAPES, boolean=("mask",))
 
     @property
     def num_anchors(self) -> int:

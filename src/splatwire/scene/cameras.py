@@ -7,7 +7,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from splatwire.errors import InvalidValueError
+from splatwire.reprs import summary_repr
 from splatwire.scene.origin import NO_ORIGIN, Origin
+from splatwire.scene.shapes import check_tensors
 
 MAX_PIXELS = 1 << 27
 """More than any camera has (134 million); as float32 a picture of them takes 1.6 GB."""
@@ -47,9 +49,12 @@ class Cameras:
     names: tuple[str, ...]
     origin: Origin = NO_ORIGIN
 
+    __repr__ = summary_repr
+
     def __post_init__(self) -> None:
-        if not len(self.names) == self.viewmats.shape[0] == self.Ks.shape[0]:
-            raise ValueError(f"{len(self.names)} names, {self.viewmats.shape[0]} poses, {self.Ks.shape[0]} intrinsics")
+        check_tensors(self, {"viewmats": ("C", 4, 4), "Ks": ("C", 3, 3)})
+        if len(self.names) != self.viewmats.shape[0]:
+            raise InvalidValueError(f"{len(self.names)} names for {self.viewmats.shape[0]} cameras")
         check_size(self.width, self.height)
 
     @property

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from jaxtyping import Bool
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
 from splatwire.scene.attributes import Attribute
 
 
@@ -19,6 +20,8 @@ class Erasures:
     """
 
     received: Bool[Tensor, "N 4"]
+
+    __repr__ = summary_repr
 
     @property
     def known(self) -> Bool[Tensor, "N"]:

@@ -5,6 +5,13 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
+from splatwire.scene.shapes import Shape, check_tensors
+
+_SHAPES: dict[str, Shape] = {
+    "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "colors": ("G", 3),
+}  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class Gaussians:
@@ -23,6 +30,11 @@ class Gaussians:
     scales: Float[Tensor, "G 3"]
     opacities: Float[Tensor, "G"]
     colors: Float[Tensor, "G 3"]
+
+    __repr__ = summary_repr
+
+    def __post_init__(self) -> None:
+        check_tensors(self, _SHAPES)
 
     @property
     def num_gaussians(self) -> int:

@@ -7,6 +7,8 @@ import torch
 from jaxtyping import Bool, Float, UInt8
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class Importance:
@@ -17,6 +19,8 @@ class Importance:
     """
 
     share: Float[Tensor, "N"]
+
+    __repr__ = summary_repr
 
     def __post_init__(self) -> None:
         if not bool((self.share.isfinite() & (self.share >= 0)).all()):

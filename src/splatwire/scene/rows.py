@@ -13,6 +13,7 @@ import torch
 from jaxtyping import Bool
 from torch import Tensor
 
+from splatwire.reprs import summary_repr
 from splatwire.scene.anchors import Anchors
 from splatwire.scene.splats import Splats
 
@@ -38,6 +39,8 @@ class Rows:
     num_invisible: int
     num_invalid: int
     first_invalid: int | None
+
+    __repr__ = summary_repr
 
     @property
     def complete(self) -> bool:

@@ -10,13 +10,19 @@ from torch import Tensor
 
 from splatwire.files.large import large_empty
 from splatwire.ops.spherical_harmonics import degree_of, num_functions, sh_basis
+from splatwire.reprs import summary_repr
 from splatwire.scene.anchors import MIN_SIZE
 from splatwire.scene.erasures import Erasures
 from splatwire.scene.gaussians import Gaussians
 from splatwire.scene.origin import Origin
+from splatwire.scene.shapes import Shape, check_tensors
 
 ROWS = 1 << 16
 """So many rows are copied at a time."""
+
+_SHAPES: dict[str, Shape] = {
+    "means": ("G", 3), "quats": ("G", 4), "scales": ("G", 3), "opacities": ("G",), "sh": ("G", "D", 3),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +44,10 @@ class Splats:
     opacities: Float[Tensor, "G"]
     sh: Float[Tensor, "G D 3"]
 
+    __repr__ = summary_repr
+
     def __post_init__(self) -> None:
+        check_tensors(self, _SHAPES)
         degree_of(self.sh.shape[1])
 
     @property

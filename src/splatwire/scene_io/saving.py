@@ -9,17 +9,20 @@ from splatwire.errors import InvalidValueError
 from splatwire.formats import PlyNote, write_splats
 from splatwire.formats.kinds import READERS, WRITERS
 from splatwire.model import Partial, Prior, SplatCoding
-from splatwire.model.appearance import Scene, antialiased, explicit_gaussians, origin_of
+from splatwire.model.appearance import Scene, antialiased, as_scene, explicit_gaussians, origin_of
 from splatwire.model.scene_file import save_partial
 from splatwire.model.scene_file import save_scene as save_anchors
 from splatwire.packets.stream import FILE_SUFFIX
 from splatwire.scene import Erasures
+from splatwire.scene.splats import Splats
 
 _OTHERS = (FILE_SUFFIX, *(f".{end}" for end in {**READERS, **WRITERS}))
 """Ends of names that say something else than a scene file."""
 
 
-def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures: Erasures | None = None) -> None:
+def save_scene(
+    scene: Scene | Partial | Splats, path: str | os.PathLike[str], *, erasures: Erasures | None = None
+) -> None:
     """Writes a scene so that `open_scene` reads it; the file appears under its name when it is complete.
 
     Args:
@@ -35,21 +38,22 @@ def save_scene(scene: Scene | Partial, path: str | os.PathLike[str], *, erasures
         UnknownNameError: If the name says no format of explicit Gaussians.
         OSError: If the file cannot be written.
     """
+    shown: Scene | Partial = scene if isinstance(scene, Partial) else as_scene(scene)
     target = Path(path)
-    if isinstance(scene, Partial) and scene.find(Prior) is None:
-        scene = conceal(scene, "drop")
-    if not isinstance(scene, Partial) and (splats := explicit_gaussians(scene)) is not None:
-        write_splats([splats], target, _note_of(scene), antialiased=antialiased(scene), origin=origin_of(scene))
+    if isinstance(shown, Partial) and shown.find(Prior) is None:
+        shown = conceal(shown, "drop")
+    if not isinstance(shown, Partial) and (splats := explicit_gaussians(shown)) is not None:
+        write_splats([splats], target, _note_of(shown), antialiased=antialiased(shown), origin=origin_of(shown))
         return
     if target.name.lower().endswith(_OTHERS):
         raise InvalidValueError(
             f"{target}: the name says another kind of file than a scene of anchors, which would be in it; streams are "
             "written by `write_stream(encode_scene(scene), path)`, explicit Gaussians by `splatwire export`"
         )
-    if isinstance(scene, Partial):
-        save_partial(scene, target)
+    if isinstance(shown, Partial):
+        save_partial(shown, target)
     else:
-        save_anchors(scene, target, erasures=erasures)
+        save_anchors(shown, target, erasures=erasures)
 
 
 def _note_of(scene: Scene) -> PlyNote | None:

@@ -1,0 +1,183 @@
+"""Arguments that a user may hand over by mistake: what makes sense works, the rest ends in one clear error.
+
+The suite checks the types of arguments and a user's program does not, so calls run in a process of their own.
+"""
+
+import dataclasses
+import importlib
+import json
+import pkgutil
+import re
+import subprocess
+import sys
+import typing
+
+import pytest
+import torch
+
+import splatwire.model
+import splatwire.packets
+import splatwire.scene
+
+PRELUDE = """
+import json, sys, numpy as np, torch, splatwire
+from pathlib import Path
+from splatwire.conceal import conceal
+from splatwire.data import save_cameras
+from splatwire.model import SplatScene
+from splatwire.scene import Anchors, Cameras, Erasures, Gaussians
+from splatwire.scene.splats import Splats
+
+g = torch.Generator().manual_seed(0)
+def r(*shape): return torch.rand(*shape, generator=g)
+n = 300
+splats = Splats(r(n, 3), torch.nn.functional.normalize(r(n, 4), dim=1), r(n, 3) * 0.05, r(n) * 0.9, r(n, 1, 3))
+scene = SplatScene(splats)
+viewmat = torch.eye(4)[None].clone(); viewmat[0, 2, 3] = 3.0
+cameras = Cameras(viewmat, torch.tensor([[[30.0, 0, 16], [0, 30, 12], [0, 0, 1]]]), 32, 24, ("a",))
+path = Path(sys.argv[1]) / "cameras.json"
+save_cameras(cameras, path)
+stream = splatwire.encode_scene(scene, "datagram")
+splatwire.write_stream(stream, path.parent / "x.swz")
+partial = splatwire.decode_stream(stream)
+picture = splatwire.render_scene(scene, cameras, renderer="reference")
+def draw(scene=scene, cameras=cameras, **more):
+    return splatwire.render_scene(scene, cameras, **{"renderer": "reference", **more})
+"""
+WORKS = {
+    "a path of cameras": "torch.equal(draw(cameras=path), picture) and torch.equal(draw(cameras=str(path)), picture)",
+    "what a decoder returns": "torch.equal(draw(partial), draw(partial.scene))",
+    "explicit Gaussians": "torch.equal(draw(splats), picture)",
+    "a background of numbers": "torch.equal(draw(background=(0.0, 0.0, 0.0)), picture)",
+    "a background of numpy": "draw(background=np.ones(3)).min() > 0.01 * 0 and draw(background=[1, 1, 1]).max() > 0.9",
+    "a loss as text": "len(splatwire.transmit(stream, 'bernoulli:1', seed=0)[0].packets) == 0",
+    "a preset by name": "stream == splatwire.encode_scene(splats, 'datagram')",
+    "a whole decoded scene to encode": "len(splatwire.encode_scene(partial, 'paper').packets) > 0",
+    "tiers of numpy": "splatwire.encode_scene(scene, tiers=np.repeat([0, 1], n // 2).astype(np.uint8)) is not None",
+    "explicit Gaussians to save": "splatwire.save_scene(splats, path.parent / 'x.ply') is None",
+    "a background in a list": "SplatScene(splats, background=[1, 0.5, 0]).background == (1.0, 0.5, 0.0)",
+}
+FAILS = {
+    "draw('scene.ply')": r"expected a scene \(`open_scene` reads one",
+    "draw(stream)": r"expected a scene \(`decode_stream` decodes",
+    "draw(None)": r"expected a scene .*not NoneType",
+    "draw(splatwire.decode_stream(stream.with_packets(())))": r"300 of 300 Gaussians were lost: `splatwire.conceal",
+    "draw(Gaussians(splats.means, splats.quats, splats.scales, splats.opacities, splats.scales))": r"create_renderer",
+    "draw(splats.means)": r"expected a scene .*not Tensor",
+    "draw(cameras=viewmat)": r"expected Cameras \(`splatwire.data.load_cameras` reads one from a file\), not Tensor",
+    "draw(cameras=None)": r"expected Cameras",
+    "draw(cameras=[cameras])": r"expected Cameras .*not list",
+    "draw(cameras='nowhere.json')": r"nowhere.json",
+    "draw(renderer=3)": r"expected a renderer or its name",
+    "draw(renderer=None)": r"expected a renderer or its name",
+    "draw(renderer='vulkan')": r"vulkan",
+    "draw(background='white')": r"a background is three numbers",
+    "draw(background=torch.ones(4))": r"a background is three numbers from 0 to 1, not float32 \(4,\)",
+    "splatwire.transmit(stream, 0.2, seed=0)": r"expected a loss such as 'bernoulli:0.2'.*not 0.2",
+    "splatwire.transmit(stream, None, seed=0)": r"expected a loss such as",
+    "splatwire.transmit(scene, 'none', seed=0)": r"expected SceneStream .*not SplatScene",
+    "splatwire.parse_loss(0.2)": r"expected the text of a loss model",
+    "splatwire.decode_stream(splatwire.read_stream(path.parent / 'x.swz'))": r"take its first item",
+    "splatwire.decode_stream(scene)": r"expected SceneStream .*not SplatScene",
+    "splatwire.write_stream(scene, 'x')": r"expected SceneStream .*not SplatScene",
+    "splatwire.encode_scene(scene, 3)": r"expected a Packetization or the name of a preset, not 3",
+    "splatwire.encode_scene(scene, 'tiny')": r"tiny",
+    "splatwire.encode_scene(stream)": r"decode_stream",
+    "splatwire.encode_scene(splats.means)": r"expected a scene",
+    "splatwire.save_scene(stream, 'x.ply')": r"decode_stream",
+    "splatwire.save_scene('x.ply', scene)": r"expected a scene",
+    "splatwire.create_concealer(None)": r"expected the name of a concealer",
+    "conceal(scene, 'drop')": r"expected Partial .*not SplatScene",
+    "SplatScene(splats, (1.0, 1.0, 1.0))": r"hints are RenderHints.*background=",
+    "SplatScene(splats.means)": r"expected Splats .*not Tensor",
+    "SplatScene(scene)": r"expected Splats .*not SplatScene",
+    "SplatScene(splats, background=(2, 0, 0))": r"a background is three numbers",
+    "SplatScene(splats, background='white')": r"a background is three numbers",
+    "Splats(splats.means.numpy(), splats.quats, splats.scales, splats.opacities, splats.sh)": (
+        r"Splats.means: expected a float32 tensor \(G, 3\), not numpy.ndarray: `torch.from_numpy` makes one"
+    ),
+    "Splats(splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.sh)": (
+        r"Splats.opacities: expected a float32 tensor \(G,\), not float32 \(300, 1\)"
+    ),
+    "Splats(splats.means, splats.quats[:9], splats.scales, splats.opacities, splats.sh)": (
+        r"Splats.quats: .*not float32 \(9, 4\) \(G = 300\)"
+    ),
+    "Splats(splats.means, splats.quats, splats.scales, splats.opacities, splats.sh[:, 0])": r"\(G, D, 3\), not float32",
+    "Splats(splats.means, splats.quats, splats.scales, splats.opacities, splats.sh.int())": r"not int32 \(300, 1, 3\)",
+    "Splats([[0, 0, 0]], splats.quats, splats.scales, splats.opacities, splats.sh)": r"not builtins.list",
+    "Splats(splats.means, splats.quats, splats.scales, splats.opacities, r(300, 2, 3))": r".",
+    "Cameras(viewmat.numpy(), cameras.Ks, 32, 24, ('a',))": r"Cameras.viewmats: .*torch.from_numpy",
+    "Cameras(viewmat[0], cameras.Ks, 32, 24, ('a',))": r"Cameras.viewmats: expected a float32 tensor \(C, 4, 4\)",
+    "Cameras(viewmat, cameras.Ks, 32, 24, ('a', 'b'))": r"2 names for 1 cameras",
+    "Anchors(r(5, 3), r(5, 8), r(5, 6), r(5, 2, 3), r(5, 2))": r"Anchors.mask: expected a bool tensor \(N, K\)",
+}
+
+
+@pytest.fixture(scope="module")
+def outcomes(tmp_path_factory) -> dict[str, tuple[str, str]]:
+    """What each call ends in: kind of error and message, or its value."""
+    body = f"""
+{PRELUDE}
+found = {{}}
+for text in {[*WORKS.values(), *FAILS]!r}:
+    try:
+        found[text] = ["", repr(eval(text))]
+    except splatwire.SplatwireError as error:
+        found[text] = ["SplatwireError", str(error)]
+    except Exception as error:
+        found[text] = [type(error).__name__, str(error)]
+print(json.dumps(found))
+"""
+    folder = tmp_path_factory.mktemp("arguments")
+    command = [sys.executable, "-c", body, str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.mark.parametrize("what", WORKS)
+def test_what_makes_sense_is_accepted(outcomes, what):
+    kind, value = outcomes[WORKS[what]]
+    assert (kind, value) in (("", "True"), ("", "tensor(True)"))
+
+
+@pytest.mark.parametrize("call", FAILS)
+def test_a_mistake_ends_in_one_error_that_names_what_works(outcomes, call):
+    kind, message = outcomes[call]
+    assert kind == "SplatwireError", f"{kind}: {message}"
+    assert re.search(FAILS[call], message), message
+
+
+def records() -> list[type]:
+    """Records of the data model that hold arrays or bytes."""
+    found = []
+    for room in (splatwire.scene, splatwire.model, splatwire.packets):
+        for module in pkgutil.iter_modules(room.__path__):
+            for value in vars(importlib.import_module(f"{room.__name__}.{module.name}")).values():
+                if dataclasses.is_dataclass(value) and value.__module__.startswith(room.__name__):
+                    hints = " ".join(str(hint) for hint in typing.get_type_hints(value).values())
+                    if re.search(r"Tensor|ndarray|\bbytes\b|jaxtyping|Splats", hints):
+                        found.append(value)
+    return sorted(set(found), key=lambda kind: kind.__qualname__)
+
+
+@pytest.mark.parametrize("kind", records(), ids=lambda kind: kind.__qualname__)
+def test_records_show_types_and_shapes_and_no_numbers(kind):
+    fields = {f.name: torch.zeros(1000, 3) for f in dataclasses.fields(kind)}
+    record = object.__new__(kind)
+    for name, value in fields.items():
+        object.__setattr__(record, name, value)
+    text = repr(record)
+    assert text.startswith(f"{kind.__name__}(")
+    assert "float32 (1000, 3)" in text
+    assert "tensor(" not in text
+
+
+def test_long_values_are_shown_by_their_length():
+    from splatwire.reprs import summarize
+
+    assert summarize(b"x" * 5000) == "5,000 bytes"
+    assert summarize(tuple(range(100))) == "tuple of 100"
+    assert summarize((torch.zeros(2), 1)) == "(float32 (2,), 1)"
+    assert summarize({"a": b"12"}) == "{'a': 2 bytes}"
+    assert len(summarize("x" * 1000)) < 100
