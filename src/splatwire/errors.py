@@ -156,6 +156,7 @@ EXTRAS = {
     "report": ("matplotlib", "jinja2"),
     "relay": ("raptorq", "aioquic", "cryptography"),
     "moq": ("moq",),
+    "tables": ("pyarrow",),
 }  # fmt: skip
 """The modules that each extra of the package brings; without any it carries streams, and cannot look into them."""
 

@@ -1,6 +1,9 @@
 """`splatwire study PROTOCOL.toml`: files, resuming, and one line for every mistake."""
 
+import importlib.util
 import json
+
+import pytest
 
 PROTOCOL = """
 [protocol]
@@ -69,3 +72,18 @@ def test_a_protocol_says_what_is_wrong(run, journey, tmp_path):
     wrong = _protocol(tmp_path, journey, PROTOCOL.replace("seeds", "sedes"))
     assert_complains(run("study", wrong, "-o", tmp_path / "out"), "did you mean 'seeds'")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("module", ["pyarrow", "matplotlib", "jinja2"])
+def test_a_module_that_only_writes_results_is_missed_before_the_work(run, journey, tmp_path, monkeypatch, module):
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == module else found(name, *rest))
+    done = run("study", _protocol(tmp_path, journey), "-o", tmp_path / "out")
+    assert_complains(done, "pip install 'splatwire[")
+    assert module in done.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("words", [("--partition", "x"), ("--account", "x"), ("--minutes", 5), ("--memory-gb", 5)])
+def test_options_of_slurm_are_for_slurm(run, journey, tmp_path, words):
+    assert_complains(run("study", _protocol(tmp_path, journey), "-o", tmp_path / "out", *words), "for engine 'slurm'")

@@ -1,6 +1,7 @@
 """`splatwire study`: a protocol file runs."""
 
 import dataclasses
+import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,12 +11,16 @@ import tyro
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import check_folder
 from splatwire.cli._output import JsonFlag, print_json, progress_bars
-from splatwire.errors import InvalidValueError
+from splatwire.errors import BackendUnavailableError, InvalidValueError, how_to_install
 
 if TYPE_CHECKING:
     from splatwire.evaluate.study import SceneEntry, Store, Study, StudyResult
+    from splatwire.evaluate.study.engine_names import SlurmOptions
 
 BUNDLED = "bundled"
+_REPORT = ("jinja2", "matplotlib")
+_RECORDS = ("pyarrow",)
+"""Modules that only write what was found; their absence is reported before the work."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,14 @@ class StudyCommand:
     """local (processes), ray (RAY_ADDRESS or a local cluster) or slurm."""
     workers: int | None = None
     """Workers at a time; one per processor where absent."""
+    partition: str | None = None
+    """Partition of --engine slurm."""
+    account: str | None = None
+    """Account of --engine slurm."""
+    minutes: int | None = None
+    """Time limit of a job of --engine slurm; 240 where absent."""
+    memory_gb: int | None = None
+    """Memory of a job of --engine slurm; 8 where absent."""
     json: JsonFlag = False
     """Print one JSON object."""
 
@@ -55,7 +68,9 @@ class StudyCommand:
 
         study = self.study()
         check_folder(self.output)
-        engine, store = create_engine(self.engine, self.workers), Store((self.output / "store").resolve())
+        engine = create_engine(self.engine, self.workers, self._slurm())
+        store = Store((self.output / "store").resolve())
+        _check_modules(_REPORT if study.kind == "sizes" else (*_REPORT, *_RECORDS))
         if study.kind == "sizes":
             self._run_sizes(study, store)
             return
@@ -63,6 +78,13 @@ class StudyCommand:
             result = run_study(study, store, engine, show)
             files = write_outputs(result, store, self.output)
         self._tell(result, files)
+
+    def _slurm(self) -> "SlurmOptions | None":
+        from splatwire.evaluate.study.engine_names import SlurmOptions
+
+        values = {name: getattr(self, name) for name in ("partition", "account", "minutes", "memory_gb")}
+        given = {name: value for name, value in values.items() if value is not None}
+        return SlurmOptions(**given) if given else None
 
     def _run_sizes(self, study: "Study", store: "Store") -> None:
         from splatwire.evaluate.study import measure_study_sizes, write_size_outputs
@@ -137,3 +159,14 @@ class StudyCommand:
         lost = f", {result.num_lost_workers} workers were lost" if result.num_lost_workers else ""
         print(f"{result.num_computed} units computed, {result.num_reused} were there{lost}")
         print(f"report: {files['report']}")
+
+
+def _check_modules(names: tuple[str, ...]) -> None:
+    """Checks before the work that modules are installed.
+
+    Raises:
+        BackendUnavailableError: If one is not; the message says how to install it.
+    """
+    for name in names:
+        if importlib.util.find_spec(name) is None:
+            raise BackendUnavailableError(name, how_to_install(name) or "it is not installed")

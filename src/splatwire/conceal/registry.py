@@ -122,6 +122,31 @@ def check_needs(method: Concealer, partial: Partial) -> None:
         raise InvalidValueError(f"{what}: {able} work")
 
 
+def why_unfit(
+    name: str, offers: Collection[type], sections: Iterable[str], options: Mapping[str, Any] | None = None
+) -> str:
+    """Reason why a concealer cannot work on a stream, known without decoding it; empty if it can.
+
+    Args:
+        name: Its name, or `name:FILE`.
+        offers: Kinds of records that it finds there (`Schema.offers`).
+        sections: Named sections of the side information.
+        options: Its options.
+
+    Raises:
+        UnknownNameError: No concealer has that name.
+    """
+    base, colon, _ = name.partition(":")
+    known = _registered(base)
+    need = known.lacks(offers)
+    if need is not None:
+        return f"concealer '{base}' needs {' or '.join(kind.__name__ for kind in _kinds(need))}, which it has not"
+    given = colon or known.option in (options or {})
+    if known.section is not None and known.section not in sections and not given:
+        return f"concealer '{base}' reads the section '{known.section}', which it has not (splatwire calibrate adds it)"
+    return ""
+
+
 def concealer_sections() -> dict[str, str]:
     """The section of the side information that a concealer reads, by its name, for those that read one."""
     _load_all()

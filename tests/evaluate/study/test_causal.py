@@ -9,8 +9,9 @@ from scenes import tiny_cameras, tiny_causal_scene
 from splatwire.codec import encode_scene
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
-from splatwire.evaluate.study import InProcess, Store, load_study, measure_study_sizes, run_study
+from splatwire.evaluate.study import InProcess, Store, load_study, measure_study_sizes, run_study, summarize
 from splatwire.evaluate.study.sizes import size_tables
+from splatwire.evaluate.study.tables import result_tables
 from splatwire.model import SplatScene
 from splatwire.model.scene_file import save_scene
 from splatwire.packets import Packetization, write_stream
@@ -87,3 +88,56 @@ def test_a_scene_that_no_row_can_have_is_an_error(folder: Path, tmp_path: Path):
     study = load_study(protocol(folder, "losses", NEVER, 'stream = "tiny.swz"'))
     with pytest.raises(InvalidValueError, match="lacks what every row needs, or cannot be packed so"):
         run_study(study, Store(tmp_path / "store"), InProcess(), silent)
+
+
+UNFIT = """
+[[row]]
+key = "sketch"
+label = "no sketch here"
+conceal = "sketch"
+block_size = 60
+
+[[row]]
+key = "needs"
+label = "needs a prior"
+conceal = "cari"
+block_size = 60
+
+[[row]]
+key = "grow"
+label = "grow"
+conceal = "grow"
+block_size = 60
+"""
+
+
+@pytest.mark.parametrize("source", ["tiny.swz", "explicit.swz"])
+def test_a_row_whose_concealer_does_not_fit_is_skipped_with_its_reason(folder: Path, tmp_path: Path, source: str):
+    study = load_study(protocol(folder, "losses", UNFIT, f'stream = "{source}"'))
+    result = run_study(study, Store(tmp_path), InProcess(), silent)
+    ran = {record["label"] for record in result.merged()}
+    assert "grow" in ran
+    assert "no sketch here" not in ran
+    assert "reads the section 'sketch'" in " ".join(result.skipped)
+    (table,) = result_tables(result, summarize(result))
+    shown = {row[0]: row[1] for row in table.rows}
+    assert {label for label, figure in shown.items() if figure == "did not run"} == set(shown) - ran
+    assert len(table.rows) == 3
+    assert all(len(row) == len(table.columns) for row in table.rows)
+
+
+def test_concealers_that_need_anchors_are_skipped_on_gaussians(folder: Path, tmp_path: Path):
+    rows = UNFIT.replace("cari", "idw")
+    result = run_study(
+        load_study(protocol(folder, "losses", rows, 'stream = "explicit.swz"')), Store(tmp_path), InProcess(), silent
+    )
+    assert {record["label"] for record in result.merged()} == {"grow"}
+    assert result.skipped_rows == {"causal": ("sketch", "needs")}
+    assert "concealer 'idw' needs" in result.skipped[1]
+
+
+def test_a_scene_without_a_row_that_fits_is_an_error_before_the_work(folder: Path, tmp_path: Path):
+    rows = UNFIT[: UNFIT.index('[[row]]\nkey = "grow"')].replace("cari", "idw")
+    study = load_study(protocol(folder, "losses", rows, 'stream = "explicit.swz"'))
+    with pytest.raises(InvalidValueError, match=r"no row can run on scene 'causal': concealer 'sketch'"):
+        run_study(study, Store(tmp_path), InProcess(), silent)

@@ -1,6 +1,7 @@
 """Means, intervals, paired differences, orderings, and every file that a protocol leaves."""
 
 import csv
+import dataclasses
 import io
 import json
 import math
@@ -20,10 +21,11 @@ from splatwire.evaluate.study import (
     write_outputs,
     write_size_outputs,
 )
+from splatwire.evaluate.study.definition import Published
 from splatwire.evaluate.study.pictures import take_pictures
 from splatwire.evaluate.study.records import parquet
 from splatwire.evaluate.study.sizes import SceneSizes, native_attribute_files, native_parts, size_tables
-from splatwire.evaluate.study.summary import Estimate, orderings
+from splatwire.evaluate.study.summary import Estimate, dataset_means, orderings
 from splatwire.evaluate.study.tables import Table, result_tables
 
 
@@ -83,6 +85,39 @@ def test_an_ordering_says_what_was_measured(done):
     assert found.ours.mean == pytest.approx(expected.mean)
     decided = abs(expected.mean) > expected.half_width
     assert found.verdict == (("holds" if expected.mean > 0 else "opposite") if decided else "undecided")
+
+
+def _published(result, **values):
+    entries = tuple(Published(row, "Paper scenes", {"psnr": value}) for row, value in values.items())
+    return dataclasses.replace(result, study=dataclasses.replace(result.study, published=entries))
+
+
+def test_every_pair_of_published_rows_is_compared_neighbours_first(done):
+    result = _published(done[1], contiguous=19.0, drop=20.0, idw=22.5)
+    found = orderings(result, summarize(result))
+    assert [(o.better, o.worse, o.published) for o in found] == [
+        ("none", "contiguous, none", 1.0), ("IDW", "none", 2.5), ("IDW", "contiguous, none", 3.5)
+    ]  # fmt: skip
+
+
+def test_rows_with_equal_figures_claim_no_order(done):
+    result = _published(done[1], contiguous=20.0, drop=20.0)
+    assert orderings(result, summarize(result)) == []
+
+
+def test_scenes_against_photos_and_against_renders_have_means_of_their_own(done):
+    result, rows = done[1], summarize(done[1])
+    assert {summary.references for summary in rows} == {"renders"}
+    scenes = {"a": "photos", "b": "photos", "c": "renders", "d": "renders", "e": "renders"}
+    every = [
+        dataclasses.replace(summary, scene=name, references=kind) for name, kind in scenes.items() for summary in rows
+    ]
+    found = [summary for summary in dataset_means(result, every) if summary.row.key == "drop"]
+    assert [summary.scene for summary in found] == [
+        "mean of 2 scenes of made up against photos", "mean of 3 scenes of made up against renders"
+    ]  # fmt: skip
+    alike = [dataclasses.replace(summary, references="photos") for summary in every]
+    assert {summary.scene for summary in dataset_means(result, alike)} == {"mean of 5 scenes of made up"}
 
 
 def test_published_figures_stand_beside_ours(done):

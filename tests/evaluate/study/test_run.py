@@ -13,6 +13,7 @@ from splatwire.conceal import conceal
 from splatwire.data import load_cameras
 from splatwire.errors import SplatwireError
 from splatwire.evaluate.study import InProcess, Store, create_engine, load_study, local_engine, run_study
+from splatwire.evaluate.study.engine_names import SlurmOptions
 from splatwire.evaluate.study.local_engine import LocalEngine
 from splatwire.evaluate.study.records import TIMINGS
 from splatwire.evaluate.study.slurm_engine import SlurmEngine
@@ -168,6 +169,43 @@ def test_slurm_jobs_give_identical_records(study, tmp_path, done):
     pytest.importorskip("submitit")
     result = run_study(study, Store(tmp_path), SlurmEngine(2, cluster="local"), silent)
     assert plain(result) == plain(done[1])
+
+
+def test_slurm_jobs_have_partition_account_time_and_memory(monkeypatch):
+    submitit = pytest.importorskip("submitit")
+    monkeypatch.setattr("shutil.which", lambda name: f"/usr/bin/{name}")
+    options = SlurmOptions(partition="gpu", account="lab", minutes=30, memory_gb=16)
+    engine = create_engine("slurm", 3, options)
+    assert engine.parameters() == {
+        "timeout_min": 30, "mem_gb": 16, "slurm_array_parallelism": 3, "slurm_partition": "gpu", "slurm_account": "lab"
+    }  # fmt: skip
+    assert create_engine("slurm", 3).parameters() == {"timeout_min": 240, "mem_gb": 8, "slurm_array_parallelism": 3}
+    executor = submitit.AutoExecutor(folder="jobs", cluster="slurm")
+    executor.update_parameters(name="splatwire", **engine.parameters())
+    wanted = {"partition": "gpu", "account": "lab", "time": 30, "mem": "16GB"}
+    assert {name: executor._executor.parameters[name] for name in wanted} == wanted
+
+
+def test_slurm_without_sbatch_is_refused_before_the_work(monkeypatch):
+    pytest.importorskip("submitit")
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with pytest.raises(SplatwireError, match="no sbatch"):
+        create_engine("slurm")
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [({"minutes": 0}, "minutes"), ({"memory_gb": -1}, "memory_gb"), ({"partition": ""}, "partition"),
+     ({"account": "a b"}, "account")],
+)  # fmt: skip
+def test_options_of_slurm_are_checked(options, reason):
+    with pytest.raises(SplatwireError, match=reason):
+        SlurmOptions(**options)
+
+
+def test_other_engines_refuse_options_of_slurm():
+    with pytest.raises(SplatwireError, match="for engine 'slurm'"):
+        create_engine("local", 1, SlurmOptions(partition="gpu"))
 
 
 def test_engines_refuse_nonsense():

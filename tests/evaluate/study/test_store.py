@@ -2,12 +2,13 @@
 
 import errno
 import os
+import sys
 
 import pytest
 
-from splatwire.errors import SplatwireError
+from splatwire.errors import BackendUnavailableError, SplatwireError
 from splatwire.evaluate.study.records import Record, records_from_bytes, records_to_bytes
-from splatwire.evaluate.study.store import Store
+from splatwire.evaluate.study.store import MemoryStore, Store
 
 RECORD = Record(
     unit="a", scene="s", stream="paper", mask="", loss="none", loss_unit=None, send_order=None, conceal="drop",
@@ -71,3 +72,12 @@ def test_records_survive_parquet(tmp_path):
     Store(tmp_path).put_records("b", [RECORD])
     with pytest.raises(SplatwireError, match="does not hold the records of its unit"):
         Store(tmp_path).records("b")
+
+
+def test_a_store_that_cannot_write_records_is_refused_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(BackendUnavailableError, match=r"splatwire\[tables\]"), Store(tmp_path / "s").locked():
+        raise AssertionError("the work began")
+    assert not (tmp_path / "s").exists()
+    with MemoryStore(tmp_path / "m").locked():
+        pass

@@ -11,8 +11,10 @@ from pathlib import Path
 from splatwire.channel import LossMask, draw_mask
 from splatwire.codec import decode_stream, encode_scene, repack, repackable, schema_of
 from splatwire.codec.background import SECTION as BACKGROUND
+from splatwire.codec.registry import schema_named
 from splatwire.codec.schemas.hacpp.separated import SECTION as MASKS
 from splatwire.conceal import create_concealer
+from splatwire.conceal.registry import why_unfit
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study.definition import AS_IT_IS, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
@@ -31,6 +33,7 @@ from splatwire.packets.limits import SCHEMAS
 from splatwire.packets.sections import sections_of
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import classes_of
+from splatwire.scene import Anchors
 from splatwire.scene_io import background_of_file, drawable_scene, open_scene, read_scene_file
 
 AROUND_VIEWS, AROUND_SIZE = 12, 400
@@ -73,6 +76,7 @@ class PreparedScene:
         parts: Bytes by part that each row needs, by its key: with its weights, without sections that others read.
         masks: Mask of every variant, loss and seed.
         sections: Named sections that rows may have in their streams.
+        codec: Name of the schema that codes its elements; empty if nothing is sent.
     """
 
     entry: SceneEntry
@@ -81,6 +85,7 @@ class PreparedScene:
     parts: Mapping[str, Mapping[str, int]]
     masks: Mapping[tuple[str, Loss, int], LossMask]
     sections: tuple[str, ...]
+    codec: str
 
     def lacks(self, row: Row) -> str:
         """Why a row cannot run on this scene; empty if it can."""
@@ -89,7 +94,17 @@ class PreparedScene:
         absent = [name for name in row.sections if name not in self.sections]
         if absent:
             return f"it has no section '{absent[0]}' (splatwire calibrate adds it)"
-        return "" if row.variant in self.streams else "only anchors of HAC++ (format 1) can be packed so"
+        if row.variant not in self.streams:
+            return "only anchors of HAC++ (format 1) can be packed so"
+        return self._why_unfit(row) if self.streams[row.variant].num_packets else ""
+
+    def _why_unfit(self, row: Row) -> str:
+        """Reason why the concealer or the erosion of a row cannot work on the stream; empty if it can."""
+        offers = schema_named(self.codec).offers
+        if row.erode is not None and Anchors not in offers:
+            return f"only anchors lose one attribute alone, and it has {self.streams[row.variant].elements}"
+        sections = self.sections if row.packetization is None else row.sections
+        return why_unfit(row.conceal, offers, sections, row.options)
 
 
 @dataclass(frozen=True)
@@ -174,6 +189,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
         parts={row.key: _parts(row, source, streams[row.variant]) for row in study.rows if row.variant in streams},
         masks=dict(_draw_masks(study, streams, store)),
         sections=tuple(source.sections),
+        codec=source.codec if any(stream.num_packets for stream in streams.values()) else "",
     )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from splatwire.errors import InvalidValueError
 from splatwire.evaluate.study.definition import Loss, Study
 from splatwire.evaluate.study.engines import Engine, Event
 from splatwire.evaluate.study.inputs import PreparedScene, prepare_scene
@@ -51,6 +52,7 @@ class StudyResult:
         records: Records of every unit, by its key, views in order.
         looks: What the pictures show, by name of the scene.
         skipped: What did not run, and why.
+        skipped_rows: Key of each row that did not run, by name of the scene.
         num_computed: Units that were computed now.
         num_reused: Units that the store had.
         num_lost_workers: Workers that died on the way.
@@ -62,6 +64,7 @@ class StudyResult:
     records: Mapping[str, list[Record]]
     looks: Mapping[str, Look]
     skipped: tuple[str, ...]
+    skipped_rows: Mapping[str, tuple[str, ...]]
     num_computed: int
     num_reused: int
     num_lost_workers: int
@@ -105,6 +108,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
         lpips = lpips_digest()
         scenes = {entry.name: prepare_scene(study, entry, store, progress) for entry in study.scenes}
         cells = list_cells(study, scenes, lpips_digest=lpips)
+        _check_scenes(study, scenes, cells)
         judges = _judges(study, cells)
         shift = _Shift(store, engine, progress, len({c.unit.key for c in cells if not store.has(c.unit.key)}))
         others = [c for c in cells if c.seed not in (None, study.seeds[0]) and c not in judges]
@@ -120,6 +124,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
         records=records,
         looks=looks,
         skipped=_skipped(study, scenes, lpips),
+        skipped_rows={name: tuple(row.key for row in study.rows if scene.lacks(row)) for name, scene in scenes.items()},
         num_computed=shift.num_done,
         num_reused=len(records) - shift.num_done,
         num_lost_workers=shift.num_lost,
@@ -146,6 +151,18 @@ class _Shift:
         self.num_lost += event.lost_worker
         self.num_done += not event.lost_worker
         self.progress(f"{self.num_expected} units of work", min(1.0, self.num_done / max(1, self.num_expected)))
+
+
+def _check_scenes(study: Study, scenes: Mapping[str, PreparedScene], cells: Sequence[Cell]) -> None:
+    """Refuses a scene without a row that can run on it.
+
+    Raises:
+        InvalidValueError: If there is one.
+    """
+    running = {cell.scene for cell in cells}
+    for name, scene in scenes.items():
+        if name not in running:
+            raise InvalidValueError(f"no row can run on scene '{name}': {scene.lacks(study.rows[0])}")
 
 
 def _judges(study: Study, cells: Sequence[Cell]) -> list[Cell]:

@@ -3,10 +3,11 @@
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from splatwire.errors import BackendUnavailableError
+from splatwire.evaluate.study.engine_names import SlurmOptions
 from splatwire.evaluate.study.engines import MAX_ATTEMPTS, Attempts, Event, Listener, failed
 from splatwire.evaluate.study.store import Store
 from splatwire.evaluate.study.units import Unit
@@ -26,14 +27,22 @@ class SlurmEngine:
     Attributes:
         workers: Jobs at a time; None for 8.
         cluster: `slurm`; submitit's `local` and `debug` run the jobs on this machine.
-        minutes: Time limit of a job.
-        memory_gb: Memory of a job.
+        options: Where jobs run, for how long, and with how much memory.
     """
 
     workers: int | None = None
     cluster: str = "slurm"
-    minutes: int = 240
-    memory_gb: int = 8
+    options: SlurmOptions = field(default_factory=SlurmOptions)
+
+    def __post_init__(self) -> None:
+        """Checks before the work that jobs can be submitted.
+
+        Raises:
+            BackendUnavailableError: If submitit is not installed, or this machine has no sbatch.
+        """
+        _submitit()
+        if self.cluster == "slurm" and shutil.which("sbatch") is None:
+            raise BackendUnavailableError("slurm", "this machine has no sbatch: start it where jobs can be submitted")
 
     def run(self, store: Store, units: Sequence[Unit], listener: Listener) -> None:
         """See `Engine.run`."""
@@ -56,17 +65,27 @@ class SlurmEngine:
                     time.sleep(_POLL_S)
 
     def _executor(self, store: Store) -> Any:
-        try:
-            import submitit
-        except ImportError as error:
-            raise BackendUnavailableError("slurm", "pip install 'splatwire[cluster]'") from error
-        if self.cluster == "slurm" and shutil.which("sbatch") is None:
-            raise BackendUnavailableError("slurm", "this machine has no sbatch: start it where jobs can be submitted")
-        executor = submitit.AutoExecutor(folder=str(store.root / "jobs"), cluster=self.cluster)
-        executor.update_parameters(timeout_min=self.minutes, cpus_per_task=1, mem_gb=self.memory_gb, name="splatwire")
-        if self.cluster == "slurm":
-            executor.update_parameters(slurm_array_parallelism=self.workers or _DEFAULT_WORKERS)
+        executor = _submitit().AutoExecutor(folder=str(store.root / "jobs"), cluster=self.cluster)
+        executor.update_parameters(name="splatwire", cpus_per_task=1, **self.parameters())
         return executor
+
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of submitit that the options mean."""
+        options = self.options
+        common = {"timeout_min": options.minutes, "mem_gb": options.memory_gb}
+        if self.cluster != "slurm":
+            return common
+        named = {"slurm_partition": options.partition, "slurm_account": options.account}
+        parallel = {"slurm_array_parallelism": self.workers or _DEFAULT_WORKERS}
+        return {**common, **parallel, **{name: value for name, value in named.items() if value is not None}}
+
+
+def _submitit() -> Any:
+    try:
+        import submitit
+    except ImportError as error:
+        raise BackendUnavailableError("slurm", "pip install 'splatwire[cluster]'") from error
+    return submitit
 
 
 def _tell(store: Store, left: dict[str, Unit], listener: Listener) -> None:

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from splatwire.errors import SplatwireError
-from splatwire.evaluate.study.records import Record, records_from_bytes, records_to_bytes
+from splatwire.evaluate.study.records import Record, parquet, records_from_bytes, records_to_bytes
 from splatwire.files.whole import remove_unfinished, write_whole
 
 UNIT_SUFFIX = ".parquet"
@@ -79,13 +79,23 @@ class Store:
         """Writes the records of a unit, which is then finished."""
         _write(self.unit_path(key), records_to_bytes(records))
 
+    def check_records(self) -> None:
+        """Checks before the work that records can be written.
+
+        Raises:
+            BackendUnavailableError: If the Parquet library is not installed.
+        """
+        parquet()
+
     @contextmanager
     def locked(self) -> Iterator[None]:
         """Makes sure that one run at a time coordinates this store, and removes what a killed one left unfinished.
 
         Raises:
             SplatwireError: If another run holds it.
+            BackendUnavailableError: If records cannot be written, because the Parquet library is not installed.
         """
+        self.check_records()
         self.root.mkdir(parents=True, exist_ok=True)
         with open(self.root / "lock", "a", opener=_without_links) as file:
             try:
@@ -114,6 +124,9 @@ class MemoryStore(Store):
     def records(self, key: str) -> list[Record]:
         """See `Store.records`."""
         return self._finished[key]
+
+    def check_records(self) -> None:
+        """See `Store.check_records`; memory takes any records."""
 
     def put_records(self, key: str, records: Sequence[Record]) -> None:
         """See `Store.put_records`."""

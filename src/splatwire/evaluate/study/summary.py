@@ -73,6 +73,7 @@ class Summary:
         lost_anchors: Share of anchors that lost something, mean over seeds.
         lost_datagrams: Share of datagrams lost, mean over seeds; None without loss.
         seconds: Seconds by phase, mean over seeds; all views together, `encode` only where that was done here.
+        references: What pictures were compared with, `photos` or `renders`.
     """
 
     scene: str
@@ -95,6 +96,7 @@ class Summary:
     lost_anchors: float
     lost_datagrams: float | None
     seconds: Mapping[str, float]
+    references: str
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers only; infinite ones become null where they are printed."""
@@ -152,24 +154,39 @@ def _summary(
         lost_anchors=_share(runs, "num_lost_anchors", "num_anchors") or 0.0,
         lost_datagrams=_share(runs, "num_lost_datagrams", "num_datagrams"),
         seconds=encoded | _seconds(runs),
+        references="renders" if prepared.references.renders else "photos",
     )
 
 
 def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Summary]:
-    """Means over the scenes of a dataset, for datasets with more than one scene; scenes weigh equally."""
-    names = list(dict.fromkeys(s.dataset for s in summaries))
+    """Means over the scenes of a dataset, for datasets with more than one scene; scenes weigh equally.
+
+    Scenes that are scored against photos and scenes that are scored against renders have means of their own: the first
+    measure also what the model lacks, the second only what was lost.
+    """
     means = []
-    for name in names:
-        scenes = list(dict.fromkeys(s.scene for s in summaries if s.dataset == name))
-        keys = list(dict.fromkeys((s.row.key, s.loss) for s in summaries if s.dataset == name))
-        for key, loss in keys if len(scenes) > 1 else ():
-            group = [s for s in summaries if (s.dataset, s.row.key, s.loss) == (name, key, loss)]
-            if len(group) == len(scenes):
-                means.append(_mean_of(group, name, summaries, result.study.baseline))
+    for name in dict.fromkeys(s.dataset for s in summaries):
+        own = [s for s in summaries if s.dataset == name]
+        kinds = list(dict.fromkeys(s.references for s in own))
+        for kind in kinds:
+            same = [s for s in own if s.references == kind]
+            against = f" against {kind}" if len(kinds) > 1 else ""
+            means += _means(same, f"{f' of {name}' if name else ''}{against}", result.study.baseline)
     return means
 
 
-def _mean_of(group: Sequence[Summary], name: str, summaries: Sequence[Summary], baseline: str | None) -> Summary:
+def _means(summaries: Sequence[Summary], what: str, baseline: str | None) -> list[Summary]:
+    """Mean of every row that ran on all of these scenes; none for a single scene."""
+    scenes = {s.scene for s in summaries}
+    means = []
+    for key, loss in dict.fromkeys((s.row.key, s.loss) for s in summaries) if len(scenes) > 1 else ():
+        group = [s for s in summaries if (s.row.key, s.loss) == (key, loss)]
+        if len(group) == len(scenes):
+            means.append(_mean_of(group, what, summaries, baseline))
+    return means
+
+
+def _mean_of(group: Sequence[Summary], what: str, summaries: Sequence[Summary], baseline: str | None) -> Summary:
     first = group[0]
     by_seed = {metric: _mean_columns([s.by_seed[metric] for s in group]) for metric in first.by_seed}
     delta: dict[str, Estimate | None] = {}
@@ -181,8 +198,8 @@ def _mean_of(group: Sequence[Summary], name: str, summaries: Sequence[Summary], 
             if len(others) == len(by_seed[metric]):
                 delta[metric] = Estimate.of([a - b for a, b in zip(by_seed[metric], others, strict=True)])
     return Summary(
-        scene=f"mean of {len(group)} scenes" + (f" of {name}" if name else ""),
-        dataset=name,
+        scene=f"mean of {len(group)} scenes{what}",
+        dataset=first.dataset,
         row=first.row,
         loss=first.loss,
         figures={metric: Estimate.of(values) for metric, values in by_seed.items()},
@@ -201,6 +218,7 @@ def _mean_of(group: Sequence[Summary], name: str, summaries: Sequence[Summary], 
         lost_anchors=statistics.fmean(s.lost_anchors for s in group),
         lost_datagrams=None,
         seconds={},
+        references=first.references,
     )
 
 
@@ -236,14 +254,19 @@ class Ordering:
 
 
 def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Ordering]:
-    """Compares neighbouring published rows (PSNR) with ours, scene by scene."""
+    """Compares every pair of published rows (PSNR) with ours, scene by scene; steps between neighbours come first.
+
+    Rows with equal figures claim no order and are left out.
+    """
     found = []
     for dataset in dict.fromkeys(entry.dataset for entry in result.study.published):
         values = {
             p.row: p.values["psnr"] for p in result.study.published if p.dataset == dataset and "psnr" in p.values
         }
         rows = [row for row in result.study.lossy_rows if row.key in values]
-        for one, two in itertools.pairwise(rows):
+        for one, two in _pairs(rows):
+            if values[one.key] == values[two.key]:
+                continue
             better, worse = (two, one) if values[two.key] >= values[one.key] else (one, two)
             for a in summaries:
                 if a.row.key != better.key or "psnr" not in a.by_seed:
@@ -254,6 +277,12 @@ def orderings(result: StudyResult, summaries: Sequence[Summary]) -> list[Orderin
                     published = values[better.key] - values[worse.key]
                     found.append(Ordering(a.scene, a.loss, better.label, worse.label, dataset, published, ours))
     return found
+
+
+def _pairs(rows: Sequence[Row]) -> list[tuple[Row, Row]]:
+    """Every pair of rows in their order, neighbours first."""
+    pairs = itertools.combinations(range(len(rows)), 2)
+    return [(rows[a], rows[b]) for a, b in sorted(pairs, key=lambda pair: pair[1] - pair[0] > 1)]
 
 
 def streams_of(summaries: Sequence[Summary], scene: str) -> dict[str, Summary]:

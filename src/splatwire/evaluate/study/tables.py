@@ -3,15 +3,17 @@
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from splatwire.evaluate.study.definition import Loss, Published, common_word
+from splatwire.evaluate.study.definition import Loss, Published, Row, common_word
 from splatwire.evaluate.study.masks import Equivalence
 from splatwire.evaluate.study.run import StudyResult
 from splatwire.evaluate.study.summary import Estimate, Ordering, Summary
 
 _METRICS = {"psnr": ("PSNR", 2), "ssim": ("SSIM", 4), "lpips": ("LPIPS", 4)}
+SKIPPED = "did not run"
+"""Figure of a row that did not run on a scene."""
 _LEADERBOARD = ("Submethod", "PSNR", "SSIM", "LPIPS", "Size [Bytes]", "#Gaussians")
 
 
@@ -61,8 +63,15 @@ def result_tables(result: StudyResult, summaries: Sequence[Summary]) -> list[Tab
             shown = [s for s in summaries if s.scene == scene and (s.loss in (None, loss))]
             shown.sort(key=lambda s: [row.key for row in study.rows].index(s.row.key))
             if shown:
-                tables.append(_result_table(f"{scene}, {loss.label}", shown, study.published, study.baseline))
+                table = _result_table(f"{scene}, {loss.label}", shown, study.published, study.baseline)
+                tables.append(_with_skipped(table, [study.row(key) for key in result.skipped_rows.get(scene, ())]))
     return tables
+
+
+def _with_skipped(table: Table, rows: Sequence[Row]) -> Table:
+    """Adds rows that did not run on a scene; the notes of the report have the reasons."""
+    empty = ("",) * (len(table.columns) - 2)
+    return replace(table, rows=(*table.rows, *((row.label, SKIPPED, *empty) for row in rows)))
 
 
 def _result_table(title: str, shown: Sequence[Summary], published: Sequence[Published], baseline: str | None) -> Table:
