@@ -29,7 +29,7 @@ from splatwire.scene.splats import Splats
 from splatwire.transport import Program, make_program
 from splatwire.transport.pack import pack_stream
 from splatwire.transport.page import PageServer
-from splatwire.transport.page_content import Link, PageContent, program_file
+from splatwire.transport.page_content import FILES, Link, PageContent, program_file, web_file
 from transport.chromium import Browser, browser, executable
 from transport.network import bernoulli
 from transport.relay import Relay
@@ -264,6 +264,38 @@ def test_caches_may_keep_a_stream_as_long_as_it_is_the_same(programs: dict[str, 
         assert asked(server, "", f"Range: bytes=0-3\r\nIf-Range: {tag}\r\n")[0][9:12] == got
     page = answered(content, b"GET / HTTP/1.1\r\nHost: 10.0.0.1")
     assert f"/streams/ball.swz?{tag[1:-1]}".encode() in page
+
+
+@pytest.mark.parametrize("coding", ["", "gzip"])
+def test_scripts_have_tags_that_name_their_content_and_coding(programs: dict[str, Program], coding: str) -> None:
+    content = PageContent(programs, host="10.0.0.1")
+
+    def asked(name: str, tag: str = "") -> tuple[bytes, str]:
+        lines = ["GET /{} HTTP/1.1", "Host: 10.0.0.1", f"Accept-Encoding: {coding}", f"If-None-Match: {tag}"]
+        head, _, body = answered(content, "\r\n".join(lines).format(name).encode()).partition(b"\r\n\r\n")
+        return body, head.decode()
+
+    tags = set[str]()
+    for name in FILES:
+        body, head = asked(name)
+        tag = head.partition('ETag: "')[2].partition('"')[0]
+        tags.add(tag)
+        assert (gzip.decompress(body) if coding else body).decode() == web_file(name)
+        assert ("Content-Encoding: gzip" in head) == bool(coding)
+        assert "Cache-Control: no-cache" in head
+        assert "Vary: Accept-Encoding" in head
+        assert tag.endswith("-gzip") == bool(coding)
+        body, head = asked(name, f'"{tag}"')
+        assert (head[9:12], body) == ("304", b"")
+        assert asked(name, '"other"')[1][9:12] == "200"
+    assert len(tags) == len(FILES)
+
+
+def test_pages_of_other_origins_can_check_answers(programs: dict[str, Program]) -> None:
+    request = b"GET /streams/ball.swz HTTP/1.1\r\nHost: 10.0.0.1\r\nOrigin: https://a.example\r\nRange: bytes=0-3"
+    head = answered(PageContent(programs, host="10.0.0.1", origins=("https://a.example",)), request).decode("latin-1")
+    exposed = head.partition("Access-Control-Expose-Headers: ")[2].partition("\r\n")[0].split(", ")
+    assert {"Content-Range", "ETag", "Content-Encoding"} <= set(exposed)
 
 
 def test_a_packed_page_holds_the_stream_and_allows_nothing_else(stream: SceneStream) -> None:

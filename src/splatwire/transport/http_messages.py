@@ -112,7 +112,7 @@ def read_range(text: str, size: int) -> tuple[int, int] | None:
     return (first, min(last + 1, size)) if first < size else (size, size)
 
 
-def make_part(kind: str, body: bytes, headers: str, request: Request, tag: str) -> Answer:
+def make_part(kind: str, body: bytes, headers: str, request: Request, tag: str, *, packed: bool = False) -> Answer:
     """The part of a file that a request asks for, or the whole of it, or that it has not changed.
 
     What is asked for under its tag (`?TAG`) never changes; caches ask again about everything else.
@@ -123,9 +123,12 @@ def make_part(kind: str, body: bytes, headers: str, request: Request, tag: str) 
         headers: Further lines, each with its end.
         request: What is asked for.
         tag: Names this content and no other.
+        packed: Whether the body is compressed with gzip; it has a tag of its own then.
     """
     asked, bodiless = request.headers, request.method == "HEAD"
     cache = "public, max-age=31536000, immutable" if request.query == tag else "no-cache"
+    if packed:
+        body, tag, headers = _packed(body), f"{tag}-gzip", f"{headers}Content-Encoding: gzip\r\n"
     headers = f'Accept-Ranges: bytes\r\nETag: "{tag}"\r\n{headers}'
     if f'"{tag}"' in asked.get("if-none-match", ""):
         return make_answer("304 Not Modified", kind, body, headers, cache=cache, bodiless=True)
@@ -148,7 +151,6 @@ def make_answer(
     headers: str = "",
     *,
     bodiless: bool = False,
-    packed: bool = False,
     cache: str = "no-store",
 ) -> Answer:
     """Puts an answer together.
@@ -159,13 +161,10 @@ def make_answer(
         body: The body; where it is empty, the status. One that grows ends where the connection does.
         headers: Further lines, each with its end.
         bodiless: Whether the body is left out (HEAD); its size is told nevertheless.
-        packed: Whether the body is compressed; it is kept then.
         cache: What others may do with it.
     """
     if not isinstance(body, Growing):
         body = body or f"{status}\n".encode()
-        if packed:
-            body, headers = _packed(bytes(body)), f"{headers}Content-Encoding: gzip\r\n"
         headers = f"Content-Length: {len(body)}\r\n{headers}"
     head = (
         f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\n{headers}"

@@ -27,6 +27,8 @@ SCRIPT, DRAWING, STYLE = "splatwire.js", "splatwire-view.js", "page.css"
 """What receives, what it loads to draw with, and what the page looks like."""
 FILES = {SCRIPT: "text/javascript", DRAWING: "text/javascript", STYLE: "text/css"}
 STREAMS = "/streams/"
+_READABLE = "Access-Control-Expose-Headers: Content-Encoding, Content-Range, ETag, Retry-After\r\n"
+"""Headers that pages of other origins need to check an answer."""
 
 
 class Link(NamedTuple):
@@ -91,10 +93,11 @@ class PageContent:
         if found is None:
             return make_answer("404 Not Found")
         status, kind, body, headers = found
-        if request.target.startswith(STREAMS) and isinstance(body, bytes):
-            return make_part(kind, body, headers, request, self._tag(body))
-        packed = request.target[1:] in FILES and "gzip" in request.headers.get("accept-encoding", "")
-        return make_answer(status, kind, body, headers, bodiless=request.method == "HEAD", packed=packed)
+        script = request.target[1:] in FILES
+        if isinstance(body, bytes) and (script or request.target.startswith(STREAMS)):
+            packed = script and "gzip" in request.headers.get("accept-encoding", "")
+            return make_part(kind, body, headers, request, self._tag(body), packed=packed)
+        return make_answer(status, kind, body, headers, bodiless=request.method == "HEAD")
 
     def _tag(self, file: bytes) -> str:
         """What names the content of a file."""
@@ -162,9 +165,11 @@ class PageContent:
     def _shared(self, origin: str | None) -> str:
         """Headers that let a page of an origin read an answer; caches keep answers to different origins apart."""
         if self.origins is None and (self.public_origin is not None or not is_loopback(self.host)):
-            return "Access-Control-Allow-Origin: *\r\n"
+            return f"Access-Control-Allow-Origin: *\r\n{_READABLE}"
         allowed = is_loopback_origin(origin) if self.origins is None else origin in self.origins
-        return f"Access-Control-Allow-Origin: {origin}\r\nVary: Origin\r\n" if allowed else "Vary: Origin\r\n"
+        return (
+            f"Access-Control-Allow-Origin: {origin}\r\n{_READABLE}Vary: Origin\r\n" if allowed else "Vary: Origin\r\n"
+        )
 
     def _file(self, name: str) -> bytes | Growing | None:
         program = self.programs.get(name)

@@ -10,7 +10,7 @@ import { retrying, waitOrOnline } from "./retry.ts";
 import { FINAL_REFUSALS } from "./transfer.ts";
 import { askServer, NoWebTransport, receiveDatagrams, type Session } from "./webtransport.ts";
 
-/** How often a file is requested again that is refused after it was read before. */
+/** How often a file is requested again that the server has given before and refuses now. */
 const MAX_REFUSALS = 4;
 
 /** Where a stream is to be had. */
@@ -65,8 +65,8 @@ class Attempts {
 
   helps(error: unknown): boolean {
     if (error instanceof BitstreamError) return false;
-    // a file that was read before may be in the middle of its replacement
-    return !(error instanceof Refused && error.final) || (this.#file.compared && ++this.#file.refusals <= MAX_REFUSALS);
+    // a file that was given before may be in the middle of its replacement
+    return !(error instanceof Refused && error.final) || (this.#file.given && ++this.#file.refusals <= MAX_REFUSALS);
   }
 
   /**

@@ -59,7 +59,8 @@ export class HttpFile {
   changes = 0;
   damages = 0;
   useless = 0;
-  /** How often it was refused after it had been read. */
+  /** True once the server has given bytes of the file, and how often it refused it later. */
+  given = false;
   refusals = 0;
   /** How often each tile came damaged. */
   readonly damagedTiles = new Map<number, number>();
@@ -140,6 +141,7 @@ export class HttpFile {
       whole ||= all;
       most = fits && end !== null ? end - first : Infinity;
     }
+    this.given = true;
     const reader = body.getReader(),
       keep = status === 206 || headers.has("content-length") || encoded;
     let count = 0;
