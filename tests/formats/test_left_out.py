@@ -156,7 +156,7 @@ FILES: dict[str, tuple[Callable[[Path], Path], int, int, int]] = {
     ".splat": (_splat, 1, 1, 3),
     ".spz": (lambda path: write(path, legacy_spz(3)), 1, 1, 0),
     ".sog": (_sog, 2, 1, 2),
-    ".compressed.ply": (_compressed, 253, 3, 44),
+    ".compressed.ply": (_compressed, 254, 2, 44),
     ".glb": (_glb, 1, 2, 3),
     ".ksplat": (_ksplat, 1, 1, 1),
 }

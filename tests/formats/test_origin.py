@@ -1,5 +1,6 @@
 """Positions of geo-referenced scenes: float64 in files, float32 relative to an origin in memory."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,18 @@ def test_a_compressed_ply_has_its_origin_in_a_comment(tmp_path: Path, caplog: py
     content = read_content(tmp_path / "a.compressed.ply")
     assert content.origin == UTM
     assert torch.equal(content.splats.means, read_splats(tmp_path / "plain.compressed.ply").means)
+
+
+def test_a_gltf_has_its_origin_in_the_node(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    splats = some_splats(300, 1)
+    write_splats([splats], tmp_path / "a.glb", origin=UTM)
+    data = (tmp_path / "a.glb").read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    assert document["nodes"] == [{"mesh": 0, "translation": [-UTM[0], -UTM[1], UTM[2]]}]
+    content = read_content(tmp_path / "a.glb")
+    assert content.origin == UTM
+    assert torch.equal(content.splats.means, splats.means)
+    assert not caplog.messages
 
 
 @pytest.mark.parametrize("name", ["a.spz", "a.sog", "a.splat"])

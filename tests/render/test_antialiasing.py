@@ -76,7 +76,7 @@ def test_an_spz_says_it(tmp_path: Path) -> None:
     assert scene.antialiased
 
 
-@pytest.mark.parametrize("name", ["a.ply", "a.compressed.ply", "a.spz", "a.sog"])
+@pytest.mark.parametrize("name", ["a.ply", "a.compressed.ply", "a.spz", "a.sog", "a.glb"])
 def test_files_that_can_say_it_keep_it(name: str, tmp_path: Path) -> None:
     for wish in (False, True):
         save_scene(SplatScene(ball(), antialiased=wish), tmp_path / name)

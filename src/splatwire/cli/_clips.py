@@ -14,6 +14,7 @@ from splatwire.errors import InvalidValueError
 if TYPE_CHECKING:
     from splatwire.clips import TrackingReport
     from splatwire.clips.options import ClipOptions
+    from splatwire.formats.outliers import Outliers
     from splatwire.packets import SceneStream
     from splatwire.scene import Cameras
     from splatwire.scene.background import Background
@@ -125,8 +126,9 @@ def count_motions(stream: "SceneStream") -> dict[str, Any]:
 
 
 def write_frames(
-    stream: "SceneStream", folder: Path, suffix: str, concealer: str, only: int | None, report: Report
-) -> dict[str, Any]:
+    stream: "SceneStream", folder: Path, suffix: str, concealer: str, only: int | None, report: Report,
+    outliers: "Outliers" = "clamp",
+) -> dict[str, Any]:  # fmt: skip
     """Decodes a clip into a folder with a file a frame, or of one frame if `only` says which; that may go to a file.
 
     Raises:
@@ -146,7 +148,7 @@ def write_frames(
     width, written, concealed = len(str(count - 1)), 0, 0
     for frame in shown:
         name = folder / f"frame_{frame.number:0{width}}{suffix}" if folder.is_dir() else folder
-        write_splats([frame.scene.drawn()], name, antialiased=clip.antialiased, origin=clip.origin)
+        write_splats([frame.scene.drawn()], name, antialiased=clip.antialiased, origin=clip.origin, outliers=outliers)
         written, concealed = written + 1, concealed + int(frame.concealed.sum())
         report("writing frames", written / (1 if only is not None else count))
     lost = int((~clip.tracks.received).sum())

@@ -5,8 +5,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatwire.ops.spherical_harmonics import DC
+from splatwire.scene.origin import NO_ORIGIN
 
 if TYPE_CHECKING:
+    from splatwire.scene.origin import Origin
     from splatwire.scene.splats import Splats
 
 _FAINT = 1 / 255
@@ -19,11 +21,12 @@ _COLOURS = (-1.0, 2.0)
 """Colours seen from anywhere; 0 to 1 is what a picture can show."""
 
 
-def describe_gaussians(splats: "Splats") -> dict[str, Any]:
+def describe_gaussians(splats: "Splats", origin: "Origin" = NO_ORIGIN) -> dict[str, Any]:
     """Collects the facts about explicit Gaussians.
 
     Args:
         splats: The Gaussians; of none, only their number and degree are told.
+        origin: World coordinates that their positions are relative to.
 
     Returns:
         `num_gaussians`, `degree`, `bounds` and `core` (the middle 98 % on each axis; world units), quantiles of `sizes`
@@ -38,8 +41,8 @@ def describe_gaussians(splats: "Splats") -> dict[str, Any]:
     return {
         "num_gaussians": splats.num_gaussians,
         "degree": splats.degree,
-        "bounds": _box(means.min(axis=0), means.max(axis=0)),
-        "core": _box(low, high),
+        "bounds": _box(means.min(axis=0) + np.array(origin), means.max(axis=0) + np.array(origin)),
+        "core": _box(low + np.array(origin), high + np.array(origin)),
         "sizes": _quantiles(scales.max(axis=1)),
         "opacities": _quantiles(opacities),
         "problems": _problems(splats, means, scales, opacities, float(np.linalg.norm(high - low))),

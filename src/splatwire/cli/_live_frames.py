@@ -88,6 +88,7 @@ class LiveFrames:
         from splatwire.formats import write_splats
 
         for frame in frames:
-            write_splats([frame.scene.drawn()], self._folder / f"frame_{frame.number:0{DIGITS}}.ply")
+            scene, path = frame.scene, self._folder / f"frame_{frame.number:0{DIGITS}}.ply"
+            write_splats([scene.drawn()], path, antialiased=scene.antialiased, origin=scene.origin)
             self.num_frames += 1
             self._show("writing frames", 0.0)

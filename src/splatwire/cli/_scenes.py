@@ -1,8 +1,11 @@
-"""What the verbs that draw take in common."""
+"""Options that several verbs have in common."""
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
+    from splatwire.formats.outliers import Outliers
     from splatwire.scene.background import Background
 
 BackgroundOption: TypeAlias = tuple[float, float, float] | None
@@ -18,3 +21,27 @@ def chosen_background(option: BackgroundOption) -> "Background | None":
     from splatwire.scene.background import check_background
 
     return None if option is None else check_background(option)
+
+
+OutliersOption: TypeAlias = Literal["clamp", "prune", "keep"] | None
+"""Value of `--outliers`; None for the default."""
+
+
+def chosen_outliers(option: OutliersOption, name: str) -> "Outliers":
+    """Returns the treatment of outliers; the default where the option is absent.
+
+    Args:
+        option: Value of the option.
+        name: Name of the file to write, or its ending.
+
+    Raises:
+        InvalidValueError: If the option is given for a format without shared steps.
+    """
+    from splatwire.formats.kinds import QUANTISED, writer_for
+    from splatwire.formats.outliers import DEFAULT
+
+    if option is None:
+        return DEFAULT
+    if writer_for(name) not in QUANTISED:
+        raise InvalidValueError("--outliers is for compressed.ply, spz and sog: other formats keep numbers as they are")
+    return option

@@ -9,6 +9,7 @@ import tyro
 
 from splatwire.cli._files import input_path, output_path, read_report_json
 from splatwire.cli._output import JsonFlag, print_json, print_summary, progress_bars, tell_lost_harmonics
+from splatwire.cli._scenes import OutliersOption, chosen_outliers
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -31,6 +32,10 @@ class Decode:
     """Of a clip: the one frame to write, to a file, or into a folder if the output's name has no ending."""
     format: str | None = None
     """Of a clip: format of the files, ply (where absent), compressed.ply, spz, sog or splat."""
+    outliers: OutliersOption = None
+    """Gaussians whose far positions or extreme values would cost all others precision in an .spz, .sog or
+    .compressed.ply: clamp (where absent) moves them to the end of the range of the others, prune leaves them out, keep
+    writes them as they are."""
     accept_damage: bool = False
     """Exit with status 0 although bytes of the stream are damaged; packets that are only missing need no option."""
     json: JsonFlag = False
@@ -60,11 +65,14 @@ class Decode:
         suffix = Path(self.output).suffix if explicit else ""
         if explicit:
             writer_for(self.output)  # a name that says no format is told before the work
+        elif self.outliers is not None:
+            raise InvalidValueError("--outliers is for explicit Gaussians")
+        outliers = chosen_outliers(self.outliers, self.output)
         started = time.perf_counter()
         with progress_bars() as show, output_path(self.output, suffix=suffix, json=self.json) as path:
             partial = decode_stream(stream, progress=lambda share: show("decoding", share))
             decoded = time.perf_counter()
-            written = save_decoded(partial, concealer, path)
+            written = save_decoded(partial, concealer, path, outliers=outliers)
         tell_lost_harmonics(written, self.output)
         count, num_lost = written.num_elements, partial.erasures.num_lost
         if self.json:
@@ -94,10 +102,11 @@ class Decode:
             raise InvalidValueError("with --frame the name of the file says its format")
         suffix = f".{(self.format or 'ply').lstrip('.')}" if folder else Path(self.output).suffix
         writer_for(f"x{suffix}" if folder else self.output)
+        outliers = chosen_outliers(self.outliers, f"x{suffix}" if folder else self.output)
         started, method = time.perf_counter(), self.conceal or DEFAULT
         output = output_folder(self.output) if folder else output_path(self.output, suffix=suffix, json=self.json)
         with progress_bars() as show, output as path:
-            facts = write_frames(stream, path, suffix, method, self.frame, show)
+            facts = write_frames(stream, path, suffix, method, self.frame, show, outliers)
         seconds = time.perf_counter() - started
         if self.json:
             packets = read_report_json(report)

@@ -11,10 +11,12 @@ import tyro
 
 from splatwire.cli._files import check_inputs, input_path, prepared_output
 from splatwire.cli._output import JsonFlag, Reporter, print_json, print_summary, progress_bars, tell_lost_harmonics
+from splatwire.cli._scenes import OutliersOption, chosen_outliers
 from splatwire.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from splatwire.data import Dataset
+    from splatwire.formats.outliers import Outliers
     from splatwire.model.appearance import Scene
     from splatwire.scene import Cameras
     from splatwire.scene.splats import Splats
@@ -48,6 +50,10 @@ class Export:
     for a smaller file."""
     spz_version: int | None = None
     """Version of an SPZ: 4 where absent; 3 for programs that do not read 4 yet."""
+    outliers: OutliersOption = None
+    """Gaussians whose far positions or extreme values would cost all others precision in compressed-ply, spz and sog:
+    clamp (where absent) moves them to the end of the range of the others, prune leaves them out, keep writes them as
+    they are."""
     conceal: str = "drop"
     """Concealer for a scene with gaps."""
     accept_damage: bool = False
@@ -65,6 +71,7 @@ class Export:
         from splatwire.scene_io import drawable_scene
 
         num_functions(self._degree)
+        self._outliers()
         concealer = create_concealer(self.conceal)
         self._check()
         with input_path(self.scene) as source:
@@ -135,11 +142,18 @@ class Export:
         from splatwire.model.appearance import antialiased, origin_of
 
         writer: Any = stating(
-            WRITERS[self.kind.replace("-", ".")], self.output, antialiased=antialiased(scene), origin=origin_of(scene)
+            WRITERS[self.kind.replace("-", ".")],
+            self.output,
+            antialiased=antialiased(scene),
+            origin=origin_of(scene),
+            outliers=self._outliers(),
         )
         if self.kind == "spz":
             writer = partial(writer, harmonic_bits=self.harmonic_bits or FULL_BITS, version=self.spz_version or 4)
         return writer(parts, self.output)
+
+    def _outliers(self) -> "Outliers":
+        return chosen_outliers(self.outliers, f"x.{self.kind.replace('-', '.')}")
 
     def _written(self, scene: "Scene") -> "Scene":
         """The Gaussians of the export as they are drawn, relative to the scene's origin."""

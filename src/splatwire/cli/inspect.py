@@ -70,6 +70,7 @@ def _describe_stream(stream: "SceneStream", report: "ReadReport") -> dict[str, A
         "writer": manifest.writer,
         **(_describe_clip(stream) if manifest.schema.timed else {}),
         **_describe_levels(stream),
+        **_describe_scene_sections(stream),
     }
 
 
@@ -78,6 +79,16 @@ def _describe_clip(stream: "SceneStream") -> dict[str, Any]:
 
     complete = len(stream.packets) == stream.manifest.num_packets
     return {"clip": {**describe_clip(stream), **(count_motions(stream) if complete else {})}}
+
+
+def _describe_scene_sections(stream: "SceneStream") -> dict[str, Any]:
+    """Origin and antialiasing of a stream's scene."""
+    from splatwire.codec.antialiasing import SECTION
+    from splatwire.codec.origin import read_origin
+    from splatwire.packets.sections import sections_of
+
+    sections = sections_of(stream)
+    return {"origin": list(read_origin(sections)), "antialiased": SECTION in sections}
 
 
 def _describe_levels(stream: "SceneStream") -> dict[str, Any]:
@@ -126,15 +137,18 @@ def _describe_scene(path: Path) -> dict[str, Any]:
 def _describe_gaussians(path: Path, kind: str) -> dict[str, Any]:
     """A file of explicit Gaussians, with what of its rows is left out where it is drawn or encoded."""
     from splatwire.cli._gaussians import describe_gaussians
-    from splatwire.formats import read_rows
+    from splatwire.formats import read_all_rows
     from splatwire.model.scene_digest import scene_digest
 
-    splats, rows = read_rows(path)
+    content, rows = read_all_rows(path)
+    splats = content.splats
     kept = splats if rows.complete else splats.select(rows.kept)
     return {
         "kind": f"explicit Gaussians ({kind})",
         "num_bytes": _size(path),
-        **describe_gaussians(kept),
+        **describe_gaussians(kept, content.origin),
+        "origin": list(content.origin),
+        "antialiased": content.antialiased,
         "num_rows": splats.num_gaussians,
         "left_out": {
             "draw_nothing": rows.num_invisible,
@@ -164,6 +178,8 @@ def _print_table(source: str, content: Mapping[str, Any]) -> None:
                 if item not in ([], ()):
                     table.add_row(f"{key}: {name}", _text(item))
             table.add_section()
+        elif key == "origin":
+            table.add_row(key, ", ".join(map(_text, value)))
         elif key != "kind":
             table.add_row(key, _text(value))
     print_table(table)
@@ -175,7 +191,7 @@ def _text(value: Any) -> str:
     if isinstance(value, int):
         return f"{value:,}"
     if isinstance(value, float):
-        return f"{value:,.3f}" if 0.01 <= abs(value) < 1e6 or value == 0 else f"{value:.3g}"
+        return f"{value:,.3f}" if 0.01 <= abs(value) < 1e9 or value == 0 else f"{value:.3g}"
     if isinstance(value, list) and value and all(isinstance(item, float) for item in value):
         return " to ".join(map(_text, value))
     if isinstance(value, list):

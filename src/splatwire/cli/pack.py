@@ -58,9 +58,16 @@ class Pack:
         data = b"" if gltf else pack_streams(streams)
         with output_path(self.output, suffix=".glb" if gltf else ".html", json=self.json) as target:
             if gltf:
+                from splatwire.codec.antialiasing import SECTION as ANTIALIASED
+                from splatwire.codec.origin import origin_of_stream
                 from splatwire.formats import write_gltf_with_stream
+                from splatwire.packets.sections import sections_of
 
-                write_gltf_with_stream(stream_to_bytes(next(iter(streams.values()))), fallback, target)
+                [stream] = streams.values()
+                origin, antialiased = origin_of_stream(stream), ANTIALIASED in sections_of(stream)
+                write_gltf_with_stream(
+                    stream_to_bytes(stream), fallback, target, antialiased=antialiased, origin=origin
+                )
             else:
                 with written_whole(target) as new:
                     new.write_bytes(data)

@@ -4,6 +4,8 @@ import numpy as np
 
 _QUANTILES = 1024
 _ROUNDS_1D, _ROUNDS = 30, 8
+_REPAIRS = 12
+"""Maximum number of times that entries without values are moved: each doubles the entries among the values."""
 _BRANCHES = 256
 _CHUNK = 1 << 16
 
@@ -28,12 +30,38 @@ def number_codebook(values: np.ndarray, size: int) -> np.ndarray:
     share = np.concatenate([[0.0], np.cumsum(np.diff(edges) ** (2 / 3))])  # density is 1 / width between quantiles
     centers = np.interp((np.arange(size) + 0.5) / size * share[-1], share, edges)
     sums = np.concatenate([[0.0], np.cumsum(ordered)])
-    for _ in range(_ROUNDS_1D):
-        ends = np.searchsorted(ordered, (centers[1:] + centers[:-1]) / 2)
-        ends = np.concatenate([[0], ends, [len(ordered)]])
-        number = np.diff(ends)
-        centers = np.where(number > 0, np.diff(sums[ends]) / np.maximum(number, 1), centers)
+    for _ in range(_REPAIRS):
+        for _ in range(_ROUNDS_1D):
+            ends = _cells(ordered, centers)
+            number = np.diff(ends)
+            centers = np.where(number > 0, np.diff(sums[ends]) / np.maximum(number, 1), centers)
+        centers, moved = _repaired(ordered, np.sort(centers))
+        if not moved:
+            break
     return np.sort(centers).astype(np.float32)
+
+
+def _cells(ordered: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """Bounds among ascending values of those that are nearest to each center, int64 (size + 1)."""
+    return np.concatenate([[0], np.searchsorted(ordered, (centers[1:] + centers[:-1]) / 2), [len(ordered)]])
+
+
+def _repaired(ordered: np.ndarray, centers: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Moves entries without values, as outliers leave them in gaps, into the cells with the largest errors.
+
+    Returns:
+        The entries, ascending, and True if any was moved.
+    """
+    ends = _cells(ordered, centers)
+    number = np.diff(ends)
+    first, last = ordered[ends[:-1].clip(max=len(ordered) - 1)], ordered[(ends[1:] - 1).clip(min=0)]
+    errors = np.where(number > 0, number * (last - first) ** 2, 0)
+    empty, worst = np.flatnonzero(number == 0), np.argsort(-errors, kind="stable")
+    worst = worst[errors[worst] > 0][: len(empty)]
+    found = centers.copy()
+    found[worst] = first[worst] + (last - first)[worst] / 4
+    found[empty[: len(worst)]] = first[worst] + (last - first)[worst] * 3 / 4
+    return np.sort(found), len(worst) > 0
 
 
 def nearest_number(values: np.ndarray, codebook: np.ndarray) -> np.ndarray:

@@ -13,22 +13,30 @@ from splatwire.files.kinds import SOG_META_NAME
 from splatwire.files.whole import written_whole
 from splatwire.formats._codebooks import nearest_number, number_codebook, vector_palette
 from splatwire.formats._columns import join
+from splatwire.formats.outliers import (
+    DEFAULT,
+    Outliers,
+    find_outliers,
+    spatial_order,
+    treated_positions,
+    warn_of_outliers,
+)
 from splatwire.formats.sog import CODES, PALETTE_COLUMNS
-from splatwire.ops.morton import morton_encode
 from splatwire.scene.splats import Splats
 from splatwire.version import __version__
 
-_ORDER_BITS = 16
 _MIN_PALETTE, _MAX_PALETTE = 1024, 65536
 _POSITION_TOP = 65535
+_MOST_RANGE = 4.0
+"""Outliers are treated where they make the range of positions so many times as large, and moved to twice the range."""
 _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def write_sog(parts: Iterable[Splats], path: Path, *, antialiased: bool = False) -> int:
+def write_sog(parts: Iterable[Splats], path: Path, *, antialiased: bool = False, outliers: Outliers = DEFAULT) -> int:
     """Writes a bundled SOG, Gaussians in Morton order; see `splatwire.formats.write_splats`."""
-    splats = join(path, parts)
+    splats = _without_costs(join(path, parts), path, outliers)
     means = splats.means.double().numpy()
-    order = np.argsort(_morton(means), kind="stable")
+    order = spatial_order(find_outliers(means))
     pictures: dict[str, np.ndarray] = {}
     meta = {"version": 2, "asset": {"generator": f"splatwire {__version__}"}, "count": len(means)}
     if antialiased:
@@ -50,14 +58,30 @@ def write_sog(parts: Iterable[Splats], path: Path, *, antialiased: bool = False)
     return len(means)
 
 
-def _morton(means: np.ndarray) -> np.ndarray:
-    low = means.min(axis=0)
-    extent = max(float((means - low).max()), 1e-30)
-    return morton_encode(((means - low) / extent * ((1 << _ORDER_BITS) - 1)).astype(np.int64))
+def _without_costs(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Treats outliers that would make the range of positions more than `_MOST_RANGE` times that of all others."""
+    column = find_outliers(splats.means.numpy())
+    logs, others = _logs(column.values), _logs(column.others)
+    low, high = others.min(axis=0), others.max(axis=0)
+    span, whole = high - low, np.ptp(logs, axis=0)
+    if not (whole > _MOST_RANGE * span).any() or not column.outside.any():
+        return splats
+    room = span.max() / 2
+    bounds = [np.sign(end) * np.expm1(np.abs(end)) for end in (low - room, high + room)]
+    beyond = np.flatnonzero(((column.values < bounds[0]) | (column.values > bounds[1])).any(axis=1))
+    if not len(beyond):
+        return splats
+    steps = (float(whole.max()) / _POSITION_TOP, float(span.max()) / _POSITION_TOP)
+    warn_of_outliers(path, treatment, "positions", column, steps, len(beyond))
+    return treated_positions(splats, treatment, beyond, column.middle, *bounds)
+
+
+def _logs(means: np.ndarray) -> np.ndarray:
+    return np.sign(means) * np.log1p(np.abs(means))
 
 
 def _means(means: np.ndarray, pictures: dict[str, np.ndarray]) -> dict[str, object]:
-    logs = np.sign(means) * np.log1p(np.abs(means))
+    logs = _logs(means)
     low, high = logs.min(axis=0), logs.max(axis=0)
     span = np.where(high > low, high - low, 1)
     codes = np.rint((logs - low) / span * _POSITION_TOP).astype(np.int64)

@@ -6,14 +6,24 @@ Element `chunk` has the bounds of positions, logarithmic scales and colours, `ve
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from splatwire.errors import DatasetError
 from splatwire.files.whole import written_whole
 from splatwire.formats._columns import build_splats, check_count, join
 from splatwire.formats.content import FileContent
+from splatwire.formats.outliers import (
+    DEFAULT,
+    Outliers,
+    find_outliers,
+    spatial_order,
+    treated_positions,
+    warn_of_outliers,
+)
 from splatwire.formats.ply_comments import (
     OFFSET,
     antialiasing_comments,
@@ -33,6 +43,10 @@ _WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _WIDE, _BYTES, _TENS = (11, 10, 11), (8, 8, 8, 8), (2, 10, 10, 10)
 _MAX_LOG_SCALE = 20.0
 _SH_RANGE = 8.0
+_COST = 2.0
+"""Outliers are treated where that makes steps of others so many times as fine."""
+_VISIBLE_STEP = 1 / 32
+"""Steps of colours, and of logarithms of scales, that are too small to matter."""
 _DEGREES = {3 * (num_functions(degree) - 1): degree for degree in range(4)}
 
 
@@ -106,14 +120,20 @@ def _harmonics(element: PlyElement, count: int) -> np.ndarray:
 
 
 def write_compressed_ply(
-    parts: Iterable[Splats], path: Path, *, antialiased: bool = False, origin: Origin = NO_ORIGIN
+    parts: Iterable[Splats],
+    path: Path,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    outliers: Outliers = DEFAULT,
 ) -> int:
-    """Writes a compressed PLY; Gaussians keep their order, so sort them in space first if they are not.
+    """Writes a compressed PLY, Gaussians sorted along a Morton curve, outliers of the positions last.
 
     Positions are written relative to the origin, which is a comment. See `splatwire.formats.write_splats`.
     """
     remarks = antialiasing_comments(antialiased) + origin_comments(OFFSET, origin)
-    splats = join(path, parts)
+    splats = _sorted(join(path, parts), path, outliers)
+    splats = _scales_and_colours(splats, path, outliers)
     means, quats, scales, sh = (t.numpy() for t in (splats.means, splats.quats, splats.scales, splats.sh))
     color = np.concatenate([sh[:, 0] * np.float32(DC) + np.float32(0.5), splats.opacities.numpy()[:, None]], axis=1)
     logs = np.log(scales).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
@@ -128,6 +148,65 @@ def write_compressed_ply(
         file.write(words.T.astype("<u4").tobytes())
         file.write(codes.tobytes())
     return len(means)
+
+
+def _sorted(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Sorts Gaussians in space, and treats outliers that share a chunk with others at a cost to these."""
+    column = find_outliers(splats.means.numpy())
+    splats = splats.select(torch.from_numpy(spatial_order(column)))
+    usual = int((~column.outside).sum())
+    first, end = usual // CHUNK * CHUNK, min(-(-usual // CHUNK) * CHUNK, splats.num_gaussians)
+    if end == usual:
+        return splats
+    places, tops = splats.means.double().numpy()[first:end], np.array([(1 << width) - 1 for width in _WIDE])
+    low, high = column.middle - column.reach, column.middle + column.reach
+    spans = [np.ptp(some, axis=0) / tops for some in (places, places.clip(low, high), places[: usual - first])]
+    whole, clamped, alone = (float(span.max()) for span in spans)
+    if whole < _COST * clamped:
+        return splats
+    last = splats.num_gaussians if treatment == "prune" else end
+    warn_of_outliers(path, treatment, "positions", column, (whole, alone), last - usual)
+    return treated_positions(splats, treatment, np.arange(usual, last), column.middle, low, high)
+
+
+def _scales_and_colours(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Treats outliers of scales and colours that make visible steps in their chunks."""
+    logs = np.log(splats.scales.double().numpy()).clip(-_MAX_LOG_SCALE, _MAX_LOG_SCALE)
+    colours = splats.sh[:, 0].double().numpy() * DC
+    kept = np.ones(splats.num_gaussians, bool)
+    for what, values, top in (("scales", logs, (1 << _WIDE[1]) - 1), ("colours", colours, (1 << _BYTES[0]) - 1)):
+        column = find_outliers(values)
+        chunks = np.unique(np.flatnonzero(column.outside) // CHUNK)
+        if not len(chunks):
+            continue
+        near = values.clip(column.middle - column.reach, column.middle + column.reach)
+        alone = np.where(column.outside[:, None], np.nan, values)
+        steps = [_largest_span(some, chunks) / top for some in (values, near, alone)]
+        if steps[0] < max(_COST * steps[1], _VISIBLE_STEP):
+            continue
+        warn_of_outliers(path, treatment, what, column, (steps[0], steps[2]))
+        if treatment == "prune":
+            kept &= ~column.outside
+        elif treatment == "clamp":
+            splats = _with_values(splats, what, column.outside, near)
+    return splats if kept.all() else splats.select(torch.from_numpy(kept))
+
+
+def _with_values(splats: Splats, what: str, rows: np.ndarray, values: np.ndarray) -> Splats:
+    """The Gaussians with other logarithms of scales, or colours less 0.5, in some rows."""
+    index = (torch.from_numpy(np.flatnonzero(rows)),)
+    if what == "scales":
+        return replace(splats, scales=splats.scales.index_put(index, torch.from_numpy(np.exp(values[rows])).float()))
+    sh = splats.sh.clone()
+    sh[index[0], 0] = torch.from_numpy(values[rows] / DC).float()
+    return replace(splats, sh=sh)
+
+
+def _largest_span(values: np.ndarray, chunks: np.ndarray) -> float:
+    """Largest range of a component within one of some chunks; NaN is ignored."""
+    starts = np.arange(0, len(values), CHUNK)
+    spans = np.fmax.reduceat(values, starts) - np.fmin.reduceat(values, starts)
+    return float(np.nan_to_num(spans[chunks]).max())
 
 
 def _normalised(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

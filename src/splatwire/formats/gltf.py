@@ -22,7 +22,9 @@ from splatwire.formats._axes import GLTF_FLIPS, harmonic_signs, is_similarity, t
 from splatwire.formats._columns import MAX_LOG_SCALE, build_splats, check_count, concatenate
 from splatwire.formats._files import mapped_file
 from splatwire.formats._gltf_nodes import Instance, entry, shown_instances
+from splatwire.formats.content import FileContent
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
+from splatwire.scene.origin import Origin, choose_origin
 from splatwire.scene.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -37,8 +39,10 @@ _KNOWN = {"kernel": ("ellipse",), "colorSpace": ("srgb_rec709_display",)}
 _SMALLEST = float(np.exp(-MAX_LOG_SCALE))
 
 
-def read_gltf(path: Path) -> Splats:
+def read_gltf(path: Path) -> FileContent:
     """Reads all Gaussians that the scene of a glTF file shows, moved as its nodes say.
+
+    A shift of all nodes to far coordinates becomes the origin. `extras.antialiased` is our own statement.
 
     Args:
         path: A binary glTF, or a document whose buffers are files beside it or `data:` URIs.
@@ -54,7 +58,7 @@ def read_gltf(path: Path) -> Splats:
         if not isinstance(document, dict):
             raise DatasetError(f"{path}: the glTF document is no object")
     try:
-        return _Gltf(path, document, binary).splats()
+        return _Gltf(path, document, binary).content()
     except (KeyError, IndexError, TypeError, AttributeError, ValueError, OverflowError) as error:
         raise DatasetError(f"{path}: the glTF document is damaged: {type(error).__name__} {error}") from error
 
@@ -86,6 +90,11 @@ def _chunks(path: Path, data: memoryview) -> tuple[dict[str, Any], memoryview]:
     return content, found.get(b"BIN\0", view[:0])
 
 
+def _extras(primitive: dict[str, Any]) -> dict[str, Any]:
+    extras = primitive.get("extras")
+    return extras if isinstance(extras, dict) else {}
+
+
 class _Gltf:
     """The document and its buffers."""
 
@@ -94,7 +103,7 @@ class _Gltf:
         self._buffers: dict[int, memoryview] = {}
         self._resources: dict[str, memoryview] = {}
 
-    def splats(self) -> Splats:
+    def content(self) -> FileContent:
         """Gaussians of all primitives, each as often as nodes show it."""
         meshes = self._document.get("meshes", [])
         found = {index: self._primitives(mesh) for index, mesh in enumerate(meshes)}
@@ -107,7 +116,12 @@ class _Gltf:
         held = sum({id(data): len(data) for data in self._buffers.values()}.values())
         check_count(self._path, sum(counts[instance.mesh] for instance in shown), held)
         read = {index: [self._primitive(primitive) for primitive in found[index]] for index in {s.mesh for s in shown}}
-        return concatenate([self._moved(part, instance) for instance in shown for part in read[instance.mesh]])
+        shifts = np.array([instance.matrix[:3, 3] for instance in shown]) * GLTF_FLIPS
+        origin = choose_origin(shifts, wide=False)
+        moved = [self._moved(part, instance, origin) for instance in shown for part in read[instance.mesh]]
+        primitives = [primitive for index in read for primitive in found[index]]
+        antialiased = all(_extras(primitive).get("antialiased") is True for primitive in primitives)
+        return FileContent(concatenate(moved), origin, antialiased)
 
     def _instances(self, found: dict[int, list[dict[str, Any]]]) -> list[Instance]:
         """Where the scene shows meshes with Gaussians; logs what is not read."""
@@ -161,16 +175,16 @@ class _Gltf:
             raise DatasetError(f"{self._path}: attribute POSITION has {count!r:.40} rows")
         return count
 
-    def _moved(self, splats: Splats, instance: Instance) -> Splats:
-        """Gaussians as a node shows them.
+    def _moved(self, splats: Splats, instance: Instance, origin: Origin) -> Splats:
+        """Gaussians as a node shows them, relative to an origin.
 
         Raises:
             DatasetError: If the node moves them out of the range of numbers.
         """
-        if np.array_equal(instance.matrix, np.eye(4)):
-            return splats
         flips = np.diag(GLTF_FLIPS)
-        matrix, shift = flips @ instance.matrix[:3, :3] @ flips, flips @ instance.matrix[:3, 3]
+        matrix, shift = flips @ instance.matrix[:3, :3] @ flips, flips @ instance.matrix[:3, 3] - np.array(origin)
+        if np.array_equal(matrix, np.eye(3)) and not shift.any():
+            return splats
         if not np.isfinite(matrix).all() or not np.isfinite(shift).all():
             raise DatasetError(f"{self._path}: node {instance.node} moves its Gaussians too far")
         if splats.degree and not is_similarity(matrix):

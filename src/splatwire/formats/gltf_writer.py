@@ -14,6 +14,7 @@ from splatwire.formats._axes import GLTF_FLIPS, flip_axes
 from splatwire.formats._columns import join
 from splatwire.formats.gltf import EXTENSION, MAGIC
 from splatwire.ops.spherical_harmonics import DC
+from splatwire.scene.origin import NO_ORIGIN, Origin
 from splatwire.scene.splats import Splats
 from splatwire.version import __version__
 
@@ -28,31 +29,42 @@ _WAY = {
 """As the Gaussians of this field are drawn: trained against photos as they are displayed."""
 
 
-def write_gltf(parts: Iterable[Splats], path: Path) -> int:
+def write_gltf(parts: Iterable[Splats], path: Path, *, antialiased: bool = False, origin: Origin = NO_ORIGIN) -> int:
     """Writes one primitive of points in float32, and colours of a byte for programs that draw points only.
 
-    See `splatwire.formats.write_splats`.
+    The origin is the translation of the node. Antialiasing is stated in the primitive's extras, which only this package
+    reads. See `splatwire.formats.write_splats`.
     """
-    return _write(join(path, parts), path, None)
+    return _write(join(path, parts), path, None, antialiased=antialiased, origin=origin)
 
 
-def write_gltf_with_stream(stream: bytes, fallback: Splats, path: Path) -> int:
+def write_gltf_with_stream(
+    stream: bytes, fallback: Splats, path: Path, *, antialiased: bool = False, origin: Origin = NO_ORIGIN
+) -> int:
     """Writes a stream into binary glTF, by the draft of EXT_splatwire (docs/gltf.md).
 
     Args:
         stream: The bytes of a `.swz` file of explicit Gaussians.
         fallback: What is drawn by programs that do not know the extension.
         path: The file.
+        antialiased: See `write_gltf`.
+        origin: See `write_gltf`.
 
     Returns:
         Number of Gaussians of the fallback.
     """
-    return _write(fallback, path, stream)
+    return _write(fallback, path, stream, antialiased=antialiased, origin=origin)
 
 
-def _write(splats: Splats, path: Path, stream: bytes | None) -> int:
+def _write(
+    splats: Splats, path: Path, stream: bytes | None, *, antialiased: bool = False, origin: Origin = NO_ORIGIN
+) -> int:
     columns = _columns(flip_axes(splats, GLTF_FLIPS))
     content = _document(columns)
+    if origin != NO_ORIGIN:
+        content["nodes"][0]["translation"] = [flip * value for flip, value in zip(GLTF_FLIPS, origin, strict=True)]
+    if antialiased:
+        content["meshes"][0]["primitives"][0]["extras"] = {"antialiased": True}
     packed = b"" if stream is None else stream + bytes(-len(stream) % 4)
     if stream is not None:
         _put_stream(content, len(stream), len(packed))

@@ -37,6 +37,7 @@ from splatwire.formats.content import FileContent
 from splatwire.formats.gltf import read_gltf
 from splatwire.formats.gltf_writer import write_gltf
 from splatwire.formats.ksplat import read_ksplat
+from splatwire.formats.outliers import DEFAULT, Outliers, check_outliers
 from splatwire.formats.ply import content_of_vertices, write_ply
 from splatwire.formats.ply_comments import states_antialiasing
 from splatwire.formats.ply_file import read_ply_comments, read_ply_elements
@@ -70,7 +71,7 @@ READERS: dict[str, Callable[[Path], FileContent]] = {
     "streamed sog": lambda path: FileContent(read_streamed_sog(path), antialiased=streamed_sog.is_antialiased(path)),
     "splat": lambda path: FileContent(read_splat(path)),
     "ksplat": lambda path: FileContent(read_ksplat(path)),
-    "glb": lambda path: FileContent(read_gltf(path)),
+    "glb": read_gltf,
     "3dgs": lambda path: _read_ply(_trained(path)),
 }
 """Of all rows of a file; `read_all_rows` judges them."""
@@ -83,6 +84,8 @@ WRITERS: dict[str, Writer] = {
     "glb": write_gltf,
 }
 """By the end of a file's name."""
+QUANTISED: tuple[Writer, ...] = (write_compressed_ply, write_spz, write_sog)
+"""Writers of formats with steps that are relative to the range of all values."""
 
 
 def format_of(kind: Kind) -> str | None:
@@ -137,6 +140,7 @@ def is_antialiased(path: Path) -> bool:
         "3dgs": lambda folder: states_antialiasing(read_ply_comments(_trained(folder))),
         "spz": spz.is_antialiased,
         "sog": sog.is_antialiased,
+        "glb": lambda file: read_gltf(file).antialiased,
         "streamed sog": streamed_sog.is_antialiased,
     }
     asked = say.get(splats_kind(path) or "")
@@ -211,6 +215,7 @@ def write_splats(
     *,
     antialiased: bool = False,
     origin: Origin = NO_ORIGIN,
+    outliers: Outliers = DEFAULT,
 ) -> int:
     """Writes explicit Gaussians in the format that the end of the file's name says (`WRITERS`).
 
@@ -223,6 +228,7 @@ def write_splats(
             cannot, a warning does.
         origin: World coordinates that positions are relative to. A PLY has float64 world coordinates; a warning says
             where a format cannot hold them.
+        outliers: Treatment of few Gaussians that would cost all others precision, in the `QUANTISED` formats.
 
     Returns:
         How many Gaussians were written.
@@ -234,22 +240,36 @@ def write_splats(
     """
     writer = writer_for(path)
     more = {} if note is None or writer is not write_ply else {"note": note}
-    return partial(stating(writer, path, antialiased=antialiased, origin=origin), **more)(parts, path)
+    stated = stating(writer, path, antialiased=antialiased, origin=origin, outliers=outliers)
+    return partial(stated, **more)(parts, path)
 
 
-def stating(writer: Writer, path: Path, *, antialiased: bool = False, origin: Origin = NO_ORIGIN) -> Writer:
-    """Returns a writer whose files state antialiasing and origin as its format can; what it cannot is logged."""
-    stated: dict[str, object] = {}
-    if antialiased and writer in (write_ply, write_compressed_ply, write_spz, write_sog):
+def stating(
+    writer: Writer,
+    path: Path,
+    *,
+    antialiased: bool = False,
+    origin: Origin = NO_ORIGIN,
+    outliers: Outliers = DEFAULT,
+) -> Writer:
+    """Returns a writer with what is common to a file's Gaussians; a warning names what its format cannot hold.
+
+    Arguments as of `write_splats`.
+    """
+    treatment = check_outliers(outliers)
+    stated: dict[str, object] = {"outliers": treatment} if writer in QUANTISED else {}
+    if antialiased and writer is not write_splat:
         stated["antialiased"] = True
-    elif antialiased:
+    if antialiased and writer is write_gltf:
+        LOG.warning("%s: the request for antialiasing is in extras, which other programs do not read", path)
+    elif antialiased and writer is write_splat:
         LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
-    if origin != NO_ORIGIN and writer in (write_ply, write_compressed_ply):
+    if origin != NO_ORIGIN and writer in (write_ply, write_compressed_ply, write_gltf):
         stated["origin"] = origin
-    if origin != NO_ORIGIN and writer is not write_ply:
+    if origin != NO_ORIGIN and writer not in (write_ply, write_gltf):
         where = "only a comment in such files holds" if "origin" in stated else "such files do not hold"
         LOG.warning(
-            "%s: positions are relative to the scene's origin (%s), which %s; PLY has world coordinates",
+            "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
             path, describe_origin(origin).replace(" ", ", "), where,
         )  # fmt: skip
     return partial(writer, **stated) if stated else writer

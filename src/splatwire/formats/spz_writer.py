@@ -1,6 +1,8 @@
 """Writes SPZ (see `splatwire.formats.spz`)."""
 
 import gzip
+import logging
+import math
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.whole import written_whole
 from splatwire.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.formats._columns import join
+from splatwire.formats.outliers import DEFAULT, Outliers, find_outliers, treated_positions, warn_of_outliers
 from splatwire.formats.spz import (
     ANTIALIASED,
     COLOR_SCALE,
@@ -23,9 +26,12 @@ from splatwire.formats.spz import (
 )
 from splatwire.scene.splats import Splats
 
+LOG = logging.getLogger(__name__)
 VERSIONS = (3, 4)
 """Versions that are written."""
 _FRACTION_BITS = 12
+_MOST = (1 << 23) - 1
+"""Largest position, in units of the last fraction bit."""
 _ZSTD_LEVEL = 12
 FULL_BITS, FEWER_BITS = (8, 8), (5, 4)
 """Bits of harmonics of degree 1, and of those beyond: all that there are, and as the format's own software writes."""
@@ -38,6 +44,7 @@ def write_spz(
     *,
     antialiased: bool = False,
     version: int = 4,
+    outliers: Outliers = DEFAULT,
 ) -> int:
     """Writes an SPZ file; harmonics are cut to their range.
 
@@ -48,6 +55,7 @@ def write_spz(
             last bits are 0, so that they pack better.
         antialiased: True if the header is to say that it was trained with antialiasing.
         version: 4 (zstd), or 3 (gzip) for programs that do not read 4 yet.
+        outliers: Treatment of few Gaussians whose positions would cost all others precision.
 
     Raises:
         InvalidValueError: Also if a position is beyond 2**23, or there is no such version or number of bits.
@@ -56,7 +64,7 @@ def write_spz(
         raise InvalidValueError(f"SPZ is written in version 3 or 4, not {version}")
     if not all(1 <= number <= 8 for number in harmonic_bits):
         raise InvalidValueError(f"harmonics of an SPZ have 1 to 8 bits, of degree 1 and beyond, not {harmonic_bits}")
-    splats = flip_axes(join(path, parts), SPZ_FLIPS)
+    splats = flip_axes(_without_costs(join(path, parts), path, outliers), SPZ_FLIPS)
     bits = _fraction_bits(float(splats.means.abs().max()))
     columns = [column.tobytes() for column in _columns(splats, bits, harmonic_bits)]
     write = _write_plain if version == 4 else _write_gzip
@@ -65,6 +73,25 @@ def write_spz(
             unfinished, columns, (MAGIC, version, splats.num_gaussians, splats.degree, bits, ANTIALIASED * antialiased)
         )
     return splats.num_gaussians
+
+
+def _without_costs(splats: Splats, path: Path, treatment: Outliers) -> Splats:
+    """Treats outliers that would take fraction bits from the positions of all others; what bits cost is logged."""
+    column = find_outliers(splats.means.numpy())
+    farthest, others = (float(np.abs(some).max()) for some in (column.values, column.others))
+    bits = _fraction_bits(others)
+    limit = _MOST / 2**bits
+    if farthest <= limit:
+        if bits < _FRACTION_BITS:
+            LOG.warning(
+                "%s: positions are rounded to steps of %.3g instead of %.3g, because they reach %.4g from the origin",
+                path, 2.0**-bits, 2.0**-_FRACTION_BITS, farthest,
+            )  # fmt: skip
+        return splats
+    beyond = np.flatnonzero(np.abs(column.values).max(axis=1) > limit)
+    steps = (2.0 ** math.ceil(math.log2(farthest / _MOST)), 2.0**-bits)
+    warn_of_outliers(path, treatment, "positions", column, steps, len(beyond))
+    return treated_positions(splats, treatment, beyond, column.middle, np.full(3, -limit), np.full(3, limit))
 
 
 def _write_gzip(path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int]) -> None:
@@ -84,10 +111,10 @@ def _write_plain(path: Path, columns: list[bytes], header: tuple[bytes, int, int
 def _fraction_bits(farthest: float) -> int:
     """12 as other writers, fewer where positions would not fit into 24 bits."""
     bits = _FRACTION_BITS
-    while bits and farthest * 2**bits > 2**23 - 1:
+    while bits and farthest * 2**bits > _MOST:
         bits -= 1
-    if farthest * 2**bits > 2**23 - 1:
-        raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {2**23 - 1}")
+    if farthest * 2**bits > _MOST:
+        raise InvalidValueError(f"a position of {farthest:g} is too far away for SPZ, which ends at {_MOST}")
     return bits
 
 

@@ -8,6 +8,7 @@ from splatwire.conceal import Concealer, conceal
 from splatwire.errors import InvalidValueError
 from splatwire.formats import PlyNote, write_splats
 from splatwire.formats.kinds import READERS, WRITERS
+from splatwire.formats.outliers import DEFAULT, Outliers
 from splatwire.model import Partial, Prior, SplatCoding
 from splatwire.model.appearance import Scene, antialiased, as_scene, explicit_gaussians, origin_of
 from splatwire.model.scene_file import save_partial
@@ -21,7 +22,11 @@ _OTHERS = (FILE_SUFFIX, *(f".{end}" for end in {**READERS, **WRITERS}))
 
 
 def save_scene(
-    scene: Scene | Partial | Splats, path: str | os.PathLike[str], *, erasures: Erasures | None = None
+    scene: Scene | Partial | Splats,
+    path: str | os.PathLike[str],
+    *,
+    erasures: Erasures | None = None,
+    outliers: Outliers = DEFAULT,
 ) -> None:
     """Writes a scene so that `open_scene` reads it; the file appears under its name when it is complete.
 
@@ -32,6 +37,7 @@ def save_scene(
             keeps what they were rounded to, so that they are encoded to the same integers again.
         path: The file.
         erasures: What had been received before losses were concealed; a scene file keeps it for the record.
+        outliers: See `splatwire.formats.write_splats`.
 
     Raises:
         InvalidValueError: If it is no scene, the name says another kind of file, or there is no Gaussian to write.
@@ -43,7 +49,14 @@ def save_scene(
     if isinstance(shown, Partial) and shown.find(Prior) is None:
         shown = conceal(shown, "drop")
     if not isinstance(shown, Partial) and (splats := explicit_gaussians(shown)) is not None:
-        write_splats([splats], target, _note_of(shown), antialiased=antialiased(shown), origin=origin_of(shown))
+        write_splats(
+            [splats],
+            target,
+            _note_of(shown),
+            antialiased=antialiased(shown),
+            origin=origin_of(shown),
+            outliers=outliers,
+        )
         return
     if target.name.lower().endswith(_OTHERS):
         raise InvalidValueError(
@@ -68,13 +81,14 @@ def _note_of(scene: Scene) -> PlyNote | None:
     return PlyNote(coding_to_bytes(coding), coding.classes.numpy())
 
 
-def save_decoded(partial: Partial, concealer: Concealer | None, path: Path) -> Scene:
+def save_decoded(partial: Partial, concealer: Concealer | None, path: Path, *, outliers: Outliers = DEFAULT) -> Scene:
     """Writes what a decoder returned.
 
     Args:
         partial: Anchors, or explicit Gaussians.
         concealer: What hides the gaps; None keeps those of anchors in the file, and leaves lost Gaussians out.
         path: Where to.
+        outliers: See `splatwire.formats.write_splats`.
 
     Returns:
         The scene in the file; of Gaussians, with those that were left out.
@@ -85,8 +99,8 @@ def save_decoded(partial: Partial, concealer: Concealer | None, path: Path) -> S
         OSError: If the file cannot be written.
     """
     if concealer is None and partial.find(Prior) is not None:
-        save_scene(partial, path)
+        save_scene(partial, path, outliers=outliers)
         return partial.scene
     scene = conceal(partial, concealer or "drop")
-    save_scene(scene, path, erasures=partial.erasures)
+    save_scene(scene, path, erasures=partial.erasures, outliers=outliers)
     return scene

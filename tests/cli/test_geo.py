@@ -1,0 +1,156 @@
+"""Geo-referenced scenes through the verbs: world coordinates go in and come out, whatever lies between."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from formats.handmade import some_splats
+from formats.test_origin import ECEF, UTM, geo_ply
+from scenes import tiny_cameras
+from splatwire.data import load_cameras, save_cameras
+from splatwire.formats import read_content, write_splats
+from splatwire.packets import read_stream
+from splatwire.packets.sections import sections_of
+from splatwire.scene.origin import NO_ORIGIN
+
+SHIFT = np.array(UTM) + np.array([0.25, 0.5, 0.125])
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """The same scene and cameras in world coordinates and around 0."""
+    folder = tmp_path_factory.mktemp("geo")
+    splats = some_splats(400, 1)
+    write_splats([splats], folder / "local.ply")
+    geo_ply(splats, SHIFT, folder / "world.ply")
+    cameras = tiny_cameras(3, 64, 48, distance=5.0)
+    save_cameras(cameras, folder / "local.json")
+    poses = cameras.viewmats.double()
+    poses[:, :3, 3] -= poses[:, :3, :3] @ torch.from_numpy(SHIFT)
+    save_cameras(replace(cameras, viewmats=poses), folder / "world.json")
+    return folder
+
+
+def places(path) -> np.ndarray:
+    """World coordinates of a file's Gaussians, float64, sorted by x."""
+    content = read_content(path)
+    means = content.splats.means.double().numpy() + np.array(content.origin)
+    return means[means[:, 0].argsort()]
+
+
+def psnr(one, other) -> float:
+    first, second = (np.asarray(Image.open(path), float) for path in (one, other))
+    return float(10 * np.log10(255**2 / max(((first - second) ** 2).mean(), 1e-9)))
+
+
+def test_cameras_far_away_keep_their_precision(files, tmp_path):
+    world, local = load_cameras(files / "world.json"), load_cameras(files / "local.json")
+    assert world.origin != NO_ORIGIN
+    centers = world.centers.double().numpy() + np.array(world.origin)
+    assert centers == pytest.approx(local.centers.double().numpy() + SHIFT, abs=1e-5)
+    save_cameras(world, tmp_path / "again.json")
+    again = load_cameras(tmp_path / "again.json")
+    assert torch.equal(again.viewmats, world.viewmats)
+    there = world.relative_to(ECEF).relative_to(world.origin)
+    assert torch.allclose(there.viewmats, world.viewmats, atol=1)
+
+
+@pytest.mark.parametrize("options", [(), ("--quality", "near-lossless"), ("--levels", "auto", "--block-size", "60")])
+def test_streams_hold_world_coordinates_to_the_codecs_own_precision(options, files, run, tmp_path):
+    errors = {}
+    for name, shift in (("world", SHIFT), ("local", np.zeros(3))):
+        stream, back = tmp_path / f"{name}.swz", tmp_path / f"{name}.ply"
+        cameras = ("--cameras", files / f"{name}.json")
+        assert run("encode", files / f"{name}.ply", "-o", stream, *cameras, *options).status == 0
+        assert run("decode", stream, "-o", back).status == 0
+        found = places(back)
+        errors[name] = np.abs(found - (places(files / "local.ply") + shift)).max()
+        out = tmp_path / f"{name}_pictures"
+        assert run("render", stream, "--cameras", files / f"{name}.json", "-o", out).status == 0
+    assert errors["world"] < 1.2 * errors["local"] + 1e-6
+    for view in range(3):
+        pictures = [tmp_path / f"{name}_pictures" / f"view_{view:02d}.png" for name in errors]
+        assert psnr(*pictures) > 50
+    assert run("inspect", tmp_path / "world.swz", "--json").json["origin"] == list(UTM)
+    assert "origin" not in sections_of(read_stream(tmp_path / "local.swz")[0])
+
+
+def test_a_decoded_scene_is_encoded_to_the_same_integers_again(files, run, tmp_path):
+    run("encode", files / "world.ply", "-o", tmp_path / "a.swz")
+    run("decode", tmp_path / "a.swz", "-o", tmp_path / "a.ply")
+    run("encode", tmp_path / "a.ply", "-o", tmp_path / "b.swz")
+    first, second = (run("inspect", tmp_path / f"{name}.swz", "--json").json for name in "ab")
+    assert first["symbols_digest"] == second["symbols_digest"]
+    assert first["origin"] == second["origin"]
+
+
+def test_evaluate_compares_in_world_coordinates(files, run, tmp_path):
+    run("encode", files / "world.ply", "-o", tmp_path / "a.swz")
+    done = run(
+        "evaluate", tmp_path / "a.swz", "--reference", files / "world.ply", "--cameras", files / "world.json", "--json"
+    )
+    assert done.status == 0
+    assert done.json["rows"][0]["psnr"] > 30
+
+
+@pytest.mark.parametrize("kind", ["ply", "compressed-ply", "spz", "sog", "splat", "glb"])
+def test_exports_are_in_world_coordinates_or_say_what_they_are_relative_to(kind, files, run, tmp_path, caplog):
+    path = tmp_path / f"a.{kind.replace('-', '.')}"
+    done = run("export", kind, files / "world.ply", "-o", path, "--cameras", files / "world.json", "--json")
+    assert done.status == 0
+    assert done.json["measured"]["psnr_to_scene"] > 25
+    relative = kind in ("spz", "sog", "splat")
+    shift = SHIFT - np.array(UTM) if relative else SHIFT
+    assert np.abs(places(path) - (places(files / "local.ply") + shift)).max() < 0.01
+    warned = kind not in ("ply", "glb")
+    assert (f"{UTM[0]:.0f}, {UTM[1]:.0f}, {UTM[2]:.0f}" in caplog.text) == warned
+
+
+def test_import_keeps_float64(files, run, tmp_path):
+    done = run("import", "splats", files / "world.ply", "-o", tmp_path / "a.ply", "--json")
+    assert done.json["origin"] == list(UTM)
+    assert np.abs(places(tmp_path / "a.ply") - places(files / "world.ply")).max() < 1e-6
+    facts = run("inspect", tmp_path / "a.ply", "--json").json
+    assert facts["bounds"]["y"][0] == pytest.approx(places(tmp_path / "a.ply")[:, 1].min(), abs=1e-6)
+
+
+def test_views_around_a_scene_are_saved_in_world_coordinates(files, run, tmp_path):
+    run("render", files / "world.ply", "-o", tmp_path / "out")
+    cameras = load_cameras(tmp_path / "out" / "cameras.json")
+    away = cameras.centers.double().numpy() + np.array(cameras.origin) - SHIFT
+    assert 1 < np.linalg.norm(away, axis=1).max() < 20
+
+
+def test_a_clip_has_one_origin(run, tmp_path):
+    (tmp_path / "frames").mkdir()
+    splats = some_splats(300, 0)
+    for number in range(3):
+        geo_ply(splats, SHIFT + np.array([0.6 * number, 0, 0]), tmp_path / "frames" / f"{number}.ply")
+    assert run("encode", tmp_path / "frames", "-o", tmp_path / "clip.swz").status == 0
+    assert run("decode", tmp_path / "clip.swz", "-o", tmp_path / "out").status == 0
+    for number in range(3):
+        found = places(tmp_path / "out" / f"frame_{number}.ply")
+        middle = np.median(places(tmp_path / "frames" / f"{number}.ply"), axis=0)
+        assert np.median(found, axis=0) == pytest.approx(middle, abs=0.05)
+
+
+def test_outliers_are_an_option_of_verbs_that_write_such_formats(files, run, tmp_path, caplog):
+    splats = some_splats(400, 0)
+    splats.means[7], splats.scales[7] = torch.tensor([1e6, 0.0, 0.0]), 1e4
+    source, stream = tmp_path / "floater.ply", tmp_path / "floater.swz"
+    write_splats([splats], source)
+    for treatment, count in (("keep", 400), ("clamp", 400), ("prune", 399)):
+        written = tmp_path / f"{treatment}.spz"
+        done = run("export", "spz", source, "-o", written, "--outliers", treatment, "--json")
+        assert done.json["num_gaussians"] == count
+        assert read_content(written).splats.num_gaussians == count
+    assert caplog.text.count("1 of 400 Gaussians have outlying positions") == 3
+    run("encode", source, "-o", stream)
+    assert run("decode", stream, "-o", tmp_path / "d.spz", "--outliers", "prune").status == 0
+    refused = run("export", "ply", source, "-o", tmp_path / "a.ply", "--outliers", "prune")
+    assert (refused.status, "--outliers is for" in refused.err) == (2, True)
+    refused = run("decode", stream, "-o", tmp_path / "a.ply", "--outliers", "prune")
+    assert (refused.status, "--outliers is for" in refused.err) == (2, True)
