@@ -63,3 +63,33 @@ test("nothing is held where nobody looked or nothing more will come", () => {
   assert.equal(buffer.due(60), 10 * GROUP - 1);
   assert.equal(buffer.held, held);
 });
+
+/** Groups of which those of an outage come at its end, one right after the other. */
+function outage(groups: number, begins: number, lasts: number): number[] {
+  return Array.from({ length: groups }, (_, n) => {
+    const encoded = ((n + 1) * GROUP) / RATE;
+    return encoded < begins || encoded >= begins + lasts ? 0.05 : begins + lasts + 0.05 - encoded;
+  });
+}
+
+for (const lasts of [3, 7, 20, 60]) {
+  test(`the clock is live again within two seconds of the end of an outage of ${lasts} s`, () => {
+    const begins = 15,
+      groups = Math.ceil(((begins + lasts + 10) * RATE) / GROUP),
+      { shown } = played(outage(groups, begins, lasts));
+    for (const [frame, time] of shown)
+      if (time > begins + lasts + 2 + GROUP / RATE && frame < (groups - 1) * GROUP) {
+        const behind = time - frame / RATE;
+        assert.ok(behind < 2 * (GROUP / RATE) + 0.3, `frame ${frame} is ${behind} s behind`);
+      }
+    assert.ok(shown.has(groups * GROUP - 1));
+  });
+}
+
+test("groups that are late now and then do not make the clock jump to and fro", () => {
+  const delays = Array.from({ length: 90 }, (_, n) => (n % 10 === 9 ? 1.5 : 0.05)),
+    { shown } = played(delays);
+  const times = [...shown.values()].slice(20 * GROUP),
+    stops = times.slice(1).filter((time, n) => time - times[n] > 4 / RATE);
+  assert.ok(stops.length <= 1, `${stops.length} stops`);
+});

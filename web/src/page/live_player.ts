@@ -7,8 +7,17 @@ import { AnyPlayer, type Asked } from "./player.ts";
 const LOOKED_AT = 24;
 /** Kept beyond the latest of those, seconds. */
 const MARGIN_S = 0.03;
-/** So much faster or slower the clock runs where the buffer has more than it needs. */
-const CATCH_UP = 0.04;
+/** Share by which the clock runs faster where the buffer has more than it needs, and where it has much more. */
+const CATCH_UP = 0.04,
+  CATCH_UP_FAST = 0.15;
+/** Surplus of the buffer from which the clock runs much faster, and from which it jumps, seconds. */
+const MUCH_S = 0.5,
+  JUMP_S = 1;
+/**
+ * Groups that have to come one after another at their rate before the clock jumps: an outage is over then. Each jump
+ * doubles the number, so that a path that is late again and again is waited for.
+ */
+const CALM = 3;
 
 /** When frames are shown, seconds in and out. */
 export class JitterBuffer {
@@ -17,6 +26,10 @@ export class JitterBuffer {
   #end = -1;
   readonly #zeros: number[] = [];
   #at = 0;
+  #cameAt = -Infinity;
+  /** Groups that came at their rate, one after another. */
+  #calm = 0;
+  #calmNeeded = CALM;
   /** Frames that were due and not there. */
   held = 0;
   /** Whether no more will come. */
@@ -31,10 +44,24 @@ export class JitterBuffer {
     this.#zeros.push(now - first / this.rate);
     if (this.#zeros.length > LOOKED_AT) this.#zeros.shift();
     this.#end = end;
+    this.#jump((end - first) / this.rate, now);
     if (this.#zero === -Infinity) {
       this.#zero = this.#wanted;
       this.#at = now;
     }
+  }
+
+  /** Skips what an outage has delayed, once groups come at their rate and long before they are due. */
+  #jump(seconds: number, now: number): void {
+    this.#calm = now - this.#cameAt > seconds / 2 ? this.#calm + 1 : 0;
+    this.#cameAt = now;
+    if (this.#calm < this.#calmNeeded) return;
+    const last = this.#zeros.slice(-this.#calm),
+      wanted = Math.max(...last) + MARGIN_S;
+    if (this.#zero - wanted < JUMP_S) return;
+    this.#zeros.splice(0, this.#zeros.length - last.length);
+    this.#zero = wanted;
+    this.#calmNeeded = Math.min(2 * this.#calmNeeded, LOOKED_AT);
   }
 
   /** The last frame that can be shown. */
@@ -58,7 +85,10 @@ export class JitterBuffer {
       wanted = this.#wanted;
     this.#at = now;
     if (wanted > this.#zero) this.#zero = wanted;
-    else this.#zero = Math.max(wanted, this.#zero - CATCH_UP * passed);
+    else {
+      const share = this.#zero - wanted > MUCH_S ? CATCH_UP_FAST : CATCH_UP;
+      this.#zero = Math.max(wanted, this.#zero - share * passed);
+    }
     const due = Math.floor((now - this.#zero) * this.rate);
     if (due < this.#end) return due < 0 ? null : due;
     if (!this.over) this.held += Math.min(passed * this.rate, due + 1 - this.#end);
