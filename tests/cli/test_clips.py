@@ -74,6 +74,19 @@ def test_decode_writes_a_file_a_frame(run, clip, tmp_path, words, suffix):
     assert open_scene(files[0]).num_elements == 294  # of 300, six are born later
 
 
+@pytest.mark.parametrize(("most", "words"), [(20_000, ("--max-frames", FRAMES - 1)), (FRAMES - 1, ())])
+def test_very_many_frames_are_written_only_if_they_are_allowed(run, clip, tmp_path, monkeypatch, most, words):
+    """A few bytes may announce 131,072 frames: the number is in the error, and nothing is written."""
+    monkeypatch.setattr("splatwire.cli._clips.MOST_FILES", most)
+    outcome = run("decode", clip, "-o", tmp_path / "out", *words)
+    assert outcome.status == 2
+    assert f"has {FRAMES} frames, and no more than {FRAMES - 1} files are written: --max-frames" in outcome.err
+    assert not (tmp_path / "out").exists()
+    assert run("decode", clip, "-o", tmp_path / "one.ply", "--frame", 4, *words).status == 0
+    assert run("decode", clip, "-o", tmp_path / "all", "--max-frames", FRAMES).status == 0
+    assert len(list((tmp_path / "all").iterdir())) == FRAMES
+
+
 def test_one_frame_goes_to_one_file(run, clip, tmp_path):
     assert run("decode", clip, "-o", tmp_path / "one.ply", "--frame", 4).status == 0
     assert run("decode", clip, "-o", tmp_path / "some", "--frame", 4).status == 0

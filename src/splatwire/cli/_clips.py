@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from splatwire.scene.background import Background
 
 Report = Callable[[str, float], None]
+MOST_FILES = 20_000
+"""Most frames that are written unless somebody allows more: eleven minutes at 30 frames per second."""
 MAX_DENOMINATOR = 1001
 """29.97 frames a second are 30000 / 1001."""
 
@@ -123,6 +125,27 @@ def count_motions(stream: "SceneStream") -> dict[str, Any]:
             here, standing = len(motion.tracks), int((~motion.moving).sum())
         there, still = there + here, still + standing
     return {"died": int((~alive).sum()), "still_share": still / there if there else 1.0}
+
+
+def check_num_frames(stream: "SceneStream", most: int | None, advice: str) -> None:
+    """Refuses to write a file for each frame of a clip that has very many: a few bytes may announce 131,072.
+
+    Args:
+        stream: The clip.
+        most: Most files; None for `MOST_FILES`.
+        advice: What to do about it.
+
+    Raises:
+        InvalidValueError: If it has more frames.
+    """
+    from splatwire.codec.schemas.tracks.side_info import open_side_info
+
+    count = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
+    if count > (MOST_FILES if most is None else most):
+        raise InvalidValueError(
+            f"the clip of {stream.num_bytes:,} bytes has {count:,} frames, and no more than "
+            f"{MOST_FILES if most is None else most:,} files are written: {advice}"
+        )
 
 
 def write_frames(

@@ -30,6 +30,8 @@ class Decode:
     extrapolate, neighbors or motion, which it is where absent."""
     frame: int | None = None
     """Of a clip: the one frame to write, to a file, or into a folder if the output's name has no ending."""
+    max_frames: int | None = None
+    """Of a clip: most frames that are written, a file each; 20000 where absent."""
     format: str | None = None
     """Of a clip: format of the files, ply (where absent), compressed.ply, spz, sog or splat."""
     outliers: OutliersOption = None
@@ -58,8 +60,8 @@ class Decode:
         if stream.manifest.schema.timed:
             self._decode_clip(stream, report)
             return
-        if self.frame is not None or self.format is not None:
-            raise InvalidValueError(f"--frame and --format are for a clip, which {self.stream} is not")
+        if (self.frame, self.format, self.max_frames) != (None, None, None):
+            raise InvalidValueError(f"--frame, --max-frames and --format are for a clip, which {self.stream} is not")
         concealer = None if self.conceal is None else create_concealer(self.conceal)
         elements, explicit = stream.manifest.elements, stream.manifest.schema.explicit
         suffix = Path(self.output).suffix if explicit else ""
@@ -93,7 +95,7 @@ class Decode:
 
     def _decode_clip(self, stream: "SceneStream", report: "ReadReport") -> None:
         """Decodes a clip, to a file a frame or to one file."""
-        from splatwire.cli._clips import output_folder, write_frames
+        from splatwire.cli._clips import check_num_frames, output_folder, write_frames
         from splatwire.clips.concealers import DEFAULT
         from splatwire.formats.kinds import writer_for
 
@@ -103,6 +105,8 @@ class Decode:
         suffix = f".{(self.format or 'ply').lstrip('.')}" if folder else Path(self.output).suffix
         writer_for(f"x{suffix}" if folder else self.output)
         outliers = chosen_outliers(self.outliers, f"x{suffix}" if folder else self.output)
+        if self.frame is None:
+            check_num_frames(stream, self.max_frames, "--max-frames allows more, --frame writes one")
         started, method = time.perf_counter(), self.conceal or DEFAULT
         output = output_folder(self.output) if folder else output_path(self.output, suffix=suffix, json=self.json)
         with progress_bars() as show, output as path:

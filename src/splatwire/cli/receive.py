@@ -172,7 +172,7 @@ class Receive:
         return output_path(self.output, suffix=suffix, json=self.json)
 
     def _write_scene(self, stream: "SceneStream", path: Path, show: "Reporter") -> None:
-        from splatwire.cli._clips import write_frames
+        from splatwire.cli._clips import check_num_frames, write_frames
         from splatwire.codec import decode_stream
         from splatwire.conceal import create_concealer
         from splatwire.errors import InvalidValueError
@@ -180,6 +180,7 @@ class Receive:
         from splatwire.scene_io import save_decoded
 
         if stream.manifest.schema.timed and not self._explicit:
+            check_num_frames(stream, None, f"receive it to a {STREAM_SUFFIX} file, and decode that with --max-frames")
             path.mkdir(exist_ok=True)
             write_frames(stream, path, ".ply", self.conceal or "", None, show)
             return
