@@ -21,6 +21,7 @@ from splatwire.cli._former import answer_former_words
 from splatwire.cli._help import tell
 from splatwire.cli._left_out import input_warnings
 from splatwire.cli._output import DAMAGED
+from splatwire.cli._resources import resource_problem
 from splatwire.cli._terminal import one_line, printable_streams
 from splatwire.cli._waiting import telling_why_it_takes_long
 from splatwire.errors import SplatwireError, how_to_install
@@ -75,8 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with _standard_streams(), _ended_in_order(), _few_collections():
             status = _run(list(sys.argv[1:] if arguments is None else arguments))
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            status = _flushed(status)
     except BrokenPipeError:  # whoever read the output has gone, e.g. `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 0
@@ -86,6 +86,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _print_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     with printable_streams():
         traceback.print_exception(kind, error, trace)
+
+
+def _flushed(status: int) -> int:
+    """Writes what standard output holds back; returns the exit status.
+
+    Raises:
+        BrokenPipeError: If nobody reads it.
+    """
+    if sys.stdout is None:
+        return status
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # else it is tried again at the end
+        return _complain(f"standard output: {resource_problem(error) or error}")
+    return status
 
 
 @contextmanager
@@ -138,10 +156,10 @@ def _is_default(number: int) -> bool:
 
 
 def _run(arguments: list[str]) -> int:
-    if arguments in (["--version"], ["-V"]):
-        print(f"splatwire {splatwire.__version__}")
-        return 0
     try:
+        if arguments in (["--version"], ["-V"]):
+            print(f"splatwire {splatwire.__version__}")
+            return 0
         verb = _parse(arguments)
         waits = telling_why_it_takes_long(arguments[0] if arguments else "")
         with printable_streams(), waits, input_warnings() as warnings:
@@ -152,12 +170,14 @@ def _run(arguments: list[str]) -> int:
         if _is_interruption(error):
             print("splatwire: stopped", file=sys.stderr)
             return 130
-        if isinstance(error, (SplatwireError, OSError)):
+        if isinstance(error, SplatwireError):
+            return _complain(str(error))
+        if problem := resource_problem(error):
+            return _complain(problem)
+        if isinstance(error, OSError):
             return _complain(str(error))
         if isinstance(error, ModuleNotFoundError) and (how := how_to_install(error.name)):
             return _complain(how)
-        if isinstance(error, MemoryError):
-            return _complain(f"there is not enough memory here: {error}".rstrip(": "))
         raise
     return _complain_of_damage(verb) if warnings.damaged else 0
 
