@@ -22,7 +22,7 @@ def raised(error: BaseException, cause: BaseException | None = None) -> BaseExce
     ("error", "words"),
     [
         (OSError(errno.EFBIG, "File too large"), "ulimit -f"),
-        (OSError(errno.ENOSPC, "No space left on device", "/tmp/a.ply"), "/tmp/a.ply: no space is left"),
+        (OSError(errno.ENOSPC, "No space left on device", "a.ply"), "a.ply: No space left on device"),
         (OSError(errno.EMFILE, "Too many open files"), "ulimit -n"),
         (OSError(errno.EDQUOT, "Disk quota exceeded"), "quota"),
         (MemoryError("Unable to allocate 3.00 GiB"), "not enough memory here: Unable to allocate 3.00 GiB"),
@@ -78,4 +78,4 @@ def test_standard_output_that_is_full_is_one_line():
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("splatwire: error: ")
-    assert line.endswith("no space is left on the device that is written to")
+    assert "No space left on device" in line

@@ -3,16 +3,15 @@
 import errno
 from collections.abc import Iterator
 
-_ERRNO = {
-    errno.EFBIG: "a file would be larger than is allowed here (`ulimit -f`)",
-    errno.ENOSPC: "no space is left on the device that is written to",
-    errno.EDQUOT: "the quota of the device that is written to is used up",
-    errno.EMFILE: "too many files are open (`ulimit -n`)",
-    errno.ENFILE: "too many files are open in the whole system",
-    errno.ENOMEM: "there is not enough memory",
-    errno.EROFS: "the device that is written to is read-only",
+_ADVICE = {
+    errno.EFBIG: "File too large: the size of files is limited here (`ulimit -f`)",
+    errno.ENOSPC: "No space left on device: free some, or name an output elsewhere",
+    errno.EDQUOT: "Disk quota exceeded: free some space, or name an output elsewhere",
+    errno.EMFILE: "Too many open files: their number is limited here (`ulimit -n`)",
+    errno.ENFILE: "Too many open files in the whole system",
+    errno.ENOMEM: "Cannot allocate memory",
 }
-"""Error numbers of the system, in words."""
+"""Texts for error numbers of the system."""
 _MEMORY = "there is not enough memory here"
 _MARKERS = (
     ("failed to map segment", _MEMORY),
@@ -20,8 +19,8 @@ _MARKERS = (
     ("can't allocate memory", _MEMORY),
     ("std::bad_alloc", _MEMORY),
     ("can't start new thread", f"{_MEMORY} for another thread, or threads are limited (`ulimit -u`)"),
-    ("os error 27", _ERRNO[errno.EFBIG]),
-    ("os error 28", _ERRNO[errno.ENOSPC]),
+    ("os error 27", _ADVICE[errno.EFBIG]),
+    ("os error 28", _ADVICE[errno.ENOSPC]),
     ("file write failed", "a file could not be written: the device may be full, or its size limited (`ulimit -f`)"),
 )
 """Words in errors of libraries that have no error number."""
@@ -37,9 +36,9 @@ def resource_problem(error: BaseException) -> str | None:
         if isinstance(cause, MemoryError):
             text = f"{_MEMORY}: {cause}".rstrip(": ")
             return text + _address_space()
-        if isinstance(cause, OSError) and cause.errno in _ERRNO:
+        if isinstance(cause, OSError) and cause.errno in _ADVICE:
             where = "" if cause.filename is None else f"{cause.filename}: "
-            return where + _ERRNO[cause.errno]
+            return where + _ADVICE[cause.errno]
         if "libllvmlite" in str(cause) and _address_space():
             return _MEMORY + _address_space()
         found = next((text for marker, text in _MARKERS if marker in str(cause).lower()), None)
