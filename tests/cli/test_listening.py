@@ -3,6 +3,8 @@
 import asyncio
 import errno
 import signal
+import subprocess
+import sys
 import threading
 import time
 from urllib.request import urlopen
@@ -106,3 +108,29 @@ def test_the_second_signal_ends_a_verb_whatever_it_waits_for():
 
     with pytest.raises(KeyboardInterrupt):
         asyncio.run(work())
+
+
+STUCK = """
+import os, signal, sys, threading
+from concurrent.futures import ThreadPoolExecutor
+from splatwire.cli import live
+from splatwire.cli.main import main
+
+def run(self):
+    threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(threading.Event().wait).result()
+
+live.LiveEncoding.run = run
+live.STOP_S = 0.3
+main(["live", sys.argv[1], "--port", "0"])
+"""
+
+
+def test_live_ends_at_ctrl_c_though_its_encoder_hangs(tmp_path):
+    """A thread of an executor is waited for by the interpreter, for ever if it hangs in a read or a kernel."""
+    words = [sys.executable, "-c", STUCK, str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert "did not end within 0.3 s" in done.stderr
+    assert "0 frames, 0 skipped, 0 dropped" in done.stderr

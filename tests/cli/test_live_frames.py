@@ -1,22 +1,28 @@
 """`live` goes on whatever becomes of single frames: damaged, cut, removed, odd, late, too many."""
 
+import contextlib
 import itertools
 import os
+import select
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from moving_clips import moving_frames
 from splatwire.cli._arriving import LOOK_S, Backlog, FolderSource, PipeSource
-from splatwire.cli._live_encoding import OTHERS, WARN_S, LiveEncoding, Warnings
-from splatwire.clips import ClipOptions
+from splatwire.cli._live_encoding import OTHERS, WARN_S, LiveEncoding, Warnings, print_if_read
+from splatwire.cli._live_frames import LiveFrames
+from splatwire.cli._terminal import PrintableStream, printable_streams
+from splatwire.clips import ClipFrame, ClipOptions
 from splatwire.clips.chapters import EndlessClip
 from splatwire.clips.live import LiveDecoder
 from splatwire.errors import InvalidValueError
 from splatwire.formats import write_splats
+from splatwire.model import SplatScene
 from splatwire.packets import packet_from_bytes
 from splatwire.scene.splats import Splats
 from splatwire.transport import fec
@@ -365,3 +371,40 @@ def test_warnings_are_few_and_count_those_between():
         "splatwire: warning: frame 0",
         "splatwire: warning: frame 100 (99 other warnings since the last one)",
     ]
+
+
+def test_a_reader_of_standard_error_that_stops_reading_does_not_stop_the_clip(monkeypatch):
+    """A full pipe blocked the encoder, and Ctrl-C had no effect until somebody read it."""
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            os.write(write, b"x" * 65536)
+    os.set_blocking(write, True)
+    with os.fdopen(write, "w") as full, printable_streams():
+        monkeypatch.setattr("sys.stderr", PrintableStream(full))
+        print_if_read("nobody reads this")
+        while os.read(read, 1 << 20)[-1:] == b"x" and select.select([read], [], [], 0)[0]:
+            pass
+        print_if_read("this is read")
+    assert os.read(read, 100) == b"this is read\n"
+    os.close(read)
+
+
+@pytest.mark.parametrize("name", ["1²3.ply", "²", "٣.ply", "1" * 200 + ".ply", "\x1b[31m.ply"])
+def test_names_of_any_kind_are_sorted(tmp_path, name):
+    world = World(tmp_path / "in")
+    world.frame(1).rename(world.folder / name)
+    world.frame(2)
+    assert sorted(world.run()) == [101, 102]
+
+
+def test_frames_of_a_server_that_was_started_again_go_on_counting(tmp_path):
+    """It counts from 0 again; files of the frames before are kept."""
+    frames = LiveFrames(tmp_path, None, lambda what, share: None)
+    scene = SplatScene(splats(5))
+    numbers = [3, 4, 5, 0, 1, 4, 10]
+    every = np.arange(5)
+    frames._write([ClipFrame(number, scene, every, every < 0) for number in numbers])
+    names = [path.name for path in sorted(tmp_path.iterdir())]
+    assert names == [f"frame_{number:06}.ply" for number in (3, 4, 5, 6, 7, 10, 16)]

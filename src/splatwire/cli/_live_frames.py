@@ -87,8 +87,12 @@ class LiveFrames:
     def _write(self, frames: "Iterable[ClipFrame]") -> None:
         from splatwire.formats import write_splats
 
+        last, offset = -1, 0
         for frame in frames:
-            scene, path = frame.scene, self._folder / f"frame_{frame.number:0{DIGITS}}.ply"
+            if frame.number + offset <= last:  # a server that was started again counts from 0
+                offset = last + 1 - frame.number
+            last = frame.number + offset
+            scene, path = frame.scene, self._folder / f"frame_{last:0{DIGITS}}.ply"
             write_splats([scene.drawn()], path, antialiased=scene.antialiased, origin=scene.origin)
             self.num_frames += 1
             self._show("writing frames", 0.0)

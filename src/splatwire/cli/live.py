@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -28,6 +29,8 @@ LAST_S = 3.0
 """What clients lack when the last frame was encoded is sent for so long."""
 STOP_S = 10.0
 """Longest time that the encoder has to end after Ctrl-C, seconds: a file it reads may never come."""
+STUCK = 1
+"""Exit status if the encoder did not end."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,8 @@ class Live(Listening):
         if self.frames != STANDARD and not Path(self.frames).is_dir():
             raise InvalidValueError(f"{self.frames} is no folder that frames appear in, and not - for a pipe")
         protection = self._protection()
-        asyncio.run(self._serve(clip_options(self.fps, self.group, self.quality, None), protection))
+        if not asyncio.run(self._serve(clip_options(self.fps, self.group, self.quality, None), protection)):
+            os._exit(STUCK)  # the interpreter would wait for threads of the encoder, which may never end
 
     def _protection(self) -> "Protection":
         from splatwire.cli.serve import plan_of_file, protection_of
@@ -76,7 +80,8 @@ class Live(Listening):
             raise InvalidValueError("what moves has parity for its motion, not for tiers: --protect motion=0.2")
         return protection
 
-    async def _serve(self, options: "ClipOptions", protection: "Protection") -> None:
+    async def _serve(self, options: "ClipOptions", protection: "Protection") -> bool:
+        """Serves until a signal, or the end of the frames; returns False if the encoder had to be left alone."""
         from splatwire.transport import ServerLimits
 
         stop, loop, warn = stop_on_signals(), asyncio.get_running_loop(), Warnings()
@@ -100,6 +105,7 @@ class Live(Listening):
                 warn(f"the encoder did not end within {STOP_S:g} s: left alone")
         left_out = f", {work.num_skipped:,} skipped, {work.num_dropped:,} dropped"
         print_if_read(f"{work.num_frames} frames{left_out}, {opened.served()}")
+        return encoding.done()
 
     def _encoding(
         self, options: "ClipOptions", protection: "Protection", renew: "Callable[[Program], None]",

@@ -204,4 +204,4 @@ def is_frame(path: Path) -> bool:
 
 def by_number(path: Path) -> list[tuple[int, str]]:
     """What files are sorted by: their names, numbers in them by their value."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]

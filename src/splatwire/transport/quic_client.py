@@ -186,7 +186,8 @@ class _Client(QuicConnectionProtocol):
             self._lost = True
             self._finish()
         else:
-            self.stop(_ending(event, established=self._established))
+            before = "" if self._receiver.welcome is None else "the server fell silent; "
+            self.stop(before + _ending(event, established=self._established))
 
     def _check_certificate(self) -> None:
         """Goes on if the server is the one that was meant."""
